@@ -1,0 +1,126 @@
+"""Where the robot stands before the door, and the posture that holds the handle.
+
+Frames: *world* = the robot's ``base_footprint`` (x forward, y left, z up); *task* =
+origin at the closed handle, x = pulling direction, y = up, z = x × y (to the left of
+someone facing the door). The hinge is on the robot's right, at z = -radius: the arm's
+joint ranges are asymmetric, and the mirrored door is out of its reach.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gplfd_env.config import DoorConfig
+
+HANDLE_XY_W: Final = (0.7345, 0.7004)
+"""Closed handle in the base frame [m]; assets/README.md tells how it was found."""
+
+DOOR_YAW: Final = math.radians(26.05)
+"""Heading of "straight into the closed door" in the base frame [rad]."""
+
+GRASP_YAW: Final = math.radians(25.4)
+"""Constant yaw of the hand on the round bar, counter-clockwise from above [rad]."""
+
+TORSO_BELOW_HANDLE: Final = 0.50
+"""Handle height minus torso lift [m]; the arm's posture depends on nothing else."""
+
+CLOSED_POSTURE: Final = (2.183, -0.730, -2.699, 0.803, 0.995, 0.034, 0.900)
+"""Arm joints that hold the closed handle, to 1 mrad [rad]; refined at build time."""
+
+ARM_JOINTS: Final = tuple(f"arm_{i}_joint" for i in range(1, 8))
+
+Matrix = NDArray[np.float64]
+
+
+def handle_position_w(door: DoorConfig) -> Matrix:
+    """Return the closed handle's position in the world frame, (3,) [m]."""
+    return np.array([*HANDLE_XY_W, door.handle_height])
+
+
+def task_rotation_w() -> Matrix:
+    """Return the task frame's axes as columns in the world frame, (3, 3)."""
+    into_door = np.array([math.cos(DOOR_YAW), math.sin(DOOR_YAW), 0.0])
+    up = np.array([0.0, 0.0, 1.0])
+    pull = -into_door
+    return np.column_stack([pull, up, np.cross(pull, up)])
+
+
+def gripper_rotation_w() -> Matrix:
+    """Return ``gripper_link``'s axes at the closed grasp in the world frame, (3, 3).
+
+    The gripper approaches along its -z axis; its fingers close along x, and y runs
+    along the bar (downwards: the wrist rolled so that arm_7's x axis points down).
+    """
+    yaw = DOOR_YAW + GRASP_YAW
+    approach = np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    arm_7_x = np.array([0.0, 0.0, -1.0])
+    arm_7_y = np.cross(approach, arm_7_x)
+    return np.column_stack([-arm_7_y, -arm_7_x, -approach])
+
+
+def quaternion(rotation: Matrix) -> Matrix:
+    """Return the quaternion (w, x, y, z) of a rotation matrix (3, 3)."""
+    result = np.zeros(4)
+    mujoco.mju_mat2Quat(result, rotation.reshape(9))
+    return result
+
+
+def solve_closed_posture(model: mujoco.MjModel, door: DoorConfig) -> Matrix:
+    """Return the configuration in which the hand site holds the closed handle.
+
+    Newton's method on the 6-D pose error between the sites ``hand`` and
+    ``task_frame`` with the pseudo-inverse of the arm's Jacobian, started at
+    `CLOSED_POSTURE` (so it ends at the nearest posture of the arm's self-motion).
+
+    Args:
+        model: The compiled scene.
+        door: Its handle height sets the torso's lift.
+
+    Returns:
+        All joint positions, ``(nq,)`` [m, rad]; fingers and hinge at zero.
+
+    Raises:
+        ValueError: The pose is out of reach.
+    """
+    data = mujoco.MjData(model)
+    arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
+    data.joint("torso_lift_joint").qpos = door.handle_height - TORSO_BELOW_HANDLE
+    data.qpos[arm] = CLOSED_POSTURE
+    hand, target = model.site("hand").id, model.site("task_frame").id
+    jacobian = np.zeros((6, model.nv))
+    for _ in range(20):
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        error = _pose_error(data, hand, target)
+        if np.abs(error).max() < 1e-12:
+            break
+        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], hand)
+        # Every joint is a hinge or a slide, so qpos and qvel share their addresses.
+        step, *_ = np.linalg.lstsq(jacobian[:, arm], error, rcond=None)
+        data.qpos[arm] += step
+    low, high = model.jnt_range[arm].T
+    inside = np.all((low <= data.qpos[arm]) & (data.qpos[arm] <= high))
+    if np.abs(error).max() > 1e-9 or not inside:
+        raise ValueError(
+            "the arm cannot hold the closed handle from where the robot stands "
+            f"(pose error {np.abs(error).max():.2g}); move the base back towards its "
+            "nominal placement or choose another handle height"
+        )
+    configuration: Matrix = data.qpos.copy()
+    return configuration
+
+
+def _pose_error(data: mujoco.MjData, site: int, target: int) -> Matrix:
+    current, wanted, inverse, relative = (np.zeros(4) for _ in range(4))
+    rotation = np.zeros(3)
+    mujoco.mju_mat2Quat(current, data.site_xmat[site])
+    mujoco.mju_mat2Quat(wanted, data.site_xmat[target])
+    mujoco.mju_negQuat(inverse, current)
+    mujoco.mju_mulQuat(relative, wanted, inverse)
+    mujoco.mju_quat2Vel(rotation, relative, 1.0)
+    return np.concatenate([data.site_xpos[target] - data.site_xpos[site], rotation])

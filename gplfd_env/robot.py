@@ -1,0 +1,153 @@
+"""The TIAGo-like arm: its URDF plus what a URDF cannot say (servo, sites, sensors)."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, Literal
+
+import mujoco
+import numpy as np
+
+from gplfd_env._paths import asset_path
+from gplfd_env.placement import (
+    ARM_JOINTS,
+    gripper_rotation_w,
+    quaternion,
+    task_rotation_w,
+)
+
+HAND_BODIES: Final = (
+    "wrist_ft_link",
+    "wrist_ft_tool_link",
+    "gripper_link",
+    "gripper_right_finger_link",
+    "gripper_left_finger_link",
+)
+"""The bodies that hang on the wrist force/torque sensor."""
+
+SERVO_STIFFNESS: Final = (2000.0, 100.0)
+"""Cartesian servo: translation [N/m], rotation [N m/rad]."""
+
+SERVO_DAMPING: Final = (179.0, 7.7)
+"""Cartesian servo: translation [N s/m], rotation [N m s/rad]."""
+
+HAND_BEYOND_GRIPPER: Final = 0.185
+"""Distance of the grasped point from ``gripper_link`` along the approach [m]."""
+
+WRENCH_LIMITS: Final = (500.0, 50.0)
+"""Saturation of the wrist sensor: force [N], torque [N m], per axis."""
+
+COMMAND_LIMITS: Final = (1.0, math.pi / 2)
+"""Largest commanded displacement [m] and rotation vector component [rad] per axis."""
+
+_ARMATURE: Final = (0.3, 0.3, 0.15, 0.15, 0.05, 0.05, 0.05)
+_POSTURE_STIFFNESS: Final = 0.1
+_FINGER_STIFFNESS: Final = 2000.0
+_TORSO_STIFFNESS: Final = (5.0e4, 2.0e3)
+
+Grasp = Literal["contact", "weld"]
+
+
+def load_robot() -> mujoco.MjSpec:
+    """Read the arm's URDF and add gravity compensation, servo and sensor sites.
+
+    The hand site's axes coincide with the task frame when the door is closed, so the
+    orientation servo's exponential-map input *is* θu (Eq. 8) without a conversion.
+
+    Returns:
+        A specification that compiles once a ``task_frame`` site has been added.
+    """
+    spec = mujoco.MjSpec.from_file(str(asset_path("tiago_like.urdf")))
+    spec.modelname = "gplfd door opening"
+    _set_joints(spec)
+    _add_sites(spec)
+    _add_cameras(spec)
+    _add_servo(spec)
+    _add_grip(spec)
+    return spec
+
+
+def _set_joints(spec: mujoco.MjSpec) -> None:
+    for body in spec.bodies:
+        body.gravcomp = 1.0
+    for name, armature in zip(ARM_JOINTS, _ARMATURE, strict=True):
+        joint = spec.joint(name)
+        joint.armature = armature
+        joint.stiffness[0] = _POSTURE_STIFFNESS
+    for joint in spec.joints:
+        # Motors also carry the arm's weight, so it counts against their limits.
+        joint.actgravcomp = True
+    (coupling,) = spec.equalities
+    coupling.name = "finger_coupling"
+
+
+def _add_sites(spec: mujoco.MjSpec) -> None:
+    gripper_to_task = gripper_rotation_w().T @ task_rotation_w()
+    spec.body("gripper_link").add_site(
+        name="hand",
+        pos=[0, 0, -HAND_BEYOND_GRIPPER],
+        quat=quaternion(gripper_to_task),
+        size=[0.005] * 3,
+        rgba=[0, 0, 0, 0],
+    )
+    # wrist_ft_link is turned by half a turn about x against gripper_link, whatever
+    # the joint angles; the sensor site takes the hand site's axes.
+    wrist_to_gripper = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    spec.body("wrist_ft_link").add_site(
+        name="wrist_ft",
+        quat=quaternion(wrist_to_gripper @ gripper_to_task),
+        size=[0.005] * 3,
+        rgba=[0, 0, 0, 0],
+    )
+
+
+def _add_cameras(spec: mujoco.MjSpec) -> None:
+    spec.body("head_link").add_camera(
+        name="head", pos=[0.10, 0, 0.01], xyaxes=[0.35, -0.94, 0, 0.35, 0.13, 0.93]
+    )
+    spec.body("gripper_link").add_camera(
+        name="hand_camera", pos=[0, -0.09, 0.06], xyaxes=[-1, 0, 0, 0, -0.93, -0.37]
+    )
+
+
+def _add_servo(spec: mujoco.MjSpec) -> None:
+    stiffness, damping = SERVO_STIFFNESS, SERVO_DAMPING
+    for axis, name in enumerate(("servo_x", "servo_y", "servo_z")):
+        servo = spec.add_actuator(
+            name=name,
+            target="hand",
+            refsite="task_frame",
+            trntype=mujoco.mjtTrn.mjTRN_SITE,
+        )
+        servo.gear = np.eye(6)[axis]
+        servo.set_to_position(kp=stiffness[0], kv=damping[0])
+        servo.ctrllimited = True
+        servo.ctrlrange = [-COMMAND_LIMITS[0], COMMAND_LIMITS[0]]
+    servo = spec.add_actuator(
+        name="servo_rotation",
+        target="hand",
+        refsite="task_frame",
+        trntype=mujoco.mjtTrn.mjTRN_SITE,
+    )
+    servo.set_to_orientation(kp=stiffness[1], kv=damping[1])
+    servo.ctrllimited = True
+    servo.ctrlrange = [-COMMAND_LIMITS[1], COMMAND_LIMITS[1]]
+    torso = spec.add_actuator(
+        name="torso_hold",
+        target="torso_lift_joint",
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+    )
+    torso.set_to_position(kp=_TORSO_STIFFNESS[0], kv=_TORSO_STIFFNESS[1])
+
+
+def _add_grip(spec: mujoco.MjSpec) -> None:
+    for side in ("right", "left"):
+        finger = spec.add_actuator(
+            name=f"grip_{side}",
+            target=f"gripper_{side}_finger_joint",
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        )
+        finger.set_to_position(kp=_FINGER_STIFFNESS)
+        pad = spec.geom(f"{side}_finger_pad")
+        pad.rgba = [0.22, 0.22, 0.23, 1.0]
+        pad.contype, pad.conaffinity = 1, 0

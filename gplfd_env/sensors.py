@@ -1,0 +1,88 @@
+"""The sensors that let MuJoCo itself compute what observation and info need."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import mujoco
+
+from gplfd_env.placement import ARM_JOINTS
+from gplfd_env.robot import WRENCH_LIMITS
+
+_SENSOR: Final = mujoco.mjtSensor
+_SITE: Final = mujoco.mjtObj.mjOBJ_SITE
+_JOINT: Final = mujoco.mjtObj.mjOBJ_JOINT
+_GEOM: Final = mujoco.mjtObj.mjOBJ_GEOM
+_ACTUATOR: Final = mujoco.mjtObj.mjOBJ_ACTUATOR
+
+_CONTACT_FOUND: Final = 1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND)
+_CONTACT_FORCE: Final = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
+_NET_FORCE: Final = 3
+
+
+def add_sensors(spec: mujoco.MjSpec) -> None:
+    """Add every sensor, in the order in which `gplfd_env.observation` reads them.
+
+    Poses and twists of the hand are measured in the task frame; wrist force and
+    torque in the sensor site's frame (the hand's axes); the handle's axes and the
+    contact force on the bar in the world frame.
+
+    Args:
+        spec: The scene with robot and door; edited in place.
+    """
+    for axis in ("x", "y", "z"):
+        _add(
+            spec, f"hand_{axis}", _SENSOR.mjSENS_ACTUATORPOS, _ACTUATOR, f"servo_{axis}"
+        )
+    _add(spec, "hand_rotvec", _SENSOR.mjSENS_ACTUATORPOS, _ACTUATOR, "servo_rotation")
+    _add(spec, "hand_linvel", _SENSOR.mjSENS_FRAMELINVEL, _SITE, "hand", "task_frame")
+    _add(spec, "hand_angvel", _SENSOR.mjSENS_FRAMEANGVEL, _SITE, "hand", "task_frame")
+    for name in ARM_JOINTS:
+        _add(spec, f"{name}_pos", _SENSOR.mjSENS_JOINTPOS, _JOINT, name)
+    for name in ARM_JOINTS:
+        _add(spec, f"{name}_vel", _SENSOR.mjSENS_JOINTVEL, _JOINT, name)
+    force = _add(spec, "wrist_force", _SENSOR.mjSENS_FORCE, _SITE, "wrist_ft")
+    force.cutoff = WRENCH_LIMITS[0]
+    torque = _add(spec, "wrist_torque", _SENSOR.mjSENS_TORQUE, _SITE, "wrist_ft")
+    torque.cutoff = WRENCH_LIMITS[1]
+    for axis in ("X", "Y", "Z"):
+        kind = getattr(_SENSOR, f"mjSENS_FRAME{axis}AXIS")
+        _add(spec, f"wrist_{axis.lower()}axis", kind, _SITE, "wrist_ft", "task_frame")
+    _add(spec, "hinge_angle", _SENSOR.mjSENS_JOINTPOS, _JOINT, "hinge")
+    _add(spec, "hinge_velocity", _SENSOR.mjSENS_JOINTVEL, _JOINT, "hinge")
+    _add(spec, "handle_pos", _SENSOR.mjSENS_FRAMEPOS, _SITE, "handle", "task_frame")
+    _add(spec, "hand_on_handle", _SENSOR.mjSENS_FRAMEPOS, _SITE, "hand", "handle")
+    for axis in ("X", "Y", "Z"):
+        kind = getattr(_SENSOR, f"mjSENS_FRAME{axis}AXIS")
+        _add(spec, f"handle_{axis.lower()}axis", kind, _SITE, "handle")
+    for side in ("right", "left"):
+        _add_contact(spec, f"{side}_pad_contact", f"{side}_finger_pad", _CONTACT_FOUND)
+    _add_contact(spec, "bar_force", None, _CONTACT_FORCE)
+
+
+def _add(
+    spec: mujoco.MjSpec,
+    name: str,
+    kind: mujoco.mjtSensor,
+    object_type: mujoco.mjtObj,
+    target: str,
+    reference: str | None = None,
+) -> mujoco.MjsSensor:
+    sensor = spec.add_sensor(name=name, type=kind, objtype=object_type, objname=target)
+    if reference is not None:
+        sensor.reftype = _SITE
+        sensor.refname = reference
+    return sensor
+
+
+def _add_contact(spec: mujoco.MjSpec, name: str, pad: str | None, fields: int) -> None:
+    """Add a contact sensor of the bar: with one pad, or the sum of all its contacts."""
+    sensor = spec.add_sensor(
+        name=name,
+        type=_SENSOR.mjSENS_CONTACT,
+        objtype=_GEOM if pad else mujoco.mjtObj.mjOBJ_UNKNOWN,
+        objname=pad or "",
+        reftype=_GEOM,
+        refname="handle_bar",
+    )
+    sensor.intprm[:3] = [fields, _NET_FORCE if pad is None else 0, 1]

@@ -1,0 +1,120 @@
+"""The task: the handle's arc, what counts as opened, what counts as failed, reward.
+
+Pure functions and one small state machine; nothing here knows the simulator.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SUCCESS_ANGLE: Final = math.radians(60.0)
+"""Opening angle of a success [rad]."""
+
+HOLD_TIME: Final = 0.5
+"""How long the angle must be held, handle in hand [s]."""
+
+GRASP_LOST_TIME: Final = 0.25
+"""The handle counts as lost after this long without both pads on it [s]."""
+
+STALL_ANGLE: Final = math.radians(0.5)
+STALL_TIME: Final = 3.0
+"""A door that gains less than `STALL_ANGLE` [rad] in this time [s] has stalled."""
+
+
+def handle_pose_on_arc(radius: float, angle: float) -> Array:
+    """Return the handle's pose at an opening angle, in the task frame.
+
+    x = R sin φ, z = -R (1 - cos φ), rotation +φ about y.
+
+    Args:
+        radius: Distance of the handle from the hinge axis [m].
+        angle: Opening angle φ [rad].
+
+    Returns:
+        (6,) position [m] and rotation vector [rad].
+    """
+    return np.array(
+        [
+            radius * math.sin(angle),
+            0.0,
+            radius * (math.cos(angle) - 1.0),
+            0.0,
+            angle,
+            0.0,
+        ]
+    )
+
+
+@dataclass(slots=True)
+class OpeningMonitor:
+    """Decides, step by step, whether the door is opened, lost or stuck.
+
+    Attributes:
+        dt: Control period [s].
+        success: The success angle has been held for `HOLD_TIME` with the handle
+            grasped.
+        failure: ``""``, ``"grasp_lost"`` (final) or ``"stalled"`` (while it lasts).
+    """
+
+    dt: float
+    success: bool = False
+    failure: str = ""
+    _held: float = 0.0
+    _released: float = 0.0
+    _best_angle: float = -math.inf
+    _since_gain: float = 0.0
+
+    def update(self, angle: float, grasped: bool) -> None:
+        """Take in the state after one control step.
+
+        Args:
+            angle: Opening angle [rad].
+            grasped: Both finger pads touch the bar.
+        """
+        self._held = self._held + self.dt if self._is_open(angle, grasped) else 0.0
+        self.success = self.success or self._held >= HOLD_TIME - 1e-9
+        self._released = 0.0 if grasped else self._released + self.dt
+        if angle >= self._best_angle + STALL_ANGLE:
+            self._best_angle, self._since_gain = angle, 0.0
+        else:
+            self._since_gain += self.dt
+        self.failure = self._diagnose()
+
+    @staticmethod
+    def _is_open(angle: float, grasped: bool) -> bool:
+        return grasped and angle >= SUCCESS_ANGLE
+
+    def _diagnose(self) -> str:
+        if self.success:
+            return ""
+        if self.failure == "grasp_lost" or self._released >= GRASP_LOST_TIME - 1e-9:
+            return "grasp_lost"
+        return "stalled" if self._since_gain >= STALL_TIME - 1e-9 else ""
+
+
+def reward_terms(
+    angle_gain: float, force_radial: float, success: bool
+) -> dict[str, float]:
+    """Return the terms whose sum is the reward of one control step.
+
+    Args:
+        angle_gain: Change of the opening angle in this step [rad].
+        force_radial: Radial force between hand and handle [N]: wasted effort.
+        success: The episode has just ended in success.
+
+    Returns:
+        ``progress`` sums to 1 over an opening to `SUCCESS_ANGLE`; ``radial_force``
+        costs 0.01 per second at 10 N; ``success`` is 1 once.
+    """
+    return {
+        "progress": angle_gain / SUCCESS_ANGLE,
+        "radial_force": -1e-5 * abs(force_radial),
+        "success": float(success),
+    }
