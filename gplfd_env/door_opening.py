@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -161,7 +162,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             self.render()
         terminated = success or self._monitor.failure == "grasp_lost"
         info = self._info(terms, simulation_error=False)
-        return self._observation, sum(terms.values()), terminated, False, info
+        observation = _copy(self._observation)
+        return observation, sum(terms.values()), terminated, False, info
 
     def render(self) -> Array | None:
         """Return a picture of the scene, or draw it in a window (``"human"``)."""
@@ -226,8 +228,7 @@ def _checked(action: Array) -> Array:
             f"the action must have shape (6,), commanded position [m] and rotation "
             f"vector [rad] in the task frame; got shape {command.shape}"
         )
-    # One sum instead of isfinite().all(): NaN and infinity survive it.
-    if not -np.inf < command.sum() < np.inf:
+    if not all(map(math.isfinite, command.tolist())):
         raise ValueError(
             f"the action must be finite, got {command.tolist()}; check the policy "
             "for divisions by zero or an unstable integrator"

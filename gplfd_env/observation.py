@@ -7,7 +7,7 @@ Every number is sampled by MuJoCo's sensors in the last physics step, 2 ms befor
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -37,7 +37,7 @@ def observation_space() -> spaces.Space[Observation]:
     # The wrist sensor saturates per sensor axis, and its weight compensation and the
     # shift of the moment to the hand add to that.
     force, torque = 2 * WRENCH_LIMITS[0], 2 * WRENCH_LIMITS[0] + 2 * WRENCH_LIMITS[1]
-    return spaces.Dict(
+    space: spaces.Space[Any] = spaces.Dict(
         {
             "ee_pose": box((_POSE_LIMIT[0], 3), (_POSE_LIMIT[1], 3)),
             "ee_twist": box((_TWIST_LIMIT[0], 3), (_TWIST_LIMIT[1], 3)),
@@ -47,6 +47,7 @@ def observation_space() -> spaces.Space[Observation]:
             "time": spaces.Box(0.0, _TIME_LIMIT, shape=(1,), dtype=np.float64),
         }
     )
+    return space
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -1,0 +1,1 @@
+"""Teacher, rollouts, metrics, recordings and the ``gplfd`` command."""

@@ -1,0 +1,1 @@
+"""Demonstrations on disk, one module per file format."""

@@ -1,0 +1,109 @@
+"""Demonstrations in one .npz file with their units, frame and doors inside."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiments.npz_archive import read_archive, write_archive
+from policies.demonstrations import Demonstration
+
+KIND: Final = "gplfd demonstrations"
+"""What the file says it holds."""
+
+VERSION: Final = 1
+"""Version of the layout below."""
+
+UNITS: Final = "s, m, rad"
+"""Units of times, positions and rotation vectors."""
+
+FRAME: Final = "task: closed handle, x pull, y up, z = x cross y; relative to 1st pose"
+"""Frame of the poses (x, y, z, θu_x, θu_y, θu_z)."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LabelledDemonstrations:
+    """Demonstrations and the doors they were given on."""
+
+    demonstrations: tuple[Demonstration, ...]
+    """Demonstrations in the order of the file."""
+
+    radii: tuple[float | None, ...]
+    """Radius of each one's door [m]; None when unknown."""
+
+
+def save_demonstrations(
+    path: str | Path,
+    demonstrations: Sequence[Demonstration],
+    radii: Sequence[float | None],
+) -> None:
+    """Write demonstrations and their doors' radii, complete or not at all.
+
+    Args:
+        path: File to write; an existing one is replaced.
+        demonstrations: At least one demonstration, poses in the task frame.
+        radii: Radius of each one's door [m]; None when unknown.
+
+    Raises:
+        ValueError: No demonstration, or another number of radii.
+        OSError: The file cannot be written.
+    """
+    if len(demonstrations) == 0 or len(demonstrations) != len(radii):
+        raise ValueError(
+            f"{len(demonstrations)} demonstrations and {len(radii)} radii; give at "
+            "least one demonstration and one radius (or None) for each"
+        )
+    arrays: dict[str, Any] = {
+        "units": np.array(UNITS),
+        "frame": np.array(FRAME),
+        "radii": np.array([math.nan if r is None else r for r in radii]),
+    }
+    for number, demonstration in enumerate(demonstrations):
+        arrays[f"times_{number}"] = demonstration.times
+        arrays[f"poses_{number}"] = demonstration.poses
+    write_archive(path, kind=KIND, version=VERSION, arrays=arrays)
+
+
+def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
+    """Read what `save_demonstrations` wrote.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is cut, holds something else, has another version, units
+            or frame, or an invalid demonstration.
+    """
+    arrays = read_archive(path, kind=KIND, version=VERSION)
+    for field, expected in (("units", UNITS), ("frame", FRAME)):
+        found = str(arrays.get(field, "nothing"))
+        if found != expected:
+            raise ValueError(f"{path}: {field} is {found!r}, must be {expected!r}")
+    try:
+        radii = arrays["radii"]
+        demonstrations = tuple(
+            _demonstration(arrays, number) for number in range(radii.size)
+        )
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"{path} is incomplete: {error}") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    if not demonstrations:
+        raise ValueError(f"{path} holds no demonstration")
+    return LabelledDemonstrations(
+        demonstrations=demonstrations,
+        radii=tuple(None if math.isnan(r) else float(r) for r in radii),
+    )
+
+
+def _demonstration(arrays: dict[str, NDArray[Any]], number: int) -> Demonstration:
+    try:
+        return Demonstration(
+            times=arrays[f"times_{number}"], poses=arrays[f"poses_{number}"]
+        )
+    except ValueError as error:
+        raise ValueError(f"demonstration {number}: {error}") from error

@@ -1,0 +1,87 @@
+"""Where a result came from: versions, source state, machine, command, settings."""
+
+from __future__ import annotations
+
+import functools
+import importlib.metadata
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+PACKAGES: Final = ("gplfd", "mujoco", "gymnasium", "numpy", "scipy", "rerun-sdk")
+"""Distributions whose versions can change a result or a recording."""
+
+_GIT_TIMEOUT: Final = 5.0
+
+
+def provenance(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Collect everything that a reader needs to repeat a run.
+
+    Args:
+        config: The run's settings; JSON-able.
+
+    Returns:
+        A JSON-able mapping.
+    """
+    return {
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
+        "config": dict(config),
+        "versions": dict(versions()),
+        "git": git_state(Path(__file__).resolve().parents[1]),
+        "platform": {
+            "system": platform.platform(),
+            "python": platform.python_version(),
+            "machine": platform.machine(),
+            "cpus": os.cpu_count(),
+        },
+    }
+
+
+@functools.cache
+def versions() -> Mapping[str, str]:
+    """Installed versions of `PACKAGES` by name; "unknown" when not installed."""
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "unknown"
+    return MappingProxyType(found)
+
+
+def git_state(folder: Path) -> dict[str, Any] | None:
+    """Commit and whether tracked files differ from it.
+
+    Returns:
+        ``commit`` (None before the first commit) and ``dirty``; None when ``folder``
+        is not the root of a git checkout, for example in an installed package.
+    """
+    if not (folder / ".git").exists():
+        return None
+    status = _git(folder, "status", "--porcelain", "--untracked-files=no")
+    if status is None:
+        return None
+    commit = _git(folder, "rev-parse", "--verify", "--quiet", "HEAD")
+    return {"commit": commit or None, "dirty": bool(status)}
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    """Output of a git command; None when git is missing, slow or refuses."""
+    try:
+        finished = subprocess.run(
+            ["git", "-C", str(folder), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=_GIT_TIMEOUT,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return finished.stdout.strip()

@@ -1,0 +1,40 @@
+"""The page beside the scene: what was run and how to read the view."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from experiments.episode_log import EpisodeLog
+
+
+def about(log: EpisodeLog, n_demonstrations: int, versions: Mapping[str, str]) -> str:
+    """Write the page as Markdown.
+
+    Args:
+        log: Episode.
+        n_demonstrations: How many demonstrations the policy learned from.
+        versions: Versions of the packages that took part, by name.
+    """
+    outcome = "**opened**" if log.success else f"**not opened** ({log.failure})"
+    angle = math.degrees(log.door_angle[-1])
+    door = ", ".join(
+        f"{name.replace('_', ' ')} {value:g}" for name, value in log.door_config.items()
+    )
+    return f"""\
+### {log.door} door, policy `{log.policy}`: {outcome}, {angle:.1f}° in \
+{log.times[-1]:.1f} s
+
+**How to read it.** The grey-blue tube is where the demonstrations alone put the \
+handle (95 %); the violet tube is what the policy believes now. An adaptive policy \
+narrows onto the true arc (green) as the hand (yellow) feels the door. Where the \
+policy is **sure** (σ small) the robot is **stiff**; where it is **unsure** it is \
+**soft** and lets the door lead: compare *Uncertainty* with *Stiffness*. Falling σ \
+stiffens the robot, which is stable below 100 % of the bound. The red arrow is the \
+door's force on the hand, 10 cm per 10 N.
+
+- **door**: {door} (SI)
+- **demonstrations**: {n_demonstrations}; **seed**: {log.seed}; **control period**: \
+{1e3 * log.dt:g} ms
+- {", ".join(f"{name} {version}" for name, version in versions.items())}
+"""

@@ -1,0 +1,26 @@
+"""What each colour means, the same in the scene and in every panel."""
+
+from __future__ import annotations
+
+from typing import Final
+
+Colour = tuple[int, int, int]
+
+DEMONSTRATION: Final[Colour] = (205, 210, 222)
+BEFORE: Final[Colour] = (122, 140, 178)
+"""The policy before it has felt the door."""
+ADAPTED: Final[Colour] = (214, 120, 255)
+"""The policy as adapted by what the hand has felt."""
+TRUTH: Final[Colour] = (80, 220, 140)
+"""The handle's true motion."""
+HAND: Final[Colour] = (250, 220, 90)
+"""The hand's measured motion; the via-points are samples of it."""
+LEAF: Final[Colour] = (200, 165, 120)
+FORCE: Final[Colour] = (255, 92, 92)
+AXIS_X: Final[Colour] = (255, 159, 67)
+"""Along the pull, in the panels of uncertainty and stiffness."""
+AXIS_Z: Final[Colour] = (84, 190, 255)
+"""Across it, towards or away from the hinge."""
+LIMIT: Final[Colour] = (255, 92, 92)
+MARK: Final[Colour] = (128, 134, 148)
+BACKGROUND: Final[Colour] = (24, 27, 33)

@@ -1,0 +1,1 @@
+"""Policies that the Gaussian-process agent is compared with."""

@@ -1,0 +1,1 @@
+"""Stiffness from uncertainty, its stability, and the admittance it drives."""

@@ -1,0 +1,78 @@
+"""The virtual spring-mass-damper that turns forces into displacements.
+
+Implements Eq. (22) of Arduengo et al., *Gaussian-Process-based Robot Learning from
+Demonstration*, arXiv:2002.09979.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from policies.controllers.stiffness import VirtualDynamics
+
+__all__ = ["Admittance"]
+
+
+class Admittance:
+    """Integrates M ë + D ė + K e = F, Eq. (22), implicitly at the control rate.
+
+    e is the displacement of the commanded from the desired pose and F the force and
+    torque that the environment exerts on the hand, both in the task frame: a door that
+    holds the hand back pulls the command towards itself. e[3:] is a rotation vector in
+    the axes of the task frame; the commanded rotation is exp(e[3:]) exp(desired[3:]).
+
+    Implicit Euler, v' = (m v + h(F - K e))/(m + h D + h² K), e' = e + h v', is stable
+    for every step h and only adds damping. Semi-implicit Euler with the published gains
+    is unstable at 50 ms: `test_eq22_is_stable_where_semi_implicit_euler_diverges`.
+
+    Args:
+        dynamics: Virtual mass and damping ratio; the damping follows the stiffness.
+    """
+
+    def __init__(self, dynamics: VirtualDynamics) -> None:
+        self._dynamics = dynamics
+        self._displacement = np.zeros(6)
+        self._velocity = np.zeros(6)
+
+    @property
+    def displacement(self) -> Float[np.ndarray, " 6"]:
+        """e: commanded minus desired pose [m, rad]."""
+        return self._displacement.copy()
+
+    @property
+    def velocity(self) -> Float[np.ndarray, " 6"]:
+        """Rate of e [m/s, rad/s]."""
+        return self._velocity.copy()
+
+    def reset(self) -> None:
+        """Return to rest at the desired pose."""
+        self._displacement = np.zeros(6)
+        self._velocity = np.zeros(6)
+
+    def step(
+        self,
+        stiffness: Float[np.ndarray, " 6"],
+        wrench: Float[np.ndarray, " 6"],
+        dt: float,
+    ) -> Float[np.ndarray, " 6"]:
+        """Advance by one control period.
+
+        Args:
+            stiffness: k_p on each axis [N/m, N m/rad].
+            wrench: Force and torque on the hand, task frame [N, N m].
+            dt: Control period h [s].
+
+        Returns:
+            The displacement e at its end [m, rad], (6,); yours to change.
+
+        Raises:
+            ValueError: If `dt` is not positive.
+        """
+        if not dt > 0.0:
+            raise ValueError(f"dt must be positive [s], got {dt}")
+        mass = self._dynamics.mass
+        damping = self._dynamics.damping(stiffness)
+        impulse = dt * (wrench - stiffness * self._displacement)
+        inertia = mass + dt * (damping + dt * stiffness)
+        self._velocity = (mass * self._velocity + impulse) / inertia
+        self._displacement = self._displacement + dt * self._velocity
+        return self._displacement.copy()

@@ -1,0 +1,72 @@
+"""Exact dynamic time warping in NumPy."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+__all__ = ["WarpingPath", "dynamic_time_warping"]
+
+_DIAGONAL, _UP, _LEFT = np.int8(0), np.int8(1), np.int8(2)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WarpingPath:
+    """The cheapest monotone match of two sequences, ends matched to ends."""
+
+    cost: float
+    """Sum of the costs along the path."""
+    rows: Int[np.ndarray, " P"]
+    """Matched indices of the first sequence, from 0 to its last, never falling."""
+    columns: Int[np.ndarray, " P"]
+    """Matched indices of the second sequence."""
+
+
+def dynamic_time_warping(
+    cost_row: Callable[[int], Float[np.ndarray, " M"]], n_rows: int
+) -> WarpingPath:
+    """Match two sequences with steps (1, 0), (0, 1), (1, 1) of equal weight.
+
+    The recursion D_ij = c_ij + min(D_{i-1,j}, D_{i-1,j-1}, D_{i,j-1}) runs along each
+    row without a loop: with S the cumulated cost of the row and v_j the cheaper of the
+    two entries above, D_ij - S_j = min over l ≤ j of (v_l - S_{l-1}), a running
+    minimum. Memory is one byte per cell.
+
+    Args:
+        cost_row: Costs of matching row i with every column, (M,), finite.
+        n_rows: Length of the first sequence.
+
+    Returns:
+        The path and its cost.
+    """
+    row = cost_row(0)
+    total = np.cumsum(row)
+    choices = np.empty((n_rows, len(row)), dtype=np.int8)
+    choices[0] = _LEFT
+    for index in range(1, n_rows):
+        row = cost_row(index)
+        up = total[1:] < total[:-1]
+        above = np.concatenate([total[:1], np.where(up, total[1:], total[:-1])])
+        cumulated = np.cumsum(row)
+        total = cumulated + np.minimum.accumulate(above - (cumulated - row))
+        choices[index, 0] = _UP
+        choices[index, 1:] = np.where(up, _UP, _DIAGONAL)
+        choices[index, 1:][total[:-1] < above[1:]] = _LEFT
+    rows, columns = _trace(choices)
+    return WarpingPath(cost=float(total[-1]), rows=rows, columns=columns)
+
+
+def _trace(
+    choices: np.ndarray,
+) -> tuple[Int[np.ndarray, " P"], Int[np.ndarray, " P"]]:
+    """Follow the choices from the last cell back to the first."""
+    row, column = choices.shape[0] - 1, choices.shape[1] - 1
+    path = [(row, column)]
+    while row or column:
+        choice = choices[row, column]
+        row -= choice != _LEFT
+        column -= choice != _UP
+        path.append((row, column))
+    rows, columns = np.array(path[::-1], dtype=np.int64).T
+    return rows, columns

@@ -1,0 +1,1 @@
+"""Gaussian-process regression for demonstrations that share their time stamps."""

@@ -1,0 +1,92 @@
+"""One output: a Gaussian process whose noise depends on time.
+
+Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
+arXiv:2002.09979, Eqs. (10)–(11) and (15).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from policies.gp.evidence import SpectralEvidence
+from policies.gp.exact import ExactGP
+from policies.gp.hyperparameters import fit_kernel
+from policies.gp.kernels import RBF
+from policies.gp.legendre import LegendreBasis
+from policies.gp.noise_profile import NoiseModel, NoiseProfile
+from policies.gp.replicates import Replicates
+from policies.gp.spectral import SpectralPosterior
+
+__all__ = ["HeteroscedasticGP"]
+
+_SMALLEST_STD = 1e-6
+"""No output is known, or scaled, more finely than a micrometre or a microradian."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeteroscedasticGP:
+    """Mean f(t) and noise variance r(t) of one output, learned from D demonstrations.
+
+    Inside, the output is centred and scaled to order one; `offset` and `scale` map
+    back. The prior mean is therefore the average of the demonstrations, where the
+    paper's is zero: it only matters outside the demonstrated interval.
+    """
+
+    offset: float
+    """Average of the output over time, in its unit."""
+    scale: float
+    """Size of the output, in its unit."""
+    replicates: Replicates
+    """The scaled demonstrations, reduced."""
+    kernel: RBF
+    """Prior covariance of the scaled f."""
+    noise: NoiseProfile
+    """Noise variance of the scaled output."""
+
+    @classmethod
+    def fit(
+        cls,
+        times: Float[np.ndarray, " M"],
+        samples: Float[np.ndarray, "D M"],
+        noise: NoiseModel,
+    ) -> "HeteroscedasticGP":
+        """Learn one output from D curves on M common times.
+
+        Args:
+            times: common times, strictly increasing, shape (M,).
+            samples: the output in every demonstration, shape (D, M).
+            noise: how r(t) is estimated.
+
+        Raises:
+            ValueError: if the noise model cannot use so few demonstrations.
+        """
+        offset = float(np.mean(samples))
+        scale = max(float(np.std(samples)), _SMALLEST_STD)
+        scaled = (samples - offset) / scale
+        profile = noise.fit(times, scaled)
+        replicates = Replicates.from_samples(times, scaled)
+        variance = profile.variance(times) / replicates.count
+        kernel = fit_kernel(times, replicates.mean, variance).kernel
+        return cls(
+            offset=offset,
+            scale=scale,
+            replicates=replicates,
+            kernel=kernel,
+            noise=profile,
+        )
+
+    @cached_property
+    def latent(self) -> ExactGP:
+        """Posterior of the scaled f, in the dense form that can extrapolate."""
+        times = self.replicates.times
+        return self.replicates.condition(self.kernel, self.noise.variance(times))
+
+    def spectral(self, basis: LegendreBasis) -> SpectralPosterior:
+        """Posterior of the scaled f in a basis that can represent its kernel."""
+        times, count = self.replicates.times, self.replicates.count
+        evidence = SpectralEvidence.reduce(
+            basis, times, self.replicates.mean, self.noise.variance(times) / count
+        )
+        return SpectralPosterior.condition(evidence, self.kernel)

@@ -1,0 +1,73 @@
+"""The radial basis function kernel, its hyper-parameter and its time derivatives.
+
+Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
+arXiv:2002.09979. The kernel is its Eq. (13), with the ½ in the exponent.
+
+Note:
+    The multi-output kernel is printed in Eq. (14) without the minus sign and without
+    the ½. As printed it grows with distance and is not positive definite; here every
+    output uses Eq. (13). ``test_printed_multi_output_kernel_is_not_a_covariance``
+    settles it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+__all__ = ["RBF"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RBF:
+    """k(t, t') = σ_f² exp(−(t − t')² / (2 l²)), Eq. (13).
+
+    Raises:
+        ValueError: if a hyper-parameter is not positive and finite.
+    """
+
+    length_scale: float
+    """Length-scale l, in the unit of time (phase once aligned)."""
+    signal_std: float
+    """Signal standard deviation σ_f, in the unit of the output."""
+
+    def __post_init__(self) -> None:
+        for name in ("length_scale", "signal_std"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} must be positive and finite, got {value}.")
+
+    @property
+    def variance(self) -> float:
+        """k(t, t) = σ_f²."""
+        return self.signal_std**2
+
+    def __call__(
+        self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]
+    ) -> Float[np.ndarray, "A B"]:
+        """Covariance k(a_i, b_j)."""
+        distance = np.subtract.outer(a, b)
+        distance *= distance
+        distance *= -0.5 / self.length_scale**2
+        np.exp(distance, out=distance)
+        distance *= self.variance
+        values: np.ndarray = distance
+        return values
+
+    def time_derivative(
+        self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]
+    ) -> Float[np.ndarray, "A B"]:
+        """∂k(a_i, b_j)/∂a_i = −(a_i − b_j)/l² · k(a_i, b_j)."""
+        slope: np.ndarray = -np.subtract.outer(a, b) / self.length_scale**2 * self(a, b)
+        return slope
+
+    def log_gradients(
+        self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]
+    ) -> Float[np.ndarray, "2 A B"]:
+        """Derivatives of k with respect to (log l, log σ_f).
+
+        ∂k/∂log l = (a − b)²/l² · k and ∂k/∂log σ_f = 2 k.
+        """
+        values = self(a, b)
+        scaled = np.subtract.outer(a, b) / self.length_scale
+        return np.stack([scaled**2 * values, 2.0 * values])

@@ -1,0 +1,88 @@
+"""The spread of the demonstrations as a function of time, and who may estimate it.
+
+Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
+arXiv:2002.09979: the noise r(t) of Eqs. (10)–(11), kept as z(t) = log r(t), Eq. (15).
+"""
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from policies.gp.legendre import LegendreBasis
+
+__all__ = ["LEAST_VARIANCE", "SHORTEST_SCALE", "NoiseModel", "NoiseProfile"]
+
+LEAST_VARIANCE = 1e-10
+"""Smallest noise variance, relative to the variance of the output."""
+SHORTEST_SCALE = 0.15
+"""Shortest length-scale of z(t), as a fraction of the time span."""
+_BASIS_SIZE = 48
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class NoiseProfile:
+    """A noise variance r(t) > 0, smooth in time.
+
+    Outside the interval of its basis it keeps the value of the nearer end: a spread
+    that was never demonstrated must not shrink.
+    """
+
+    level: float
+    """Constant part of log r(t)."""
+    basis: LegendreBasis
+    """Basis of the varying part."""
+    coefficients: Float[np.ndarray, " Q"]
+    """Coefficients of the varying part of log r(t)."""
+
+    @staticmethod
+    def basis_over(times: Float[np.ndarray, " M"]) -> LegendreBasis:
+        """The basis of a profile over demonstrations at ``times``."""
+        return LegendreBasis(
+            start=float(times[0]), stop=float(times[-1]), size=_BASIS_SIZE
+        )
+
+    @classmethod
+    def constant(
+        cls, times: Float[np.ndarray, " M"], variance: float
+    ) -> "NoiseProfile":
+        """The same variance everywhere."""
+        basis = cls.basis_over(times)
+        return cls(
+            level=float(np.log(variance)),
+            basis=basis,
+            coefficients=np.zeros(basis.size),
+        )
+
+    def log_variance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
+        """z(t) = log r(t)."""
+        inside = np.clip(times, self.basis.start, self.basis.stop)
+        log_variance: np.ndarray = (
+            self.level + self.basis.matrix(inside) @ self.coefficients
+        )
+        return log_variance
+
+    def variance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
+        """r(t)."""
+        variance: np.ndarray = np.exp(self.log_variance(times))
+        return variance
+
+    def log_variance_rate(
+        self, times: Float[np.ndarray, " M"]
+    ) -> Float[np.ndarray, " M"]:
+        """dz/dt; zero outside the demonstrated interval."""
+        inside = np.clip(times, self.basis.start, self.basis.stop)
+        slope = self.basis.matrix(inside) @ self.basis.differentiate(self.coefficients)
+        return np.where(inside == times, slope, 0.0)
+
+
+@runtime_checkable
+class NoiseModel(Protocol):
+    """A rule that turns aligned demonstrations of one output into r(t)."""
+
+    def fit(
+        self, times: Float[np.ndarray, " M"], samples: Float[np.ndarray, "D M"]
+    ) -> NoiseProfile:
+        """Estimate r(t) from D curves of order one on M common times."""
+        ...

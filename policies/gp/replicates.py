@@ -1,0 +1,92 @@
+"""Exact collapse of demonstrations that share their times.
+
+Aligned demonstrations are D observations at each of M common times. For noise that is
+independent between observations, the D·M values enter the Gaussian-process likelihood
+(paper: Arduengo et al., arXiv:2002.09979, Eq. (7) with the noise of Eq. (10)) only
+through the M averages and the M within-time sums of squares:
+
+    log p(Y) = log N(ȳ | m, K + diag(r/D))
+             + Σ_i [ −(D−1)/2 log(2π r_i) − ½ log D − SS_i/(2 r_i) ]
+
+so an O((D M)³) problem is an O(M³) one, exactly; the posterior of f is that of a
+Gaussian process on ȳ with noise r/D. ``test_collapse_equals_naive_gp`` settles it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from policies.gp.exact import ExactGP
+from policies.gp.kernels import RBF
+
+__all__ = ["Replicates", "collapsed_log_likelihood"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Replicates:
+    """The sufficient statistics of D observations at each of M times."""
+
+    times: Float[np.ndarray, " M"]
+    """Common times, strictly increasing."""
+    mean: Float[np.ndarray, " M"]
+    """Average ȳ over the demonstrations."""
+    within: Float[np.ndarray, " M"]
+    """Sum of squared deviations SS from the average."""
+    count: int
+    """Number of demonstrations D."""
+
+    @classmethod
+    def from_samples(
+        cls, times: Float[np.ndarray, " M"], samples: Float[np.ndarray, "D M"]
+    ) -> "Replicates":
+        """Reduce D curves sampled at common times."""
+        mean = samples.mean(axis=0)
+        within = np.sum((samples - mean) ** 2, axis=0)
+        return cls(times=times, mean=mean, within=within, count=len(samples))
+
+    def log_remainder(self, noise_variance: Float[np.ndarray, " M"]) -> float:
+        """The part of log p(Y) that does not depend on the kernel."""
+        free = self.count - 1
+        terms = (
+            -0.5 * free * np.log(2.0 * np.pi * noise_variance)
+            - 0.5 * np.log(self.count)
+            - 0.5 * self.within / noise_variance
+        )
+        return float(np.sum(terms))
+
+    def condition(
+        self, kernel: RBF, noise_variance: Float[np.ndarray, " M"]
+    ) -> ExactGP:
+        """Posterior of f given all D·M observations, Eqs. (10)–(11)."""
+        return ExactGP(
+            kernel=kernel,
+            times=self.times,
+            values=self.mean,
+            noise_variance=noise_variance / self.count,
+        )
+
+
+def collapsed_log_likelihood(
+    replicates: Replicates, kernel: RBF, noise_variance: Float[np.ndarray, " M"]
+) -> tuple[float, Float[np.ndarray, "2"], Float[np.ndarray, " M"]]:
+    """The log-likelihood log p(Y) of all D·M observations, and its derivatives.
+
+    Args:
+        replicates: the reduced demonstrations.
+        kernel: prior covariance of f.
+        noise_variance: r(t) at the common times, shape (M,), > 0.
+
+    Returns:
+        The log-likelihood, its derivatives with respect to (log l, log σ_f), and with
+        respect to log r_i, shape (M,).
+    """
+    posterior = replicates.condition(kernel, noise_variance)
+    kernel_gradient, noise_gradient = posterior.likelihood_gradient()
+    free = replicates.count - 1
+    noise_gradient = (
+        noise_gradient - 0.5 * free + 0.5 * replicates.within / noise_variance
+    )
+    value = posterior.log_marginal_likelihood()
+    value += replicates.log_remainder(noise_variance)
+    return value, kernel_gradient, noise_gradient

@@ -1,0 +1,215 @@
+"""A demonstrated skill: six Gaussian processes over the phase of the task.
+
+Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
+arXiv:2002.09979, Section III-B: the policy of Eq. (12), six outputs independent a
+priori, each with the kernel of Eq. (13) and its own noise r(t), Eq. (15).
+"""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from policies.alignment import AlignedDemonstrations
+from policies.gp.deviations import DeviationProcess, fit_deviations
+from policies.gp.heteroscedastic import HeteroscedasticGP
+from policies.gp.kersting import KerstingNoise
+from policies.gp.multi_output import MultiOutputGP, OutputMoments
+from policies.gp.noise import HomoscedasticNoise, MapNoise
+from policies.gp.noise_profile import NoiseModel
+from policies.trajectory import GaussianTrajectory, ViaPoint
+
+if TYPE_CHECKING:
+    from policies.adaptation import AdaptationForm, AdaptedSkill
+
+__all__ = ["NOISE_MODELS", "Skill", "fit_skill"]
+
+NOISE_MODELS: dict[str, NoiseModel] = {
+    "map": MapNoise(),
+    "kersting": KerstingNoise(),
+    "homoscedastic": HomoscedasticNoise(),
+}
+"""Noise models by name: "map" is the default, "kersting" the paper's."""
+
+_FEW = 3
+"""Up to this many demonstrations, `fit_skill` warns."""
+_STUDENT = 6
+"""Up to this many demonstrations, intervals use Student-t quantiles."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Skill:
+    """The learned policy π(t); made by `fit_skill`, immutable."""
+
+    aligned: AlignedDemonstrations
+    """The demonstrations it was learned from."""
+    processes: MultiOutputGP
+    """The six processes (x, y, z, θu_x, θu_y, θu_z)."""
+
+    @property
+    def duration(self) -> float:
+        """Nominal duration of the task [s]; rates per second are rates / duration."""
+        return self.aligned.duration
+
+    @property
+    def count(self) -> int:
+        """Number of demonstrations D."""
+        return len(self.aligned.poses)
+
+    @property
+    def degrees_of_freedom(self) -> int | None:
+        """D − 1 where that is few enough to matter for intervals, else None.
+
+        Real demonstrations deviate smoothly: M samples of a deviation are not M
+        independent looks at the spread, so D − 1 is all there is.
+        """
+        return self.count - 1 if 2 <= self.count <= _STUDENT else None
+
+    @cached_property
+    def deviations(self) -> tuple[DeviationProcess, ...]:
+        """How the demonstrations deviate from their mean, per output; on first use.
+
+        Raises:
+            ValueError: for a single demonstration.
+        """
+        if self.count < 2:
+            raise ValueError(
+                "How repetitions deviate needs at least 2 demonstrations, got 1. Give "
+                'more, or adapt with form="exact" or form="product".'
+            )
+        times = self.aligned.times
+        deviations = self.aligned.poses - self.aligned.poses.mean(axis=0)
+        noise = self.processes.moments(times).noise
+        return tuple(
+            fit_deviations(times, deviations[:, :, output], noise[:, output])
+            for output in range(6)
+        )
+
+    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
+        """The distribution of the pose at ``times``, Eqs. (10)–(11).
+
+        The variance is r(t) plus that of the mean. For the latter the model's own
+        value assumes that samples of one demonstration deviate independently; it is
+        never taken below r/D, which is what smoothly deviating demonstrations allow
+        (``test_uncertainty_of_the_mean_is_at_least_its_share_of_the_spread``).
+
+        Args:
+            times: phases, shape (M,). Outside the demonstrated range the mean returns
+                to the demonstrations' average and the uncertainty grows.
+
+        Raises:
+            ValueError: if there are no times, or one is not finite.
+        """
+        if len(times) == 0 or not np.isfinite(times).all():
+            raise ValueError(f"predict needs finite times, at least one; got {times}.")
+        moments = self.processes.moments(times)
+        share = moments.noise / self.count
+        smooth = moments.latent >= share
+        variance = np.where(smooth, moments.latent, share) + moments.noise
+        variance_rate = moments.noise_rate + np.where(
+            smooth, moments.latent_rate, moments.noise_rate / self.count
+        )
+        std = np.sqrt(variance)
+
+        def covariance() -> Float[np.ndarray, "6 M M"]:
+            return self._covariance(times, moments)
+
+        return GaussianTrajectory(
+            times=times,
+            mean=moments.mean,
+            std=std,
+            mean_rate=moments.mean_rate,
+            std_rate=variance_rate / (2.0 * std),
+            covariance_function=covariance,
+            degrees_of_freedom=self.degrees_of_freedom,
+        )
+
+    def _covariance(
+        self, times: Float[np.ndarray, " M"], moments: OutputMoments
+    ) -> Float[np.ndarray, "6 M M"]:
+        """Eq. (11), the posterior of f stretched to the variance of `predict`."""
+        covariance = self.processes.latent_covariance(times)
+        floor = moments.noise / self.count
+        latent = np.maximum(moments.latent, np.finfo(np.float64).tiny)
+        stretch = np.sqrt(np.maximum(floor / latent, 1.0)).T
+        covariance *= stretch[:, :, None] * stretch[:, None, :]
+        diagonal = np.arange(len(times))
+        variance = np.maximum(moments.latent, floor) + moments.noise
+        covariance[:, diagonal, diagonal] = variance.T
+        return covariance
+
+    def adapt(
+        self,
+        via_points: Sequence[ViaPoint],
+        form: "str | AdaptationForm" = "process",
+    ) -> "AdaptedSkill":
+        """Condition the policy on via-points.
+
+        Args:
+            via_points: poses to be reached, in any order.
+            form: "process" (default), "product" (the paper's Eqs. 19–21) or "exact",
+                or a callable (skill, grid) → `policies.adaptation.Adaptation`, such as
+                ``partial(ProductAdaptation, prior_mean="zero")``.
+
+        Raises:
+            ValueError: for an unknown form.
+        """
+        # Adaptation builds on skills; importing it here keeps modules acyclic.
+        from policies.adaptation import AdaptedSkill, adaptation_form
+
+        return AdaptedSkill(
+            skill=self, via_points=tuple(via_points), form=adaptation_form(form)
+        )
+
+
+def fit_skill(aligned: AlignedDemonstrations, noise: str | NoiseModel = "map") -> Skill:
+    """Learn a skill from aligned demonstrations.
+
+    Args:
+        aligned: D demonstrations on common phases.
+        noise: how the spread r(t) is estimated: a name in `NOISE_MODELS` or a noise
+            model object, such as ``KerstingNoise(n_iterations=30)``.
+
+    Raises:
+        ValueError: for an unknown name, poses or times that are not finite, or too few
+            demonstrations for the noise model.
+
+    Warns:
+        UserWarning: for three demonstrations or fewer.
+    """
+    if isinstance(noise, str):
+        if noise not in NOISE_MODELS:
+            raise ValueError(
+                f"Unknown noise model {noise!r}; choose from {sorted(NOISE_MODELS)} "
+                f"or pass a noise model object."
+            )
+        noise = NOISE_MODELS[noise]
+    times, poses = aligned.times, aligned.poses
+    if not (np.isfinite(times).all() and np.isfinite(poses).all()):
+        raise ValueError("Aligned demonstrations must be finite; found NaN or inf.")
+    outputs = tuple(
+        HeteroscedasticGP.fit(times, poses[:, :, output], noise)
+        for output in range(poses.shape[2])
+    )
+    if len(poses) <= _FEW:
+        warnings.warn(_few_demonstrations(len(poses)), UserWarning, stacklevel=2)
+    return Skill(aligned=aligned, processes=MultiOutputGP(outputs=outputs))
+
+
+def _few_demonstrations(count: int) -> str:
+    if count == 1:
+        return (
+            "One demonstration says nothing about how repetitions differ: the "
+            "uncertainty is only the scatter of its samples around a smooth curve, "
+            "and adaptation has no spread to work with. Give 4 or more."
+        )
+    return (
+        f"{count} demonstrations leave {count - 1} degree(s) of freedom for the "
+        f"spread: where they happen to cross, the uncertainty is far too small, and "
+        f"the robot stiff there. Intervals use Student-t quantiles; the standard "
+        f"deviation itself stays uncertain. Give 4 or more."
+    )

@@ -1,0 +1,124 @@
+"""What a policy predicts, and what may be asked of it: distributions and via-points."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtri, stdtrit
+
+__all__ = ["GaussianTrajectory", "ViaPoint"]
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    copy = np.array(array, dtype=np.float64)
+    copy.setflags(write=False)
+    return copy
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaussianTrajectory:
+    """A Gaussian distribution over poses at M times, outputs independent.
+
+    Units: times in phase, poses in metres and radians (task frame), rates per unit
+    phase.
+    """
+
+    times: Float[np.ndarray, " M"]
+    """Phase, shape (M,)."""
+    mean: Float[np.ndarray, "M 6"]
+    """Mean pose, shape (M, 6)."""
+    std: Float[np.ndarray, "M 6"]
+    """Standard deviation of a repetition of the task: the uncertainty of the mean and
+    the spread r(t) of the demonstrations together (Eq. 11 of arXiv:2002.09979)."""
+    mean_rate: Float[np.ndarray, "M 6"]
+    """Derivative of the mean, shape (M, 6)."""
+    std_rate: Float[np.ndarray, "M 6"]
+    """Derivative of the standard deviation, shape (M, 6)."""
+    covariance_function: Callable[[], np.ndarray] = field(repr=False)
+    """Computes `covariance`, which few callers need."""
+    degrees_of_freedom: int | None = None
+    """Degrees of freedom behind `std` where they are few; None means normal."""
+
+    def __post_init__(self) -> None:
+        for name in ("times", "mean", "std", "mean_rate", "std_rate"):
+            object.__setattr__(self, name, _read_only(getattr(self, name)))
+
+    @cached_property
+    def covariance(self) -> Float[np.ndarray, "6 M M"]:
+        """Covariance over time of every output, shape (6, M, M); on first use."""
+        return _read_only(self.covariance_function())
+
+    def interval(
+        self, level: float = 0.95
+    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
+        """Lower and upper bound of the central interval that holds ``level``.
+
+        Uses Student-t quantiles where `degrees_of_freedom` is given: with few
+        demonstrations the spread itself is uncertain.
+
+        Raises:
+            ValueError: if ``level`` is not in (0, 1).
+        """
+        if not 0.0 < level < 1.0:
+            raise ValueError(f"level must be in (0, 1), got {level}.")
+        upper = 0.5 * (1.0 + level)
+        if self.degrees_of_freedom is None:
+            width = float(ndtri(upper))
+        else:
+            width = float(stdtrit(self.degrees_of_freedom, upper))
+        return self.mean - width * self.std, self.mean + width * self.std
+
+    def samples(
+        self, count: int, rng: np.random.Generator
+    ) -> Float[np.ndarray, "S M 6"]:
+        """Draw ``count`` trajectories, shape (count, M, 6)."""
+        draws = np.empty((count, *self.mean.shape))
+        for output, covariance in enumerate(self.covariance):
+            # Smooth trajectories have singular covariances: eigenvalues, not Cholesky.
+            values, vectors = np.linalg.eigh(covariance)
+            root = vectors * np.sqrt(np.maximum(values, 0.0))
+            normal = rng.standard_normal((count, len(values)))
+            draws[:, :, output] = self.mean[:, output] + normal @ root.T
+        return draws
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ViaPoint:
+    """A pose to be reached at a phase, with its strength.
+
+    Raises:
+        ValueError: if the phase or the pose is infinite, or a noise is negative.
+    """
+
+    phase: float
+    """When, in [0, 1]."""
+    pose: Float[np.ndarray, "6"]
+    """Where, (x, y, z, θu_x, θu_y, θu_z) in the task frame [m, rad]. NaN leaves an
+    output free."""
+    std: float | Float[np.ndarray, "6"] = 1e-3
+    """Standard deviation of the demand [m, rad], one number or one per output: small is
+    strong. Infinity leaves an output free."""
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.phase):
+            raise ValueError(f"The phase of a via-point must be finite: {self.phase}.")
+        pose = _read_only(self.pose)
+        if np.isinf(pose).any():
+            raise ValueError(
+                f"A via-point pose must be finite, or NaN for outputs left free; got "
+                f"{pose}."
+            )
+        std = _read_only(np.broadcast_to(np.asarray(self.std), (6,)))
+        if not (std >= 0.0).all():
+            raise ValueError(f"Via-point standard deviations must be >= 0, got {std}.")
+        object.__setattr__(self, "pose", pose)
+        object.__setattr__(self, "std", std)
+
+    @property
+    def noise_variance(self) -> Float[np.ndarray, "6"]:
+        """σ_v² of every output; infinite where the output is left free."""
+        std = np.asarray(self.std)
+        variance: np.ndarray = np.where(np.isnan(self.pose), np.inf, std) ** 2
+        return variance

@@ -1,0 +1,50 @@
+"""Environments that are closed after the test, and the ideal opening motion."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import gplfd_env
+from gplfd_env.door_opening import CONTROL_PERIOD, DoorOpeningEnv
+from gplfd_env.task import handle_pose_on_arc
+
+
+@pytest.fixture
+def make_env() -> Iterator[Callable[..., DoorOpeningEnv]]:
+    opened: list[gym.Env] = []
+
+    def make(door: Any = "medium", **arguments: Any) -> DoorOpeningEnv:
+        env = gym.make(gplfd_env.ENVIRONMENT_ID, door=door, **arguments)
+        opened.append(env)
+        assert isinstance(env.unwrapped, DoorOpeningEnv)
+        return env.unwrapped
+
+    yield make
+    for env in opened:
+        env.close()
+
+
+@pytest.fixture
+def arc_commands() -> Callable[..., np.ndarray]:
+    """Return a function: minimum-jerk commands along a handle's true arc, (N, 6)."""
+
+    def commands(radius: float, degrees: float = 65.0, duration: float = 8.0):
+        time = np.arange(1, round((duration + 2.0) / CONTROL_PERIOD) + 1)
+        s = np.minimum(time * CONTROL_PERIOD / duration, 1.0)
+        angles = np.radians(degrees) * (10 * s**3 - 15 * s**4 + 6 * s**5)
+        return np.array([handle_pose_on_arc(radius, angle) for angle in angles])
+
+    return commands
+
+
+@pytest.fixture
+def release_handle() -> Callable[[DoorOpeningEnv], None]:
+    """Return a function that lets hand and bar pass through each other."""
+
+    def release(env: DoorOpeningEnv) -> None:
+        env.model.geom("handle_bar").conaffinity = 0
+
+    return release

@@ -1,0 +1,126 @@
+"""Doors by name, radius, mapping or record, and every way to ask for a wrong one."""
+
+import dataclasses
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gplfd_env.config import DOORS, RADIUS_RANGE, DoorConfig, door_config
+
+# field: range, stated by hand.
+RANGES = {
+    "radius": (0.30, 0.65),
+    "hinge_friction": (0, 50),
+    "hinge_damping": (0, 50),
+    "closer_stiffness": (0, 50),
+    "closer_preload": (0, 50),
+    "panel_mass": (1, 100),
+    "handle_height": (0.50, 0.85),
+    "handle_standoff": (0.06, 0.12),
+}
+
+
+def test_presets() -> None:
+    assert {name: door.radius for name, door in DOORS.items()} == {
+        "small": 0.35,
+        "medium": 0.50,
+        "large": 0.65,
+        "heavy": 0.50,
+    }
+    heavy = DOORS["heavy"]
+    assert (heavy.closer_preload + heavy.hinge_friction) / heavy.radius == 14.0
+    with pytest.raises(TypeError):
+        DOORS["small"] = DoorConfig()  # type: ignore[index]
+
+
+@given(radius=st.floats(*RADIUS_RANGE))
+def test_four_ways_to_say_the_same_door(radius: float) -> None:
+    expected = DoorConfig(radius=radius)
+    assert door_config(radius) == expected
+    assert door_config({"radius": radius}) == expected
+    assert door_config({"preset": "small", "radius": radius}) == expected
+    assert door_config(expected) is expected
+    assert door_config(dataclasses.asdict(expected)) == expected
+
+
+def test_mapping_starts_from_its_preset() -> None:
+    door = door_config({"preset": "large", "hinge_friction": 2})
+    assert door == DoorConfig(radius=0.65, hinge_friction=2.0)
+    assert type(door.hinge_friction) is float
+
+
+def test_mapping_is_not_changed() -> None:
+    mapping = {"preset": "large", "hinge_friction": 2.0}
+    door_config(mapping)
+    assert mapping == {"preset": "large", "hinge_friction": 2.0}
+
+
+@pytest.mark.parametrize("field", RANGES)
+def test_each_field_s_range(field: str) -> None:
+    low, high = RANGES[field]
+    for allowed in (low, high):
+        assert getattr(DoorConfig(**{field: allowed}), field) == allowed
+    wrong_values = (low - 0.01, high + 0.01, math.nan, math.inf, -math.inf)
+    for wrong in wrong_values:
+        with pytest.raises(ValueError, match=rf"DoorConfig\.{field} = ") as error:
+            DoorConfig(**{field: wrong})
+        message = str(error.value)
+        assert repr(wrong) in message
+        assert f"outside [{low:g}, {high:g}]" in message
+
+
+@pytest.mark.parametrize("value", ["0.4", None, True, [0.4], 1j])
+def test_fields_must_be_numbers(value: Any) -> None:
+    with pytest.raises(TypeError, match=r"DoorConfig\.radius must be a number, got"):
+        DoorConfig(radius=value)
+
+
+def test_ranges_cover_every_field() -> None:
+    assert {field.name for field in dataclasses.fields(DoorConfig)} == RANGES.keys()
+
+
+@pytest.mark.parametrize(
+    ("door", "kind", "parts"),
+    [
+        (
+            "mediun",
+            ValueError,
+            [
+                "unknown door 'mediun'",
+                "did you mean 'medium'?",
+                "small, medium, large, heavy",
+            ],
+        ),
+        ("zzz", ValueError, ["unknown door 'zzz';", "radius in metres", "[0.3, 0.65]"]),
+        (0.7, ValueError, ["DoorConfig.radius = 0.7", "[0.3, 0.65] m"]),
+        ({"preset": "big"}, ValueError, ["unknown door 'big'"]),
+        ({"preset": 3}, ValueError, ["unknown door 3"]),
+        (
+            {"radios": 0.4},
+            ValueError,
+            ["unknown door field 'radios'", "did you mean 'radius'?", "preset"],
+        ),
+        (None, TypeError, ["door must be", "got None (NoneType)"]),
+        (True, TypeError, ["got True (bool)"]),
+        ([0.5], TypeError, ["got [0.5] (list)"]),
+    ],
+)
+def test_wrong_doors_are_told_what_is_allowed(
+    door: Any, kind: type[Exception], parts: list[str]
+) -> None:
+    with pytest.raises(kind) as error:
+        door_config(door)
+    for part in parts:
+        assert part in str(error.value)
+
+
+def test_configuration_is_a_frozen_hashable_record() -> None:
+    door = DoorConfig()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        door.radius = 0.4  # type: ignore[misc]
+    assert hash(door) == hash(DoorConfig())
+    with pytest.raises(TypeError):
+        DoorConfig(0.4)  # type: ignore[misc]

@@ -1,0 +1,150 @@
+"""Success, failure and reward against sequences whose outcome is known in advance."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gplfd_env.task import (
+    GRASP_LOST_TIME,
+    HOLD_TIME,
+    STALL_ANGLE,
+    STALL_TIME,
+    SUCCESS_ANGLE,
+    OpeningMonitor,
+    handle_pose_on_arc,
+    reward_terms,
+)
+
+DT = 0.01
+OPEN = SUCCESS_ANGLE + 1e-6
+
+
+def test_the_task_s_numbers() -> None:
+    assert math.radians(60.0) == SUCCESS_ANGLE
+    assert (HOLD_TIME, GRASP_LOST_TIME, STALL_TIME) == (0.5, 0.25, 3.0)
+    assert math.radians(0.5) == STALL_ANGLE
+
+
+def test_success_needs_exactly_half_a_second() -> None:
+    monitor = OpeningMonitor(DT)
+    for _ in range(49):
+        monitor.update(OPEN, True)
+        assert not monitor.success
+    monitor.update(OPEN, True)
+    assert monitor.success
+    assert monitor.failure == ""
+
+
+def test_success_angle_itself_counts_and_less_does_not() -> None:
+    exact, below = OpeningMonitor(DT), OpeningMonitor(DT)
+    for _ in range(100):
+        exact.update(SUCCESS_ANGLE, True)
+        below.update(np.nextafter(SUCCESS_ANGLE, 0.0), True)
+    assert exact.success
+    assert not below.success
+
+
+@pytest.mark.parametrize("interruption", [(SUCCESS_ANGLE - 0.01, True), (OPEN, False)])
+def test_an_interruption_restarts_the_half_second(
+    interruption: tuple[float, bool],
+) -> None:
+    monitor = OpeningMonitor(DT)
+    for _ in range(49):
+        monitor.update(OPEN, True)
+    monitor.update(*interruption)
+    for _ in range(49):
+        monitor.update(OPEN, True)
+    assert not monitor.success
+    monitor.update(OPEN, True)
+    assert monitor.success
+
+
+def test_success_is_kept_and_silences_failures() -> None:
+    monitor = OpeningMonitor(DT)
+    for _ in range(50):
+        monitor.update(OPEN, True)
+    for _ in range(1000):
+        monitor.update(0.0, False)
+    assert monitor.success
+    assert monitor.failure == ""
+
+
+def test_grasp_is_lost_after_a_quarter_of_a_second_for_good() -> None:
+    monitor = OpeningMonitor(DT)
+    for _ in range(24):
+        monitor.update(0.1, False)
+        assert monitor.failure == ""
+    monitor.update(0.1, False)
+    assert monitor.failure == "grasp_lost"
+    for _ in range(10):
+        monitor.update(0.1, True)
+    assert monitor.failure == "grasp_lost"
+
+
+def test_a_short_release_is_forgiven() -> None:
+    monitor = OpeningMonitor(DT)
+    for step in range(200):
+        monitor.update(0.001 * step, grasped=step % 20 != 0)
+    assert monitor.failure == ""
+
+
+def test_a_door_that_stands_still_has_stalled_until_it_moves() -> None:
+    monitor = OpeningMonitor(DT)
+    monitor.update(0.2, True)
+    for _ in range(299):
+        monitor.update(0.2, True)
+        assert monitor.failure == ""
+    monitor.update(0.2, True)
+    assert monitor.failure == "stalled"
+    monitor.update(0.2 + STALL_ANGLE, True)
+    assert monitor.failure == ""
+
+
+def test_a_slow_door_has_not_stalled() -> None:
+    """Half a degree in just under three seconds is progress."""
+    monitor = OpeningMonitor(DT)
+    rate = STALL_ANGLE / (STALL_TIME - 5 * DT)
+    for step in range(2000):
+        monitor.update(rate * step * DT, True)
+        assert monitor.failure == ""
+
+
+def test_swinging_back_and_forth_is_a_stall() -> None:
+    monitor = OpeningMonitor(DT)
+    for step in range(400):
+        monitor.update(0.3 + 0.1 * math.cos(step / 10), True)
+    assert monitor.failure == "stalled"
+
+
+@given(
+    angles=st.lists(st.floats(0.0, 1.7), min_size=2, max_size=60),
+    forces=st.lists(st.floats(-50, 50), min_size=60, max_size=60),
+)
+def test_progress_telescopes_to_the_angle_over_sixty_degrees(
+    angles: list[float], forces: list[float]
+) -> None:
+    total = sum(
+        reward_terms(after - before, force, False)["progress"]
+        for before, after, force in zip(angles, angles[1:], forces, strict=False)
+    )
+    assert total == pytest.approx((angles[-1] - angles[0]) / SUCCESS_ANGLE, abs=1e-9)
+
+
+def test_reward_terms_are_what_the_page_says() -> None:
+    terms = reward_terms(SUCCESS_ANGLE / 4, -10.0, True)
+    assert terms == pytest.approx(
+        {"progress": 0.25, "radial_force": -0.01 * DT, "success": 1.0}
+    )
+    assert all(type(value) is float for value in terms.values())
+
+
+@given(radius=st.floats(0.1, 1.0), angle=st.floats(-3.0, 3.0))
+def test_arc_keeps_its_distance_from_the_hinge(radius: float, angle: float) -> None:
+    x, y, z, *rotation = handle_pose_on_arc(radius, angle)
+    assert math.hypot(x, z + radius) == pytest.approx(radius)
+    assert math.atan2(x, z + radius) == pytest.approx(angle)
+    assert y == 0.0
+    assert rotation == [0.0, angle, 0.0]

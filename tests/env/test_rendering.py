@@ -1,0 +1,182 @@
+"""Pictures: colour and depth without a screen, a window on a virtual display."""
+
+import os
+import shutil
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gplfd_env.task import handle_pose_on_arc
+
+
+def picture(env) -> np.ndarray:
+    image = env.render()
+    assert isinstance(image, np.ndarray)
+    return image
+
+
+@pytest.mark.parametrize("camera", ["overview", "top", "head", "hand_camera"])
+def test_colour_picture_from_every_camera(camera: str, make_env: Callable) -> None:
+    env = make_env(
+        "medium", render_mode="rgb_array", camera_name=camera, width=160, height=120
+    )
+    env.reset(seed=0)
+    image = picture(env)
+    assert image.shape == (120, 160, 3)
+    assert image.dtype == np.uint8
+    assert image.std() > 10, "something must be in the picture"
+
+
+def test_picture_changes_with_the_door_and_is_reproducible(make_env: Callable) -> None:
+    env = make_env("medium", render_mode="rgb_array", width=160, height=120)
+    env.reset(seed=0)
+    closed = picture(env)
+    again = picture(env)
+    assert np.array_equal(closed, again)
+    for step in range(200):
+        env.step(handle_pose_on_arc(0.5, np.radians(15.0) * min(1.0, step / 150)))
+    opened = picture(env)
+    # One per cent of the picture and more than sensor-like noise.
+    changed = np.abs(opened.astype(int) - closed.astype(int)).max(axis=2) > 20
+    assert changed.mean() > 0.01
+    env.reset(seed=0)
+    assert np.array_equal(picture(env), closed)
+
+
+def test_pictures_follow_a_change_of_door(make_env: Callable) -> None:
+    env = make_env("small", render_mode="rgb_array", width=160, height=120)
+    large = make_env("large", render_mode="rgb_array", width=160, height=120)
+    env.reset(seed=0)
+    before = picture(env)
+    env.reset(options={"door": "large"})
+    large.reset()
+    assert not np.array_equal(picture(env), before)
+    assert np.array_equal(picture(env), picture(large))
+
+
+def test_depth_picture_is_the_depth_buffer(make_env: Callable) -> None:
+    """Values in [0, 1] as Gymnasium has them; near and far planes make them metres."""
+    env = make_env(
+        "medium", render_mode="depth_array", camera_name="top", width=160, height=120
+    )
+    env.reset(seed=0)
+    depth = picture(env)
+    assert depth.shape == (120, 160)
+    assert depth.dtype == np.float32
+    assert 0.0 <= depth.min() < depth.max() <= 1.0
+    near = env.model.vis.map.znear * env.model.stat.extent
+    far = env.model.vis.map.zfar * env.model.stat.extent
+    metres = near / (1.0 - depth * (1.0 - near / far))
+    # The camera hangs 3.6 m above the floor and sees the door's top at 2.05 m.
+    assert metres.max() == pytest.approx(3.6, abs=0.02)
+    assert metres.min() < 1.7
+
+
+def test_default_size_and_a_size_beyond_the_offscreen_buffer(
+    make_env: Callable,
+) -> None:
+    default = make_env(render_mode="rgb_array")
+    default.reset(seed=0)
+    assert picture(default).shape == (480, 640, 3)
+    big = make_env(render_mode="rgb_array", width=1600, height=1000)
+    big.reset(seed=0)
+    assert picture(big).shape == (1000, 1600, 3)
+
+
+def test_close_may_be_called_twice_and_rendering_starts_again(
+    make_env: Callable,
+) -> None:
+    env = make_env(render_mode="rgb_array", width=64, height=48)
+    env.reset(seed=0)
+    first = picture(env)
+    env.close()
+    env.close()
+    assert np.array_equal(picture(env), first)
+
+
+@pytest.fixture
+def virtual_display() -> Iterator[str]:
+    """Start an X server without a screen on a free display and return its name."""
+    program = shutil.which("Xvfb")
+    if program is None:
+        pytest.fail(
+            "Xvfb is missing; human rendering is tested on a virtual display: "
+            "apt-get install xvfb libgl1 libgl1-mesa-dri libxcursor1 libxi6 "
+            "libxinerama1 libxrandr2"
+        )
+    read_end, write_end = os.pipe()
+    options = ["-displayfd", str(write_end), "-screen", "0", "800x600x24"]
+    server = subprocess.Popen(
+        [program, *options, "-nolisten", "tcp"],
+        pass_fds=[write_end],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(write_end)
+    try:
+        with os.fdopen(read_end) as pipe:
+            number = pipe.readline().strip()
+        if not number:
+            pytest.fail(f"Xvfb did not start (exit status {server.wait()})")
+        yield f":{number}"
+    finally:
+        server.terminate()
+        server.wait()
+
+
+def test_window_and_the_checker_s_render_check(
+    virtual_display: str, tmp_path: Path
+) -> None:
+    """In a process of its own, so that everything else stays without a screen.
+
+    Every warning is an error but the declined one about normalised actions; the
+    checker opens each render mode, the window among them.
+    """
+    program = textwrap.dedent(
+        """
+        import warnings
+        warnings.simplefilter("error")
+        warnings.filterwarnings(
+            "ignore", message=".*For Box action spaces, we recommend using a symmetric"
+        )
+        import glfw
+        import gymnasium as gym
+        import numpy as np
+        from gymnasium.utils.env_checker import check_env
+        import gplfd_env
+
+        env = gym.make(gplfd_env.ENVIRONMENT_ID, door="small", render_mode="human")
+        env.reset(seed=0)
+        for _ in range(3):
+            env.step(np.zeros(6))
+        assert env.render() is None
+        window = env.unwrapped._renderer.viewer.window
+        assert glfw.get_window_size(window) == (640, 480)
+        env.reset(options={"door": "large"})
+        env.step(np.zeros(6))
+        env.close()
+
+        env = gym.make(gplfd_env.ENVIRONMENT_ID)
+        check_env(env.unwrapped)
+        env.close()
+        print("done")
+        """
+    )
+    environment = {**os.environ, "DISPLAY": virtual_display, "MUJOCO_GL": "glfw"}
+    result = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+        env=environment,
+        timeout=120,
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.split() == ["done"]

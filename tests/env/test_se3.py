@@ -1,0 +1,242 @@
+"""Rotation vectors against SciPy's Rotation, and the rules SciPy does not have."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
+
+from gplfd_env.se3 import (
+    canonical_rotvec,
+    compose_rotvecs,
+    pose_distance,
+    relative_poses,
+    rotation_distance,
+    rotvecs_from_quaternions,
+    unwrap_rotvecs,
+)
+
+rotvecs = arrays(np.float64, 3, elements=st.floats(-7.0, 7.0))
+poses = arrays(np.float64, 6, elements=st.floats(-4.0, 4.0))
+
+
+def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (Rotation.from_rotvec(a).inv() * Rotation.from_rotvec(b)).magnitude()
+
+
+def turning_path(n_samples: int, turns: float) -> np.ndarray:
+    """A rotation whose axis wanders while its angle grows through π."""
+    angle = np.linspace(0.1, 2 * np.pi * turns, n_samples)
+    axis = np.column_stack([0.3 * np.sin(angle), np.ones(n_samples), 0.2 * angle])
+    return angle[:, None] * axis / np.linalg.norm(axis, axis=1, keepdims=True)
+
+
+@given(rotvec=rotvecs)
+def test_eq8_canonical_form_is_the_same_rotation_within_the_ball(rotvec):
+    canonical = canonical_rotvec(rotvec)
+    assert np.linalg.norm(canonical) <= np.pi + 1e-12
+    assert angle_between(rotvec, canonical) < 1e-11
+    np.testing.assert_allclose(canonical_rotvec(canonical), canonical, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("axis", "kept"),
+    [
+        ((0, 0, 1), True),
+        ((0, 0, -1), False),
+        ((0, 1, 0), True),
+        ((0, -1, 0), False),
+        ((1, 0, 0), True),
+        ((-1, 0, 0), False),
+        ((-0.6, -0.64, 0.48), True),
+        ((0.6, 0.64, -0.48), False),
+        ((-0.6, 0.8, 0), True),
+        ((0.6, -0.8, 0), False),
+        ((0.6, 0.8, -1e-17), True),  # rounding error is not a sign
+    ],
+)
+def test_eq9_fixes_the_axis_at_pi(axis, kept):
+    half_turn = np.pi * np.array(axis, dtype=float)
+    expected = half_turn if kept else -half_turn
+    np.testing.assert_allclose(canonical_rotvec(half_turn), expected, atol=1e-12)
+    # Three half turns are the same rotation.
+    np.testing.assert_allclose(canonical_rotvec(3 * half_turn), expected, atol=1e-12)
+
+
+def test_canonical_form_keeps_small_rotations_exactly_and_batches():
+    batch = np.array([[[1e-300, 0, 0], [0, 0, 0]], [[0, 3.0, 0], [0, 4.0, 0]]])
+    canonical = canonical_rotvec(batch)
+    np.testing.assert_array_equal(canonical[0], batch[0])
+    np.testing.assert_array_equal(canonical[1, 0], batch[1, 0])
+    np.testing.assert_allclose(canonical[1, 1], [0, 4.0 - 2 * np.pi, 0], atol=1e-15)
+
+
+def test_unwrapping_restores_a_path_through_pi():
+    path = turning_path(300, turns=0.9)
+    assert np.linalg.norm(path[-1]) > np.pi
+    canonical = canonical_rotvec(path)
+    assert np.abs(np.diff(canonical, axis=0)).max() > 3.0  # it does jump
+    np.testing.assert_allclose(unwrap_rotvecs(canonical), path, atol=1e-12)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_unwrapping_runs_through_two_turns_about_one_axis(sign):
+    angle = np.linspace(0.0, 4.5 * np.pi, 91)  # meets 2π and 4π exactly
+    path = sign * angle[:, None] * np.array([0.0, 0.6, -0.8])
+    np.testing.assert_allclose(unwrap_rotvecs(canonical_rotvec(path)), path, atol=1e-12)
+
+
+def test_unwrapping_passes_the_identity_despite_rounding():
+    # Samples at 2π whose axis is rounding error, and a path that crosses zero.
+    around = np.array([[0, 6.2, 0], [1e-16, 0, -2e-16], [0, 6.3 - 2 * np.pi, 0]])
+    np.testing.assert_allclose(
+        unwrap_rotvecs(around), [[0, 6.2, 0], [0, 2 * np.pi, 0], [0, 6.3, 0]]
+    )
+    through_zero = np.array([[0.1, 0, 0], [1e-12, 0, 0], [0, 0, 0], [-0.1, 1e-13, 0]])
+    np.testing.assert_array_equal(unwrap_rotvecs(through_zero), through_zero)
+
+
+@given(path=arrays(np.float64, (6, 3), elements=st.floats(-7.0, 7.0)))
+def test_unwrapping_keeps_rotations_and_is_idempotent(path):
+    unwrapped = unwrap_rotvecs(path)
+    # Near the identity an axis is rounding error, which unwrapping may replace.
+    assert angle_between(path, unwrapped).max() < 2e-9
+    np.testing.assert_allclose(unwrap_rotvecs(unwrapped), unwrapped, atol=1e-8)
+
+
+@given(path=arrays(np.float64, (6, 3), elements=st.floats(-7.0, 7.0)))
+def test_unwrapping_takes_the_nearest_equivalent(path):
+    unwrapped = unwrap_rotvecs(path)
+    for previous, current in pairwise(unwrapped):
+        angle = np.linalg.norm(current)
+        if angle < 1e-6:
+            continue
+        for turns in (-1, 1):
+            other = current * (1 + 2 * np.pi * turns / angle)
+            distance = np.linalg.norm(current - previous)
+            assert distance <= np.linalg.norm(other - previous) + 1e-9
+
+
+@pytest.mark.parametrize("order", ["wxyz", "xyzw"])
+def test_quaternions_become_continuous_rotation_vectors(order):
+    path = turning_path(200, turns=0.8)
+    quaternions = Rotation.from_rotvec(path).as_quat(scalar_first=order == "wxyz")
+    rng = np.random.default_rng(1)
+    quaternions *= rng.choice([-1.0, 1.0], size=(200, 1))  # flips
+    quaternions *= rng.uniform(0.98, 1.02, size=(200, 1))  # not exactly unit
+    np.testing.assert_allclose(
+        rotvecs_from_quaternions(quaternions, order=order), path, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("quaternions", "message"),
+    [
+        (np.ones((4, 3)), r"shape \(N, 4\), got \(4, 3\)"),
+        (np.array([1.0, 0, 0, 0]), r"shape \(N, 4\), got \(4,\)"),
+        (
+            np.array([[1.0, 0, 0, 0], [np.nan, 0, 0, 1]]),
+            r"quaternions\[1\].*not finite",
+        ),
+        (np.array([[1.0, 0, 0, 0], [0.5, 0, 0, 0]]), r"quaternions\[1\].*order='wxyz'"),
+    ],
+)
+def test_unusable_quaternions_are_refused(quaternions, message):
+    with pytest.raises(ValueError, match=message):
+        rotvecs_from_quaternions(quaternions)
+
+
+def test_unknown_quaternion_order_is_refused():
+    with pytest.raises(ValueError, match=r"'wxyz' .* or 'xyzw' .* got 'wzyx'"):
+        rotvecs_from_quaternions(np.array([[1.0, 0, 0, 0]]), order="wzyx")
+
+
+def test_unusable_rotation_vectors_are_refused():
+    with pytest.raises(ValueError, match=r"rotvecs must have shape \(N, 3\)"):
+        unwrap_rotvecs(np.zeros((2, 4)))
+    with pytest.raises(ValueError, match=r"rotvecs\[1\] .* is not finite"):
+        unwrap_rotvecs(np.array([[0.0, 0, 0], [0, np.inf, 0]]))
+
+
+@given(a=rotvecs, b=rotvecs)
+def test_eq18_distance_matches_scipy(a, b):
+    distance = rotation_distance(a, b)
+    np.testing.assert_allclose(distance, angle_between(a, b), atol=1e-12)
+    np.testing.assert_allclose(distance, rotation_distance(b, a), atol=1e-14)
+
+
+@pytest.mark.parametrize("angle", [1e-12, 1e-9, 1e-4, 1.0, np.pi - 1e-9])
+def test_eq18_resolves_angles_where_arccos_cannot(angle):
+    axis = np.array([0.48, -0.6, 0.64])
+    a, b = 0.7 * axis, (0.7 + angle) * axis
+    half_a, half_b = 0.35, (0.7 + angle) / 2
+    cosine = np.cos(half_a) * np.cos(half_b) + np.sin(half_a) * np.sin(half_b)
+    printed = 2 * np.arccos(min(abs(cosine), 1.0))
+    if angle < 1e-8:
+        assert abs(printed - angle) > 0.9 * angle  # zero or rounding noise
+    np.testing.assert_allclose(rotation_distance(a, b), angle, atol=3e-16, rtol=1e-15)
+
+
+def test_eq18_is_exact_at_zero_and_pi():
+    rotvec = np.array([0.3, -1.1, 2.0])
+    assert rotation_distance(rotvec, rotvec) == 0.0
+    assert rotation_distance(np.zeros(3), [0, np.pi, 0]) == pytest.approx(
+        np.pi, abs=1e-15
+    )
+    turn = rotvec * (1 + 2 * np.pi / np.linalg.norm(rotvec))
+    assert rotation_distance(rotvec, turn) < 1e-14
+
+
+@given(a=poses, b=poses, c=poses, weight=st.floats(0.0, 1.0))
+def test_eq17_is_a_metric(a, b, c, weight):
+    ab, bc, ac = (pose_distance(*pair, weight) for pair in ((a, b), (b, c), (a, c)))
+    assert ab >= 0.0
+    assert ac <= ab + bc + 1e-12
+    assert pose_distance(a, a, weight) == 0.0
+
+
+def test_eq17_weights_rotation_and_translation():
+    a = np.zeros(6)
+    b = np.array([3.0, 0, 4.0, 0, 1.2, 0])
+    assert pose_distance(a, b, 0.0) == pytest.approx(5.0)
+    assert pose_distance(a, b, 1.0) == pytest.approx(1.2)
+    assert pose_distance(a, b, 0.25) == pytest.approx(
+        np.sqrt(0.25 * 1.2**2 + 0.75 * 25)
+    )
+
+
+@pytest.mark.parametrize("weight", [-0.1, 1.1, np.nan])
+def test_eq17_weight_outside_the_unit_interval_is_refused(weight):
+    with pytest.raises(ValueError, match=r"rotation_weight must lie in \[0, 1\]"):
+        pose_distance(np.zeros(6), np.ones(6), weight)
+
+
+@given(a=rotvecs, b=rotvecs)
+def test_composition_matches_scipy(a, b):
+    composed = compose_rotvecs(a, b)
+    expected = Rotation.from_rotvec(a) * Rotation.from_rotvec(b)
+    assert angle_between(composed, expected.as_rotvec()) < 1e-12
+    assert np.linalg.norm(composed) <= np.pi + 1e-12
+
+
+def test_relative_poses_match_homogeneous_matrices():
+    rng = np.random.default_rng(2)
+    path = np.hstack([rng.normal(size=(50, 3)), turning_path(50, turns=0.8)])
+    reference = path[3]
+
+    def matrix(pose: np.ndarray) -> np.ndarray:
+        homogeneous = np.eye(4)
+        homogeneous[:3, :3] = Rotation.from_rotvec(pose[3:]).as_matrix()
+        homogeneous[:3, 3] = pose[:3]
+        return homogeneous
+
+    relative = relative_poses(path, reference)
+    for pose, got in zip(path, relative, strict=True):
+        expected = np.linalg.inv(matrix(reference)) @ matrix(pose)
+        np.testing.assert_allclose(matrix(got), expected, atol=1e-12)
+    np.testing.assert_allclose(relative[3], 0.0, atol=1e-15)
+    assert np.linalg.norm(relative[-1, 3:]) > np.pi
+    assert np.abs(np.diff(relative[:, 3:], axis=0)).max() < 0.5

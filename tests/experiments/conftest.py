@@ -1,0 +1,220 @@
+"""A door in a tiny MuJoCo model, an agent that knows its arc, and logs by formula."""
+
+import math
+import types
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+
+from experiments.episode_log import EpisodeLog
+from gplfd_env.task import handle_pose_on_arc
+
+RADIUS = 0.5
+FINAL_ANGLE = math.radians(66.0)
+DT = 0.01
+
+MODEL = f"""
+<mujoco>
+  <asset>
+    <mesh name="wedge" vertex="0 0 0  0.1 0 0  0 0.1 0  0 0 0.1"/>
+    <material name="blue" rgba="0 0 1 1"/>
+  </asset>
+  <worldbody>
+    <geom name="floor" type="plane" size="0 0 0.1" rgba="0.5 0.5 0.5 1"/>
+    <body name="frame" pos="0.7 0.6 0.85" quat="0.5 0.5 0.5 0.5">
+      <site name="task_frame"/>
+      <body name="leaf" pos="0 0 {-RADIUS}">
+        <joint name="hinge" type="hinge" axis="0 1 0" damping="1"/>
+        <geom name="panel" type="box" pos="-0.07 0 0.25" size="0.02 1 0.25" mass="9"
+              material="blue"/>
+        <geom name="bar" type="capsule" size="0.01 0.1" pos="0 0 {RADIUS}"
+              quat="0.707 0.707 0 0" rgba="1 0 0 0.5"/>
+        <geom name="knob" type="sphere" size="0.02"/>
+        <geom name="egg" type="ellipsoid" size="0.02 0.03 0.04"/>
+        <geom name="pin" type="cylinder" size="0.01 0.05"/>
+        <geom name="latch" type="mesh" mesh="wedge"/>
+        <geom name="collision" type="box" size="1 1 1" group="3"/>
+        <geom name="invisible" type="box" size="1 1 1" rgba="0 0 0 0"/>
+        <site name="handle" pos="0 0 {RADIUS}"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def minimum_jerk(progress: Any) -> Any:
+    s = np.clip(progress, 0.0, 1.0)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+
+
+class DoorEnv(gym.Env[Any, Any]):
+    """The door follows the commanded rotation exactly; the hand is the handle."""
+
+    def __init__(self, outcome: str = "success", n_steps: int = 30) -> None:
+        self.model = mujoco.MjModel.from_xml_string(MODEL)
+        self.data = mujoco.MjData(self.model)
+        self.outcome, self.n_steps = outcome, n_steps
+        self.actions: list[Any] = []
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        self.actions = []
+        self.data.qpos[:] = 0.0
+        return self._state()
+
+    def step(self, action: Any) -> Any:
+        self.actions.append(action)
+        self.data.qpos[0] = action[4]
+        last = len(self.actions) == self.n_steps
+        observation, info = self._state()
+        if last and self.outcome == "success":
+            info["success"] = True
+        elif last and self.outcome != "time_limit":
+            info["failure"] = self.outcome
+        truncated = last and self.outcome in ("time_limit", "stalled")
+        return observation, 0.0, last and not truncated, truncated, info
+
+    def _state(self) -> Any:
+        angle = float(self.data.qpos[0])
+        pose = handle_pose_on_arc(RADIUS, angle)
+        observation = {
+            "ee_pose": pose,
+            "ee_twist": np.zeros(6),
+            "wrench": np.array([-5.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
+            "joint_pos": np.zeros(7),
+            "joint_vel": np.zeros(7),
+            "time": np.array([len(self.actions) * DT]),
+        }
+        info = {
+            "door_angle": angle,
+            "handle_pose": pose,
+            "success": False,
+            "failure": "",
+            "grasped": True,
+            "slip": 0.001,
+            "force_tangential": 5.0,
+            "force_radial": -1.0,
+            "force_vertical": 0.0,
+        }
+        return observation, info
+
+
+class ArcAgent:
+    """Opens by minimum jerk in ``n_steps``; its belief narrows as the door opens."""
+
+    phases = np.linspace(0.0, 1.0, 21)
+
+    def __init__(self, n_steps: int = 30, forecasts: bool = True) -> None:
+        self.n_steps, self.forecasts = n_steps, forecasts
+        self.calls = 0
+
+    def reset(self, observation: Any) -> None:
+        self.calls = 0
+
+    def act(self, observation: Any) -> Any:
+        self.calls += 1
+        phase = min(1.0, self.calls / self.n_steps)
+        action = handle_pose_on_arc(RADIUS, FINAL_ANGLE * float(minimum_jerk(phase)))
+        seen = float(observation["ee_pose"][4]) / FINAL_ANGLE
+        return types.SimpleNamespace(
+            action=action,
+            desired=action,
+            std=np.full(6, 0.01),
+            std_rate=np.full(6, -0.001),
+            stiffness=np.full(6, 300.0),
+            stiffness_rate=np.full(6, 20.0),
+            stability_margin=np.full(6, 80.0),
+            phase=phase,
+            observed_phase=seen,
+            predicted_mean=observation["ee_pose"] + 0.002,
+            predicted_std=np.full(6, 0.001),
+            via_point=self.calls % 3 == 0,
+        )
+
+    def forecast(self) -> Any:
+        if not self.forecasts:
+            return None
+        arc = [handle_pose_on_arc(RADIUS, FINAL_ANGLE * phase) for phase in self.phases]
+        spread = 0.05 / (1.0 + self.calls) * np.outer(self.phases, np.ones(6)) + 1e-3
+        return types.SimpleNamespace(times=self.phases, mean=np.array(arc), std=spread)
+
+
+def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
+    """A minimum-jerk opening to 66 degrees in 6 s with constant forces."""
+    times = DT * np.arange(n_steps)
+    angle = FINAL_ANGLE * minimum_jerk(times / times[-1])
+    pose = np.array([handle_pose_on_arc(RADIUS, phi) for phi in angle])
+    six = np.ones((n_steps, 6))
+    one = np.ones(n_steps)
+    phases = np.linspace(0.0, 1.0, 21)
+    arc = np.array([handle_pose_on_arc(RADIUS, FINAL_ANGLE * s) for s in phases])
+    solved = (np.arange(n_steps) == n_steps - 1) & (angle[-1] > 1.0)
+    fields: dict[str, Any] = {
+        "policy": "gp",
+        "door": "medium",
+        "door_config": {"radius": RADIUS, "hinge_friction": 0.5},
+        "seed": 3,
+        "dt": DT,
+        "success": True,
+        "failure": "",
+        "times": times,
+        "ee_pose": pose,
+        "ee_twist": 0.0 * six,
+        "wrench": 2.0 * six,
+        "joint_pos": np.zeros((n_steps, 7)),
+        "joint_vel": np.zeros((n_steps, 7)),
+        "qpos": angle[:, None],
+        "door_angle": angle,
+        "handle_pose": pose,
+        "solved": solved,
+        "grasped": np.full(n_steps, True),
+        "slip": 0.002 * one,
+        "force_tangential": 8.0 * one,
+        "force_radial": -3.0 * one,
+        "force_vertical": 0.0 * one,
+        "action": pose,
+        "desired": pose,
+        "std": 0.01 * six,
+        "std_rate": -0.002 * six,
+        "stiffness": 300.0 * six,
+        "stiffness_rate": 20.0 * six,
+        "stability_margin": 80.0 * six,
+        "phase": times / times[-1],
+        "observed_phase": angle / FINAL_ANGLE,
+        "predicted_mean": pose + 0.003,
+        "predicted_std": 0.004 * six,
+        "via_point": np.arange(n_steps) % 10 == 0,
+        "latency_s": 1e-3 * one,
+        "forecast_times": np.array([0.0, 2.0, 4.0]),
+        "forecast_phase": phases,
+        "forecast_mean": np.stack([arc] * 3),
+        "forecast_std": np.stack(
+            [0.03 * np.ones_like(arc), *([0.01 * arc + 1e-3] * 2)]
+        ),
+    }
+    return EpisodeLog(**{**fields, **changes})
+
+
+@pytest.fixture
+def door_model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(MODEL)
+
+
+@pytest.fixture
+def door_env() -> type[DoorEnv]:
+    return DoorEnv
+
+
+@pytest.fixture
+def arc_agent() -> type[ArcAgent]:
+    return ArcAgent
+
+
+@pytest.fixture
+def make_log() -> Callable[..., EpisodeLog]:
+    return log_by_formula

@@ -1,0 +1,118 @@
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.demonstration_files.npz import (
+    KIND,
+    VERSION,
+    load_demonstrations,
+    save_demonstrations,
+)
+from experiments.npz_archive import read_archive, write_archive
+from experiments.teacher import Teacher
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    path = tmp_path / "d.npz"
+    demonstrations = Teacher().demonstrate_doors(
+        [0.35, 0.5], 1, rng=np.random.default_rng(0)
+    )
+    save_demonstrations(path, demonstrations, [0.35, None])
+    return path
+
+
+def rewrite(path: Path, **changes: Any) -> None:
+    arrays = read_archive(path, kind=KIND, version=VERSION)
+    arrays.update(changes)
+    kept = {name: array for name, array in arrays.items() if array is not None}
+    write_archive(path, kind=KIND, version=VERSION, arrays=kept)
+
+
+def test_round_trip_is_exact(tmp_path: Path, saved: Path) -> None:
+    loaded = load_demonstrations(saved)
+    assert loaded.radii == (0.35, None)
+    again = tmp_path / "again.npz"
+    save_demonstrations(again, loaded.demonstrations, loaded.radii)
+    for one, other in zip(
+        loaded.demonstrations, load_demonstrations(again).demonstrations, strict=True
+    ):
+        assert one.times.tobytes() == other.times.tobytes()
+        assert one.poses.tobytes() == other.poses.tobytes()
+
+
+def test_file_says_what_it_holds(saved: Path) -> None:
+    with np.load(saved) as archive:
+        assert str(archive["units"]) == "s, m, rad"
+        assert "closed handle" in str(archive["frame"])
+        assert int(archive["format_version"]) == VERSION
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"there is no file .*nothing\.npz"):
+        load_demonstrations(tmp_path / "nothing.npz")
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.3, 0.9])
+def test_cut_file(saved: Path, fraction: float) -> None:
+    whole = saved.read_bytes()
+    saved.write_bytes(whole[: int(fraction * len(whole))])
+    with pytest.raises(ValueError, match=r"cannot be read as \.npz: it is cut off"):
+        load_demonstrations(saved)
+
+
+def test_damaged_file(saved: Path) -> None:
+    whole = bytearray(saved.read_bytes())
+    whole[len(whole) // 2] ^= 0xFF
+    saved.write_bytes(bytes(whole))
+    with pytest.raises(ValueError, match=r"cannot be read as \.npz"):
+        load_demonstrations(saved)
+
+
+def test_foreign_files(tmp_path: Path, saved: Path) -> None:
+    np.savez(tmp_path / "foreign.npz", a=np.zeros(3))
+    with pytest.raises(ValueError, match="holds something else"):
+        load_demonstrations(tmp_path / "foreign.npz")
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    with pytest.raises(ValueError, match=r"cannot be read as \.npz"):
+        load_demonstrations(tmp_path / "array.npy")
+    write_archive(saved, kind="a gplfd episode log", version=1, arrays={})
+    with pytest.raises(ValueError, match="it holds a gplfd episode log"):
+        load_demonstrations(saved)
+    np.savez(saved, format=np.array([{}], dtype=object))
+    with pytest.raises(ValueError, match=r"cannot be read as \.npz"):
+        load_demonstrations(saved)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"units": np.array("s, mm, deg")}, "units is 's, mm, deg', must be 's, m, "),
+        ({"frame": np.array("world")}, "frame is 'world', must be 'task: "),
+        ({"poses_1": None}, "is incomplete: 'poses_1"),
+        ({"radii": None}, "is incomplete: 'radii"),
+        ({"radii": np.zeros(0)}, "holds no demonstration"),
+        (
+            {"poses_1": np.zeros((5, 6)), "times_1": np.arange(5.0)},
+            "demonstration 1: .* never moves",
+        ),
+    ],
+)
+def test_wrong_content(saved: Path, changes: dict[str, Any], message: str) -> None:
+    rewrite(saved, **changes)
+    with pytest.raises(ValueError, match=message):
+        load_demonstrations(saved)
+
+
+def test_other_version(saved: Path) -> None:
+    write_archive(saved, kind=KIND, version=VERSION + 1, arrays={})
+    with pytest.raises(ValueError, match=r"has version 2 .* reads version 1"):
+        load_demonstrations(saved)
+
+
+def test_every_demonstration_needs_a_label(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="0 demonstrations and 1 radii"):
+        save_demonstrations(tmp_path / "d.npz", [], [0.5])
+    assert list(tmp_path.iterdir()) == []

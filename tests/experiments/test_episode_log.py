@@ -1,0 +1,56 @@
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.episode_log import KIND, VERSION, EpisodeLog
+from experiments.npz_archive import read_archive, write_archive
+
+MakeLog = Callable[..., EpisodeLog]
+
+
+def test_round_trip_is_exact(tmp_path: Path, make_log: MakeLog) -> None:
+    log = make_log(predicted_std=np.full((601, 6), np.nan))
+    log.save(tmp_path / "log.npz")
+    loaded = EpisodeLog.load(tmp_path / "log.npz")
+    for field in dataclasses.fields(EpisodeLog):
+        one, other = getattr(log, field.name), getattr(loaded, field.name)
+        if isinstance(one, np.ndarray):
+            assert one.dtype == other.dtype, field.name
+            assert one.tobytes() == other.tobytes(), field.name
+        else:
+            assert one == other, field.name
+
+
+def test_arrays_are_own_and_read_only(make_log: MakeLog) -> None:
+    wrench = np.zeros((601, 6))
+    log = make_log(wrench=wrench)
+    wrench[:] = 1.0
+    assert np.all(log.wrench == 0.0)
+    with pytest.raises(ValueError, match="read-only"):
+        log.wrench[0, 0] = 1.0
+    with pytest.raises(TypeError):
+        log.door_config["radius"] = 1.0  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [("std", (600, 6)), ("joint_pos", (601, 6)), ("forecast_mean", (3, 20, 6))],
+)
+def test_wrong_shape_names_the_array(
+    make_log: MakeLog, name: str, shape: tuple[int, ...]
+) -> None:
+    with pytest.raises(ValueError, match=rf"EpisodeLog\.{name} has shape"):
+        make_log(**{name: np.zeros(shape)})
+
+
+def test_incomplete_file(tmp_path: Path, make_log: MakeLog) -> None:
+    path = tmp_path / "log.npz"
+    make_log().save(path)
+    arrays = read_archive(path, kind=KIND, version=VERSION)
+    del arrays["wrench"]
+    write_archive(path, kind=KIND, version=VERSION, arrays=arrays)
+    with pytest.raises(ValueError, match=r"is not a valid episode log: .*wrench"):
+        EpisodeLog.load(path)

@@ -1,0 +1,136 @@
+import json
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from experiments.episode_log import EpisodeLog
+from experiments.metrics import (
+    episode_metrics,
+    log_dimensionless_jerk,
+    opening_motion,
+    prediction_errors,
+)
+
+MakeLog = Callable[..., EpisodeLog]
+
+
+def test_work_of_a_constant_force_is_force_times_arc_length(make_log: MakeLog) -> None:
+    assert episode_metrics(make_log()).work == pytest.approx(
+        8.0 * 0.5 * math.radians(66.0)
+    )
+
+
+def test_work_of_a_spring_is_its_energy(make_log: MakeLog) -> None:
+    angle = make_log().door_angle
+    log = make_log(force_tangential=4.0 * angle / 0.5)  # 4 N m/rad at the hinge
+    expected = 0.5 * 4.0 * math.radians(66.0) ** 2
+    assert episode_metrics(log).work == pytest.approx(expected, rel=1e-4)
+
+
+def test_prediction_error_is_bias_squared_plus_variance(make_log: MakeLog) -> None:
+    """Section IV-B: E[ε²] = (E[f*] - f)² + var f*."""
+    metrics = episode_metrics(make_log())
+    expected = 3 * (0.003**2 + 0.004**2)
+    assert metrics.prediction_error_position == pytest.approx(expected)
+    assert metrics.prediction_error_rotation == pytest.approx(expected)
+
+
+def test_prediction_error_counts_only_the_opening_motion(make_log: MakeLog) -> None:
+    log = make_log()
+    std = np.array(log.predicted_std)
+    opening = opening_motion(log)
+    std[: opening.start] = 1.0
+    std[opening.stop :] = 1.0
+    changed = episode_metrics(make_log(predicted_std=std))
+    before = episode_metrics(log).prediction_error_position
+    assert changed.prediction_error_position == before
+    assert math.degrees(log.door_angle[opening.start]) == pytest.approx(1.0, abs=0.2)
+    assert math.degrees(log.door_angle[opening.stop - 1]) == pytest.approx(65, abs=0.2)
+
+
+def test_policies_without_predictions_or_stiffness_have_none(
+    make_log: MakeLog,
+) -> None:
+    nothing = np.full((601, 6), np.nan)
+    names = ("predicted_mean", "predicted_std", "stiffness", "stability_margin")
+    log = make_log(**dict.fromkeys(names, nothing))
+    assert np.isnan(prediction_errors(log)).all()
+    metrics = episode_metrics(log)
+    assert metrics.prediction_error_position is None
+    assert metrics.prediction_error_rotation is None
+    assert metrics.stiffness_min is metrics.stiffness_max is None
+    assert metrics.stability_margin_translation is None
+    json.dumps(metrics.as_json(), allow_nan=False)
+
+
+def test_times_to_angles_are_those_of_the_minimum_jerk_profile(
+    make_log: MakeLog,
+) -> None:
+    to_60_degrees = make_log().door_angle * (60.0 / 66.0)
+    metrics = episode_metrics(make_log(door_angle=to_60_degrees + 1e-9))
+    assert metrics.time_to_30_deg == pytest.approx(3.0)  # half way at half time
+    assert metrics.time_to_60_deg == pytest.approx(6.0, abs=0.05)
+    assert metrics.final_angle_deg == pytest.approx(60.0)
+    halved = episode_metrics(make_log(door_angle=0.5 * to_60_degrees + 1e-9))
+    assert halved.time_to_15_deg == pytest.approx(3.0)
+    assert halved.time_to_60_deg is None
+
+
+def test_log_dimensionless_jerk_of_a_minimum_jerk_motion() -> None:
+    """∫ jerk² = 720 L²/T⁵ and v_peak = 15 L/(8 T), whatever L and T."""
+    for length, duration in ((0.3, 2.0), (1.1, 6.0)):
+        dt = 0.01
+        s = np.arange(0.0, duration + dt / 2, dt) / duration
+        path = np.outer(length * s**3 * (10 - 15 * s + 6 * s**2), [0.6, 0.0, 0.8])
+        expected = -math.log(720.0 * (8.0 / 15.0) ** 2)
+        assert log_dimensionless_jerk(path, dt) == pytest.approx(expected, abs=1e-3)
+        shaky = path + 1e-4 * np.sin(40.0 * duration * s)[:, None]
+        assert log_dimensionless_jerk(shaky, dt) < expected - 1.0
+
+
+def test_smoothness_of_motions_that_have_none() -> None:
+    assert log_dimensionless_jerk(np.zeros((10, 3)), 0.01) is None
+    assert log_dimensionless_jerk(np.zeros((100, 3)), 0.01) is None
+
+
+def test_forces_use_magnitudes(make_log: MakeLog) -> None:
+    radial = np.concatenate([[-30.0], np.linspace(0.0, 10.0, 600)])
+    metrics = episode_metrics(make_log(force_radial=radial))
+    assert metrics.force_radial_peak == 30.0
+    expected = np.percentile(np.abs(radial), 95)
+    assert metrics.force_radial_p95 == pytest.approx(expected)
+    assert metrics.force_tangential_peak == metrics.force_tangential_p95 == 8.0
+
+
+def test_stiffness_margin_latency_and_slip(make_log: MakeLog) -> None:
+    stiffness = np.tile([300.0, 200.0, 100.0, 1.0, 1.0, 1.0], (601, 1))
+    stiffness[7, 2] = 450.0
+    margin = np.full((601, 6), 80.0)
+    margin[5, 1], margin[9, 4] = -4.0, -2.0
+    latency = np.linspace(0.0, 2e-3, 601)
+    metrics = episode_metrics(
+        make_log(stiffness=stiffness, stability_margin=margin, latency_s=latency)
+    )
+    assert metrics.stiffness_min == (300.0, 200.0, 100.0)
+    assert metrics.stiffness_max == (300.0, 200.0, 450.0)
+    assert metrics.stability_margin_translation == -4.0
+    assert metrics.stability_margin_rotation == -2.0
+    assert metrics.latency_median_ms == pytest.approx(1.0)
+    assert metrics.latency_p95_ms == pytest.approx(1.9)
+    assert metrics.slip_max_mm == pytest.approx(2.0)
+    assert metrics.duration == pytest.approx(6.0)
+
+
+def test_a_door_that_never_moved_has_metrics(make_log: MakeLog) -> None:
+    still = make_log(door_angle=np.zeros(601), ee_pose=np.zeros((601, 6)))
+    metrics = episode_metrics(still)
+    assert metrics.time_to_15_deg is None
+    assert metrics.work == 0.0
+    assert metrics.log_dimensionless_jerk is None
+
+
+def test_metrics_survive_json(make_log: MakeLog) -> None:
+    metrics = episode_metrics(make_log()).as_json()
+    assert json.loads(json.dumps(metrics, allow_nan=False)) == metrics

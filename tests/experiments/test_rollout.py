@@ -1,0 +1,131 @@
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.episode_log import EpisodeLog
+from experiments.rollout import rollout
+
+
+@pytest.fixture
+def run(door_env: Any, arc_agent: Any) -> Callable[..., EpisodeLog]:
+    def run(env: Any = None, agent: Any = None, **options: Any) -> EpisodeLog:
+        return rollout(
+            door_env() if env is None else env,
+            arc_agent() if agent is None else agent,
+            policy="arc",
+            door="medium",
+            door_config={"radius": 0.5},
+            seed=4,
+            **options,
+        )
+
+    return run
+
+
+def test_rows_pair_each_state_with_the_decision_taken_in_it(
+    run: Callable[..., EpisodeLog], door_env: Any
+) -> None:
+    env = door_env()
+    log = run(env)
+    assert log.times.size == 31
+    np.testing.assert_allclose(log.times, 0.01 * np.arange(31), atol=1e-12)
+    np.testing.assert_array_equal(log.action[:-1], np.array(env.actions))
+    # The door obeys at once: the angle of a row is the command of the row before.
+    np.testing.assert_array_equal(log.door_angle[1:], log.action[:-1, 4])
+    np.testing.assert_array_equal(log.qpos[:, 0], log.door_angle)
+    np.testing.assert_array_equal(log.predicted_mean, log.ee_pose + 0.002)
+    assert (log.seed, log.policy, log.dt) == (4, "arc", pytest.approx(0.01))
+
+
+def test_last_row_is_the_state_in_which_the_episode_ended(
+    run: Callable[..., EpisodeLog], door_env: Any
+) -> None:
+    env = door_env()
+    log = run(env)
+    assert len(env.actions) == 30
+    assert log.solved[-1]
+    assert not log.solved[:-1].any()
+    assert math.degrees(log.door_angle[-1]) == pytest.approx(66.0)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "success", "failure"),
+    [
+        ("success", True, ""),
+        ("time_limit", False, "time_limit"),
+        ("stalled", False, "stalled"),
+        ("grasp_lost", False, "grasp_lost"),
+    ],
+)
+def test_failure_is_the_environments_or_the_time_limit(
+    run: Callable[..., EpisodeLog],
+    door_env: Any,
+    outcome: str,
+    success: bool,
+    failure: str,
+) -> None:
+    log = run(door_env(outcome))
+    assert (log.success, log.failure) == (success, failure)
+
+
+def test_forecasts_are_taken_first_regularly_and_last(
+    run: Callable[..., EpisodeLog],
+) -> None:
+    log = run(forecast_period=0.12)
+    np.testing.assert_allclose(log.forecast_times, [0.0, 0.12, 0.24, 0.3], atol=1e-12)
+    # Before the first decision the agent has not been called: its widest belief.
+    np.testing.assert_allclose(log.forecast_std[0, -1], 0.05 + 1e-3)
+    assert np.all(np.diff(log.forecast_std[:, -1, 0]) < 0.0)
+
+
+def test_agents_without_forecasts_have_none_in_the_log(
+    run: Callable[..., EpisodeLog], arc_agent: Any
+) -> None:
+    log = run(agent=arc_agent(forecasts=False))
+    assert log.forecast_mean.shape == (0, 0, 6)
+
+
+def test_latency_is_the_agents_cpu_time_only(
+    run: Callable[..., EpisodeLog], arc_agent: Any, door_env: Any
+) -> None:
+    class Thinker(arc_agent):  # type: ignore[misc]
+        def act(self, observation: Any) -> Any:
+            time.sleep(0.006)  # as if another process had the core
+            end = time.thread_time() + 0.004
+            while time.thread_time() < end:
+                pass
+            return super().act(observation)
+
+    class SlowDoor(door_env):  # type: ignore[misc]
+        def step(self, action: Any) -> Any:
+            time.sleep(0.002)
+            end = time.thread_time() + 0.010
+            while time.thread_time() < end:
+                pass
+            return super().step(action)
+
+    log = run(SlowDoor(n_steps=5), Thinker(n_steps=5))
+    assert 0.004 <= np.median(log.latency_s) < 0.008
+
+
+def test_on_step_sees_every_state(run: Callable[..., EpisodeLog]) -> None:
+    seen: list[tuple[float, float]] = []
+    log = run(on_step=lambda now, angle: seen.append((now, angle)))
+    assert seen == list(zip(log.times, log.door_angle, strict=True))
+
+
+def test_missing_information_is_named(
+    run: Callable[..., EpisodeLog], door_env: Any
+) -> None:
+    class Terse(door_env):  # type: ignore[misc]
+        def _state(self) -> Any:
+            observation, info = super()._state()
+            del info["slip"]
+            return observation, info
+
+    with pytest.raises(ValueError, match=r"info lacks 'slip'; it has .*door_angle"):
+        run(Terse())

@@ -1,0 +1,131 @@
+"""The checkout: tracked files, and the wheel and sdist that are built from them.
+
+These tests need the repository itself; an installed wheel is tested without them.
+"""
+
+import re
+import subprocess
+import tarfile
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+from hatchling.builders.sdist import SdistBuilder
+from hatchling.builders.wheel import WheelBuilder
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("gplfd_env", "policies", "experiments")
+
+
+@pytest.fixture(scope="module")
+def tracked() -> list[Path]:
+    listing = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True
+    ).stdout.decode()
+    return [ROOT / name for name in listing.split("\0") if name]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    folder = tmp_path_factory.mktemp("wheel")
+    (path,) = WheelBuilder(str(ROOT)).build(
+        directory=str(folder), versions=["standard"]
+    )
+    return zipfile.ZipFile(path)
+
+
+@pytest.fixture(scope="module")
+def sdist_names(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
+    folder = tmp_path_factory.mktemp("sdist")
+    (path,) = SdistBuilder(str(ROOT)).build(
+        directory=str(folder), versions=["standard"]
+    )
+    with tarfile.open(path) as archive:
+        return {name.split("/", 1)[1] for name in archive.getnames()}
+
+
+def test_no_tracked_file_names_a_machine(tracked: list[Path]) -> None:
+    """Absolute paths of someone's home or build machine do not belong here."""
+    folders = "|".join(("home", "root", "work", "Users", "mnt", "private"))
+    path = re.compile(rf"(?<![\w./~])/(?:{folders})/[\w.]".encode())
+    offenders = []
+    for file in tracked:
+        if not file.is_file():
+            continue  # deleted, and not yet committed
+        for number, line in enumerate(file.read_bytes().splitlines(), start=1):
+            if path.search(line):
+                offenders.append(f"{file.relative_to(ROOT)}:{number}: {line[:100]!r}")
+    assert not offenders, "\n".join(offenders)
+
+
+def test_no_generated_file_is_tracked(tracked: list[Path]) -> None:
+    generated = {".pyc", ".rrd", ".egg-info", ".whl", ".log"}
+    assert not [file for file in tracked if file.suffix in generated]
+    assert not [file for file in tracked if file.name == "MUJOCO_LOG.TXT"]
+
+
+def test_test_files_have_unique_names_and_no_packages(tracked: list[Path]) -> None:
+    """What lets pytest import them by path (--import-mode=importlib)."""
+    tests = [file for file in tracked if file.is_relative_to(ROOT / "tests")]
+    assert not [file for file in tests if file.name == "__init__.py"]
+    names = [file.name for file in tests if file.name.startswith("test_")]
+    assert len(names) == len(set(names))
+
+
+def test_wheel_has_every_module_asset_and_marker(wheel: zipfile.ZipFile) -> None:
+    names = set(wheel.namelist())
+    for package in PACKAGES:
+        for module in (ROOT / package).rglob("*.py"):
+            assert str(module.relative_to(ROOT)) in names
+        assert f"{package}/py.typed" in names
+    for asset in (ROOT / "assets").iterdir():
+        assert f"gplfd_env/assets/{asset.name}" in names
+        assert wheel.read(f"gplfd_env/assets/{asset.name}") == asset.read_bytes()
+
+
+def test_wheel_has_nothing_else(wheel: zipfile.ZipFile) -> None:
+    tops = {name.split("/")[0] for name in wheel.namelist()}
+    (metadata,) = tops - set(PACKAGES)
+    assert metadata.endswith(".dist-info")
+    assert not [name for name in wheel.namelist() if "test" in name]
+    assert not [name for name in wheel.namelist() if name.endswith((".pyc", ".rrd"))]
+
+
+def test_wheel_carries_the_licence(wheel: zipfile.ZipFile) -> None:
+    (licence,) = [n for n in wheel.namelist() if n.endswith("licenses/LICENSE")]
+    assert wheel.read(licence) == (ROOT / "LICENSE").read_bytes()
+
+
+def test_sdist_can_be_tested(sdist_names: set[str]) -> None:
+    """It carries all tests, the pages that tests read, and what a build needs."""
+    for test in (ROOT / "tests").rglob("*.py"):
+        assert str(test.relative_to(ROOT)) in sdist_names
+    for name in (
+        "pyproject.toml",
+        "README.md",
+        "LICENSE",
+        "docs/environment.md",
+        "assets/tiago_like.urdf",
+        "assets/README.md",
+    ):
+        assert name in sdist_names
+
+
+def test_licence_is_apache_2() -> None:
+    text = (ROOT / "LICENSE").read_text()
+    assert text.split()[:4] == ["Apache", "License", "Version", "2.0,"]
+    assert "END OF TERMS AND CONDITIONS" in text
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["license"] == "Apache-2.0"
+
+
+@pytest.mark.parametrize("name", ["run", "test"])
+def test_readme_has_each_marked_command_once(name: str) -> None:
+    """The continuous integration runs the README's own text."""
+    readme = (ROOT / "README.md").read_text()
+    marked = re.findall(
+        rf"<!-- command: {name} -->\n+```bash\n(.*?)\n```", readme, flags=re.DOTALL
+    )
+    assert len(marked) == 1
+    assert marked[0].strip()

@@ -1,0 +1,42 @@
+"""Demonstrations that several tests of the policies share."""
+
+import numpy as np
+import pytest
+
+from gplfd_env.task import handle_pose_on_arc
+from policies.alignment import align
+from policies.demonstrations import Demonstration
+from policies.skill import Skill, fit_skill
+
+RADII = (0.35, 0.50, 0.65)
+
+
+def minimum_jerk(progress: np.ndarray) -> np.ndarray:
+    return progress**3 * (10.0 - 15.0 * progress + 6.0 * progress**2)
+
+
+def door_demonstrations(seed: int = 0) -> tuple[Demonstration, ...]:
+    """Two openings of each of three doors, with a smooth millimetre of wobble."""
+    rng = np.random.default_rng(seed)
+    demonstrations = []
+    for radius in np.repeat(RADII, 2):
+        times = np.linspace(0.0, rng.uniform(5.0, 7.0), 200)
+        progress = minimum_jerk(times / times[-1])
+        final = np.radians(67.0 + rng.normal())
+        poses = np.stack([handle_pose_on_arc(radius, final * s) for s in progress])
+        phase = rng.uniform(0.0, 2.0 * np.pi, 6)
+        wobble = np.sin(np.outer(times, rng.uniform(1.0, 2.0, 6)) + phase)
+        amplitude = np.repeat([1e-3, 5e-3], 3)
+        poses += amplitude * (wobble - wobble[0])
+        demonstrations.append(Demonstration(times=times, poses=poses))
+    return tuple(demonstrations)
+
+
+@pytest.fixture(scope="session")
+def demonstrations() -> tuple[Demonstration, ...]:
+    return door_demonstrations()
+
+
+@pytest.fixture(scope="session")
+def skill(demonstrations: tuple[Demonstration, ...]) -> Skill:
+    return fit_skill(align(demonstrations))

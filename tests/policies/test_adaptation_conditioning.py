@@ -1,0 +1,365 @@
+"""Each form against its definition: Eqs. (19)-(21) and Gaussian conditioning."""
+
+import numpy as np
+import pytest
+
+from policies.adaptation import (
+    ExactAdaptation,
+    ProcessAdaptation,
+    ProductAdaptation,
+)
+from policies.adaptation.conditioning import ConditionedProcess
+from policies.adaptation.product import product_of_gaussians
+from policies.alignment import AlignedDemonstrations
+from policies.gp.deviations import DeviationLikelihood, DeviationProcess, fit_deviations
+from policies.gp.exact import ExactGP
+from policies.gp.kernels import RBF
+from policies.gp.legendre import LegendreBasis
+from policies.skill import Skill, fit_skill
+from policies.trajectory import ViaPoint
+
+TIMES = np.linspace(0.0, 1.0, 60)
+ANGLE = 1.2
+
+
+def door(radius: float, times: np.ndarray = TIMES) -> np.ndarray:
+    pose = np.zeros((len(times), 6))
+    pose[:, 0], pose[:, 4] = radius * np.sin(ANGLE * times), ANGLE * times
+    pose[:, 2] = radius * (np.cos(ANGLE * times) - 1.0)
+    return pose
+
+
+def door_skill(radii: tuple[float, ...], seed: int = 0) -> Skill:
+    rng = np.random.default_rng(seed)
+    poses = np.array([door(radius) for radius in radii for _ in range(2)])
+    for index in range(len(poses)):
+        rising = np.minimum(10.0 * TIMES, 1.0)[:, None]
+        for frequency in (1.0, 2.0, 3.0):
+            wave = np.sin(np.pi * frequency * TIMES[:, None] + rng.uniform(0, 6, 6))
+            poses[index] += 0.002 / frequency * rising * rng.normal(size=6) * wave
+    return fit_skill(AlignedDemonstrations(times=TIMES, poses=poses))
+
+
+@pytest.fixture(scope="module")
+def skill() -> Skill:
+    return door_skill((0.35, 0.5, 0.65))
+
+
+def random_covariance(rng: np.random.Generator, size: int) -> np.ndarray:
+    root = rng.normal(size=(size, size))
+    return root @ root.T + 0.1 * np.eye(size)
+
+
+def test_product_equals_printed_equations():
+    rng = np.random.default_rng(0)
+    demonstrated, via = random_covariance(rng, 7), random_covariance(rng, 7)
+    mean_d, mean_v = rng.normal(size=7), rng.normal(size=7)
+    mean, covariance = product_of_gaussians(mean_d, demonstrated, mean_v, via)
+    inverse = np.linalg.inv(demonstrated + via)
+    np.testing.assert_allclose(
+        mean, via @ inverse @ mean_d + demonstrated @ inverse @ mean_v, atol=1e-10
+    )
+    np.testing.assert_allclose(covariance, demonstrated @ inverse @ via, atol=1e-10)
+    np.testing.assert_array_equal(covariance, covariance.T)
+    precisions = np.linalg.inv(demonstrated) + np.linalg.inv(via)
+    np.testing.assert_allclose(np.linalg.inv(covariance), precisions, atol=1e-6)
+
+
+def test_product_multiplies_with_a_process_on_the_via_points(skill):
+    grid = np.linspace(0.0, 1.0, 15)
+    points = [ViaPoint(phase=p, pose=door(0.42, np.array([p]))[0]) for p in (0.2, 0.5)]
+    adaptation = ProductAdaptation(skill, grid)
+    for point in points:
+        adaptation.observe(point)
+    output, demonstrated = 2, skill.predict(grid)
+    fitted = skill.processes.outputs[output]
+    phases = np.array([0.2, 0.5])
+    values = np.array([point.pose[output] for point in points])
+    via = ExactGP(
+        kernel=RBF(
+            length_scale=fitted.kernel.length_scale,
+            signal_std=fitted.kernel.signal_std * fitted.scale,
+        ),
+        times=phases,
+        values=values - skill.predict(phases).mean[:, output],
+        noise_variance=np.full(2, 1e-6),
+    )
+    mean, covariance = product_of_gaussians(
+        demonstrated.mean[:, output],
+        demonstrated.covariance[output],
+        demonstrated.mean[:, output] + via.mean(grid),
+        via.covariance(grid),
+    )
+    np.testing.assert_allclose(adaptation.mean[:, output], mean, atol=1e-9)
+    np.testing.assert_allclose(
+        adaptation.std[:, output], np.sqrt(np.diag(covariance)), atol=1e-9
+    )
+
+
+def test_exact_equals_gp_on_demonstrations_and_via_points(skill):
+    phases, stds = np.array([0.123, 0.4, 0.77]), np.array([1e-3, 1e-2, 3e-3])
+    adaptation = ExactAdaptation(skill, TIMES)
+    for phase, std in zip(phases, stds, strict=True):
+        pose = door(0.45, np.array([phase]))[0]
+        adaptation.observe(ViaPoint(phase=float(phase), pose=pose, std=float(std)))
+    output = 0
+    fitted = skill.processes.outputs[output]
+    scaled = (skill.aligned.poses[:, :, output] - fitted.offset) / fitted.scale
+    seen = (door(0.45, phases)[:, output] - fitted.offset) / fitted.scale
+    noise = fitted.noise.variance(TIMES)
+    naive = ExactGP(
+        kernel=fitted.kernel,
+        times=np.concatenate([np.tile(TIMES, 6), phases]),
+        values=np.concatenate([scaled.ravel(), seen]),
+        noise_variance=np.concatenate([np.tile(noise, 6), (stds / fitted.scale) ** 2]),
+    )
+    mean = fitted.offset + fitted.scale * naive.mean(TIMES)
+    np.testing.assert_allclose(adaptation.mean[:, output], mean, atol=1e-8)
+    std = fitted.scale * np.sqrt(naive.variance(TIMES) + noise)
+    np.testing.assert_allclose(adaptation.std[:, output], std, atol=1e-8)
+
+
+def smooth_process() -> tuple[ConditionedProcess, np.ndarray, LegendreBasis]:
+    basis = LegendreBasis(start=0.0, stop=1.0, size=48)
+    kernel = RBF(length_scale=0.2, signal_std=0.1)
+    covariance = np.tile(basis.kernel_matrix(kernel), (6, 1, 1))
+    root = basis.root_weights[:, None]
+    process = ConditionedProcess(
+        basis,
+        mean=root * np.tile(np.sin(3.0 * basis.nodes)[:, None], 6),
+        covariance=covariance,
+        log_white=root * np.full((48, 6), np.log(1e-12)),
+        grid=TIMES,
+    )
+    return process, covariance, basis
+
+
+def test_sequential_updates_equal_batch_conditioning():
+    """200 rank-1 updates off the grid against one dense solve on the kernel itself."""
+    process, _, _ = smooth_process()
+    rng = np.random.default_rng(1)
+    phases = rng.uniform(0.0, 1.0, 200)
+    poses = np.sin(3.0 * phases)[:, None] + 0.05 * rng.normal(size=(200, 6))
+    for phase, pose in zip(phases, poses, strict=True):
+        process.update(float(phase), pose, np.full(6, 1e-4))
+    kernel = RBF(length_scale=0.2, signal_std=0.1)
+    gram = kernel(phases, phases) + 1e-4 * np.eye(200)
+    cross = kernel(TIMES, phases)
+    mean = np.sin(3.0 * TIMES)[:, None] + cross @ np.linalg.solve(
+        gram, poses - np.sin(3.0 * phases)[:, None]
+    )
+    covariance = kernel(TIMES, TIMES) - cross @ np.linalg.solve(gram, cross.T)
+    np.testing.assert_allclose(process.mean, mean, atol=1e-12)
+    np.testing.assert_allclose(
+        process.variance()[:, 0], np.diag(covariance) + 1e-12, atol=1e-14
+    )
+    full = process.trajectory(np.ones(6), None).covariance
+    np.testing.assert_allclose(full[3], covariance + 1e-12 * np.eye(60), atol=1e-14)
+
+
+def test_incremental_variance_equals_that_of_the_covariance():
+    process, _, _ = smooth_process()
+    for phase in np.linspace(0.0, 1.0, 37):
+        process.update(float(phase), np.zeros(6), np.full(6, 1e-8))
+    full = process.trajectory(np.ones(6), None).covariance
+    diagonal = np.diagonal(full, axis1=1, axis2=2).T
+    np.testing.assert_allclose(process.variance(), diagonal, atol=1e-15)
+
+
+def test_process_conditions_its_own_prior(skill):
+    """Means after via-points against a dense solve with the prior covariance."""
+    prior = ProcessAdaptation(skill, TIMES).trajectory()
+    chosen = [10, 25, 40]
+    adaptation = ProcessAdaptation(skill, TIMES)
+    poses = door(0.42)
+    for index in chosen:
+        adaptation.observe(ViaPoint(phase=float(TIMES[index]), pose=poses[index]))
+    noise = skill.processes.moments(TIMES).noise
+    for output in (0, 2):
+        full = prior.covariance[output]
+        # The via-points see the white part as noise, not as a part of the path.
+        white = skill.deviations[output].white_variance(noise[:, output])
+        white *= prior.std[:, output] ** 2 / noise[:, output]
+        smooth = full - np.diag(white)
+        cross = smooth[:, chosen]
+        gram = full[np.ix_(chosen, chosen)] + 1e-6 * np.eye(3)
+        step = poses[chosen, output] - prior.mean[chosen, output]
+        mean = prior.mean[:, output] + cross @ np.linalg.solve(gram, step)
+        np.testing.assert_allclose(adaptation.mean[:, output], mean, atol=1e-7)
+
+
+def test_knowing_the_radius_early_predicts_the_rest(skill):
+    """The reason for the process form: where the paper's model learns nothing."""
+    truth, seen = door(0.42), TIMES < 0.4
+    forms = {}
+    for name, form in (("process", ProcessAdaptation), ("exact", ExactAdaptation)):
+        adaptation = form(skill, TIMES)
+        for phase, pose in zip(TIMES[seen], truth[seen], strict=True):
+            adaptation.observe(ViaPoint(phase=float(phase), pose=pose))
+        forms[name] = adaptation
+    error = {
+        name: np.sqrt(np.mean((form.mean - truth)[~seen][:, [0, 2]] ** 2))
+        for name, form in forms.items()
+    }
+    before = np.sqrt(
+        np.mean((skill.predict(TIMES).mean - truth)[~seen][:, [0, 2]] ** 2)
+    )
+    assert error["process"] < 0.25 * before
+    assert error["process"] < 0.5 * error["exact"]
+    assert (
+        forms["process"].std[45, [0, 2]] < 0.7 * forms["exact"].std[45, [0, 2]]
+    ).all()
+
+
+def test_process_covers_doors_never_demonstrated():
+    """Leave one radius out: 95 % intervals hold about that of the rest of the path."""
+    inside, total = 0, 0
+    for seed, radius in enumerate((0.42, 0.58, 0.46)):
+        skill = door_skill((0.35, 0.5, 0.65), seed)
+        truth, adaptation = door(radius), ProcessAdaptation(skill, TIMES)
+        for index in range(0, 56, 4):
+            adaptation.observe(ViaPoint(phase=float(TIMES[index]), pose=truth[index]))
+            low, high = adaptation.trajectory().interval(0.95)
+            rest = slice(index + 4, None)
+            held = (truth[rest] > low[rest]) & (truth[rest] < high[rest])
+            inside += np.sum(held[:, [0, 2]])
+            total += held[:, [0, 2]].size
+    assert inside / total > 0.93
+
+
+def test_surprising_via_points_widen_the_uncertainty():
+    """A door far outside the demonstrated radii: the spread was underestimated."""
+    skill = door_skill((0.40, 0.45, 0.50))
+    far, near = ProcessAdaptation(skill, TIMES), ProcessAdaptation(skill, TIMES)
+    for index in (10, 20, 30):
+        phase = float(TIMES[index])
+        far.observe(ViaPoint(phase=phase, pose=door(0.80)[index]))
+        near.observe(ViaPoint(phase=phase, pose=door(0.45)[index]))
+    assert (far.std[-1, [0, 2]] > 1.5 * near.std[-1, [0, 2]]).all()
+
+
+def test_student_scale_is_the_textbook_one(skill):
+    adaptation = ProcessAdaptation(skill, TIMES)
+    prior = adaptation.trajectory()
+    pose = prior.mean[30] + 4.0 * prior.std[30]
+    adaptation.observe(ViaPoint(phase=float(TIMES[30]), pose=pose, std=1e-6))
+    # ν = 5, n = 1, δ² = 16 to within the noise and the white part
+    widened = adaptation.std[30] > 0.0
+    assert widened.all()
+    free = ProcessAdaptation(skill, TIMES)
+    free.observe(ViaPoint(phase=float(TIMES[30]), pose=prior.mean[30], std=1e-6))
+    ratio = adaptation.std / free.std
+    np.testing.assert_allclose(ratio, np.sqrt((5.0 + 16.0) / (5.0 + 1.0)), rtol=1e-3)
+
+
+def test_one_demonstration_has_no_deviations():
+    poses = door(0.5)[None]
+    aligned = AlignedDemonstrations(times=TIMES, poses=poses)
+    with pytest.warns(UserWarning, match="One demonstration"):
+        skill = fit_skill(aligned, noise="homoscedastic")
+    point = ViaPoint(phase=0.5, pose=door(0.5)[30] + 1e-3)
+    with pytest.raises(ValueError, match=r'at least 2 demonstrations.*form="exact"'):
+        skill.adapt([point]).predict(TIMES)
+    for form in ("exact", "product"):
+        assert np.isfinite(skill.adapt([point], form).predict(TIMES).std).all()
+
+
+@pytest.mark.parametrize(
+    "name", ["identical", "two crossing", "constant", "two samples"]
+)
+def test_hostile_demonstrations_can_be_adapted(name):
+    times = np.array([0.0, 1.0]) if name == "two samples" else TIMES
+    poses = np.tile(door(0.5, times), (4, 1, 1))
+    if name == "two crossing":
+        poses = poses[:2] + np.multiply.outer([1.0, -1.0], times - 0.5)[:, :, None]
+    if name == "constant":
+        poses = np.zeros((4, 60, 6)) + np.arange(6.0)
+    if name == "two samples":
+        poses = poses + 0.01 * np.arange(4.0)[:, None, None]
+    aligned = AlignedDemonstrations(times=times, poses=poses)
+    if name == "two crossing":
+        with pytest.warns(UserWarning, match="degree"):
+            skill = fit_skill(aligned)
+    else:
+        skill = fit_skill(aligned)
+    points = [ViaPoint(phase=0.5, pose=np.ones(6), std=std) for std in (0.0, 1e-3)]
+    for form in ("process", "exact", "product"):
+        adapted = skill.adapt(points, form).predict(TIMES)
+        assert np.isfinite(adapted.mean).all()
+        assert np.isfinite(adapted.std).all()
+        assert np.isfinite(adapted.covariance).all()
+
+
+def test_deviation_covariance_has_the_demonstrated_variance():
+    noise = np.linspace(0.001, 0.02, 9)
+    process = DeviationProcess(
+        wobble=0.002, varying=0.3, white=0.2, long_scale=1.0, short_scale=0.1
+    )
+    covariance = process.smooth_covariance(np.linspace(0.0, 1.0, 9), noise)
+    total = np.diag(covariance) + process.white_variance(noise)
+    np.testing.assert_allclose(total, noise, rtol=1e-12)
+    assert np.linalg.eigvalsh(covariance)[0] > -1e-15
+    # Neither part exceeds what there is.
+    task, wobble = process.split(noise)
+    assert (wobble < 0.002).all()
+    assert (task >= 0.0).all()
+
+
+def likelihood(deviations: np.ndarray) -> DeviationLikelihood:
+    return DeviationLikelihood(
+        times=np.linspace(0.0, 1.0, 25),
+        noise=np.exp(np.linspace(-3.0, 1.0, 25)),
+        scatter=deviations.T @ deviations,
+        free=len(deviations) - 1,
+    )
+
+
+def test_deviation_likelihood_gradient_equals_finite_differences():
+    value = likelihood(np.random.default_rng(0).normal(size=(4, 25)))
+    theta, step = np.array([-1.0, -0.4, 0.2, -0.6, -1.2]), 1e-6
+    numeric = [
+        (value(theta + step * unit)[0] - value(theta - step * unit)[0]) / (2.0 * step)
+        for unit in np.eye(5)
+    ]
+    np.testing.assert_allclose(value(theta)[1], numeric, rtol=1e-5)
+
+
+def test_deviation_likelihood_counts_degrees_of_freedom():
+    """D deviations from their mean are D − 1 independent draws: REML, spelt out."""
+    rng = np.random.default_rng(0)
+    curves = rng.normal(size=(4, 25))
+    deviations = curves - curves.mean(axis=0)
+    theta = np.array([-1.0, -0.4, 0.2, -0.6, -1.2])
+    value = likelihood(deviations)
+    process = value.process(theta)
+    covariance = process.smooth_covariance(value.times, value.noise)
+    covariance += np.diag(process.white_variance(value.noise) + 1e-6 * value.noise)
+    # Orthonormal contrasts between the demonstrations
+    contrasts = np.linalg.svd(np.eye(4) - 0.25)[2][:3]
+    independent = contrasts @ curves
+    _, log_determinant = np.linalg.slogdet(covariance)
+    expected = sum(
+        -0.5 * (log_determinant + draw @ np.linalg.solve(covariance, draw))
+        for draw in independent
+    )
+    assert value(theta)[0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_fitted_deviations_tell_task_from_wobble():
+    rng = np.random.default_rng(0)
+    times = np.linspace(0.2, 1.0, 60)
+    noise = 1e-4 + 0.01 * times**2
+    radius = rng.normal(size=(12, 1)) * np.sqrt(noise - 1e-4)
+    distance = np.subtract.outer(times, times)
+    short = np.exp(-0.5 * (distance / 0.12) ** 2) + 1e-8 * np.eye(60)
+    wobble = 0.01 * rng.normal(size=(12, 60)) @ np.linalg.cholesky(short).T
+    curves = radius + wobble
+    fitted = fit_deviations(times, curves - curves.mean(axis=0), noise)
+    # At the end of the task the wobble is 1e-4 of 1e-2.
+    _, size = fitted.split(noise)
+    assert 2e-5 < size[-1] < 3e-4
+    covariance = fitted.smooth_covariance(times, noise)
+    root = np.sqrt(np.diag(covariance))
+    correlation = covariance / root[:, None] / root
+    assert correlation[20, -1] > 0.9
+    assert fitted.short_scale == pytest.approx(0.12, rel=0.2)

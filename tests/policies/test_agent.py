@@ -1,0 +1,165 @@
+"""The agent composes policy, adaptation, stiffness and admittance."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gplfd_env.task import handle_pose_on_arc
+from policies.adaptation import ProcessAdaptation
+from policies.agent import AgentConfig, GaussianProcessAgent
+from policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
+from policies.gridded import Demonstrated, GriddedPolicy
+from policies.phase import PhaseEstimator
+
+PERIOD = 0.01
+
+
+def agent_of(skill, form=ProcessAdaptation, **config):
+    return GaussianProcessAgent(
+        policy=GriddedPolicy(skill, form, 100),
+        phases=PhaseEstimator(skill),
+        profile=DEFAULT_PROFILE,
+        dynamics=DEFAULT_DYNAMICS,
+        config=AgentConfig(**config),
+    )
+
+
+def observed(pose, force=(0.0, 0.0, 0.0)):
+    return {"ee_pose": np.array(pose), "wrench": np.array([*force, 0.0, 0.0, 0.0])}
+
+
+def ideal_door(agent, radius, steps):
+    """A weightless door: the handle goes to the point of its arc nearest the command.
+
+    The hand feels what a spring of 2000 N/m across the arc would exert.
+    """
+    angle, history = 0.0, []
+    agent.reset(observed(np.zeros(6)))
+    force = np.zeros(3)
+    for _ in range(steps):
+        step = agent.act(observed(handle_pose_on_arc(radius, angle), force))
+        x, _, z = step.action[:3]
+        angle = max(0.0, np.arctan2(x, z + radius))
+        handle = handle_pose_on_arc(radius, angle)[:3]
+        force = 2000.0 * (handle - step.action[:3])
+        history.append((step, angle))
+    return history
+
+
+@pytest.mark.parametrize("radius", [0.35, 0.50, 0.65, 0.42])
+def test_adaptation_finds_the_radius_of_an_ideal_door(skill, radius):
+    agent = agent_of(skill)
+    _, angles = zip(*ideal_door(agent, radius, 700), strict=True)
+    assert angles[-1] > np.radians(62.0)
+    end = agent.forecast().mean[-1]
+    expected = handle_pose_on_arc(radius, end[4])
+    np.testing.assert_allclose(end[[0, 2]], expected[[0, 2]], atol=0.03)
+
+
+def test_without_adaptation_the_policy_stays_as_demonstrated(skill):
+    agent = agent_of(skill, Demonstrated)
+    before = agent.forecast().mean
+    ideal_door(agent, 0.35, 600)
+    np.testing.assert_array_equal(agent.forecast().mean, before)
+
+
+def test_step_reports_the_uncertainty_that_set_the_stiffness(skill):
+    history = ideal_door(agent_of(skill), 0.5, 400)
+    stds = np.array([step.std for step, _ in history])
+    rates = np.array([step.std_rate for step, _ in history])
+    np.testing.assert_allclose(rates[1:], np.diff(stds, axis=0) / PERIOD, atol=1e-9)
+    wished = DEFAULT_PROFILE.stiffness(stds)
+    stiffness = np.array([step.stiffness for step, _ in history])
+    assert np.all(stiffness <= wished + 1e-9)
+    stiffness_rates = np.array([step.stiffness_rate for step, _ in history])
+    np.testing.assert_allclose(
+        stiffness_rates[1:], np.diff(stiffness, axis=0) / PERIOD, atol=1e-6
+    )
+
+
+def test_stability_bound_is_never_crossed(skill):
+    for radius in (0.35, 0.65):
+        history = ideal_door(agent_of(skill), radius, 600)
+        assert min(step.stability_margin.min() for step, _ in history) > 0.0
+
+
+def test_clock_runs_at_the_demonstrated_speed_on_a_free_door(skill):
+    steps = round(skill.duration / PERIOD)
+    history = ideal_door(agent_of(skill), 0.5, steps + 40)
+    assert history[-1][0].phase == 1.0
+    assert history[steps // 2][0].phase == pytest.approx(0.5, abs=0.02)
+
+
+def test_lag_does_not_slow_the_clock_down(skill):
+    # The hand stands still, without a force: the command must go on all the same.
+    agent = agent_of(skill)
+    agent.reset(observed(np.zeros(6)))
+    phases = [agent.act(observed(np.zeros(6))).phase for _ in range(300)]
+    assert phases[-1] == pytest.approx(300 * PERIOD / skill.duration, rel=1e-6)
+
+
+def test_set_point_waits_at_the_largest_load(skill):
+    agent = agent_of(skill, max_load=20.0)
+    agent.reset(observed(np.zeros(6)))
+    held_back = observed(np.zeros(6), force=(-20.0, 0.0, 0.0))
+    phases = [agent.act(held_back).phase for _ in range(100)]
+    assert phases[-1] < 0.05 * 100 * PERIOD / skill.duration
+
+
+def test_resistance_along_the_path_is_carried_not_yielded_to(skill):
+    agent = agent_of(skill, max_load=20.0)
+    agent.reset(observed(np.zeros(6)))
+    for _ in range(200):
+        step = agent.act(observed(np.zeros(6), force=(-10.0, 0.0, 0.0)))
+    # Along the pull nothing gives way; the tangent is x up to the path's first bend.
+    assert abs(step.action[0] - step.desired[0]) < 2e-3
+
+
+def test_force_across_the_path_is_yielded_to(skill):
+    agent = agent_of(skill, Demonstrated)
+    agent.reset(observed(np.zeros(6)))
+    for _ in range(100):
+        step = agent.act(observed(np.zeros(6), force=(0.0, 5.0, 0.0)))
+    expected = 5.0 / step.stiffness[1]
+    assert step.action[1] - step.desired[1] == pytest.approx(expected, rel=0.05)
+
+
+def test_rotation_offset_is_composed_not_added(skill):
+    agent = agent_of(skill, Demonstrated)
+    pose = handle_pose_on_arc(0.5, 0.8)
+    agent.reset(observed(pose))
+    observation = observed(pose)
+    observation["wrench"][3:] = (0.5, 0.0, 0.0)
+    for _ in range(400):
+        step = agent.act(observation)
+    turn = Rotation.from_rotvec(step.action[3:])
+    offset = turn * Rotation.from_rotvec(step.desired[3:]).inv()
+    np.testing.assert_allclose(offset.as_rotvec()[1:], 0.0, atol=1e-9)
+    assert offset.as_rotvec()[0] > 0.005
+
+
+def test_rotation_leads_by_less_than_the_pull(skill):
+    agent = agent_of(skill, Demonstrated, max_turn_lead=0.05)
+    agent.reset(observed(np.zeros(6)))
+    for _ in range(300):
+        step = agent.act(observed(np.zeros(6)))
+    ahead, _ = agent.policy.at(step.observed_phase + 0.05)
+    np.testing.assert_allclose(step.desired[3:], ahead[3:])
+    assert step.phase > step.observed_phase + 0.2
+
+
+def test_reset_forgets_the_last_door(skill):
+    fresh = agent_of(skill)
+    used = agent_of(skill)
+    ideal_door(used, 0.35, 300)
+    for (one, _), (other, _) in zip(
+        ideal_door(fresh, 0.6, 200), ideal_door(used, 0.6, 200), strict=True
+    ):
+        np.testing.assert_array_equal(one.action, other.action)
+
+
+def test_via_points_are_spaced_in_phase(skill):
+    history = ideal_door(agent_of(skill, via_spacing=0.02), 0.5, 500)
+    taken = [step.observed_phase for step, _ in history if step.via_point]
+    assert len(taken) > 20
+    assert np.diff(taken).min() >= 0.02 - 1e-12

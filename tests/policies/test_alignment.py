@@ -1,0 +1,510 @@
+"""Demonstrations, the task completion index and temporal alignment."""
+
+import re
+import warnings
+
+import jaxtyping
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
+
+from gplfd_env.se3 import canonical_rotvec, pose_distance
+from policies.alignment import AlignedDemonstrations, align
+from policies.completion import task_completion_index
+from policies.demonstrations import Demonstration
+from policies.denoising import denoised_steps
+from policies.dynamic_time_warping import dynamic_time_warping
+
+METHODS = ["interpolation", "dtw", "dtw-euclidean"]
+
+
+@pytest.fixture
+def as_for_users(monkeypatch):
+    """Without the shape checks of this test suite, which would come first."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+
+
+def minimum_jerk(time: np.ndarray) -> np.ndarray:
+    time = np.clip(time, 0.0, 1.0)
+    return time**3 * (10 - 15 * time + 6 * time**2)
+
+
+def door_arc(progress: np.ndarray, radius: float = 0.5) -> np.ndarray:
+    angle = 1.2 * progress
+    poses = np.zeros((len(angle), 6))
+    poses[:, 0] = radius * np.sin(angle)
+    poses[:, 2] = -radius * (1 - np.cos(angle))
+    poses[:, 4] = angle
+    return poses
+
+
+def demonstration(
+    clock=minimum_jerk, path=door_arc, n=200, duration=3.0, noise=0.0, seed=0, start=0.0
+) -> Demonstration:
+    time = np.linspace(0.0, 1.0, n)
+    sensor = noise * np.random.default_rng(seed).normal(size=(n, 6))
+    return Demonstration(
+        times=start + duration * time, poses=path(clock(time)) + sensor
+    )
+
+
+def true_completion(clock, path, n: int) -> np.ndarray:
+    fine = np.linspace(0.0, 1.0, 20_001)
+    step = np.diff(path(clock(fine)), axis=0)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
+    return np.interp(np.linspace(0.0, 1.0, n), fine, length / length[-1])
+
+
+# --- Demonstration -----------------------------------------------------------
+
+
+@pytest.mark.usefixtures("as_for_users")
+def test_demonstration_is_a_read_only_float64_copy():
+    times, poses = np.array([0, 1, 2]), np.arange(18).reshape(3, 6) / 100
+    recorded = Demonstration(times=times, poses=poses)
+    poses[0, 0] = 9.0
+    assert recorded.poses[0, 0] == 0.0
+    assert recorded.times.dtype == recorded.poses.dtype == np.float64
+    with pytest.raises(ValueError, match="read-only"):
+        recorded.poses[0, 0] = 1.0
+
+
+def broken(**changes) -> dict[str, np.ndarray]:
+    fields = {"times": np.linspace(0, 1, 5), "poses": door_arc(np.linspace(0, 1, 5))}
+    for name, (index, value) in changes.items():
+        fields[name] = fields[name].copy()
+        fields[name][index] = value
+    return fields
+
+
+@pytest.mark.usefixtures("as_for_users")
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        (broken(poses=((3, 2), np.nan)), r"poses\[3\] = .* is not finite"),
+        (broken(times=(4, np.inf)), r"times\[4\] = inf is not finite"),
+        ({"times": np.zeros(0), "poses": np.zeros((0, 6))}, "is empty"),
+        ({"times": np.zeros(1), "poses": np.zeros((1, 6))}, "has one sample"),
+        (broken(times=(2, 0.9)), r"times\[3\] = 0.75 is earlier than times\[2\] = 0.9"),
+        (broken(times=(2, 0.25)), r"times\[2\] = 0.25 repeats times\[1\] = 0.25"),
+        ({"times": np.arange(3.0), "poses": np.zeros((3, 7))}, r"\(3,\) and \(3, 7\)"),
+        ({"times": np.arange(4.0), "poses": np.zeros((3, 6))}, r"\(4,\) and \(3, 6\)"),
+        ({"times": np.arange(3.0), "poses": np.ones((3, 6))}, "never moves"),
+    ],
+)
+def test_unusable_demonstration_is_refused(fields, message):
+    with pytest.raises(ValueError, match=message):
+        Demonstration(**fields)
+
+
+def test_rotation_vectors_that_jump_are_refused_with_the_way_out():
+    angle = np.linspace(3.0, 3.3, 7)
+    poses = np.zeros((7, 6))
+    poses[:, 3:] = canonical_rotvec(angle[:, None] * np.array([0.0, 0.6, 0.8]))
+    with pytest.raises(
+        ValueError, match=r"jump at sample 3.*from_quaternions.*unwrap_rotvecs"
+    ):
+        Demonstration(times=np.arange(7.0), poses=poses)
+
+
+def test_from_quaternions_gives_continuous_rotation_vectors():
+    angle = np.linspace(2.8, 3.6, 30)
+    rotvecs = angle[:, None] * np.array([0.0, -0.6, 0.8])
+    quaternions = Rotation.from_rotvec(rotvecs).as_quat(scalar_first=False)
+    quaternions[::3] *= -1
+    positions = np.random.default_rng(0).normal(size=(30, 3))
+    recorded = Demonstration.from_quaternions(
+        np.arange(30.0), positions, quaternions, order="xyzw"
+    )
+    np.testing.assert_allclose(recorded.poses[:, 3:], rotvecs, atol=1e-12)
+    np.testing.assert_array_equal(recorded.poses[:, :3], positions)
+
+
+def test_from_quaternions_refuses_mismatched_positions():
+    with pytest.raises(ValueError, match=r"one row per quaternion, got \(2, 3\) for 3"):
+        Demonstration.from_quaternions(
+            np.arange(3.0), np.zeros((2, 3)), np.tile([1.0, 0, 0, 0], (3, 1))
+        )
+
+
+# --- Task completion index ---------------------------------------------------
+
+
+def test_eq16_is_the_share_of_the_path_covered():
+    poses = np.zeros((5, 6))
+    poses[:, 0] = [0.0, 0.1, 0.1, 0.4, 0.5]
+    recorded = Demonstration(times=np.array([0, 1, 5, 6, 7.0]), poses=poses)
+    np.testing.assert_allclose(
+        task_completion_index(recorded), [0.0, 0.2, 0.2, 0.8, 1.0], atol=1e-15
+    )
+
+
+def test_eq16_weights_rotation_as_eq17():
+    poses = np.zeros((3, 6))
+    poses[1:, 0] = 0.3  # first a shift,
+    poses[2, 4] = 0.6  # then a turn
+    recorded = Demonstration(times=np.arange(3.0), poses=poses)
+    assert task_completion_index(recorded, 0.0)[1] == 1.0
+    assert task_completion_index(recorded, 1.0)[1] == 0.0
+    shift, turn = np.sqrt(0.8) * 0.3, np.sqrt(0.2) * 0.6
+    assert task_completion_index(recorded, 0.2)[1] == pytest.approx(
+        shift / (shift + turn)
+    )
+
+
+@settings(max_examples=40)
+@given(
+    n=st.integers(2, 400),
+    noise=st.sampled_from([0.0, 1e-5, 1e-3, 1e-1]),
+    seed=st.integers(0, 99),
+)
+def test_eq16_runs_from_zero_to_one_without_falling(n, noise, seed):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        completion = task_completion_index(demonstration(n=n, noise=noise, seed=seed))
+    assert completion[0] == 0.0
+    assert completion[-1] == 1.0
+    assert np.all(np.diff(completion) >= 0.0)
+
+
+def rests_at_both_ends(time: np.ndarray) -> np.ndarray:
+    return minimum_jerk((time - 0.4) / 0.2)
+
+
+@pytest.mark.parametrize(
+    ("clock", "limit"), [(minimum_jerk, 0.006), (rests_at_both_ends, 0.02)]
+)
+@pytest.mark.parametrize("n", [200, 1000, 5000])
+@pytest.mark.parametrize("noise", [1e-3, 2e-3])
+@pytest.mark.filterwarnings("ignore:sensor noise")
+def test_phase_error_with_noise_stays_below(clock, limit, n, noise):
+    truth = true_completion(clock, door_arc, n)
+    errors = {}
+    for denoise in (True, False):
+        completion = task_completion_index(
+            demonstration(clock, n=n, noise=noise, seed=3), denoise=denoise
+        )
+        errors[denoise] = np.sqrt(np.mean((completion - truth) ** 2))
+    assert errors[True] < limit
+    assert errors[False] > 5 * errors[True]
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.filterwarnings("ignore:sensor noise")
+def test_phase_error_with_filtered_noise_stays_below(seed):
+    # What a suit reports: 60 Hz, low-passed at 8 Hz, 1 mm and 0.3 degrees.
+    n = 360
+    white = np.random.default_rng(seed).normal(size=(n, 6))
+    filtered = sosfiltfilt(butter(2, 8.0, fs=60.0, output="sos"), white, axis=0)
+    poses = door_arc(minimum_jerk(np.linspace(0.0, 1.0, n)))
+    poses += filtered / filtered.std(axis=0) * np.repeat([1e-3, 5e-3], 3)
+    recorded = Demonstration(times=np.arange(n) / 60.0, poses=poses)
+    truth = true_completion(minimum_jerk, door_arc, n)
+    errors = [
+        np.sqrt(np.mean((task_completion_index(recorded, denoise=on) - truth) ** 2))
+        for on in (True, False)
+    ]
+    assert errors[0] < 0.015
+    assert errors[1] > 4 * errors[0]
+
+
+@pytest.mark.parametrize("n", [6, 12, 20, 60, 200, 1000])
+@pytest.mark.parametrize(
+    ("clock", "cost"),
+    [(minimum_jerk, 1.3e-3), (rests_at_both_ends, 0.03), (lambda time: time, 1e-12)],
+)
+def test_denoising_costs_clean_demonstrations_little(n, clock, cost):
+    recorded = demonstration(clock, n=n)
+    clean = task_completion_index(recorded)
+    raw = task_completion_index(recorded, denoise=False)
+    np.testing.assert_allclose(clean, raw, atol=cost)
+
+
+def test_denoising_keeps_the_ends_of_the_path():
+    recorded = demonstration(lambda time: time, n=100)
+    length = pose_distance(recorded.poses[1:], recorded.poses[:-1]).sum()
+    assert denoised_steps(recorded.poses, 0.5).sum() == pytest.approx(length, rel=1e-4)
+
+
+@pytest.mark.filterwarnings("ignore:sensor noise")
+def test_noise_in_rests_is_not_progress():
+    completion = task_completion_index(
+        demonstration(rests_at_both_ends, n=1000, noise=1e-3)
+    )
+    assert completion[350] < 0.02
+    assert completion[650] > 0.98
+
+
+def test_noisy_path_warns_with_ratio_and_remedy():
+    noisy = demonstration(n=1000, noise=1e-3)
+    with pytest.warns(
+        UserWarning, match=r"1 of 1 .*\(up to \d\.\d\d times\).*denoised"
+    ):
+        task_completion_index(noisy)
+    with pytest.warns(UserWarning, match=r"raw path.*pass denoise=True"):
+        task_completion_index(noisy, denoise=False)
+    with pytest.warns(UserWarning, match="1 of 2 demonstrations"):
+        align([noisy, demonstration()])
+
+
+@pytest.mark.filterwarnings("ignore:sensor noise")
+def test_motion_within_the_noise_falls_back_to_the_raw_path():
+    poses = 1e-3 * np.random.default_rng(0).normal(size=(30, 6))
+    completion = task_completion_index(
+        Demonstration(times=np.arange(30.0), poses=poses)
+    )
+    assert completion[-1] == 1.0
+    assert np.isfinite(completion).all()
+
+
+def test_motion_the_weight_does_not_count_is_refused():
+    poses = np.zeros((4, 6))
+    poses[:, 0] = np.arange(4)
+    recorded = Demonstration(times=np.arange(4.0), poses=poses)
+    with pytest.raises(ValueError, match=r"does not move under rotation_weight=1\.0"):
+        task_completion_index(recorded, rotation_weight=1.0)
+
+
+# --- Alignment ---------------------------------------------------------------
+
+
+def slow_start(time: np.ndarray) -> np.ndarray:
+    return minimum_jerk(time**1.8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_endpoints_map_to_endpoints(method):
+    recorded = [
+        demonstration(n=150, duration=2.0),
+        demonstration(slow_start, n=230, duration=5.0, start=100.0),
+    ]
+    aligned = align(recorded, method=method, n_samples=80)
+    assert aligned.times[0] == 0.0
+    assert aligned.times[-1] == 1.0
+    assert np.all(np.diff(aligned.times) > 0)
+    assert aligned.duration == pytest.approx(3.5)
+    tolerance = 0.0 if method == "interpolation" else 2e-3
+    for poses, demo in zip(aligned.poses, recorded, strict=True):
+        np.testing.assert_allclose(poses[0], demo.poses[0], atol=tolerance)
+        np.testing.assert_allclose(poses[-1], demo.poses[-1], atol=tolerance)
+
+
+@pytest.mark.parametrize(
+    "warp",
+    [
+        lambda time: time**1.8,
+        lambda time: 1 - (1 - time) ** 2.2,
+        lambda time: (
+            0.5 * minimum_jerk(time / 0.4) + 0.5 * minimum_jerk(2.5 * time - 1.5)
+        ),
+    ],
+    ids=["slow start", "slow end", "pause"],
+)
+def test_time_warped_copies_align_to_the_same_poses(warp):
+    recorded = [
+        demonstration(n=400),
+        demonstration(lambda time: minimum_jerk(warp(time)), n=700, duration=11.0),
+    ]
+    aligned = align(recorded)
+    np.testing.assert_allclose(aligned.poses[0], aligned.poses[1], atol=1e-3)
+    unaligned = minimum_jerk(warp(aligned.times)) - minimum_jerk(aligned.times)
+    assert np.abs(unaligned).max() > 0.2
+
+
+def test_common_clock_keeps_the_shared_timing():
+    recorded = [
+        demonstration(path=lambda s, r=radius: door_arc(s, r), n=n, duration=duration)
+        for radius, n, duration in ((0.35, 150, 2.0), (0.65, 400, 6.0))
+    ]
+    aligned = align(recorded, n_samples=101)
+    expected = np.stack(
+        [door_arc(minimum_jerk(aligned.times), radius) for radius in (0.35, 0.65)]
+    )
+    np.testing.assert_allclose(aligned.poses, expected, atol=5e-4)
+
+
+def test_rest_shared_by_all_is_a_rest_of_the_result():
+    # One rests for 30 % of its time at the start, the other for 50 %.
+    clocks = [lambda time: minimum_jerk((time - 0.3) / 0.7), lambda time: 2 * time - 1]
+    recorded = [
+        demonstration(lambda time, c=clock: np.clip(c(time), 0, 1), n=500)
+        for clock in clocks
+    ]
+    aligned = align(recorded, n_samples=101)
+    resting = aligned.times < 0.39  # the mean rest lasts 0.4
+    assert np.abs(aligned.poses[:, resting]).max() < 2e-3
+    assert np.abs(aligned.poses[:, aligned.times > 0.5]).max(axis=(1, 2)).min() > 0.1
+
+
+@pytest.mark.parametrize("method", ["interpolation", "dtw"])
+def test_lengths_rates_and_durations_may_differ_freely(method):
+    two_samples = Demonstration(
+        times=np.array([0.0, 1.0]), poses=door_arc(np.array([0.0, 0.1]))
+    )
+    recorded = [
+        two_samples,
+        demonstration(lambda time: 0.1 * time, n=2000, duration=1000.0),
+    ]
+    aligned = align(recorded, method=method, n_samples=50)
+    # Warping repeats one of the two samples, which is wrong by up to half their step.
+    tolerance = 1e-3 if method == "interpolation" else 0.061
+    np.testing.assert_allclose(aligned.poses[0], aligned.poses[1], atol=tolerance)
+    expected = door_arc(0.1 * aligned.times)
+    np.testing.assert_allclose(aligned.poses[1], expected, atol=1e-3)
+    assert aligned.duration == pytest.approx(500.5)
+
+
+def test_aligned_poses_are_the_samples_as_recorded():
+    # Smoothed poses would hide the noise that the regression must learn.
+    noisy = demonstration(n=200, noise=1e-3)
+    with pytest.warns(UserWarning, match="sensor noise"):
+        aligned = align([noisy], n_samples=200)
+    np.testing.assert_allclose(aligned.poses[0], noisy.poses, atol=1e-12)
+
+
+def test_rotations_of_all_demonstrations_share_one_branch():
+    def turned(angle: float) -> Demonstration:
+        poses = door_arc(np.linspace(0.0, 1.0, 60))
+        poses[:, 3:] = [0.0, 0.0, 1.0] * (angle + poses[:, 4:5])
+        return Demonstration(times=np.arange(60.0), poses=poses)
+
+    aligned = align([turned(3.0), turned(3.02 - 2 * np.pi), turned(3.04 + 4 * np.pi)])
+    np.testing.assert_allclose(
+        aligned.poses[1:, :, 5] - aligned.poses[0, :, 5],
+        [[0.02] * 200, [0.04] * 200],
+        atol=1e-3,
+    )
+
+
+# --- Dynamic time warping ----------------------------------------------------
+
+
+def naive_cost(costs: np.ndarray) -> float:
+    total = np.full(costs.shape, np.inf)
+    for i in range(costs.shape[0]):
+        for j in range(costs.shape[1]):
+            before = [total[i - 1, j]] if i else []
+            before += [total[i, j - 1]] if j else []
+            before += [total[i - 1, j - 1]] if i and j else []
+            total[i, j] = costs[i, j] + (min(before) if before else 0.0)
+    return total[-1, -1]
+
+
+@settings(max_examples=60)
+@given(
+    rows=st.integers(1, 12),
+    columns=st.integers(1, 12),
+    seed=st.integers(0, 2**31),
+    ties=st.booleans(),
+)
+def test_dtw_cost_equals_the_naive_recursion(rows, columns, seed, ties):
+    rng = np.random.default_rng(seed)
+    costs = rng.uniform(size=(rows, columns))
+    if ties:
+        costs = np.round(2 * costs)
+    path = dynamic_time_warping(lambda row: costs[row], rows)
+    assert path.cost == pytest.approx(naive_cost(costs), abs=1e-12)
+    # The path is admissible and really has this cost.
+    assert costs[path.rows, path.columns].sum() == pytest.approx(path.cost, abs=1e-12)
+    steps = np.diff(np.column_stack([path.rows, path.columns]), axis=0)
+    assert set(map(tuple, steps.tolist())) <= {(0, 1), (1, 0), (1, 1)}
+    assert (path.rows[0], path.columns[0]) == (0, 0)
+    assert (path.rows[-1], path.columns[-1]) == (rows - 1, columns - 1)
+
+
+def test_dtw_on_rising_completion_is_interpolation_within_half_a_sample():
+    first, second = (
+        task_completion_index(demonstration(lambda time, p=power: time**p, n=n))
+        for power, n in ((1.0, 200), (1.4, 260))
+    )
+    path = dynamic_time_warping(lambda row: np.abs(second - first[row]), len(first))
+    matched = np.bincount(path.rows, weights=path.columns) / np.bincount(path.rows)
+    exact = np.interp(first, second, np.arange(len(second)))
+    # At the ends a run of matches is averaged; elsewhere half a sample is the bound.
+    assert np.abs(matched - exact)[1:-1].max() <= 0.5 + 1e-9
+
+
+def test_dtw_makes_staircases_and_interpolation_does_not():
+    recorded = [demonstration(n=200), demonstration(slow_start, n=210)]
+    roughness = {
+        method: np.abs(np.diff(align(recorded, method=method).poses, 2, axis=1)).max()
+        for method in ("interpolation", "dtw")
+    }
+    assert roughness["dtw"] > 5 * roughness["interpolation"]
+
+
+def shelf(height: float):
+    """Lift an object to a shelf and put it in; higher is also deeper."""
+
+    def path(progress: np.ndarray) -> np.ndarray:
+        poses = np.zeros((len(progress), 6))
+        poses[:, 1] = height * np.clip(progress / 0.6, 0, 1)
+        poses[:, 0] = height * np.clip((progress - 0.6) / 0.9, 0, 0.4 / 0.9)
+        return poses
+
+    return path
+
+
+def test_fig3_euclidean_cost_misaligns_two_shelves_and_completion_aligns_them():
+    recorded = [
+        demonstration(lambda time: time, path=shelf(0.4), n=201),
+        demonstration(slow_start, path=shelf(0.8), n=200),
+    ]
+    gap, high_when_low_is_lifted = {}, {}
+    for method in METHODS:
+        aligned = align(recorded, method=method, rotation_weight=0.0).poses
+        covered = aligned[:, :, :2].sum(axis=2)  # both axes only grow
+        low, high = covered / covered[:, -1:]
+        gap[method] = np.abs(low - high).max()
+        high_when_low_is_lifted[method] = high[np.argmax(low > 0.68)]
+    assert gap["interpolation"] < 0.01
+    assert gap["dtw"] < 0.02
+    assert gap["dtw-euclidean"] > 0.2
+    # Points half-way up the high path are taken for the top of the low one.
+    assert high_when_low_is_lifted["dtw-euclidean"] < 0.4
+    assert high_when_low_is_lifted["dtw"] > 0.66
+
+
+# --- Edges -------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("as_for_users")
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"demonstrations": []}, "at least one demonstration is needed"),
+        ({"method": "linear"}, re.escape(str(sorted(METHODS)))),
+        ({"n_samples": 1}, "n_samples must be at least 2, got 1"),
+        ({"rotation_weight": 2.0}, r"rotation_weight must lie in \[0, 1\]"),
+    ],
+)
+def test_unusable_alignment_arguments_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        align(**({"demonstrations": [demonstration()]} | arguments))
+
+
+@pytest.mark.usefixtures("as_for_users")
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"times": np.linspace(0, 1, 4)}, r"\(4,\) and \(2, 3, 6\)"),
+        ({"times": np.array([0.0, 0.5, 0.5])}, "increase strictly"),
+        ({"times": np.array([0.0, 0.5, 1.5])}, "divide seconds by the duration"),
+        ({"poses": np.full((2, 3, 6), np.nan)}, "must be finite"),
+        ({"poses": np.zeros((0, 3, 6))}, "got 0 and 3"),
+        ({"duration": 0.0}, "duration must be positive"),
+    ],
+)
+def test_unusable_aligned_demonstrations_are_refused(fields, message):
+    good = {"times": np.linspace(0, 1, 3), "poses": np.zeros((2, 3, 6))}
+    with pytest.raises(ValueError, match=message):
+        AlignedDemonstrations(**(good | fields))
+
+
+def test_aligned_demonstrations_are_read_only():
+    aligned = align([demonstration()])
+    with pytest.raises(ValueError, match="read-only"):
+        aligned.poses[0, 0, 0] = 1.0

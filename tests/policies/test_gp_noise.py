@@ -1,0 +1,132 @@
+"""Estimates of the spread r(t) and their biases: Eqs. (10)-(11), (15)."""
+
+import numpy as np
+import pytest
+from scipy.special import digamma, polygamma
+
+from policies.gp.kersting import KerstingNoise
+from policies.gp.noise import HomoscedasticNoise, MapNoise
+from policies.gp.noise_profile import NoiseProfile
+
+TIMES = np.linspace(0.0, 1.0, 120)
+TRUE = 0.05**2 * np.exp(2.0 * np.sin(5.0 * TIMES))
+
+
+def samples(count: int, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.sin(3.0 * TIMES) + np.sqrt(TRUE) * rng.normal(size=(count, len(TIMES)))
+
+
+def log_bias(model, count: int, seeds: int = 8) -> float:
+    errors = [
+        np.mean(model.fit(TIMES, samples(count, seed)).log_variance(TIMES))
+        for seed in range(seeds)
+    ]
+    return float(np.mean(errors) - np.mean(np.log(TRUE)))
+
+
+@pytest.mark.parametrize("free", [1, 5])
+def test_log_of_an_empirical_variance_is_biased(free):
+    rng = np.random.default_rng(0)
+    draws = np.log(rng.chisquare(free, 400_000) / free)
+    assert np.mean(draws) == pytest.approx(
+        digamma(free / 2) - np.log(free / 2), abs=0.01
+    )
+    assert np.var(draws) == pytest.approx(polygamma(1, free / 2), rel=0.02)
+    assert np.mean(draws) == pytest.approx({1: -1.27, 5: -0.21}[free], abs=0.02)
+
+
+@pytest.mark.parametrize("count", [2, 3, 6])
+def test_default_estimate_is_unbiased(count):
+    assert abs(log_bias(MapNoise(), count)) < 0.12
+
+
+def test_default_estimate_follows_the_spread():
+    estimate = MapNoise().fit(TIMES, samples(6, 1)).log_variance(TIMES)
+    assert np.sqrt(np.mean((estimate - np.log(TRUE)) ** 2)) < 0.3
+
+
+def test_kersting_converges_to_too_small_a_spread():
+    """Its standard deviation is about 0.81 of the truth for every D."""
+    for count in (6, 20):
+        ratio = np.exp(0.5 * log_bias(KerstingNoise(n_iterations=30), count, seeds=1))
+        assert ratio == pytest.approx(0.81, abs=0.04)
+
+
+def test_kersting_depends_on_when_it_is_stopped():
+    early = log_bias(KerstingNoise(n_iterations=1), 6, seeds=2)
+    late = log_bias(KerstingNoise(n_iterations=10), 6, seeds=2)
+    assert early > 0.3
+    assert late < 0.0
+
+
+def test_kersting_needs_at_least_one_pass():
+    with pytest.raises(ValueError, match="n_iterations must be at least 1, got 0"):
+        KerstingNoise(n_iterations=0)
+
+
+def test_homoscedastic_estimate_averages_the_spread():
+    profile = HomoscedasticNoise().fit(TIMES, samples(6, 0))
+    np.testing.assert_allclose(profile.log_variance_rate(TIMES), 0.0, atol=1e-12)
+    assert profile.variance(TIMES)[0] == pytest.approx(np.mean(TRUE), rel=0.15)
+
+
+def test_default_estimate_needs_two_demonstrations():
+    with pytest.raises(ValueError, match=r'at least 2 of them, got 1.*"homoscedastic"'):
+        MapNoise().fit(TIMES, samples(1, 0))
+
+
+def test_default_estimate_is_the_mode_of_the_gamma_likelihood():
+    """No small change of z(t) that its own prior allows raises the posterior."""
+    data = samples(6, 2)
+    profile = MapNoise().fit(TIMES, data)
+    squares = np.sum((data - data.mean(axis=0)) ** 2, axis=0)
+
+    def log_likelihood(z: np.ndarray) -> float:
+        return float(np.sum(-2.5 * z - 0.5 * squares * np.exp(-z)))
+
+    z = profile.log_variance(TIMES)
+    # The prior barely holds a constant, so along it the likelihood itself is at rest.
+    slope = (log_likelihood(z + 1e-5) - log_likelihood(z - 1e-5)) / 2e-5
+    assert abs(slope) < 0.5
+    assert abs(log_likelihood(z + 0.1) - log_likelihood(z)) > 1.0
+
+
+def test_equal_demonstrations_have_a_small_positive_spread():
+    same = np.tile(np.sin(3.0 * TIMES), (4, 1))
+    variance = MapNoise().fit(TIMES, same).variance(TIMES)
+    assert (variance > 0.0).all()
+    assert (variance < 1e-8).all()
+
+
+def test_exact_agreement_at_the_start_keeps_the_rest():
+    """Demonstrations all start at the same pose: SS = 0 there, log SS = −∞."""
+    rng = np.random.default_rng(0)
+    spread = 0.1 * np.minimum(TIMES / 0.5, 1.0)
+    data = np.sin(TIMES) + spread * rng.normal(size=(6, len(TIMES)))
+    variance = MapNoise().fit(TIMES, data).variance(TIMES)
+    assert variance[0] < 1e-3
+    late = TIMES > 0.5
+    assert np.sqrt(np.mean(variance[late])) == pytest.approx(0.1, rel=0.15)
+
+
+def test_profile_rate_equals_finite_differences():
+    profile = MapNoise().fit(TIMES, samples(6, 3))
+    grid, step = np.linspace(0.01, 0.99, 40), 1e-6
+    numeric = profile.log_variance(grid + step) - profile.log_variance(grid - step)
+    np.testing.assert_allclose(
+        profile.log_variance_rate(grid), numeric / (2.0 * step), atol=1e-6
+    )
+
+
+def test_profile_keeps_its_ends_outside():
+    profile = MapNoise().fit(TIMES, samples(6, 3))
+    outside = profile.variance(np.array([-0.5, 0.0, 1.0, 2.0]))
+    assert outside[0] == outside[1]
+    assert outside[2] == outside[3]
+    np.testing.assert_array_equal(profile.log_variance_rate(np.array([-0.5, 2.0])), 0.0)
+
+
+def test_constant_profile():
+    profile = NoiseProfile.constant(TIMES, 0.04)
+    np.testing.assert_allclose(profile.variance(TIMES), 0.04)

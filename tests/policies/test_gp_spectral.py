@@ -1,0 +1,179 @@
+"""The exact collapse of replicates and the spectral form against the dense ones."""
+
+import numpy as np
+import pytest
+
+from policies.gp.evidence import DenseEvidence, SpectralEvidence
+from policies.gp.exact import ExactGP
+from policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
+from policies.gp.kernels import RBF
+from policies.gp.legendre import SIZES, LegendreBasis
+from policies.gp.replicates import Replicates, collapsed_log_likelihood
+from policies.gp.spectral import SpectralPosterior
+
+KERNEL = RBF(length_scale=0.2, signal_std=1.0)
+
+
+def demonstrations(count: int, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(count * 1000 + size)
+    times = np.linspace(0.0, 1.0, size)
+    noise = 0.01 * np.exp(1.5 * np.sin(4.0 * times))
+    samples = np.sin(4.0 * times) + np.sqrt(noise) * rng.normal(size=(count, size))
+    return times, samples, noise
+
+
+def naive(
+    kernel: RBF, times: np.ndarray, samples: np.ndarray, noise: np.ndarray
+) -> ExactGP:
+    count = len(samples)
+    return ExactGP(
+        kernel=kernel,
+        times=np.tile(times, count),
+        values=samples.ravel(),
+        noise_variance=np.tile(noise, count),
+    )
+
+
+@pytest.mark.parametrize(("count", "size"), [(1, 30), (2, 60), (6, 60), (20, 20)])
+def test_collapse_equals_naive_gp(count, size):
+    times, samples, noise = demonstrations(count, size)
+    replicates = Replicates.from_samples(times, samples)
+    value, by_kernel, by_noise = collapsed_log_likelihood(replicates, KERNEL, noise)
+    full = naive(KERNEL, times, samples, noise)
+    full_kernel, full_noise = full.likelihood_gradient()
+    assert value == pytest.approx(full.log_marginal_likelihood(), rel=1e-10)
+    np.testing.assert_allclose(by_kernel, full_kernel, rtol=1e-9)
+    summed = full_noise.reshape(count, size).sum(axis=0)
+    np.testing.assert_allclose(by_noise, summed, rtol=1e-9, atol=1e-10)
+    collapsed = replicates.condition(KERNEL, noise)
+    grid = np.linspace(-0.1, 1.1, 25)
+    np.testing.assert_allclose(collapsed.mean(grid), full.mean(grid), atol=1e-10)
+    np.testing.assert_allclose(
+        collapsed.covariance(grid), full.covariance(grid), atol=1e-10
+    )
+
+
+@pytest.mark.parametrize("size", list(SIZES))
+def test_basis_represents_rbf_to_rounding(size):
+    start, stop = -0.3, 1.7
+    basis = LegendreBasis(start=start, stop=stop, size=size)
+    times = np.linspace(start, stop, 301)
+    matrix = basis.matrix(times)
+    for factor in (1.0, 3.0, 20.0):
+        kernel = RBF(length_scale=factor * SIZES[size] * 2.0, signal_std=1.0)
+        rebuilt = matrix @ basis.kernel_matrix(kernel) @ matrix.T
+        np.testing.assert_allclose(rebuilt, kernel(times, times), atol=1e-12)
+        longer = factor > 1.0
+        if longer and np.finfo(np.longdouble).eps < 1e-18:
+            np.testing.assert_allclose(rebuilt, kernel(times, times), atol=1e-13)
+
+
+def test_smallest_sufficient_basis_is_chosen():
+    assert LegendreBasis.for_length_scale(0.0, 1.0, 0.2).size == 48
+    assert LegendreBasis.for_length_scale(0.0, 1.0, 0.07).size == 96
+    assert LegendreBasis.for_length_scale(0.0, 2.0, 0.07).size == 192
+    assert LegendreBasis.for_length_scale(0.0, 1.0, 0.001) is None
+
+
+def test_basis_interpolates_and_differentiates_smooth_curves():
+    basis = LegendreBasis(start=0.0, stop=2.0, size=48)
+    times = np.concatenate([np.linspace(0.0, 2.0, 41), basis.nodes[:3]])
+    coefficients = basis.root_weights * np.sin(3.0 * basis.nodes)
+    matrix = basis.matrix(times)
+    np.testing.assert_allclose(matrix @ coefficients, np.sin(3.0 * times), atol=1e-13)
+    slopes = matrix @ basis.differentiate(coefficients)
+    np.testing.assert_allclose(slopes, 3.0 * np.cos(3.0 * times), atol=1e-10)
+
+
+def test_basis_refuses_to_extrapolate():
+    basis = LegendreBasis(start=0.0, stop=1.0, size=48)
+    with pytest.raises(ValueError, match=r"must lie in \[0.0, 1.0\]"):
+        basis.matrix(np.array([1.01]))
+
+
+def test_empty_interval_is_refused():
+    with pytest.raises(ValueError, match="stop > start"):
+        LegendreBasis(start=1.0, stop=1.0, size=48)
+
+
+@pytest.mark.parametrize("size", [30, 200])
+@pytest.mark.parametrize("scale", [0.4, 1.0])
+def test_spectral_evidence_equals_dense(size, scale):
+    times, samples, noise = demonstrations(1, size)
+    basis = LegendreBasis(start=0.0, stop=1.0, size=48)
+    spectral = SpectralEvidence.reduce(basis, times, samples[0], noise)
+    dense = DenseEvidence(times=times, values=samples[0], noise=noise)
+    for length in (0.11, 0.4, 2.0):
+        kernel = RBF(length_scale=length, signal_std=0.7)
+        value, gradient = spectral(kernel, scale)
+        expected, expected_gradient = dense(kernel, scale)
+        assert value == pytest.approx(expected, rel=1e-10)
+        np.testing.assert_allclose(gradient, expected_gradient, rtol=1e-8, atol=1e-8)
+
+
+def test_spectral_posterior_equals_dense():
+    times, samples, noise = demonstrations(6, 150)
+    replicates = Replicates.from_samples(times, samples)
+    dense = replicates.condition(KERNEL, noise)
+    basis = LegendreBasis(start=0.0, stop=1.0, size=48)
+    evidence = SpectralEvidence.reduce(basis, times, replicates.mean, noise / 6.0)
+    spectral = SpectralPosterior.condition(evidence, KERNEL)
+    grid = np.linspace(0.0, 1.0, 77)
+    matrix = basis.matrix(grid)
+    np.testing.assert_allclose(matrix @ spectral.weights, dense.mean(grid), atol=1e-10)
+    half = matrix @ spectral.factor
+    np.testing.assert_allclose(half @ half.T, dense.covariance(grid), atol=1e-12)
+
+
+def test_fit_finds_the_best_of_many_starts():
+    times, samples, noise = demonstrations(6, 120)
+    mean = samples.mean(axis=0)
+    fitted = fit_kernel(times, mean, noise / 6.0)
+    evidence = DenseEvidence(times=times, values=mean, noise=noise / 6.0)
+    grid = [
+        evidence(RBF(length_scale=length, signal_std=signal), 1.0)[0]
+        for length in np.geomspace(0.05, 3.0, 30)
+        for signal in np.geomspace(0.05, 20.0, 30)
+    ]
+    assert fitted.log_likelihood >= max(grid)
+
+
+def test_short_length_scales_widen_the_basis():
+    rng = np.random.default_rng(0)
+    times = np.linspace(0.0, 1.0, 150)
+    true = RBF(length_scale=0.06, signal_std=1.0)(times, times)
+    values = np.linalg.cholesky(true + 1e-9 * np.eye(150)) @ rng.normal(size=150)
+    noise = np.full(150, 1e-4)
+    fitted = fit_kernel(times, values, noise)
+    assert fitted.kernel.length_scale == pytest.approx(0.06, rel=0.1)
+    dense = DenseEvidence(times=times, values=values, noise=noise)
+    assert fitted.log_likelihood == pytest.approx(
+        dense(fitted.kernel, 1.0)[0], rel=1e-8
+    )
+
+
+def test_length_scales_below_every_basis_use_the_dense_form():
+    rng = np.random.default_rng(1)
+    times = np.linspace(0.0, 1.0, 100)
+    true = RBF(length_scale=0.012, signal_std=1.0)(times, times)
+    values = np.linalg.cholesky(true + 1e-9 * np.eye(100)) @ rng.normal(size=100)
+    fitted = fit_kernel(times, values, np.full(100, 1e-4), shortest=0.005)
+    assert fitted.kernel.length_scale == pytest.approx(0.012, rel=0.2)
+
+
+@pytest.mark.parametrize("size", [30, 120])
+def test_noise_and_kernel_are_recovered_together(size):
+    rng = np.random.default_rng(size)
+    times = np.linspace(0.0, 1.0, size)
+    samples = np.sin(4.0 * times) + 0.1 * rng.normal(size=(12, size))
+    fitted = fit_kernel_and_noise(Replicates.from_samples(times, samples))
+    assert np.sqrt(fitted.scale) == pytest.approx(0.1, rel=0.1)
+
+
+def test_cost_of_the_evidence_does_not_grow_with_the_samples():
+    basis = LegendreBasis(start=0.0, stop=1.0, size=48)
+    for size in (100, 3000):
+        times, samples, noise = demonstrations(1, size)
+        reduced = SpectralEvidence.reduce(basis, times, samples[0], noise)
+        assert reduced.triangle.shape == (48, 48)
+        assert reduced.projected.shape == (48,)

@@ -1,0 +1,330 @@
+"""Skills: six heteroscedastic outputs learned from aligned demonstrations."""
+
+import warnings
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from policies.alignment import AlignedDemonstrations
+from policies.gp.exact import ExactGP
+from policies.gp.kersting import KerstingNoise
+from policies.skill import Skill, fit_skill
+from policies.trajectory import GaussianTrajectory, ViaPoint
+
+TIMES = np.linspace(0.0, 1.0, 60)
+SPREAD = 0.01 + 0.05 * TIMES**2
+
+
+def independent_noise(count: int, rng: np.random.Generator) -> np.ndarray:
+    curve = np.stack([np.sin(2.0 * TIMES + k) for k in range(6)], axis=1)
+    return curve + SPREAD[:, None] * rng.normal(size=(count, len(TIMES), 6))
+
+
+def arcs(radii: list[float], rng: np.random.Generator) -> np.ndarray:
+    angle = 1.2 * TIMES
+    poses = np.zeros((len(radii), len(TIMES), 6))
+    for index, radius in enumerate(radii):
+        pose = poses[index]
+        pose[:, 0], pose[:, 4] = radius * np.sin(angle), angle
+        pose[:, 2] = radius * (np.cos(angle) - 1.0)
+        poses[index] += 0.002 * np.sin(
+            np.multiply.outer(3.0 * TIMES, rng.normal(size=6))
+        )
+    return poses
+
+
+def aligned(poses: np.ndarray, times: np.ndarray = TIMES) -> AlignedDemonstrations:
+    return AlignedDemonstrations(times=times, poses=poses, duration=4.0)
+
+
+@pytest.fixture(scope="module")
+def skill() -> Skill:
+    return fit_skill(aligned(independent_noise(6, np.random.default_rng(0))))
+
+
+def test_prediction_is_equations_10_and_11(skill):
+    """Against the naive process on all D·M observations of one output."""
+    poses, output = skill.aligned.poses, 2
+    fitted = skill.processes.outputs[output]
+    noise = fitted.noise.variance(TIMES)
+    full = ExactGP(
+        kernel=fitted.kernel,
+        times=np.tile(TIMES, 6),
+        values=((poses[:, :, output] - fitted.offset) / fitted.scale).ravel(),
+        noise_variance=np.tile(noise, 6),
+    )
+    grid = np.linspace(0.0, 1.0, 23)
+    predicted = skill.predict(grid)
+    mean = fitted.offset + fitted.scale * full.mean(grid)
+    np.testing.assert_allclose(predicted.mean[:, output], mean, atol=1e-10)
+    spread = fitted.noise.variance(grid)
+    latent = np.maximum(full.variance(grid), spread / 6.0)
+    std = fitted.scale * np.sqrt(latent + spread)
+    np.testing.assert_allclose(predicted.std[:, output], std, rtol=1e-9)
+
+
+def test_uncertainty_of_the_mean_is_at_least_its_share_of_the_spread(skill):
+    moments = skill.processes.moments(TIMES)
+    variance = skill.predict(TIMES).std ** 2
+    assert (variance >= moments.noise * (1.0 + 1.0 / 6.0) * (1.0 - 1e-12)).all()
+
+
+@pytest.mark.parametrize("low", [0.0, -0.3])
+def test_rates_equal_finite_differences(skill, low):
+    """Inside the demonstrations (spectral form) and outside (dense form)."""
+    grid, step = np.linspace(low + 0.013, 0.99 - low, 37), 1e-6
+    up, down = skill.predict(grid + step), skill.predict(grid - step)
+    here = skill.predict(grid)
+    for name in ("mean", "std"):
+        numeric = (getattr(up, name) - getattr(down, name)) / (2.0 * step)
+        rate = getattr(here, f"{name}_rate")
+        np.testing.assert_allclose(rate, numeric, atol=1e-5)
+
+
+def test_inside_and_outside_agree_at_the_ends(skill):
+    inside = skill.predict(np.array([0.0, 1.0]))
+    outside = skill.predict(np.array([-1e-9, 1.0 + 1e-9]))
+    np.testing.assert_allclose(inside.mean, outside.mean, atol=1e-7)
+    np.testing.assert_allclose(inside.std, outside.std, atol=1e-7)
+
+
+def test_uncertainty_grows_outside_the_demonstrations(skill):
+    after = skill.predict(np.linspace(1.0, 3.0, 50)).std
+    before = skill.predict(np.linspace(0.0, -2.0, 50)).std
+    for std in (after, before):
+        assert (np.diff(std, axis=0) >= -1e-9).all()
+        assert (std[-1] > 2.0 * std[0]).all()
+
+
+def test_covariance_has_the_predicted_variances_and_is_lazy(skill):
+    predicted = skill.predict(TIMES)
+    assert "covariance" not in predicted.__dict__
+    covariance = predicted.covariance
+    assert covariance is predicted.covariance
+    assert covariance.shape == (6, 60, 60)
+    diagonal = np.diagonal(covariance, axis1=1, axis2=2).T
+    np.testing.assert_allclose(diagonal, predicted.std**2, rtol=1e-12)
+    assert (np.linalg.eigvalsh(covariance)[:, 0] > 0.0).all()
+
+
+def test_covariance_outside_agrees_with_its_variances(skill):
+    predicted = skill.predict(np.linspace(-0.2, 1.2, 20))
+    diagonal = np.diagonal(predicted.covariance, axis1=1, axis2=2).T
+    np.testing.assert_allclose(diagonal, predicted.std**2, rtol=1e-12)
+
+
+def test_samples_have_the_predicted_moments(skill):
+    predicted = skill.predict(np.linspace(0.0, 1.0, 7))
+    draws = predicted.samples(4000, np.random.default_rng(1))
+    assert draws.shape == (4000, 7, 6)
+    error = np.abs(draws.mean(axis=0) - predicted.mean)
+    assert (error < 5.0 * predicted.std / np.sqrt(4000)).all()
+    np.testing.assert_allclose(draws.std(axis=0), predicted.std, rtol=0.08)
+
+
+def test_intervals_cover_as_promised():
+    """Fig. 2: the heteroscedastic interval covers everywhere, the other does not."""
+    rng = np.random.default_rng(5)
+    training, fresh = aligned(independent_noise(8, rng)), independent_noise(400, rng)
+
+    def coverage(noise: str) -> np.ndarray:
+        low, high = fit_skill(training, noise=noise).predict(TIMES).interval(0.95)
+        inside = (fresh > low) & (fresh < high)
+        return inside.mean(axis=(0, 2)).reshape(6, 10).mean(axis=1)
+
+    assert np.all(np.abs(coverage("map") - 0.95) < 0.04)
+    flat = coverage("homoscedastic")
+    assert flat[0] > 0.99
+    assert flat[-1] < 0.85
+
+
+def test_few_demonstrations_widen_intervals_by_student_t(skill):
+    level = 0.9
+    predicted = skill.predict(TIMES)
+    low, high = predicted.interval(level)
+    width = student.ppf(0.95, 5)
+    np.testing.assert_allclose(high - low, 2.0 * width * predicted.std, rtol=1e-9)
+    many = fit_skill(aligned(independent_noise(7, np.random.default_rng(0))))
+    predicted = many.predict(TIMES)
+    low, high = predicted.interval(level)
+    np.testing.assert_allclose(
+        high - low, 2.0 * norm.ppf(0.95) * predicted.std, rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0, 95.0])
+def test_impossible_levels_are_refused(skill, level):
+    with pytest.raises(ValueError, match=r"level must be in \(0, 1\)"):
+        skill.predict(TIMES).interval(level)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_three_demonstrations_or_fewer_warn_of_the_consequences(count):
+    poses = independent_noise(count, np.random.default_rng(0))
+    with pytest.warns(UserWarning, match="degree.*of freedom.*far too small"):
+        fit_skill(aligned(poses))
+
+
+def test_one_demonstration_needs_another_noise_model():
+    poses = independent_noise(1, np.random.default_rng(0))
+    with pytest.raises(ValueError, match="at least 2 of them, got 1"):
+        fit_skill(aligned(poses))
+    for noise in ("homoscedastic", KerstingNoise(n_iterations=3)):
+        with pytest.warns(UserWarning, match="says nothing about how repetitions"):
+            skill = fit_skill(aligned(poses), noise=noise)
+        predicted = skill.predict(TIMES)
+        assert np.isfinite(predicted.std).all()
+        assert predicted.degrees_of_freedom is None
+        np.testing.assert_allclose(predicted.mean, poses[0], atol=0.25)
+
+
+def test_door_arcs_spread_where_radii_differ():
+    rng = np.random.default_rng(2)
+    poses = arcs([0.35, 0.35, 0.5, 0.5, 0.65, 0.65], rng)
+    predicted = fit_skill(aligned(poses)).predict(TIMES)
+    empirical = poses.std(axis=0, ddof=1) * np.sqrt(7.0 / 6.0)
+    late = TIMES > 0.3
+    for output in (0, 2):
+        ratio = predicted.std[late, output] / empirical[late, output]
+        assert (np.abs(np.log(ratio)) < 0.25).all()
+    assert predicted.std[0, 0] < 0.1 * predicted.std[-1, 0]
+    # The pose outputs that do not vary stay certain.
+    assert (predicted.std[:, 1] < 0.01).all()
+
+
+def crossing() -> np.ndarray:
+    slope = np.multiply.outer(np.array([1.0, -1.0]), TIMES - 0.5)
+    return np.repeat(slope[:, :, None], 6, axis=2)
+
+
+def constant() -> np.ndarray:
+    poses = independent_noise(4, np.random.default_rng(0))
+    poses[:, :, 1:] = np.array([0.0, 1.0, -3.0, 1e-9, 1e6])
+    return poses
+
+
+HOSTILE = {
+    "identical": np.tile(arcs([0.5], np.random.default_rng(0)), (4, 1, 1)),
+    "two crossing": crossing(),
+    "constant outputs": constant(),
+    "all zero": np.zeros((3, 60, 6)),
+    "huge": 1e6 * independent_noise(4, np.random.default_rng(0)),
+    "tiny": 1e-9 * independent_noise(4, np.random.default_rng(0)),
+    "white noise": np.random.default_rng(0).normal(size=(5, 60, 6)),
+    "one outlier": np.concatenate(
+        [
+            np.tile(arcs([0.5], np.random.default_rng(0)), (5, 1, 1)),
+            9.0 + crossing()[:1],
+        ]
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    "noise", ["map", "homoscedastic", KerstingNoise(n_iterations=2)]
+)
+@pytest.mark.parametrize("name", list(HOSTILE))
+def test_hostile_demonstrations_give_finite_predictions(name, noise):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        skill = fit_skill(aligned(HOSTILE[name]), noise=noise)
+    predicted = skill.predict(np.linspace(-0.1, 1.1, 30))
+    for values in (predicted.mean, predicted.mean_rate, predicted.std_rate):
+        assert np.isfinite(values).all()
+    assert (predicted.std > 0.0).all()
+    assert np.isfinite(predicted.std).all()
+    assert np.isfinite(predicted.covariance).all()
+
+
+@pytest.mark.parametrize("size", [2, 3, 5000])
+def test_any_number_of_samples(size):
+    rng, times = np.random.default_rng(0), np.linspace(0.0, 1.0, size)
+    curve = np.stack([np.sin(2.0 * times + k) for k in range(6)], axis=1)
+    poses = curve + 0.02 * rng.normal(size=(5, size, 6))
+    predicted = fit_skill(aligned(poses, times)).predict(np.linspace(0.0, 1.0, 11))
+    truth = np.stack([np.sin(2.0 * predicted.times + k) for k in range(6)], axis=1)
+    if size > 3:
+        np.testing.assert_allclose(predicted.mean, truth, atol=0.01)
+        np.testing.assert_allclose(predicted.std, 0.02 * np.sqrt(1.2), rtol=0.1)
+    assert np.isfinite(predicted.std).all()
+
+
+def test_unequal_phases_within_the_unit_interval():
+    times = 0.2 + 0.6 * np.linspace(0.0, 1.0, 60) ** 2
+    poses = independent_noise(5, np.random.default_rng(0))
+    predicted = fit_skill(aligned(poses, times)).predict(np.array([0.0, 0.5, 1.0]))
+    assert np.isfinite(predicted.std).all()
+    assert (predicted.std[0] > predicted.std[1]).all()
+
+
+def test_unknown_noise_model_lists_the_known():
+    poses = independent_noise(4, np.random.default_rng(0))
+    with pytest.raises(ValueError, match=r"'gamma'.*homoscedastic.*kersting.*map"):
+        fit_skill(aligned(poses), noise="gamma")
+
+
+@pytest.mark.parametrize("times", [np.array([]), np.array([0.0, np.nan])])
+def test_impossible_times_are_refused(skill, times):
+    with pytest.raises(ValueError, match="finite times, at least one"):
+        skill.predict(times)
+
+
+def test_prediction_is_read_only_and_leaves_its_times_alone(skill):
+    times = np.linspace(0.0, 1.0, 5)
+    predicted = skill.predict(times)
+    for values in (
+        predicted.times,
+        predicted.mean,
+        predicted.std,
+        predicted.covariance,
+    ):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 0.0
+    times[0] = 0.5
+    assert predicted.times[0] == 0.0
+
+
+def test_skill_keeps_its_demonstrations_and_duration(skill):
+    assert skill.duration == 4.0
+    assert skill.count == 6
+    assert skill.aligned.poses.shape == (6, 60, 6)
+
+
+def test_via_point_frees_outputs_by_nan_or_infinite_noise():
+    pose = np.array([0.1, np.nan, 0.0, 0.0, 0.0, 0.0])
+    point = ViaPoint(phase=0.5, pose=pose, std=np.array([1.0, 1, np.inf, 0, 2, 3]))
+    expected = [1.0, np.inf, np.inf, 0.0, 4.0, 9.0]
+    np.testing.assert_array_equal(point.noise_variance, expected)
+    np.testing.assert_array_equal(
+        ViaPoint(phase=0.5, pose=np.zeros(6), std=0.1).noise_variance, 0.1**2
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"phase": np.nan, "pose": np.zeros(6)}, "phase of a via-point must be finite"),
+        ({"phase": 0.1, "pose": np.full(6, np.inf)}, "pose must be finite, or NaN"),
+        ({"phase": 0.1, "pose": np.zeros(6), "std": -1.0}, "must be >= 0"),
+        ({"phase": 0.1, "pose": np.zeros(6), "std": np.nan}, "must be >= 0"),
+    ],
+)
+def test_impossible_via_points_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        ViaPoint(**arguments)
+
+
+def test_trajectory_record_copies_what_it_is_given():
+    mean = np.zeros((2, 6))
+    trajectory = GaussianTrajectory(
+        times=np.array([0.0, 1.0]),
+        mean=mean,
+        std=np.ones((2, 6)),
+        mean_rate=mean,
+        std_rate=mean,
+        covariance_function=lambda: np.tile(np.eye(2), (6, 1, 1)),
+    )
+    mean[0, 0] = 7.0
+    assert trajectory.mean[0, 0] == 0.0

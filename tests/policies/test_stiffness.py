@@ -1,0 +1,151 @@
+"""The stiffness profile, Eqs. (24) to (26), and its presets."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from policies.controllers.stability import decay_rate
+from policies.controllers.stiffness import (
+    DEFAULT_DYNAMICS,
+    DEFAULT_PROFILE,
+    PAPER_DYNAMICS,
+    PAPER_PROFILE,
+    StiffnessProfile,
+    VirtualDynamics,
+)
+
+PROFILES = [PAPER_PROFILE, DEFAULT_PROFILE]
+
+
+def profile(**changes) -> StiffnessProfile:
+    fields = {
+        "k_max": np.full(6, 500.0),
+        "k_min": np.full(6, 100.0),
+        "alpha": np.full(6, 600.0),
+        "beta": np.full(6, 0.01),
+    }
+    return StiffnessProfile(**(fields | changes))
+
+
+@pytest.mark.parametrize("law", PROFILES)
+def test_eq24_matches_the_printed_sigmoid(law):
+    std = law.beta * np.linspace(0.0, 3.0, 31)[:, None]
+    softening = 1.0 / (1.0 + np.exp(-law.alpha * (std - law.beta)))
+    expected = law.k_max - (law.k_max - law.k_min) * softening
+    np.testing.assert_allclose(law.stiffness(std), expected, rtol=1e-14)
+    np.testing.assert_allclose(law.stiffness(law.beta), (law.k_max + law.k_min) / 2)
+
+
+@pytest.mark.parametrize("std", [-np.inf, -1e308, 0.0, 1e3, 1e307, 1e308, np.inf])
+def test_eq24_saturates_without_overflow(std):
+    stiffness = PAPER_PROFILE.stiffness(np.full(6, std))
+    rate = PAPER_PROFILE.rate(np.full(6, std), np.ones(6))
+    expected = 100.0 if std > 1 else 500.0
+    np.testing.assert_allclose(stiffness, expected, rtol=0.003)
+    assert np.isfinite(rate).all()
+
+
+@given(std=st.floats(0.0, 0.1), step=st.floats(1e-6, 0.1))
+def test_eq24_stiffness_falls_with_uncertainty_within_its_range(std, step):
+    less, more = PAPER_PROFILE.stiffness(np.array([[std], [std + step]]) * np.ones(6))
+    assert np.all(more <= less)
+    assert np.all((more >= 100.0) & (less <= 500.0))
+
+
+@pytest.mark.parametrize("law", PROFILES)
+@pytest.mark.parametrize("sigma_rate", [-0.3, 0.7])
+def test_eq25_rate_is_the_derivative_of_eq24(law, sigma_rate):
+    std = law.beta * np.linspace(0.0, 3.0, 61)[:, None]
+    std_rate = sigma_rate * law.beta * np.ones_like(std)
+    step = 1e-6
+    ahead = law.stiffness(std + step * std_rate)
+    behind = law.stiffness(std - step * std_rate)
+    numeric = (ahead - behind) / (2 * step)
+    np.testing.assert_allclose(
+        law.rate(std, std_rate), numeric, atol=1e-6 * np.abs(numeric).max()
+    )
+    # Rising uncertainty softens, falling uncertainty stiffens.
+    assert np.all(law.rate(std, std_rate) * sigma_rate < 0.0)
+
+
+def test_eq25_in_terms_of_stiffness():
+    std, std_rate = np.full(6, 0.012), np.full(6, -0.02)
+    stiffness = PAPER_PROFILE.stiffness(std)
+    expected = -600.0 * (500.0 - stiffness) * (stiffness - 100.0) / 400.0 * std_rate
+    np.testing.assert_allclose(PAPER_PROFILE.rate(std, std_rate), expected, rtol=1e-13)
+
+
+def test_printed_eq25_has_the_wrong_sign():
+    std, unit = np.full(6, 0.011), np.ones(6)
+    np.testing.assert_allclose(PAPER_PROFILE.printed_rate(std, unit), 57_387, atol=0.5)
+    np.testing.assert_allclose(PAPER_PROFILE.rate(std, unit), -54_908, atol=0.5)
+
+
+def test_eq26_the_rate_is_largest_half_way_between_the_stiffnesses():
+    std = np.linspace(0.0, 0.03, 30_001)[:, None] * np.ones(6)
+    size = np.abs(PAPER_PROFILE.rate(std, np.ones_like(std)))[:, 0]
+    at_largest = PAPER_PROFILE.stiffness(std)[np.argmax(size), 0]
+    assert size.max() == pytest.approx(600.0 / 4 * 400.0, rel=1e-9)
+    assert at_largest == pytest.approx(300.0, abs=0.1)  # not (500 - 100)/2 = 200
+
+
+def test_damping_keeps_its_ratio_at_every_stiffness():
+    dynamics = VirtualDynamics(
+        mass=np.array([1, 2, 3, 0.1, 0.2, 0.3]), damping_ratio=0.7
+    )
+    stiffness = np.geomspace(1.0, 1e4, 9)[:, None] * np.ones(6)
+    ratio = dynamics.damping(stiffness) / (2 * np.sqrt(dynamics.mass * stiffness))
+    np.testing.assert_allclose(ratio, 0.7, rtol=1e-14)
+
+
+def test_presets_share_shape_and_time_constants_across_axes():
+    np.testing.assert_allclose(DEFAULT_PROFILE.alpha * DEFAULT_PROFILE.beta, 6.0)
+    np.testing.assert_allclose(decay_rate(DEFAULT_PROFILE.k_min, DEFAULT_DYNAMICS), 20)
+    np.testing.assert_array_equal(DEFAULT_PROFILE.k_max[:3], PAPER_PROFILE.k_max[:3])
+    np.testing.assert_array_equal(PAPER_DYNAMICS.mass, np.ones(6))
+
+
+def test_profiles_are_read_only_copies():
+    k_max = np.full(6, 500.0)
+    law = profile(k_max=k_max)
+    k_max[0] = 1.0
+    assert law.k_max[0] == 500.0
+    with pytest.raises(ValueError, match="read-only"):
+        law.k_max[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"k_min": np.zeros(6)}, "0 < k_min <= k_max"),
+        ({"k_min": np.full(6, 501.0)}, "0 < k_min <= k_max"),
+        ({"alpha": np.zeros(6)}, "set k_min = k_max"),
+        ({"beta": np.full(6, -0.1)}, "beta not negative"),
+        ({"beta": np.full(6, np.nan)}, "beta must be six finite numbers"),
+    ],
+)
+def test_unusable_profile_is_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        profile(**changes)
+
+
+def test_printed_eq25_refuses_a_constant_stiffness():
+    constant = profile(k_min=np.full(6, 500.0))
+    np.testing.assert_array_equal(constant.rate(np.ones(6), np.ones(6)), 0.0)
+    with pytest.raises(ValueError, match="divides by k_max - k_min"):
+        constant.printed_rate(np.ones(6), np.ones(6))
+
+
+@pytest.mark.parametrize(
+    ("mass", "ratio", "message"),
+    [
+        (np.zeros(6), 1.0, "mass must be positive"),
+        (np.full(6, np.inf), 1.0, "mass must be six finite numbers"),
+        (np.ones(6), 0.0, "damping_ratio must be positive and finite, got 0.0"),
+        (np.ones(6), np.nan, "damping_ratio must be positive"),
+    ],
+)
+def test_unusable_dynamics_are_refused(mass, ratio, message):
+    with pytest.raises(ValueError, match=message):
+        VirtualDynamics(mass=mass, damping_ratio=ratio)
