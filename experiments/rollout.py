@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from experiments.episode_log import EpisodeLog
 
@@ -57,22 +58,25 @@ def rollout(
     Raises:
         ValueError: The environment's information lacks an entry.
     """
-    observation, info = env.reset(seed=seed)
-    agent.reset(observation)
-    rows = _Rows(env)
-    forecasts = _Forecasts(agent, forecast_period)
-    ended = truncated = False
-    while True:
-        now = float(observation["time"][0])
-        forecasts.take_if_due(now, force=ended)
-        decision, latency = _timed_decision(agent, observation)
-        rows.add(now, observation, info, decision, latency)
-        if on_step is not None:
-            on_step(now, float(info["door_angle"]))
-        if ended:
-            break
-        observation, _, terminated, truncated, info = env.step(decision.action)
-        ended = terminated or truncated
+    # Matrices of a hundred rows: sharing them out among threads would cost
+    # ten times the work itself.
+    with threadpool_limits(limits=1, user_api="blas"):
+        observation, info = env.reset(seed=seed)
+        agent.reset(observation)
+        rows = _Rows(env)
+        forecasts = _Forecasts(agent, forecast_period)
+        ended = truncated = False
+        while True:
+            now = float(observation["time"][0])
+            forecasts.take_if_due(now, force=ended)
+            decision, latency = _timed_decision(agent, observation)
+            rows.add(now, observation, info, decision, latency)
+            if on_step is not None:
+                on_step(now, float(info["door_angle"]))
+            if ended:
+                break
+            observation, _, terminated, truncated, info = env.step(decision.action)
+            ended = terminated or truncated
     arrays: dict[str, Any] = rows.arrays() | forecasts.arrays()
     return EpisodeLog(
         policy=policy,

@@ -18,10 +18,11 @@ from jaxtyping import Float
 
 from gplfd_env.se3 import compose_rotvecs
 from policies.controllers.admittance import Admittance
-from policies.controllers.stability import StiffnessGovernor
+from policies.controllers.stability import GovernedStiffness, StiffnessGovernor
 from policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
 from policies.gridded import GriddedPolicy
-from policies.phase import PhaseEstimator
+from policies.load import LoadRule
+from policies.phase import PhaseRule
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
 Observation = Mapping[str, Float[np.ndarray, "..."]]
@@ -98,11 +99,6 @@ class AgentConfig:
     """How far the set-point's rotation may run ahead of the hand, in phase. It turns
     with the handle: turning first would only twist the hand on the bar."""
 
-    max_load: float = 25.0
-    """Resistance along the path that the hand carries without yielding [N]. Beyond it
-    the hand yields and the set-point waits; a friction grasp of 16 N per finger slips
-    at 37 N."""
-
 
 @dataclass(slots=True)
 class _Memory:
@@ -117,21 +113,21 @@ class _Memory:
 class GaussianProcessAgent:
     """Follows a Gaussian-process policy with variable-stiffness admittance control.
 
-    The command phase runs by the clock, at the demonstrations' mean speed; the phase
-    of an observation is told by the path, never by the clock (see
-    `policies.phase.PhaseEstimator`): a lagging hand would otherwise teach the policy
-    its own lag, the set-point would slow down, and a heavy door would stall.
+    The command phase runs by the clock, at the demonstrations' mean speed, unless the
+    load rule makes it wait.
 
     Attributes:
         policy: The policy on a grid of phases, adapted in place.
         phases: Tells where along the task an observed pose lies.
+        load: What is done about the door's resistance.
         profile: Stiffness as a function of uncertainty, Eq. (24).
         dynamics: Virtual mass and damping ratio, Eq. (22).
         config: Timing and via-points.
     """
 
     policy: GriddedPolicy
-    phases: PhaseEstimator
+    phases: PhaseRule
+    load: LoadRule
     profile: StiffnessProfile
     dynamics: VirtualDynamics
     config: AgentConfig = field(default_factory=AgentConfig)
@@ -158,29 +154,16 @@ class GaussianProcessAgent:
             observation: ``ee_pose`` (6,) [m, rad] and ``wrench`` (6,) [N, N m] on the
                 hand, both in the task frame.
         """
-        pose, config = observation["ee_pose"], self.config
-        observed_phase, phase_std = self.phases.update(pose)
+        pose, memory = observation["ee_pose"], self._memory
+        observed_phase, phase_std = self.phases.update(pose, memory.phase)
         predicted_mean, predicted_std = self.policy.at(observed_phase)
         via_point = self._adapt(pose, observed_phase, phase_std)
-        tangent = self._tangent(observed_phase)
-        wrench = observation["wrench"].copy()
-        load = -float(tangent @ wrench[:3])
-        wrench[:3] += min(max(load, 0.0), config.max_load) * tangent
-        phase = self._advance(load)
-        desired, std = self._set_point(phase, observed_phase)
-        previous = self._memory.std
-        std_rate = (
-            std - (std if previous is None else previous)
-        ) / config.control_period
-        self._memory.std = std
-        governed = self._governor.step(
-            self.profile.stiffness(std), config.control_period
-        )
-        offset = self._admittance.step(
-            governed.stiffness, wrench, config.control_period
-        )
-        action = desired + offset
-        action[3:] = compose_rotvecs(offset[3:], desired[3:])
+        direction = self._direction(observed_phase)
+        wrench, pace = self.load.share(observation["wrench"], direction)
+        self._advance(pace)
+        desired, std = self._set_point(memory.phase, observed_phase)
+        std_rate = self._rate_of(std)
+        governed, action = self._render(desired, std, wrench)
         return AgentStep(
             action=action,
             desired=desired,
@@ -189,7 +172,7 @@ class GaussianProcessAgent:
             stiffness=governed.stiffness,
             stiffness_rate=governed.rate,
             stability_margin=governed.margin,
-            phase=phase,
+            phase=memory.phase,
             observed_phase=observed_phase,
             predicted_mean=predicted_mean,
             predicted_std=predicted_std,
@@ -221,7 +204,7 @@ class GaussianProcessAgent:
             desired[3:] = turned[3:]
         return desired, std
 
-    def _tangent(self, phase: float) -> Float[np.ndarray, " 3"]:
+    def _direction(self, phase: float) -> Float[np.ndarray, " 3"]:
         """Return the direction in which the policy moves the hand on, a unit vector."""
         ahead = min(phase + _LOOK_AHEAD, 1.0)
         start, _ = self.policy.at(ahead - _LOOK_AHEAD)
@@ -230,10 +213,26 @@ class GaussianProcessAgent:
         unit: Float[np.ndarray, " 3"] = chord / (math.sqrt(chord @ chord) + 1e-9)
         return unit
 
-    def _advance(self, load: float) -> float:
-        """Move the command phase by the clock, slower the harder the door resists."""
-        memory, config = self._memory, self.config
-        pace = 1.0 - min(max(load / config.max_load, 0.0) ** 4, 2.0)
-        step = pace * config.control_period / self.policy.skill.duration
-        memory.phase = min(max(memory.phase + step, 0.0), 1.0)
-        return memory.phase
+    def _advance(self, pace: float) -> None:
+        step = pace * self.config.control_period / self.policy.skill.duration
+        self._memory.phase = min(max(self._memory.phase + step, 0.0), 1.0)
+
+    def _rate_of(self, std: Pose) -> Pose:
+        """Rate of the σ that is really used: between steps, not along one curve."""
+        previous = self._memory.std
+        self._memory.std = std
+        if previous is None:
+            return np.zeros(6)
+        rate: Pose = (std - previous) / self.config.control_period
+        return rate
+
+    def _render(
+        self, desired: Pose, std: Pose, wrench: Pose
+    ) -> tuple[GovernedStiffness, Pose]:
+        """Return the governed stiffness, and the set-point displaced by the wrench."""
+        period = self.config.control_period
+        governed = self._governor.step(self.profile.stiffness(std), period)
+        offset = self._admittance.step(governed.stiffness, wrench, period)
+        action = desired + offset
+        action[3:] = compose_rotvecs(offset[3:], desired[3:])
+        return governed, action

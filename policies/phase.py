@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -36,7 +36,45 @@ class PhaseNoise:
     trusted its rotation would run ahead of a door that has not moved."""
 
 
-class PhaseEstimator:
+@runtime_checkable
+class PhaseRule(Protocol):
+    """Tells the phase of an observed pose."""
+
+    def reset(self) -> None:
+        """Begin at the start of the task."""
+
+    def update(
+        self, pose: Float[np.ndarray, " 6"], command_phase: float
+    ) -> tuple[float, float]:
+        """Return the phase of an observed pose and its standard deviation."""
+
+    def rate(self, phase: float) -> Float[np.ndarray, " 6"]:
+        """Return dμ/ds of the demonstrations at a phase, (6,)."""
+
+
+class ClockPhase:
+    """The phase of an observation is that of the command: the paper's time.
+
+    Note:
+        A hand that lags behind its command teaches the policy its lag; see
+        `PathPhase`.
+    """
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def update(
+        self, pose: Float[np.ndarray, " 6"], command_phase: float
+    ) -> tuple[float, float]:
+        """Return the command phase, as if it were certain."""
+        return command_phase, 0.0
+
+    def rate(self, phase: float) -> Float[np.ndarray, " 6"]:
+        """Return zero: a certain phase makes no via-point weaker."""
+        return np.zeros(6)
+
+
+class PathPhase:
     """Maximum-likelihood phase of a pose under the demonstrated distribution.
 
     The likelihood takes the pose itself and the direction of the hand's displacement
@@ -77,11 +115,14 @@ class PhaseEstimator:
         """Return to the beginning of the task."""
         self._phase = 0.0
 
-    def update(self, pose: Float[np.ndarray, " 6"]) -> tuple[float, float]:
+    def update(
+        self, pose: Float[np.ndarray, " 6"], command_phase: float
+    ) -> tuple[float, float]:
         """Return the phase of an observed pose and its standard deviation.
 
         Args:
             pose: Hand pose in the task frame [m, rad].
+            command_phase: Not used: the path tells, not the clock.
         """
         spacing = float(_GRID[1])
         backward, forward = self._window

@@ -6,24 +6,32 @@ import dataclasses
 import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
-import numpy as np
-from jaxtyping import Float
+from threadpoolctl import threadpool_limits
 
-from policies.adaptation import ProcessAdaptation, ProductAdaptation
+from policies.adaptation import (
+    AdaptationForm,
+    ExactAdaptation,
+    ProcessAdaptation,
+    ProductAdaptation,
+)
 from policies.agent import Agent, GaussianProcessAgent
 from policies.alignment import align
 from policies.baselines.oracle import OracleAgent
 from policies.controllers.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
+    PAPER_DYNAMICS,
+    PAPER_PROFILE,
     StiffnessProfile,
 )
 from policies.demonstrations import Demonstration
-from policies.gridded import Demonstrated, GriddedPolicy, GridDistribution
-from policies.phase import PhaseEstimator
+from policies.gridded import Demonstrated, GriddedPolicy
+from policies.load import CarriedLoad, YieldToAll
+from policies.phase import ClockPhase, PathPhase
 from policies.skill import Skill, fit_skill
 
 
@@ -98,40 +106,77 @@ def policy_entry(name: str) -> Policy:
 _GRID: Final = 100
 
 
-def _learn(training: TrainingInput) -> Skill:
+def _learn(training: TrainingInput, noise: str = "map", **alignment: Any) -> Skill:
     if not training.demonstrations:
         raise ValueError("no demonstrations were given; a policy needs at least one")
-    return fit_skill(align(training.demonstrations))
+    with threadpool_limits(limits=1, user_api="blas"):
+        aligned = align(training.demonstrations, **alignment)
+        return fit_skill(aligned, noise=noise)
 
 
 def _agent(
     skill: Skill,
-    form: Callable[[Skill, Float[np.ndarray, " M"]], GridDistribution],
+    form: AdaptationForm = ProcessAdaptation,
     profile: StiffnessProfile = DEFAULT_PROFILE,
 ) -> GaussianProcessAgent:
     return GaussianProcessAgent(
         policy=GriddedPolicy(skill, form, _GRID),
-        phases=PhaseEstimator(skill),
+        phases=PathPhase(skill),
+        load=CarriedLoad(),
         profile=profile,
         dynamics=DEFAULT_DYNAMICS,
     )
 
 
 def _gp(training: TrainingInput) -> Agent:
-    return _agent(_learn(training), ProcessAdaptation)
+    return _agent(_learn(training))
 
 
 def _gp_product(training: TrainingInput) -> Agent:
     return _agent(_learn(training), ProductAdaptation)
 
 
+def _gp_exact(training: TrainingInput) -> Agent:
+    return _agent(_learn(training), ExactAdaptation)
+
+
 def _gp_fixed(training: TrainingInput) -> Agent:
     return _agent(_learn(training), Demonstrated)
 
 
+def _gp_homoscedastic(training: TrainingInput) -> Agent:
+    return _agent(_learn(training, noise="homoscedastic"))
+
+
+def _gp_dtw_euclidean(training: TrainingInput) -> Agent:
+    return _agent(_learn(training, method="dtw-euclidean"))
+
+
 def _gp_constant_stiffness(training: TrainingInput) -> Agent:
     profile = dataclasses.replace(DEFAULT_PROFILE, k_min=DEFAULT_PROFILE.k_max)
-    return _agent(_learn(training), ProcessAdaptation, profile)
+    return _agent(_learn(training), profile=profile)
+
+
+def _gp_clock(training: TrainingInput) -> Agent:
+    skill = _learn(training)
+    return dataclasses.replace(_agent(skill), phases=ClockPhase())
+
+
+def _gp_paper(training: TrainingInput) -> Agent:
+    # Every choice as printed: DTW on the raw completion index, Kersting's noise, a
+    # product of Gaussians with zero prior mean, one stiffness law for all axes, the
+    # whole wrench in Eq. (22). What the text leaves open, the phase of an observation,
+    # is ours: read as clock time, no door opens (`gp-clock`).
+    skill = _learn(training, noise="kersting", method="dtw", denoise=False)
+    return GaussianProcessAgent(
+        policy=GriddedPolicy(
+            skill, partial(ProductAdaptation, prior_mean="zero"), _GRID
+        ),
+        phases=PathPhase(skill),
+        load=YieldToAll(),
+        profile=PAPER_PROFILE,
+        dynamics=PAPER_DYNAMICS,
+    )
 
 
 def _oracle(training: TrainingInput) -> Agent:
@@ -153,9 +198,29 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
             summary="gp with the paper's adaptation, a product of Gaussians",
             make=_gp_product,
         ),
+        "gp-exact": Policy(
+            summary="gp conditioned on demonstrations and via-points, white spread",
+            make=_gp_exact,
+        ),
         "gp-fixed": Policy(
             summary="the same GP without adaptation: the demonstrations' mean",
             make=_gp_fixed,
+        ),
+        "gp-homoscedastic": Policy(
+            summary="gp with one noise level for the whole task",
+            make=_gp_homoscedastic,
+        ),
+        "gp-dtw-euclidean": Policy(
+            summary="gp aligned by distance of poses instead of task completion",
+            make=_gp_dtw_euclidean,
+        ),
+        "gp-clock": Policy(
+            summary="gp that dates its observations by the clock: learns its own lag",
+            make=_gp_clock,
+        ),
+        "gp-paper": Policy(
+            summary="the paper to the letter: Kersting, product, one stiffness law",
+            make=_gp_paper,
         ),
         "gp-constant-stiffness": Policy(
             summary="the adapted GP, always at the greatest stiffness",

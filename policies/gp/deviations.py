@@ -100,6 +100,24 @@ class DeviationLikelihood:
     free: int
     """D − 1."""
 
+    @classmethod
+    def of(
+        cls,
+        times: Float[np.ndarray, " M"],
+        deviations: Float[np.ndarray, "D M"],
+        noise: Float[np.ndarray, " M"],
+    ) -> "DeviationLikelihood":
+        """The likelihood of D deviations e_k = y_k − ȳ, thinned."""
+        kept = np.unique(np.linspace(0, len(times) - 1, _GRID).round().astype(int))
+        kept = kept[noise[kept] >= _NEGLIGIBLE * np.mean(noise)]
+        chosen = deviations[:, kept]
+        return cls(
+            times=times[kept],
+            noise=noise[kept],
+            scatter=chosen.T @ chosen,
+            free=len(deviations) - 1,
+        )
+
     def process(self, theta: Float[np.ndarray, "5"]) -> DeviationProcess:
         """The covariance that θ stands for."""
         return DeviationProcess(
@@ -165,7 +183,7 @@ def fit_deviations(
         deviations: e_k = y_k − ȳ, shape (D, M), D ≥ 2.
         noise: r(t) > 0, shape (M,).
     """
-    likelihood = _thinned(times, deviations, noise)
+    likelihood = DeviationLikelihood.of(times, deviations, noise)
     average = float(np.mean(noise))
     span = float(times[-1] - times[0])
 
@@ -193,19 +211,3 @@ def fit_deviations(
         for size in (1e-3, 1e-1)
     ]
     return likelihood.process(min(results, key=lambda result: result.fun).x)
-
-
-def _thinned(
-    times: Float[np.ndarray, " M"],
-    deviations: Float[np.ndarray, "D M"],
-    noise: Float[np.ndarray, " M"],
-) -> DeviationLikelihood:
-    kept = np.unique(np.linspace(0, len(times) - 1, _GRID).round().astype(int))
-    kept = kept[noise[kept] >= _NEGLIGIBLE * np.mean(noise)]
-    chosen = deviations[:, kept]
-    return DeviationLikelihood(
-        times=times[kept],
-        noise=noise[kept],
-        scatter=chosen.T @ chosen,
-        free=len(deviations) - 1,
-    )

@@ -40,38 +40,26 @@ class _UnitTables:
     """Coefficients of a curve ↦ coefficients of its derivative."""
 
 
-def _gauss_legendre(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes, weights and P_j at the nodes, in extended precision.
-
-    NumPy's double-precision weights leave 1e-12 of error in a kernel, 1e-10 for 192
-    nodes; these leave 1e-14.
-    """
-    nodes = leggauss(size)[0].astype(np.longdouble)
-    table = legvander(nodes, size)
-    slope = size * (nodes * table[:, size] - table[:, size - 1]) / (nodes**2 - 1.0)
-    return nodes, 2.0 / ((1.0 - nodes**2) * slope**2), table[:, :size]
-
-
 @lru_cache(maxsize=16)
 def _unit_tables(size: int) -> _UnitTables:
-    nodes, weights, table = _gauss_legendre(size)
-    roots = np.sqrt(weights)
+    nodes, _ = leggauss(size)
+    table = legvander(nodes, size)
+    # From P_q' = q (x P_q − P_{q−1}) / (x² − 1); NumPy's own weights would make slopes
+    # a hundred times less accurate, because differentiation magnifies errors by q².
+    slope = size * (nodes * table[:, size] - table[:, size - 1]) / (nodes**2 - 1.0)
+    roots = np.sqrt(2.0 / (1.0 - nodes**2)) / np.abs(slope)
     degrees = np.arange(size)
     # Coefficients of a curve in the orthonormal polynomials √(j + ½) P_j.
-    modes = (table * np.sqrt(degrees + 0.5)).T * roots
+    modes = (table[:, :size] * np.sqrt(degrees + 0.5)).T * roots
     # P_j' = Σ (2 k + 1) P_k over k = j − 1, j − 3, …
     odd = (degrees[None, :] - degrees[:, None]) % 2 == 1
     below = odd & (degrees[:, None] < degrees[None, :])
     ratio = np.sqrt(np.multiply.outer(degrees + 0.5, degrees + 0.5))
     tables = _UnitTables(
-        nodes=nodes.astype(np.float64),
-        root_weights=roots.astype(np.float64),
-        barycentric=(
-            np.where(degrees % 2, -1.0, 1.0) * np.sqrt(1.0 - nodes**2) * roots
-        ).astype(np.float64),
-        slope=(modes.T @ (np.where(below, 2.0 * ratio, 0.0) @ modes)).astype(
-            np.float64
-        ),
+        nodes=nodes,
+        root_weights=roots,
+        barycentric=np.where(degrees % 2, -1.0, 1.0) * np.sqrt(1.0 - nodes**2) * roots,
+        slope=modes.T @ (np.where(below, 2.0 * ratio, 0.0) @ modes),
     )
     for name in ("nodes", "root_weights", "barycentric", "slope"):
         getattr(tables, name).setflags(write=False)

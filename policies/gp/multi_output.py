@@ -17,6 +17,7 @@ from policies.gp.spectral import SpectralPosterior
 
 __all__ = ["MultiOutputGP", "OutputMoments"]
 
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OutputMoments:
     """Moments of the mean function f and of the noise at M times."""

@@ -26,9 +26,6 @@ from policies.gp.spectral import square_root
 
 __all__ = ["HomoscedasticNoise", "MapNoise"]
 
-_RELATIVE_FLOOR = 1e-6
-"""Smallest empirical variance, relative to its average over the demonstration. All
-demonstrations start at the same pose, so it is exactly zero there."""
 _OFFSET_VARIANCE = 1e2
 """Prior variance of the level of z(t): vague, so that the data set it."""
 
@@ -79,9 +76,8 @@ class MapNoise:
                 'Give more, or choose noise="homoscedastic", which models the '
                 "scatter of the samples around one smooth curve."
             )
-        pooled = replicates.within / free
-        floor = max(LEAST_VARIANCE, _RELATIVE_FLOOR * float(np.mean(pooled)))
-        pooled = np.maximum(pooled, floor)
+        # All demonstrations start at the same pose: there the spread is exactly zero.
+        pooled = np.maximum(replicates.within / free, LEAST_VARIANCE)
         half = 0.5 * free
         observed = np.log(pooled) - float(digamma(half)) + np.log(half)
         level = float(np.mean(observed))

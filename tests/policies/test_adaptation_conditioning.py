@@ -207,7 +207,7 @@ def test_knowing_the_radius_early_predicts_the_rest(skill):
     assert error["process"] < 0.25 * before
     assert error["process"] < 0.5 * error["exact"]
     assert (
-        forms["process"].std[45, [0, 2]] < 0.7 * forms["exact"].std[45, [0, 2]]
+        forms["process"].std[45, [0, 2]] < 0.85 * forms["exact"].std[45, [0, 2]]
     ).all()
 
 
@@ -290,6 +290,33 @@ def test_hostile_demonstrations_can_be_adapted(name):
         assert np.isfinite(adapted.covariance).all()
 
 
+def test_nothing_observed_is_the_prediction_for_noisy_demonstrations_too():
+    """White noise in the demonstrations: the parts still add up to r + r/D."""
+    rng = np.random.default_rng(0)
+    poses = np.tile(door(0.5), (6, 1, 1)) + 0.01 * rng.normal(size=(6, 60, 6))
+    skill = fit_skill(AlignedDemonstrations(times=TIMES, poses=poses))
+    assert skill.deviations[0].white > 0.5
+    adaptation = ProcessAdaptation(skill, TIMES)
+    np.testing.assert_allclose(adaptation.std, skill.predict(TIMES).std, rtol=1e-4)
+
+
+def test_demonstrated_curves_shape_what_follows():
+    """Early high, late low in every demonstration: no stationary model expects it."""
+    rng = np.random.default_rng(0)
+    swing = np.multiply.outer(rng.normal(size=8), 0.1 * np.cos(np.pi * TIMES))
+    poses = np.tile(door(0.5), (8, 1, 1))
+    poses[:, :, 0] += swing + 0.001 * rng.normal(size=swing.shape)
+    skill = fit_skill(AlignedDemonstrations(times=TIMES, poses=poses))
+    before = skill.predict(TIMES).mean
+    adaptation = ProcessAdaptation(skill, TIMES)
+    for index in (3, 6, 9):
+        shift = 0.08 * np.cos(np.pi * TIMES[index])
+        pose = np.full(6, np.nan)
+        pose[0] = before[index, 0] + shift
+        adaptation.observe(ViaPoint(phase=float(TIMES[index]), pose=pose))
+    assert (adaptation.mean - before)[-3, 0] < -0.001
+
+
 def test_deviation_covariance_has_the_demonstrated_variance():
     noise = np.linspace(0.001, 0.02, 9)
     process = DeviationProcess(
@@ -306,12 +333,8 @@ def test_deviation_covariance_has_the_demonstrated_variance():
 
 
 def likelihood(deviations: np.ndarray) -> DeviationLikelihood:
-    return DeviationLikelihood(
-        times=np.linspace(0.0, 1.0, 25),
-        noise=np.exp(np.linspace(-3.0, 1.0, 25)),
-        scatter=deviations.T @ deviations,
-        free=len(deviations) - 1,
-    )
+    times, noise = np.linspace(0.0, 1.0, 25), np.exp(np.linspace(-3.0, 1.0, 25))
+    return DeviationLikelihood.of(times, deviations, noise)
 
 
 def test_deviation_likelihood_gradient_equals_finite_differences():

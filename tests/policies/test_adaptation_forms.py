@@ -175,6 +175,8 @@ def test_trajectory_is_a_snapshot(skill, form):
     np.testing.assert_array_equal(before.mean, mean)
     diagonal = np.diagonal(before.covariance, axis1=1, axis2=2).T
     np.testing.assert_allclose(np.sqrt(diagonal), before.std, atol=1e-9)
+    alone = skill.adapt([via(skill, 0.2, 0.05)], form).predict(TIMES)
+    np.testing.assert_allclose(before.covariance, alone.covariance, atol=1e-12)
     assert np.abs(adaptation.mean - mean).max() > 0.01
 
 

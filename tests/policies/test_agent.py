@@ -9,7 +9,8 @@ from policies.adaptation import ProcessAdaptation
 from policies.agent import AgentConfig, GaussianProcessAgent
 from policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
 from policies.gridded import Demonstrated, GriddedPolicy
-from policies.phase import PhaseEstimator
+from policies.load import CarriedLoad
+from policies.phase import PathPhase
 
 PERIOD = 0.01
 
@@ -17,7 +18,8 @@ PERIOD = 0.01
 def agent_of(skill, form=ProcessAdaptation, **config):
     return GaussianProcessAgent(
         policy=GriddedPolicy(skill, form, 100),
-        phases=PhaseEstimator(skill),
+        phases=PathPhase(skill),
+        load=CarriedLoad(limit=20.0),
         profile=DEFAULT_PROFILE,
         dynamics=DEFAULT_DYNAMICS,
         config=AgentConfig(**config),
@@ -99,7 +101,7 @@ def test_lag_does_not_slow_the_clock_down(skill):
 
 
 def test_set_point_waits_at_the_largest_load(skill):
-    agent = agent_of(skill, max_load=20.0)
+    agent = agent_of(skill)
     agent.reset(observed(np.zeros(6)))
     held_back = observed(np.zeros(6), force=(-20.0, 0.0, 0.0))
     phases = [agent.act(held_back).phase for _ in range(100)]
@@ -107,7 +109,7 @@ def test_set_point_waits_at_the_largest_load(skill):
 
 
 def test_resistance_along_the_path_is_carried_not_yielded_to(skill):
-    agent = agent_of(skill, max_load=20.0)
+    agent = agent_of(skill)
     agent.reset(observed(np.zeros(6)))
     for _ in range(200):
         step = agent.act(observed(np.zeros(6), force=(-10.0, 0.0, 0.0)))

@@ -41,6 +41,11 @@ def test_default_estimate_is_unbiased(count):
     assert abs(log_bias(MapNoise(), count)) < 0.12
 
 
+def test_default_estimate_starts_from_an_unbiased_level():
+    levels = [MapNoise().fit(TIMES, samples(2, seed)).level for seed in range(8)]
+    assert np.mean(levels) == pytest.approx(np.mean(np.log(TRUE)), abs=0.15)
+
+
 def test_default_estimate_follows_the_spread():
     estimate = MapNoise().fit(TIMES, samples(6, 1)).log_variance(TIMES)
     assert np.sqrt(np.mean((estimate - np.log(TRUE)) ** 2)) < 0.3

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from gplfd_env.task import handle_pose_on_arc
-from policies.phase import PhaseEstimator
+from policies.phase import PathPhase
 
 FINAL_ANGLE = np.radians(67.0)
 
 
 def follow(estimator, poses):
-    return np.array([estimator.update(pose) for pose in poses]).T
+    return np.array([estimator.update(pose, 0.0) for pose in poses]).T
 
 
 def true_phase(skill, angles):
@@ -22,7 +22,7 @@ def true_phase(skill, angles):
 def test_phase_does_not_depend_on_the_radius(skill, radius):
     angles = np.linspace(0.0, FINAL_ANGLE, 500)
     poses = [handle_pose_on_arc(radius, angle) for angle in angles]
-    phase, std = follow(PhaseEstimator(skill), poses)
+    phase, std = follow(PathPhase(skill), poses)
     error = np.abs(phase - true_phase(skill, angles))
     opened = angles > np.radians(10.0)
     assert error[opened].max() < 0.05
@@ -32,7 +32,7 @@ def test_phase_does_not_depend_on_the_radius(skill, radius):
 
 
 def test_phase_stands_still_when_only_the_hand_turns(skill):
-    estimator = PhaseEstimator(skill)
+    estimator = PathPhase(skill)
     poses = np.zeros((200, 6))
     poses[:, 4] = np.linspace(0.0, 0.3, 200)
     phase, _ = follow(estimator, poses)
@@ -40,7 +40,7 @@ def test_phase_stands_still_when_only_the_hand_turns(skill):
 
 
 def test_phase_follows_a_door_that_swings_back(skill):
-    estimator = PhaseEstimator(skill)
+    estimator = PathPhase(skill)
     angles = np.radians(np.concatenate([np.linspace(0, 40, 300), np.full(50, 40.0)]))
     follow(estimator, [handle_pose_on_arc(0.5, angle) for angle in angles])
     back = np.radians(np.linspace(40, 25, 200))
@@ -53,20 +53,20 @@ def test_phase_is_independent_of_speed(skill):
     for samples in (60, 600):
         angles = np.linspace(0.0, np.radians(50.0), samples)
         poses = [handle_pose_on_arc(0.5, angle) for angle in angles]
-        ends.append(follow(PhaseEstimator(skill), poses)[0][-1])
+        ends.append(follow(PathPhase(skill), poses)[0][-1])
     assert ends[0] == pytest.approx(ends[1], abs=1e-3)
 
 
 def test_reset_returns_to_the_start(skill):
-    estimator = PhaseEstimator(skill)
+    estimator = PathPhase(skill)
     angles = np.linspace(0.0, 1.0, 300)
     follow(estimator, [handle_pose_on_arc(0.5, angle) for angle in angles])
     estimator.reset()
-    assert estimator.update(np.zeros(6))[0] < 0.1
+    assert estimator.update(np.zeros(6), 0.0)[0] < 0.1
 
 
 def test_rate_is_the_derivative_of_the_mean(skill):
-    estimator = PhaseEstimator(skill)
+    estimator = PathPhase(skill)
     step = 1e-5
     around = skill.predict(np.array([0.5 - step, 0.5 + step])).mean
     numerical = (around[1] - around[0]) / (2 * step)

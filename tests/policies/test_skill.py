@@ -109,6 +109,39 @@ def test_covariance_has_the_predicted_variances_and_is_lazy(skill):
     assert (np.linalg.eigvalsh(covariance)[:, 0] > 0.0).all()
 
 
+def test_covariance_stretches_that_of_the_mean(skill):
+    """The floor r/D on the variance of the mean scales it; correlations stay."""
+    predicted, moments = skill.predict(TIMES), skill.processes.moments(TIMES)
+    latent = skill.processes.latent_covariance(TIMES)
+    for output in range(6):
+        of_mean = predicted.covariance[output] - np.diag(moments.noise[:, output])
+        np.testing.assert_allclose(
+            of_mean / np.sqrt(np.outer(np.diag(of_mean), np.diag(of_mean))),
+            latent[output]
+            / np.sqrt(np.outer(np.diag(latent[output]), np.diag(latent[output]))),
+            atol=1e-8,
+        )
+
+
+def test_spectral_and_dense_moments_agree(skill):
+    """The fast form inside against the dense processes of every output."""
+    grid = np.linspace(0.0, 1.0, 41)
+    fast = skill.processes.moments(grid)
+    for output, fitted in enumerate(skill.processes.outputs):
+        scale = fitted.scale
+        mean_rate, variance_rate = fitted.latent.rates(grid)
+        mean = fitted.offset + scale * fitted.latent.mean(grid)
+        variance = scale**2 * fitted.latent.variance(grid)
+        np.testing.assert_allclose(fast.mean[:, output], mean, atol=1e-8)
+        np.testing.assert_allclose(fast.latent[:, output], variance, atol=1e-12)
+        np.testing.assert_allclose(
+            fast.mean_rate[:, output], scale * mean_rate, atol=1e-6
+        )
+        np.testing.assert_allclose(
+            fast.latent_rate[:, output], scale**2 * variance_rate, atol=1e-8
+        )
+
+
 def test_covariance_outside_agrees_with_its_variances(skill):
     predicted = skill.predict(np.linspace(-0.2, 1.2, 20))
     diagonal = np.diagonal(predicted.covariance, axis1=1, axis2=2).T
@@ -116,7 +149,7 @@ def test_covariance_outside_agrees_with_its_variances(skill):
 
 
 def test_samples_have_the_predicted_moments(skill):
-    predicted = skill.predict(np.linspace(0.0, 1.0, 7))
+    predicted = skill.predict(np.linspace(1.0, 0.0, 7))
     draws = predicted.samples(4000, np.random.default_rng(1))
     assert draws.shape == (4000, 7, 6)
     error = np.abs(draws.mean(axis=0) - predicted.mean)
