@@ -149,10 +149,12 @@ def _course(
     """Normalise time, and unwrap the rotations from the branch of `start`."""
     times, poses = demonstration.times, demonstration.poses
     clock = (times - times[0]) / (times[-1] - times[0])
-    rotvecs = unwrap_rotvecs(np.vstack([start[3:], poses[:, 3:]]))[1:]
-    return _Course(
-        clock=clock, poses=np.hstack([poses[:, :3], rotvecs]), completion=completion
-    )
+    first = unwrap_rotvecs(np.stack([start[3:], poses[0, 3:]]))[1]
+    if not np.array_equal(first, poses[0, 3:]):
+        # A demonstration is continuous: where its first sample stays, all do.
+        rotvecs = unwrap_rotvecs(np.vstack([first, poses[1:, 3:]]))
+        poses = np.hstack([poses[:, :3], rotvecs])
+    return _Course(clock=clock, poses=poses, completion=completion)
 
 
 def _interpolated(
@@ -187,8 +189,13 @@ def _resampled(
     clock: Float[np.ndarray, " M"], course: _Course
 ) -> Float[np.ndarray, "M 6"]:
     """Return the poses of a course at other times of its clock."""
-    columns = [np.interp(clock, course.clock, column) for column in course.poses.T]
-    return np.column_stack(columns)
+    last = len(course.clock) - 2
+    before = np.clip(np.searchsorted(course.clock, clock) - 1, 0, last)
+    start, step = course.clock[before], np.diff(course.clock)[before]
+    share = ((clock - start) / step)[:, None]
+    resampled: np.ndarray = (1.0 - share) * course.poses[before]
+    resampled += share * course.poses[before + 1]
+    return resampled
 
 
 def _warped(
@@ -200,6 +207,10 @@ def _warped(
     reference = max(courses, key=lambda course: len(course.clock))
     aligned = []
     for course in courses:
+        if course is reference:
+            # Matched with itself, every sample meets itself.
+            aligned.append(_resampled(phases, course))
+            continue
         path = dynamic_time_warping(
             lambda row, course=course: cost_row(reference, row, course),  # type: ignore[misc]
             len(reference.clock),

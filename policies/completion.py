@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.se3 import pose_distance
+from gplfd_env.se3 import pose_steps
 from policies.demonstrations import Demonstration
 from policies.denoising import denoised_steps
 
@@ -77,7 +77,7 @@ def measure_completion(
         ValueError: If nothing moves that the weight counts.
     """
     poses = demonstration.poses
-    raw = pose_distance(poses[1:], poses[:-1], rotation_weight)
+    raw = pose_steps(poses, rotation_weight)
     raw_length = float(np.sum(raw))
     if raw_length <= 0.0:
         raise ValueError(

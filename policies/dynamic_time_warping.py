@@ -40,19 +40,20 @@ def dynamic_time_warping(
     Returns:
         The path and its cost.
     """
-    row = cost_row(0)
-    total = np.cumsum(row)
-    choices = np.empty((n_rows, len(row)), dtype=np.int8)
+    total = np.cumsum(cost_row(0))
+    above = np.empty_like(total)
+    choices = np.empty((n_rows, len(total)), dtype=np.int8)
     choices[0] = _LEFT
     for index in range(1, n_rows):
         row = cost_row(index)
-        up = total[1:] < total[:-1]
-        above = np.concatenate([total[:1], np.where(up, total[1:], total[:-1])])
-        cumulated = np.cumsum(row)
+        choice = choices[index, 1:]
+        np.less(total[1:], total[:-1], out=choice.view(np.bool_))  # up or diagonal
+        above[0] = total[0]
+        np.minimum(total[1:], total[:-1], out=above[1:])
+        cumulated = row.cumsum()
         total = cumulated + np.minimum.accumulate(above - (cumulated - row))
         choices[index, 0] = _UP
-        choices[index, 1:] = np.where(up, _UP, _DIAGONAL)
-        choices[index, 1:][total[:-1] < above[1:]] = _LEFT
+        np.copyto(choice, _LEFT, where=total[:-1] < above[1:])
     rows, columns = _trace(choices)
     return WarpingPath(cost=float(total[-1]), rows=rows, columns=columns)
 

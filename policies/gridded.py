@@ -2,36 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol, runtime_checkable
-
 import numpy as np
 from jaxtyping import Float
 
+from policies.adaptation import AdaptationForm
 from policies.skill import Skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
 Pose = Float[np.ndarray, " 6"]
 Grid = Float[np.ndarray, "M 6"]
-
-
-@runtime_checkable
-class GridDistribution(Protocol):
-    """A distribution over poses at fixed phases that takes in via-points."""
-
-    @property
-    def mean(self) -> Grid:
-        """Current mean, (M, 6) [m, rad]."""
-
-    @property
-    def std(self) -> Grid:
-        """Current standard deviation, (M, 6) [m, rad]."""
-
-    def observe(self, via_point: ViaPoint) -> None:
-        """Condition on a via-point, in place."""
-
-    def trajectory(self) -> GaussianTrajectory:
-        """Return the current distribution as a record."""
 
 
 class Demonstrated:
@@ -79,7 +58,7 @@ class GriddedPolicy:
     def __init__(
         self,
         skill: Skill,
-        form: Callable[[Skill, Float[np.ndarray, " M"]], GridDistribution],
+        form: AdaptationForm,
         n_grid: int,
     ) -> None:
         self._skill = skill

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gplfd_env.door_opening import DoorOpeningEnv
+from gplfd_env.observation import Reader
 from gplfd_env.placement import task_rotation_w
 from gplfd_env.robot import SERVO_STIFFNESS
 
@@ -196,3 +197,13 @@ def test_pulling_far_too_hard_loses_the_grasp(make_env: Callable) -> None:
     assert info["failure"] == "grasp_lost"
     assert not info["grasped"]
     assert not info["success"]
+
+
+@pytest.mark.parametrize(("right", "left"), [(1, 1), (1, 0), (0, 1), (0, 0)])
+def test_grasped_means_both_pads(right: int, left: int, make_env: Callable) -> None:
+    env = make_env("small")
+    env.reset(seed=0)
+    env.data.sensor("right_pad_contact").data[:] = right
+    env.data.sensor("left_pad_contact").data[:] = left
+    reading = Reader.of(env.model).door(env.data.sensordata)
+    assert reading.grasped is (right == left == 1)

@@ -106,8 +106,7 @@ def virtual_display() -> Iterator[str]:
     if program is None:
         pytest.fail(
             "Xvfb is missing; human rendering is tested on a virtual display: "
-            "apt-get install xvfb libgl1 libgl1-mesa-dri libxcursor1 libxi6 "
-            "libxinerama1 libxrandr2"
+            "apt-get install xvfb libgl1-mesa-dri"
         )
     read_end, write_end = os.pipe()
     options = ["-displayfd", str(write_end), "-screen", "0", "800x600x24"]

@@ -2,9 +2,12 @@
 
 import importlib.metadata
 import importlib.util
+import json
 import subprocess
 import sys
 from pathlib import Path
+from urllib.parse import urlparse
+from urllib.request import url2pathname
 
 import pytest
 
@@ -38,10 +41,10 @@ def test_importing_does_not_load_the_simulator(package: str, tmp_path: Path) -> 
 def test_importing_changes_nothing_outside(package: str, tmp_path: Path) -> None:
     """No file written, no environment variable set, no global random state touched.
 
-    Gymnasium, imported first, sets a variable of its own.
+    Imported first: the two dependencies that set variables of their own.
     """
     program = (
-        "import os, random, gymnasium, numpy as np\n"
+        "import os, random, gymnasium, threadpoolctl, numpy as np\n"
         "def state():\n"
         "    drawn = np.random.get_state()[1].tolist()\n"
         "    return dict(os.environ), random.getstate(), drawn\n"
@@ -53,19 +56,31 @@ def test_importing_changes_nothing_outside(package: str, tmp_path: Path) -> None
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_import_names_are_ours() -> None:
+def folder_of(package: str) -> Path:
+    spec = importlib.util.find_spec(package)
+    assert spec is not None
+    (folder,) = spec.submodule_search_locations or ()
+    return Path(folder)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_import_names_are_ours(package: str) -> None:
     """`policies` and `experiments` are generic names that other projects ship, too."""
-    owners = importlib.metadata.packages_distributions()
-    for package in PACKAGES:
+    distribution = importlib.metadata.distribution("gplfd")
+    origin = json.loads(distribution.read_text("direct_url.json") or "{}")
+    if origin.get("dir_info", {}).get("editable"):
+        # An editable installation lists no packages, only the checkout's address.
+        checkout = url2pathname(urlparse(origin["url"]).path)
+        assert folder_of(package).parent == Path(checkout)
+    else:
+        owners = importlib.metadata.packages_distributions()
         assert owners[package] == ["gplfd"]
+        assert folder_of(package) == Path(str(distribution.locate_file(package)))
 
 
-def test_packages_are_marked_as_typed() -> None:
-    for package in PACKAGES:
-        spec = importlib.util.find_spec(package)
-        assert spec is not None
-        (folder,) = spec.submodule_search_locations or ()
-        assert (Path(folder) / "py.typed").is_file()
+@pytest.mark.parametrize("package", PACKAGES)
+def test_packages_are_marked_as_typed(package: str) -> None:
+    assert (folder_of(package) / "py.typed").is_file()
 
 
 def test_console_script_exists_and_explains_itself(tmp_path: Path) -> None:

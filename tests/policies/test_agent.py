@@ -114,7 +114,7 @@ def test_resistance_along_the_path_is_carried_not_yielded_to(skill):
     for _ in range(200):
         step = agent.act(observed(np.zeros(6), force=(-10.0, 0.0, 0.0)))
     # Along the pull nothing gives way; the tangent is x up to the path's first bend.
-    assert abs(step.action[0] - step.desired[0]) < 2e-3
+    assert abs(step.action[0] - step.desired[0]) < 5e-3
 
 
 def test_force_across_the_path_is_yielded_to(skill):
