@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import numbers
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -56,18 +57,19 @@ class DoorConfig:
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, bool) or not isinstance(value, int | float):
+            if isinstance(value, bool) or not isinstance(value, numbers.Real):
                 raise TypeError(
                     f"DoorConfig.{field.name} must be a number, got {value!r} "
                     f"({type(value).__name__})"
                 )
+            value = float(value)
             low, high = _RANGES[field.name]
             if not (math.isfinite(value) and low <= value <= high):
                 raise ValueError(
                     f"DoorConfig.{field.name} = {value!r} is outside "
                     f"[{low:g}, {high:g}] {_UNITS[field.name]}"
                 )
-            object.__setattr__(self, field.name, float(value))
+            object.__setattr__(self, field.name, value)
 
 
 _RANGES: Final[Mapping[str, tuple[float, float]]] = MappingProxyType(
@@ -137,8 +139,8 @@ def door_config(door: DoorSpec) -> DoorConfig:
                 )
         start = DoorConfig() if preset is None else _preset(preset)
         return dataclasses.replace(start, **fields)
-    if isinstance(door, int | float) and not isinstance(door, bool):
-        return DoorConfig(radius=door)
+    if isinstance(door, numbers.Real) and not isinstance(door, bool):
+        return DoorConfig(radius=float(door))
     raise TypeError(
         "door must be a preset's name, a radius in metres, a mapping of DoorConfig "
         f"fields or a DoorConfig, got {door!r} ({type(door).__name__})"

@@ -4,6 +4,7 @@ import dataclasses
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -44,6 +45,7 @@ def test_four_ways_to_say_the_same_door(radius: float) -> None:
     assert door_config({"preset": "small", "radius": radius}) == expected
     assert door_config(expected) is expected
     assert door_config(dataclasses.asdict(expected)) == expected
+    assert door_config(np.float64(radius)) == expected
 
 
 def test_mapping_starts_from_its_preset() -> None:

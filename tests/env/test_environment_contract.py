@@ -1,20 +1,14 @@
 """Gymnasium's contract: checker, determinism, spaces, info, registration."""
 
-import json
-import subprocess
-import sys
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.utils.env_match import check_environments_match
 
-import gplfd_env
 from gplfd_env.config import DoorConfig
 from gplfd_env.door_opening import CONTROL_PERIOD, DoorOpeningEnv
 from gplfd_env.task import SUCCESS_ANGLE, handle_pose_on_arc
@@ -227,16 +221,6 @@ def test_stopping_short_is_no_success(
     assert info["failure"] == "stalled"
 
 
-def test_time_limit_truncates_after_fifteen_seconds() -> None:
-    env = gym.make(gplfd_env.ENVIRONMENT_ID, door="small")
-    env.reset(seed=0)
-    for step in range(1, 1501):
-        _, _, terminated, truncated, info = env.step(np.zeros(6))
-        assert (terminated, truncated) == (False, step == 1500)
-    assert info["failure"] == "stalled"
-    env.close()
-
-
 def test_opened_door_reports_its_handle_on_the_arc(
     make_env: Callable, arc_commands: Callable
 ) -> None:
@@ -251,62 +235,3 @@ def test_opened_door_reports_its_handle_on_the_arc(
     assert info["slip"] == pytest.approx(
         np.linalg.norm(observation["ee_pose"][:3] - expected[:3]), abs=1e-4
     )
-
-
-@pytest.mark.parametrize("door", ["small", 0.42, {"radius": 0.4, "panel_mass": 8.0}])
-def test_spec_survives_json(door: Any) -> None:
-    env = gym.make(gplfd_env.ENVIRONMENT_ID, door=door, grasp="weld")
-    assert env.spec is not None
-    restored = gym.envs.registration.EnvSpec.from_json(env.spec.to_json())
-    assert json.loads(env.spec.to_json())["kwargs"]["door"] == door
-    twin = gym.make(restored)
-    for made in (env, twin):
-        assert isinstance(made.unwrapped, DoorOpeningEnv)
-    assert env.unwrapped.door == twin.unwrapped.door  # type: ignore[attr-defined]
-    assert twin.unwrapped.model.neq == 2  # type: ignore[attr-defined]
-    env.close()
-    twin.close()
-
-
-def test_make_by_module_and_id_needs_no_import(tmp_path: Path) -> None:
-    program = (
-        "import gymnasium as gym\n"
-        "env = gym.make('gplfd_env:gplfd/DoorOpening-v0', door='large')\n"
-        "observation, info = env.reset(seed=0)\n"
-        "print(env.spec.id, info['door_radius'])\n"
-    )
-    result = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-    )
-    assert result.stderr == ""
-    assert result.stdout.split() == ["gplfd/DoorOpening-v0", "0.65"]
-
-
-def test_spec_of_the_registered_id() -> None:
-    spec = gym.spec("gplfd/DoorOpening-v0")
-    assert spec.entry_point == "gplfd_env.door_opening:DoorOpeningEnv"
-    assert spec.max_episode_steps == 1500
-    assert not spec.nondeterministic
-
-
-def test_async_vector_environments_step(make_env: Callable) -> None:
-    """Copies in other processes give what a single environment gives."""
-    envs = gym.make_vec(
-        gplfd_env.ENVIRONMENT_ID, 2, vectorization_mode="async", door="small"
-    )
-    env = make_env("small")
-    try:
-        expected, _ = env.reset(seed=0)
-        batch, _ = envs.reset(seed=0)
-        command = handle_pose_on_arc(0.35, 0.05)
-        for _ in range(3):
-            for key, value in expected.items():
-                assert np.array_equal(batch[key], np.stack([value, value]))
-            batch, *_ = envs.step(np.stack([command, command]))
-            expected, *_ = env.step(command)
-    finally:
-        envs.close()

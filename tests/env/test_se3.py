@@ -13,6 +13,7 @@ from gplfd_env.se3 import (
     canonical_rotvec,
     compose_rotvecs,
     pose_distance,
+    pose_steps,
     relative_poses,
     rotation_distance,
     rotvecs_from_quaternions,
@@ -208,10 +209,26 @@ def test_eq17_weights_rotation_and_translation():
     )
 
 
+@given(
+    path=arrays(np.float64, (5, 6), elements=st.floats(-4.0, 4.0)),
+    scale=st.sampled_from([1.0, 0.1, 1e-3, 1e-9, 0.0]),
+    weight=st.floats(0.0, 1.0),
+)
+def test_steps_of_a_path_are_distances_of_neighbours(path, scale, weight):
+    path = path[0] + scale * (path - path[0])
+    expected = pose_distance(path[1:], path[:-1], weight)
+    np.testing.assert_allclose(
+        pose_steps(path, weight), expected, rtol=1e-9, atol=1e-15
+    )
+    assert pose_steps(path[:1], weight).shape == (0,)
+
+
 @pytest.mark.parametrize("weight", [-0.1, 1.1, np.nan])
 def test_eq17_weight_outside_the_unit_interval_is_refused(weight):
     with pytest.raises(ValueError, match=r"rotation_weight must lie in \[0, 1\]"):
         pose_distance(np.zeros(6), np.ones(6), weight)
+    with pytest.raises(ValueError, match=r"rotation_weight must lie in \[0, 1\]"):
+        pose_steps(np.zeros((3, 6)), weight)
 
 
 @given(a=rotvecs, b=rotvecs)
