@@ -54,7 +54,7 @@ def _smoothed(poses: Float[np.ndarray, "N 6"]) -> Float[np.ndarray, "N 6"]:
     before = 2.0 * path[:, :1] - path[:, reach:0:-1]
     after = 2.0 * path[:, -1:] - path[:, -2 : -reach - 2 : -1]
     extended = np.concatenate([before, path, after], axis=1)
-    # Through the spectrum: the weights reach over a sixth of the demonstration, so
+    # Through the spectrum: the weights reach over an eighth of the demonstration, so
     # that summing directly would cost O(N²).
     length = next_fast_len(extended.shape[1], real=True)
     half = np.exp(-0.5 * (np.arange(reach + 1) / bandwidth) ** 2)

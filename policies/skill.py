@@ -37,8 +37,9 @@ NOISE_MODELS: dict[str, NoiseModel] = {
 
 _FEW = 3
 """Up to this many demonstrations, `fit_skill` warns."""
-_STUDENT = 6
-"""Up to this many demonstrations, intervals use Student-t quantiles."""
+_WINDOW = 0.1
+"""Stretch of the task, as a share of it, over which the spread is taken as one number:
+the shortest length-scale that the noise models allow."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,14 +61,33 @@ class Skill:
         """Number of demonstrations D."""
         return len(self.aligned.poses)
 
-    @property
-    def degrees_of_freedom(self) -> int | None:
-        """D − 1 where that is few enough to matter for intervals, else None.
+    @cached_property
+    def smoothness(self) -> float:
+        """Correlation ρ of neighbouring samples of a deviation: 0 white, 1 smooth."""
+        times, poses = self.aligned.times, self.aligned.poses
+        spread = self.processes.moments(times).noise
+        deviations = (poses - poses.mean(axis=0)) / np.sqrt(spread)
+        energy = float(np.sum(deviations**2))
+        if energy < np.finfo(np.float64).tiny:
+            return 1.0
+        neighbours = float(np.sum(deviations[:, 1:] * deviations[:, :-1]))
+        return min(max(neighbours / energy, 0.0), 1.0)
+
+    @cached_property
+    def degrees_of_freedom(self) -> float | None:
+        """Degrees of freedom behind the spread; None for a single demonstration.
 
         Real demonstrations deviate smoothly: M samples of a deviation are not M
-        independent looks at the spread, so D − 1 is all there is.
+        independent looks at the spread, and D − 1 is all there is. If they deviate
+        independently, every sample within `_WINDOW` is a look of its own. In between,
+        W samples of an autoregressive process count as W (1 − ρ²)/(1 + ρ²)
+        (``test_degrees_of_freedom_count_independent_looks``).
         """
-        return self.count - 1 if 2 <= self.count <= _STUDENT else None
+        if self.count < 2:
+            return None
+        squared = self.smoothness**2
+        looks = _WINDOW * len(self.aligned.times) * (1.0 - squared) / (1.0 + squared)
+        return (self.count - 1) * max(looks, 1.0)
 
     @cached_property
     def deviations(self) -> tuple[DeviationProcess, ...]:
@@ -94,7 +114,7 @@ class Skill:
 
         The variance is r(t) plus that of the mean. For the latter the model's own
         value assumes that samples of one demonstration deviate independently; it is
-        never taken below r/D, which is what smoothly deviating demonstrations allow
+        never taken below ρ r/D, which is what demonstrations as smooth as these allow
         (``test_uncertainty_of_the_mean_is_at_least_its_share_of_the_spread``).
 
         Args:
@@ -107,11 +127,13 @@ class Skill:
         if len(times) == 0 or not np.isfinite(times).all():
             raise ValueError(f"predict needs finite times, at least one; got {times}.")
         moments = self.processes.moments(times)
-        share = moments.noise / self.count
+        share = self.smoothness / self.count * moments.noise
         smooth = moments.latent >= share
         variance = np.where(smooth, moments.latent, share) + moments.noise
         variance_rate = moments.noise_rate + np.where(
-            smooth, moments.latent_rate, moments.noise_rate / self.count
+            smooth,
+            moments.latent_rate,
+            self.smoothness / self.count * moments.noise_rate,
         )
         std = np.sqrt(variance)
 
@@ -133,7 +155,7 @@ class Skill:
     ) -> Float[np.ndarray, "6 M M"]:
         """Eq. (11), the posterior of f stretched to the variance of `predict`."""
         covariance = self.processes.latent_covariance(times)
-        floor = moments.noise / self.count
+        floor = self.smoothness / self.count * moments.noise
         latent = np.maximum(moments.latent, np.finfo(np.float64).tiny)
         stretch = np.sqrt(np.maximum(floor / latent, 1.0)).T
         covariance *= stretch[:, :, None] * stretch[:, None, :]

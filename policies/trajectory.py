@@ -38,8 +38,8 @@ class GaussianTrajectory:
     """Derivative of the standard deviation, shape (M, 6)."""
     covariance_function: Callable[[], np.ndarray] = field(repr=False)
     """Computes `covariance`, which few callers need."""
-    degrees_of_freedom: int | None = None
-    """Degrees of freedom behind `std` where they are few; None means normal."""
+    degrees_of_freedom: float | None = None
+    """Degrees of freedom behind `std`, for Student-t quantiles; None means normal."""
 
     def __post_init__(self) -> None:
         for name in ("times", "mean", "std", "mean_rate", "std_rate"):

@@ -146,7 +146,7 @@ class ConditionedProcess:
         return innovation * step, observed.astype(np.float64)
 
     def trajectory(
-        self, stretch: Float[np.ndarray, "6"], degrees_of_freedom: int | None
+        self, stretch: Float[np.ndarray, "6"], degrees_of_freedom: float | None
     ) -> GaussianTrajectory:
         """The current distribution; later updates do not change it.
 

@@ -20,8 +20,6 @@ _EMPIRICAL = 0.3
 """Share of the deviation covariance taken from the demonstrations' own curves: it knows
 the shape of what varies, the model knows what else could."""
 _SMOOTHING_GRID = 60
-_STUDENT_LIMIT = 30
-"""Beyond this many degrees of freedom a Student-t interval is a normal one."""
 
 
 class ProcessAdaptation:
@@ -64,7 +62,7 @@ class ProcessAdaptation:
             log_white=root * np.log(white),
             grid=grid,
         )
-        self._free = skill.count - 1
+        self._free = float(skill.count - 1)
         self._distance = np.zeros(6)
         self._observed = np.zeros(6)
 
@@ -96,10 +94,8 @@ class ProcessAdaptation:
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""
-        free = self._free + int(np.min(self._observed))
-        return self._process.trajectory(
-            self._stretch(), free if free < _STUDENT_LIMIT else None
-        )
+        free = self._free + float(np.min(self._observed))
+        return self._process.trajectory(self._stretch(), free)
 
 
 def _prior(

@@ -4,7 +4,6 @@ import warnings
 
 import numpy as np
 import pytest
-from scipy.stats import norm
 from scipy.stats import t as student
 
 from policies.alignment import AlignedDemonstrations
@@ -60,15 +59,40 @@ def test_prediction_is_equations_10_and_11(skill):
     mean = fitted.offset + fitted.scale * full.mean(grid)
     np.testing.assert_allclose(predicted.mean[:, output], mean, atol=1e-10)
     spread = fitted.noise.variance(grid)
-    latent = np.maximum(full.variance(grid), spread / 6.0)
+    latent = np.maximum(full.variance(grid), skill.smoothness * spread / 6.0)
     std = fitted.scale * np.sqrt(latent + spread)
     np.testing.assert_allclose(predicted.std[:, output], std, rtol=1e-9)
 
 
-def test_uncertainty_of_the_mean_is_at_least_its_share_of_the_spread(skill):
-    moments = skill.processes.moments(TIMES)
-    variance = skill.predict(TIMES).std ** 2
-    assert (variance >= moments.noise * (1.0 + 1.0 / 6.0) * (1.0 - 1e-12)).all()
+def test_uncertainty_of_the_mean_is_at_least_its_share_of_the_spread():
+    smooth = fit_skill(aligned(arcs([0.3, 0.4, 0.5, 0.6], np.random.default_rng(0))))
+    assert smooth.smoothness > 0.95
+    moments = smooth.processes.moments(TIMES)
+    variance = smooth.predict(TIMES).std ** 2
+    share = smooth.smoothness / 4.0
+    assert (variance >= moments.noise * (1.0 + share) * (1.0 - 1e-12)).all()
+    # The model's own value would be far below.
+    assert np.median(moments.latent / moments.noise) < 0.5 * share
+
+
+def test_independent_deviations_are_told_from_smooth_ones(skill):
+    assert skill.smoothness < 0.1
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.6, 0.9, 0.99])
+def test_degrees_of_freedom_count_independent_looks(correlation):
+    """The variance of an empirical variance tells how many looks it had."""
+    rng = np.random.default_rng(0)
+    window, repetitions = 20, 4000
+    noise = np.empty((window, repetitions))
+    noise[0] = rng.normal(size=repetitions)
+    for row in range(1, window):
+        fresh = np.sqrt(1.0 - correlation**2) * rng.normal(size=repetitions)
+        noise[row] = correlation * noise[row - 1] + fresh
+    looks = 2.0 / np.var(np.mean(noise**2, axis=0))
+    squared = correlation**2
+    counted = max(window * (1.0 - squared) / (1.0 + squared), 1.0)
+    assert counted == pytest.approx(looks, rel=0.35)
 
 
 @pytest.mark.parametrize("low", [0.0, -0.3])
@@ -173,18 +197,16 @@ def test_intervals_cover_as_promised():
     assert flat[-1] < 0.85
 
 
-def test_few_demonstrations_widen_intervals_by_student_t(skill):
+def test_intervals_use_student_t_with_the_looks_at_the_spread(skill):
     level = 0.9
-    predicted = skill.predict(TIMES)
-    low, high = predicted.interval(level)
-    width = student.ppf(0.95, 5)
-    np.testing.assert_allclose(high - low, 2.0 * width * predicted.std, rtol=1e-9)
-    many = fit_skill(aligned(independent_noise(7, np.random.default_rng(0))))
-    predicted = many.predict(TIMES)
-    low, high = predicted.interval(level)
-    np.testing.assert_allclose(
-        high - low, 2.0 * norm.ppf(0.95) * predicted.std, rtol=1e-9
-    )
+    smooth = fit_skill(aligned(arcs([0.3, 0.4, 0.5, 0.6], np.random.default_rng(0))))
+    assert smooth.degrees_of_freedom == pytest.approx(3.0)
+    assert skill.degrees_of_freedom > 25.0
+    for fitted in (smooth, skill):
+        predicted = fitted.predict(TIMES)
+        low, high = predicted.interval(level)
+        width = student.ppf(0.95, fitted.degrees_of_freedom)
+        np.testing.assert_allclose(high - low, 2.0 * width * predicted.std, rtol=1e-9)
 
 
 @pytest.mark.parametrize("level", [0.0, 1.0, 95.0])
