@@ -91,7 +91,9 @@ class SpectralEvidence:
         root = 1.0 / np.sqrt(noise)
         whitened = values * root
         orthogonal, triangle = qr(
-            basis.matrix(times) * root[:, None], mode="economic", check_finite=False
+            basis.shared_matrix(times) * root[:, None],
+            mode="economic",
+            check_finite=False,
         )
         projected = orthogonal.T @ whitened
         return cls(

@@ -132,6 +132,10 @@ class LegendreBasis:
         table *= 1.0 / tables.root_weights
         return table
 
+    def shared_matrix(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M Q"]:
+        """`matrix`, remembered and read-only: all outputs ask for the same times."""
+        return _remembered_matrix(self, times.tobytes())
+
     def differentiate(
         self, coefficients: Float[np.ndarray, "Q ..."]
     ) -> Float[np.ndarray, "Q ..."]:
@@ -155,3 +159,10 @@ class LegendreBasis:
         root = self.root_weights
         weighted: np.ndarray = root[:, None] * values * root
         return weighted
+
+
+@lru_cache(maxsize=4)
+def _remembered_matrix(basis: LegendreBasis, times: bytes) -> Float[np.ndarray, "M Q"]:
+    table = basis.matrix(np.frombuffer(times))
+    table.setflags(write=False)
+    return table

@@ -101,7 +101,7 @@ def _gamma_mode(
     """Coefficients of the mode of z(t) − level under the gamma likelihood."""
     vague = _OFFSET_VARIANCE * np.outer(basis.root_weights, basis.root_weights)
     root = square_root(basis.kernel_matrix(kernel) + vague)
-    features = basis.matrix(times) @ root
+    features = basis.shared_matrix(times) @ root
     half = 0.5 * free
 
     def cost(position: np.ndarray) -> tuple[float, np.ndarray]:
