@@ -1,7 +1,8 @@
 """A policy of your own against the same door, logged and measured like the others.
 
 It plays the demonstrations' mean at half speed, without compliance: what the field
-calls open-loop replay. Anything with `reset`, `act` and `forecast` will do.
+calls open-loop replay. It opens the door that is the demonstrations' mean and loses the
+handle of the others. Anything with `reset`, `act` and `forecast` will do.
 """
 
 import dataclasses

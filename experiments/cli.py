@@ -16,7 +16,9 @@ import tyro
 
 from experiments.commands.benchmark import Benchmark
 from experiments.commands.catalogue import Catalogue
+from experiments.commands.figures import Figures
 from experiments.commands.run import Run
+from experiments.commands.speed import Speed
 from experiments.commands.view import View
 
 INTERRUPTED: Final = 130
@@ -39,7 +41,9 @@ matrices have about a hundred rows, and sharing them out costs ten times the wor
 COMMANDS: Final[dict[str, Callable[..., Command]]] = {
     "run": Run,
     "benchmark": Benchmark,
+    "figures": Figures,
     "view": View,
+    "speed": Speed,
     "list": Catalogue,
 }
 """The subcommands by name."""

@@ -88,6 +88,9 @@ class EpisodeMetrics:
     policies without stiffness."""
     stability_margin_rotation: float | None
     """The same over the rotations [N m/(rad s)]."""
+    governed_share: float | None
+    """Share of the decisions in which the stability bound limited the stiffness; None
+    in policies without stiffness."""
     latency_median_ms: float
     """Median CPU time of a decision [ms]."""
     latency_p95_ms: float
@@ -130,6 +133,7 @@ def episode_metrics(log: EpisodeLog) -> EpisodeMetrics:
         stiffness_max=_xyz(log.stiffness.max(axis=0)),
         stability_margin_translation=_finite(log.stability_margin[:, :3].min()),
         stability_margin_rotation=_finite(log.stability_margin[:, 3:].min()),
+        governed_share=governed_share(log),
         latency_median_ms=1e3 * float(np.median(log.latency_s)),
         latency_p95_ms=1e3 * float(np.percentile(log.latency_s, 95)),
     )
@@ -154,6 +158,19 @@ def time_to_angle(log: EpisodeLog, angle_deg: float) -> float | None:
 def work_on_door(log: EpisodeLog) -> float:
     """Work of the hand on the door, ∫ F_t R dφ, by the trapezoidal rule [J]."""
     return log.radius * float(np.trapezoid(log.force_tangential, log.door_angle))
+
+
+def governed_share(log: EpisodeLog) -> float | None:
+    """Share of the decisions in which the bound on dk/dt limited some axis.
+
+    There the rate is the bound itself, but for the thousandth by which the governor
+    keeps below it.
+    """
+    bound = log.stability_margin + log.stiffness_rate
+    if not np.isfinite(bound).all():
+        return None
+    limited = log.stability_margin <= 2e-3 * bound
+    return float(np.mean(limited.any(axis=1)))
 
 
 def prediction_errors(log: EpisodeLog) -> FloatArray:

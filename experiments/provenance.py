@@ -33,8 +33,7 @@ def provenance(config: Mapping[str, Any]) -> dict[str, Any]:
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
         "config": dict(config),
-        "versions": dict(versions()),
-        "git": git_state(Path(__file__).resolve().parents[1]),
+        **code_state(),
         "platform": {
             "system": platform.platform(),
             "python": platform.python_version(),
@@ -42,6 +41,19 @@ def provenance(config: Mapping[str, Any]) -> dict[str, Any]:
             "cpus": os.cpu_count(),
         },
     }
+
+
+@functools.cache
+def code_state() -> Mapping[str, Any]:
+    """Which code this process runs: package ``versions`` and ``git`` state.
+
+    Looked up once: what is edited or committed later is not what was loaded.
+    """
+    state = {
+        "versions": dict(versions()),
+        "git": git_state(Path(__file__).resolve().parents[1]),
+    }
+    return MappingProxyType(state)
 
 
 @functools.cache

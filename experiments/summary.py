@@ -9,7 +9,7 @@ from typing import Any
 
 COLUMNS = (
     *("policy", "door", "opened", "95 %", "to 60° [s]", "radial force [N]"),
-    *("tangential [N]", "slip [mm]", "√E[ε²] [mm]", "least margin", "decision [ms]"),
+    *("tangential [N]", "slip [mm]", "√E[ε²] [mm]", "governed [%]", "decision [ms]"),
 )
 """Heads of the table."""
 
@@ -33,8 +33,9 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
 def summary_table(results: Iterable[Mapping[str, Any]]) -> str:
     """Return a Markdown table of a study.
 
-    Forces, slip and times are medians over the successes; the prediction error and the
-    decision time are medians over all episodes, the margin is the least of all.
+    Forces, slip and times are medians over the successes; the prediction error, the
+    share of decisions in which the stability bound limited the stiffness, and the
+    decision time are medians over all episodes.
 
     Args:
         results: What `experiments.study.run_study` yields.
@@ -53,11 +54,7 @@ def _row(policy: str, door: str, group: Sequence[Mapping[str, Any]]) -> list[str
     opened = [episode for episode in episodes if episode["success"]]
     low, high = wilson_interval(len(opened), len(group))
     error = _median(episodes, "prediction_error_position")
-    margins = [
-        episode["stability_margin_translation"]
-        for episode in episodes
-        if episode["stability_margin_translation"] is not None
-    ]
+    governed = _median(episodes, "governed_share")
     return [
         policy,
         door,
@@ -68,7 +65,7 @@ def _row(policy: str, door: str, group: Sequence[Mapping[str, Any]]) -> list[str
         _text(_median(opened, "force_tangential_peak"), 1),
         _text(_median(opened, "slip_max_mm"), 1),
         _text(None if error is None else 1e3 * math.sqrt(error), 1),
-        _text(min(margins) if margins else None, 1),
+        _text(None if governed is None else 100.0 * governed, 1),
         _text(_median(episodes, "latency_median_ms"), 2),
     ]
 

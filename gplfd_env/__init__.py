@@ -9,6 +9,8 @@ Importing this package registers the ids; MuJoCo is loaded only by ``gym.make``:
 
 import gymnasium
 
+from gplfd_env.config import DOORS, DoorConfig
+
 ENVIRONMENT_ID = "gplfd/DoorOpening-v0"
 """Pose commands to the Cartesian servo; see `gplfd_env.door_opening`."""
 
@@ -18,4 +20,4 @@ gymnasium.register(
     max_episode_steps=1500,
 )
 
-__all__ = ["ENVIRONMENT_ID"]
+__all__ = ["DOORS", "ENVIRONMENT_ID", "DoorConfig"]

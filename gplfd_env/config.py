@@ -1,4 +1,4 @@
-"""Which door: its geometry, its hinge, and the names of the three presets."""
+"""Which door: its geometry, its hinge, and the presets by name."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
         "heavy": DoorConfig(radius=0.50, hinge_friction=2.0, closer_preload=5.0),
     }
 )
-"""The three demonstrated doors, and a medium one that needs 14 N at the handle."""
+"""Small, medium and large are demonstrated; heavy is a medium door that needs 14 N."""
 
 DoorSpec = str | float | Mapping[str, Any] | DoorConfig
 """What `door_config` accepts."""

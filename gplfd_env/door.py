@@ -57,6 +57,9 @@ def add_door(spec: mujoco.MjSpec, door: DoorConfig) -> None:
         limited=True,
         damping=[door.hinge_damping, 0, 0],
         frictionloss=door.hinge_friction,
+        # With MuJoCo's soft defaults a hinge creeps at loads below its friction.
+        solref_friction=[0.004, 1.0],
+        solimp_friction=[0.999, 0.999, 0.001, 0.5, 2.0],
         armature=0.01,
     )
     _add_leaf(leaf, door)

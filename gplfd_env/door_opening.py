@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import sys
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -24,6 +26,8 @@ Info = dict[str, Any]
 
 CONTROL_PERIOD: Final = 0.01
 """Time between two actions [s]."""
+
+_LARGEST_PICTURE: Final = 8192
 
 _BAD_STATE: Final = slice(
     int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
@@ -60,8 +64,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         camera_name: ``"overview"``, ``"top"``, ``"head"`` or ``"hand_camera"``.
 
     Raises:
-        ValueError: An unknown door, grasp, camera or render mode, or a door out of
-            range.
+        ValueError: An unknown door, grasp, camera or render mode, a door out of range,
+            or an impossible picture size.
+        RuntimeError: ``render_mode="human"`` without a display.
     """
 
     metadata = {  # noqa: RUF012 - Gymnasium declares it as an instance variable
@@ -82,6 +87,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         _check_choice("grasp", grasp, ("contact", "weld"))
         if render_mode is not None:
             _check_choice("render_mode", render_mode, self.metadata["render_modes"])
+        if render_mode == "human":
+            _require_display()
+        _check_size(width, height)
         self.render_mode = render_mode
         self._grasp = grasp
         self._picture = (width, height, camera_name)
@@ -112,6 +120,11 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             ValueError: An unknown option or door.
         """
         super().reset(seed=seed)
+        if options is not None and not isinstance(options, Mapping):
+            raise ValueError(
+                'options must be a mapping such as {"door": "small"}, got '
+                f"{options!r}"
+            )
         given = dict(options or {})
         door = given.pop("door", None)
         if given:
@@ -188,9 +201,10 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             self._renderer = None
 
     def _load(self, door: DoorSpec) -> None:
-        self.door = door_config(door)
+        config = door_config(door)
+        self.model = build_scene(config, self._grasp)
+        self.door = config
         self.close()
-        self.model = build_scene(self.door, self._grasp)
         self.data = mujoco.MjData(self.model)
         self._reader = Reader.of(self.model)
         # A live view: MuJoCo counts here what makes it reset a diverged state.
@@ -234,6 +248,26 @@ def _checked(action: Array) -> Array:
             "for divisions by zero or an unstable integrator"
         )
     return command
+
+
+def _check_size(width: int, height: int) -> None:
+    for name, value in (("width", width), ("height", height)):
+        if not isinstance(value, int) or not 1 <= value <= _LARGEST_PICTURE:
+            raise ValueError(
+                f"{name} = {value!r} must be a whole number of pixels from 1 to "
+                f"{_LARGEST_PICTURE}"
+            )
+
+
+def _require_display() -> None:
+    # GLFW aborts the whole process when it finds no monitor.
+    variables = ("DISPLAY", "WAYLAND_DISPLAY")
+    if sys.platform == "linux" and not any(map(os.environ.get, variables)):
+        raise RuntimeError(
+            'render_mode="human" opens a window and needs a display; without one use '
+            '"rgb_array" with MUJOCO_GL=egl set before Python starts, or run under '
+            "xvfb-run"
+        )
 
 
 def _check_choice(name: str, value: object, allowed: Any) -> None:

@@ -9,7 +9,8 @@ Nothing here knows a simulator::
 """
 
 from policies.agent import Agent, AgentStep
-from policies.alignment import AlignedDemonstrations, align
+from policies.aligned import AlignedDemonstrations
+from policies.alignment import align
 from policies.demonstrations import Demonstration
 from policies.registry import POLICIES, make_agent
 from policies.skill import Skill, fit_skill

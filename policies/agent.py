@@ -49,7 +49,8 @@ class AgentStep:
         stability_margin: Pointwise stability bound minus `stiffness_rate`.
         phase: Command phase: where along the task the set-point is, 0..1.
         observed_phase: Where along the task the hand is, 0..1.
-        predicted_mean: Mean at `observed_phase`, before this observation was used.
+        predicted_mean: Mean at `observed_phase`, before this observation adapted the
+            policy; the phase itself was told by it.
         predicted_std: Standard deviation there [m, rad].
         via_point: This observation was taken as a via-point.
     """
@@ -66,6 +67,18 @@ class AgentStep:
     predicted_mean: Pose
     predicted_std: Pose
     via_point: bool
+
+    def __post_init__(self) -> None:
+        for name in _STEP_ARRAYS:
+            array = getattr(self, name).copy()
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+
+_STEP_ARRAYS: Final = (
+    *("action", "desired", "std", "std_rate", "stiffness", "stiffness_rate"),
+    *("stability_margin", "predicted_mean", "predicted_std"),
+)
 
 
 @runtime_checkable
@@ -98,6 +111,19 @@ class AgentConfig:
     max_turn_lead: float = 0.05
     """How far the set-point's rotation may run ahead of the hand, in phase. It turns
     with the handle: turning first would only twist the hand on the bar."""
+
+    def __post_init__(self) -> None:
+        for name in ("control_period", "via_spacing", "max_turn_lead"):
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise ValueError(
+                    f"AgentConfig.{name} must be positive and finite, got {value}"
+                )
+        if len(self.via_std) != 2 or not all(0.0 <= s < math.inf for s in self.via_std):
+            raise ValueError(
+                "AgentConfig.via_std must be two finite numbers >= 0, position [m] and "
+                f"rotation [rad], got {self.via_std}"
+            )
 
 
 @dataclass(slots=True)
@@ -187,8 +213,8 @@ class GaussianProcessAgent:
         if phase < self._memory.last_via + self.config.via_spacing:
             return False
         self._memory.last_via = phase
-        # An error of the phase moves the via-point along the path: it is as weak in
-        # that direction as its phase is uncertain, and strong across.
+        # An error of the phase moves the via-point along the path: each output is as
+        # weak as the path runs along it while the phase is uncertain.
         along = self.phases.rate(phase) * phase_std
         noise = np.repeat(self.config.via_std, 3)
         std = np.sqrt(noise**2 + along**2)

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.se3 import rotvecs_from_quaternions, unwrap_rotvecs
+from gplfd_env.rotation_paths import rotvecs_from_quaternions, unwrap_rotvecs
 
 __all__ = ["Demonstration"]
 
@@ -123,7 +123,7 @@ def _check_poses(poses: Float[np.ndarray, "N 6"]) -> None:
             f"the rotation vectors jump at sample {index}, from {rotvecs[index - 1]} "
             f"to {rotvecs[index]}: an equivalent vector is nearer; build the "
             "demonstration with Demonstration.from_quaternions, or pass the rotation "
-            "vectors through gplfd_env.se3.unwrap_rotvecs first"
+            "vectors through gplfd_env.rotation_paths.unwrap_rotvecs first"
         )
     if np.abs(poses - poses[0]).max() <= _REST:
         raise ValueError(

@@ -9,6 +9,7 @@ door stalls.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -35,6 +36,13 @@ class CarriedLoad:
     """Resistance that the hand carries without yielding [N]. A friction grasp of 16 N
     per finger slips at 37 N."""
 
+    def __post_init__(self) -> None:
+        if not 0.0 < self.limit < math.inf:
+            raise ValueError(
+                f"CarriedLoad.limit must be positive and finite [N], got {self.limit}; "
+                "to carry nothing use YieldToAll"
+            )
+
     def share(self, wrench: Wrench, direction: Direction) -> tuple[Wrench, float]:
         """Take the carried load out of a wrench.
 
@@ -43,8 +51,9 @@ class CarriedLoad:
             direction: Unit vector along which the policy moves the hand.
 
         Returns:
-            What is left to yield to, and the pace: 1 by the clock, 0 at the limit,
-            -1 far beyond it, where the set-point comes back to the hand.
+            What is left to yield to, and the pace of the command phase: 1 (by the
+            clock) without load, 0 at the limit, and down to -1 from 1.19 times the
+            limit on, where the set-point comes back to the hand.
         """
         load = max(-float(direction @ wrench[:3]), 0.0)
         left = wrench.copy()

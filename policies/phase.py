@@ -4,7 +4,7 @@ The policy of Arduengo et al., *Gaussian-Process-based Robot Learning from
 Demonstration*, arXiv:2002.09979, is a function of time, but a compliant robot lags
 behind the clock. Conditioning on "at clock time t the hand is here" makes the policy
 believe in its own lag. Progress is therefore told from the path: the phase of an
-observation is the one under which the *demonstrations* make it most likely.
+observation is the one at which the *demonstrations* come nearest to it.
 """
 
 from __future__ import annotations
@@ -75,14 +75,20 @@ class ClockPhase:
 
 
 class PathPhase:
-    """Maximum-likelihood phase of a pose under the demonstrated distribution.
+    """The phase at which the demonstrated distribution is nearest to a pose.
 
-    The likelihood takes the pose itself and the direction of the hand's displacement
-    from its start, v/|v|. Doors of different radius share that direction at equal
-    phase, though neither x nor z: it tells progress independently of the radius and of
-    how the hand lies on the bar.
+    The features are the pose itself and the direction u = v/|v| of the hand's
+    displacement from the closed handle. Doors of different radius share that direction
+    at equal phase, though neither x nor z: it tells progress independently of the
+    radius and of how the hand lies on the bar. Nearest is meant after Mahalanobis,
 
-        -2 log p(y | s) = Σ_i (y_i - μ_i(s))²/σ_i(s)² + Σ_j (u_j - û_j(s))²/ς_j(s)²
+        d²(s) = Σ_i (y_i - μ_i)²/(σ_i² + n_i²) + |u - û|²/(ς² + n_v²/|v|²),
+
+    with the demonstrations' means μ(s), û(s) and variances σ(s)², ς(s)², and the
+    errors n of `PhaseNoise`. The logarithms that would make it a likelihood are left
+    out: they favour early phases, where the demonstrations agree, over the hand's
+    progress. From the curvature of d² the phase has a standard deviation; the position
+    counts twice, as pose and as direction, so it is right to a factor only.
 
     The distribution is the one before adaptation, so that the estimate cannot follow
     the policy's belief in the robot's own errors. The search stays near the last phase.

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
+from threadpoolctl import threadpool_limits
 
-from policies.alignment import AlignedDemonstrations
+from policies.aligned import AlignedDemonstrations
 from policies.gp.deviations import DeviationProcess, fit_deviations
 from policies.gp.heteroscedastic import HeteroscedasticGP
 from policies.gp.kersting import KerstingNoise
@@ -124,8 +125,11 @@ class Skill:
         Raises:
             ValueError: if there are no times, or one is not finite.
         """
-        if len(times) == 0 or not np.isfinite(times).all():
-            raise ValueError(f"predict needs finite times, at least one; got {times}.")
+        times = np.asarray(times, dtype=np.float64)
+        if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
+            raise ValueError(
+                f"predict needs a list of finite times, at least one; got {times}."
+            )
         moments = self.processes.moments(times)
         share = self.smoothness / self.count * moments.noise
         smooth = moments.latent >= share
@@ -213,10 +217,12 @@ def fit_skill(aligned: AlignedDemonstrations, noise: str | NoiseModel = "map") -
     times, poses = aligned.times, aligned.poses
     if not (np.isfinite(times).all() and np.isfinite(poses).all()):
         raise ValueError("Aligned demonstrations must be finite; found NaN or inf.")
-    outputs = tuple(
-        HeteroscedasticGP.fit(times, poses[:, :, output], noise)
-        for output in range(poses.shape[2])
-    )
+    # Matrices of fifty rows: sharing them out among threads costs ten times the work.
+    with threadpool_limits(limits=1, user_api="blas"):
+        outputs = tuple(
+            HeteroscedasticGP.fit(times, poses[:, :, output], noise)
+            for output in range(poses.shape[2])
+        )
     if len(poses) <= _FEW:
         warnings.warn(_few_demonstrations(len(poses)), UserWarning, stacklevel=2)
     return Skill(aligned=aligned, processes=MultiOutputGP(outputs=outputs))

@@ -93,7 +93,7 @@ class ViaPoint:
     """
 
     phase: float
-    """When, in [0, 1]."""
+    """When; the task runs from 0 to 1."""
     pose: Float[np.ndarray, "6"]
     """Where, (x, y, z, θu_x, θu_y, θu_z) in the task frame [m, rad]. NaN leaves an
     output free."""
@@ -105,6 +105,11 @@ class ViaPoint:
         if not np.isfinite(self.phase):
             raise ValueError(f"The phase of a via-point must be finite: {self.phase}.")
         pose = _read_only(self.pose)
+        if pose.shape != (6,):
+            raise ValueError(
+                "A via-point pose has six entries (x, y, z, θu_x, θu_y, θu_z), NaN for "
+                f"outputs left free; got shape {pose.shape}."
+            )
         if np.isinf(pose).any():
             raise ValueError(
                 f"A via-point pose must be finite, or NaN for outputs left free; got "

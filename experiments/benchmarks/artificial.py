@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from experiments.random_motion import minimum_jerk, smooth_functions
 from gplfd_env.task import handle_pose_on_arc
-from policies.alignment import AlignedDemonstrations
+from policies.aligned import AlignedDemonstrations
 
 Array = NDArray[np.float64]
 Deviations = Literal["independent", "smooth"]

@@ -17,7 +17,8 @@ from experiments.benchmarks.report import Table, Target, number
 from experiments.benchmarks.scores import NORMAL_95
 from experiments.teacher import Teacher
 from policies.adaptation import ADAPTATIONS, Adaptation
-from policies.alignment import AlignedDemonstrations, align
+from policies.aligned import AlignedDemonstrations
+from policies.alignment import align
 from policies.skill import Skill, fit_skill
 from policies.trajectory import ViaPoint
 

@@ -14,7 +14,7 @@ from experiments.benchmarks.peers import hetgpy_fit, installed, sklearn_fit
 from experiments.benchmarks.report import NOT_INSTALLED, Table, Target, number
 from experiments.benchmarks.scores import Score, score
 from experiments.benchmarks.timing import CpuTime, interleaved, repeated
-from policies.alignment import AlignedDemonstrations
+from policies.aligned import AlignedDemonstrations
 from policies.skill import fit_skill
 
 __all__ = ["FitComparison", "compare_fits"]

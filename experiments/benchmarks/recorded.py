@@ -15,7 +15,8 @@ from experiments.benchmarks.report import Table, Target, number
 from experiments.benchmarks.scores import Score, score
 from experiments.demonstration_files.npz import load_demonstrations
 from gplfd_env.se3 import relative_poses
-from policies.alignment import AlignedDemonstrations, align
+from policies.aligned import AlignedDemonstrations
+from policies.alignment import align
 from policies.demonstrations import Demonstration
 from policies.skill import fit_skill
 

@@ -13,7 +13,7 @@ import numpy as np
 from experiments.benchmarks.artificial import KnownProcess
 from experiments.benchmarks.report import Table, Target
 from experiments.benchmarks.timing import CpuTime, interleaved, repeated
-from policies.alignment import AlignedDemonstrations
+from policies.aligned import AlignedDemonstrations
 from policies.skill import fit_skill
 
 __all__ = ["Scaling", "ScalingRow", "log_log_slopes", "measure_scaling"]

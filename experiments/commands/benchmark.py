@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from experiments.commands.complaint import complain
 from experiments.commands.run import named_doors
+
+if TYPE_CHECKING:
+    from experiments.study import Task
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -19,7 +24,7 @@ class Benchmark:
 
     Writes DIR/tasks/<hash>.json (one per episode), DIR/study.json (versions, command,
     settings) and DIR/table.md. Started again with the same folder, it skips what is
-    done; more seeds, doors or policies add to it.
+    done and tries again what failed; more seeds, doors or policies add to it.
     """
 
     policies: tuple[str, ...] = ("gp", "gp-fixed")
@@ -59,8 +64,15 @@ class Benchmark:
         study = tasks(
             self.policies, doors, range(self.seeds), self.demonstrations_per_door
         )
+        self._warn_of_other_code(study)
+        # Where nobody watches, a line now and then is enough.
+        pause = 0.5 if sys.stderr.isatty() else 30.0
         episodes = tqdm(
-            run_study(self.out, study), total=len(study), unit="episode", disable=None
+            run_study(self.out, study),
+            total=len(study),
+            unit="episode",
+            mininterval=pause,
+            maxinterval=pause,
         )
         table = summary_table(episodes)
         with complete_or_absent(self.out / "table.md") as path:
@@ -73,6 +85,8 @@ class Benchmark:
 
         for name in self.policies:
             policy_entry(name)
+            if self.policies.count(name) > 1:
+                raise ValueError(f"policy {name} is given twice in --policies")
         for option, value in (
             ("--seeds", self.seeds),
             ("--demonstrations-per-door", self.demonstrations_per_door),
@@ -83,3 +97,15 @@ class Benchmark:
             raise ValueError("--policies needs at least one policy; see gplfd list")
         if self.out.exists() and not self.out.is_dir():
             raise ValueError(f"--out {self.out} is a file; give a folder")
+
+    def _warn_of_other_code(self, study: Sequence[Task]) -> None:
+        from experiments.study import made_by_other_code
+
+        others = made_by_other_code(self.out, study)
+        if others:
+            print(
+                f"gplfd: warning: {others} of {len(study)} results were made by other "
+                "code (another git state or other package versions); use another --out "
+                f"or delete {self.out} to have one version",
+                file=sys.stderr,
+            )

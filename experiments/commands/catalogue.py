@@ -35,7 +35,11 @@ class Catalogue:
 
 
 def _door(config: DoorConfig) -> str:
-    return f"radius {config.radius:.2f} m, hinge friction {config.hinge_friction:g} N m"
+    closer = config.closer_preload
+    return (
+        f"radius {config.radius:.2f} m, hinge friction {config.hinge_friction:g} N m"
+        + (f", closer {closer:g} N m" if closer else "")
+    )
 
 
 def _section(title: str, lines: Mapping[str, str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import sys
@@ -17,7 +18,10 @@ from experiments.commands.complaint import complain
 from experiments.commands.table import table
 
 if TYPE_CHECKING:
+    import gymnasium as gym
+
     from experiments.demonstration_files.npz import LabelledDemonstrations
+    from experiments.episode_log import EpisodeLog
     from experiments.metrics import EpisodeMetrics
     from gplfd_env.config import DoorConfig
     from policies.agent import Agent
@@ -55,6 +59,8 @@ class Run:
 
     def execute(self) -> int:
         """Run the command and return the exit status."""
+        from experiments.atomic_write import write_json
+
         try:
             plan = _plan(self)
         except (ValueError, OSError) as error:
@@ -64,7 +70,7 @@ class Run:
         metrics: list[EpisodeMetrics] = []
         for door in plan.doors:
             metrics.append(_open_door(self, plan, door))
-            _write_metrics(plan.folder, metrics)
+            write_json(plan.folder / METRICS, [one.as_json() for one in metrics])
         print(table(metrics))
         shown = next((d.name for d in plan.doors if d.name == "medium"), None)
         recording = plan.folder / f"{shown or plan.doors[0].name}.rrd"
@@ -190,39 +196,21 @@ def _write_inputs(run: Run, plan: _Plan) -> None:
 def _open_door(run: Run, plan: _Plan, door: _Door) -> EpisodeMetrics:
     """Open one door, write its log and recording, and return its metrics."""
     import gymnasium as gym
-    from tqdm import tqdm
 
     from experiments.metrics import episode_metrics
     from experiments.recording import record_episode
-    from experiments.rollout import rollout
     from gplfd_env import ENVIRONMENT_ID
 
     started = time.perf_counter()
-    env = gym.make(ENVIRONMENT_ID, door=door.config)
-    # disable=None: no bar when stderr is not a terminal.
-    with tqdm(desc=door.name, unit=" s simulated", leave=False, disable=None) as bar:
-
-        def show(seconds: float, angle: float) -> None:
-            bar.set_postfix_str(f"door at {math.degrees(angle):.0f} deg", refresh=False)
-            bar.update(seconds - bar.n)
-
-        log = rollout(
-            env,
-            door.agent,
-            policy=run.policy,
-            door=door.name,
-            door_config=dataclasses.asdict(door.config),
-            seed=run.seed,
-            on_step=show,
+    with contextlib.closing(gym.make(ENVIRONMENT_ID, door=door.config)) as env:
+        log = _watched_rollout(env, run, door)
+        log.save(plan.folder / f"{door.name}.npz")
+        record_episode(
+            plan.folder / f"{door.name}.rrd",
+            log,
+            env.unwrapped.model,  # type: ignore[attr-defined]
+            plan.demonstrations.demonstrations,
         )
-    log.save(plan.folder / f"{door.name}.npz")
-    record_episode(
-        plan.folder / f"{door.name}.rrd",
-        log,
-        env.unwrapped.model,  # type: ignore[attr-defined]
-        plan.demonstrations.demonstrations,
-    )
-    env.close()
     metrics = episode_metrics(log)
     outcome = "opened" if log.success else f"not opened ({log.failure})"
     _say(
@@ -232,10 +220,28 @@ def _open_door(run: Run, plan: _Plan, door: _Door) -> EpisodeMetrics:
     return metrics
 
 
-def _write_metrics(folder: Path, metrics: Sequence[EpisodeMetrics]) -> None:
-    from experiments.atomic_write import write_json
+def _watched_rollout(env: gym.Env[Any, Any], run: Run, door: _Door) -> EpisodeLog:
+    """Run the episode behind a progress bar and return its log."""
+    from tqdm import tqdm
 
-    write_json(folder / METRICS, [one.as_json() for one in metrics])
+    from experiments.rollout import rollout
+
+    # disable=None: no bar when stderr is not a terminal.
+    with tqdm(desc=door.name, unit=" s simulated", leave=False, disable=None) as bar:
+
+        def show(seconds: float, angle: float) -> None:
+            bar.set_postfix_str(f"door at {math.degrees(angle):.0f} deg", refresh=False)
+            bar.update(seconds - bar.n)
+
+        return rollout(
+            env,
+            door.agent,
+            policy=run.policy,
+            door=door.name,
+            door_config=dataclasses.asdict(door.config),
+            seed=run.seed,
+            on_step=show,
+        )
 
 
 def _say(text: str) -> None:

@@ -18,7 +18,7 @@ def table(metrics: Sequence[EpisodeMetrics]) -> str:
     rows = [
         (
             *("door", "radius", "opened", "angle", "to 30°", "to 60°"),
-            *("useful F", "wasted F", "slip", "error", "decision"),
+            *("tangential", "radial", "slip", "error", "decision"),
         ),
         ("", "m", "", "deg", "s", "s", "N peak", "N peak", "mm", "mm rms", "ms p95"),
     ]

@@ -41,23 +41,26 @@ class LabelledDemonstrations:
 def save_demonstrations(
     path: str | Path,
     demonstrations: Sequence[Demonstration],
-    radii: Sequence[float | None],
+    radii: Sequence[float | None] | None = None,
 ) -> None:
     """Write demonstrations and their doors' radii, complete or not at all.
 
     Args:
         path: File to write; an existing one is replaced.
         demonstrations: At least one demonstration, poses in the task frame.
-        radii: Radius of each one's door [m]; None when unknown.
+        radii: Radius of each one's door [m]; None where, or altogether when, unknown.
+            An unknown radius is stored as NaN.
 
     Raises:
         ValueError: No demonstration, or another number of radii.
         OSError: The file cannot be written.
     """
+    if radii is None:
+        radii = [None] * len(demonstrations)
     if len(demonstrations) == 0 or len(demonstrations) != len(radii):
         raise ValueError(
             f"{len(demonstrations)} demonstrations and {len(radii)} radii; give at "
-            "least one demonstration and one radius (or None) for each"
+            "least one demonstration, and one radius (or None) for each or no radii"
         )
     arrays: dict[str, Any] = {
         "units": np.array(UNITS),

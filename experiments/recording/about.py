@@ -26,9 +26,10 @@ def about(log: EpisodeLog, n_demonstrations: int, versions: Mapping[str, str]) -
 {log.times[-1]:.1f} s
 
 **How to read it.** The grey-blue tube is where the demonstrations alone put the \
-handle (95 %); the violet tube is what the policy believes now. An adaptive policy \
-narrows onto the true arc (green) as the hand (yellow) feels the door. Where the \
-policy is **sure** (σ small) the robot is **stiff**; where it is **unsure** it is \
+handle; the violet tube is what the policy believes now. An adaptive policy \
+narrows onto the true arc (green) as the hand (yellow) feels the door. Tubes and bands \
+are ±1.96 σ per axis (normal quantile; with few demonstrations less than 95 %). Where \
+the policy is **sure** (σ small) the robot is **stiff**; where it is **unsure** it is \
 **soft** and lets the door lead: compare *Uncertainty* with *Stiffness*. Falling σ \
 stiffens the robot, which is stable below 100 % of the bound. The red arrow is the \
 door's force on the hand, 10 cm per 10 N.

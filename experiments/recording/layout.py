@@ -136,9 +136,9 @@ def _policy_views(duration: float) -> list[rrb.TimeSeriesView]:
     angle = _series("angle", title, duration, limits=(-3.0, 75.0))
     return [
         angle,
-        _series("x", "x, along the pull [m], 95 %", duration, legend="RightBottom"),
-        _series("z", "z, across it [m], 95 %", duration),
-        _series("turn", "θu_y, turn of the hand [deg], 95 %", duration),
+        _series("x", "x, along the pull [m], ±1.96 σ", duration, legend="RightBottom"),
+        _series("z", "z, across it [m], ±1.96 σ", duration),
+        _series("turn", "θu_y, turn of the hand [deg], ±1.96 σ", duration),
     ]
 
 

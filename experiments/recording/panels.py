@@ -142,7 +142,7 @@ def _log_band(
     line: Line,
     std: FloatArray,
 ) -> None:
-    """Log a line with its 95 % band where it is finite.
+    """Log a line with its band of ±1.96 σ where it is finite.
 
     The viewer draws a band of one standard deviation, so the variance is scaled.
     """

@@ -1,4 +1,4 @@
-"""The 95 % band of a policy along its path, as a closed triangle mesh."""
+"""The band of ±1.96 σ of a policy along its path, as a closed triangle mesh."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 QUANTILE: Final = 1.96
-"""Half-width of the central 95 % of a Gaussian in standard deviations."""
+"""Half-width of all bands in standard deviations: the normal quantile of the central
+95 % of one output. With few demonstrations, whose spread is itself an estimate, and
+for several outputs at once, such a band holds less than 95 %."""
 
 N_RINGS: Final = 48
 """Cross-sections along the path."""

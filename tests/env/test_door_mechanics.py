@@ -100,6 +100,15 @@ def test_force_at_the_handle_balances_the_closer(degrees: float) -> None:
         assert np.sign(round(float(data.qacc[dof]), 6)) == sign
 
 
+@pytest.mark.parametrize("friction", [0.5, 2.0, 20.0])
+def test_a_stuck_hinge_does_not_creep(friction: float) -> None:
+    model, data = door_alone(hinge_friction=friction, hinge_damping=0.0)
+    data.joint("hinge").qpos = 0.3
+    data.joint("hinge").qfrc_applied = 0.9 * friction
+    mujoco.mj_step(model, data, nstep=2500)
+    assert abs(np.degrees(data.joint("hinge").qpos[0] - 0.3)) < 0.05
+
+
 def test_hinge_friction_holds_below_and_yields_above() -> None:
     for torque, moves in ((1.9, False), (2.1, True)):
         model, data = door_alone(hinge_friction=2.0, hinge_damping=0.0)

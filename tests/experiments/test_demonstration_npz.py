@@ -43,6 +43,16 @@ def test_round_trip_is_exact(tmp_path: Path, saved: Path) -> None:
         assert one.poses.tobytes() == other.poses.tobytes()
 
 
+def test_radii_may_be_unknown_altogether(saved: Path) -> None:
+    loaded = load_demonstrations(saved)
+    save_demonstrations(saved, loaded.demonstrations)
+    with np.load(saved) as archive:
+        np.testing.assert_array_equal(archive["radii"], [np.nan, np.nan])
+    again = load_demonstrations(saved)
+    assert again.radii == (None, None)
+    assert len(again.demonstrations) == 2
+
+
 def test_file_says_what_it_holds(saved: Path) -> None:
     with np.load(saved) as archive:
         assert str(archive["units"]) == "s, m, rad"
@@ -115,4 +125,6 @@ def test_other_version(saved: Path) -> None:
 def test_every_demonstration_needs_a_label(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="0 demonstrations and 1 radii"):
         save_demonstrations(tmp_path / "d.npz", [], [0.5])
+    with pytest.raises(ValueError, match="0 demonstrations and 0 radii"):
+        save_demonstrations(tmp_path / "d.npz", [])
     assert list(tmp_path.iterdir()) == []

@@ -134,3 +134,18 @@ def test_a_door_that_never_moved_has_metrics(make_log: MakeLog) -> None:
 def test_metrics_survive_json(make_log: MakeLog) -> None:
     metrics = episode_metrics(make_log()).as_json()
     assert json.loads(json.dumps(metrics, allow_nan=False)) == metrics
+
+
+def test_governed_share_counts_decisions_at_the_bound(make_log):
+    free = make_log()
+    steps = free.times.size
+    margin, rate = np.full((steps, 6), 50.0), np.full((steps, 6), 50.0)
+    margin[: steps // 4, 2], rate[: steps // 4, 2] = 0.1, 99.9
+    governed = make_log(stability_margin=margin, stiffness_rate=rate)
+    share = episode_metrics(governed).governed_share
+    assert share == pytest.approx((steps // 4) / steps)
+    falling = make_log(
+        stability_margin=np.full((steps, 6), 150.0),
+        stiffness_rate=np.full((steps, 6), -50.0),
+    )
+    assert episode_metrics(falling).governed_share == 0.0

@@ -12,6 +12,7 @@ from rerun.chunk import RrdReader
 
 from experiments.episode_log import EpisodeLog
 from experiments.recording import record_episode
+from experiments.recording.layout import _policy_views
 from experiments.recording.panels import before_adaptation, share_of_bound
 from experiments.recording.scene import visual_geoms
 from experiments.recording.stages import stages
@@ -170,7 +171,7 @@ def test_policy_tube_is_still_before_and_moves_after(
     assert width[1] < 0.5 * width[0]
 
 
-def test_tube_touches_the_95_percent_ellipse() -> None:
+def test_tube_touches_the_ellipse_of_the_normal_quantile() -> None:
     """On a straight path along x the section has half axes 1.96 σ_z and 1.96 σ_y."""
     mean = np.outer(np.linspace(0.0, 1.0, 30), [1.0, 0.0, 0.0])
     vertices, normals = tube_vertices(mean, np.tile([9.0, 0.01, 0.02], (30, 1)))
@@ -189,7 +190,7 @@ def test_tube_of_a_path_that_stands_still_is_finite() -> None:
     assert np.isfinite(normals).all()
 
 
-def test_bands_are_95_percent_and_predictions_end_where_they_are_unknown(
+def test_bands_are_1_96_sigma_and_predictions_end_where_they_are_unknown(
     record: Callable[[EpisodeLog], Recording], make_log: MakeLog
 ) -> None:
     mean = np.array(make_log().predicted_mean)
@@ -300,3 +301,15 @@ def test_file_carries_its_layout_and_explains_itself(
     _, page = recording.column("/about", "TextDocument:text")
     for words in ("medium door", "`gp`", "not opened** (stalled)", "**seed**: 3"):
         assert words in page[0][0]
+
+
+def test_bands_are_called_what_they_are(
+    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
+) -> None:
+    """A normal quantile per axis, which is no 95 % band of few demonstrations."""
+    titles = [str(view.name) for view in _policy_views(6.0)]
+    assert [title for title in titles if "±1.96 σ" in title] == titles[1:]
+    assert not any("95" in title for title in titles)
+    _, page = record(make_log()).column("/about", "TextDocument:text")
+    assert "±1.96 σ per axis (normal quantile" in page[0][0]
+    assert "(95 %)" not in page[0][0]

@@ -24,7 +24,7 @@ def result(success, radial, seed=0, **task):
         "force_tangential_peak": 2.0,
         "slip_max_mm": 1.0,
         "prediction_error_position": 1e-4,
-        "stability_margin_translation": 3.0 + radial,
+        "governed_share": 0.01 * radial,
         "latency_median_ms": 0.2,
     }
     return {
@@ -48,7 +48,7 @@ def test_forces_are_medians_over_successes():
     assert row["opened"] == "3/4"
     assert row["radial force [N]"] == "3.0"
     assert row["√E[ε²] [mm]"] == "10.0"
-    assert row["least margin"] == "4.0"
+    assert row["governed [%]"] == "5.5"
 
 
 def test_an_error_counts_as_not_opened():

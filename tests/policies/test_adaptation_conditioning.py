@@ -10,7 +10,7 @@ from policies.adaptation import (
 )
 from policies.adaptation.conditioning import ConditionedProcess
 from policies.adaptation.product import product_of_gaussians
-from policies.alignment import AlignedDemonstrations
+from policies.aligned import AlignedDemonstrations
 from policies.gp.deviations import DeviationLikelihood, DeviationProcess, fit_deviations
 from policies.gp.exact import ExactGP
 from policies.gp.kernels import RBF

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from policies.adaptation import ADAPTATIONS, Adaptation, ProductAdaptation
-from policies.alignment import AlignedDemonstrations
+from policies.aligned import AlignedDemonstrations
 from policies.skill import Skill, fit_skill
 from policies.trajectory import ViaPoint
 

@@ -12,7 +12,8 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.se3 import canonical_rotvec, pose_distance
-from policies.alignment import AlignedDemonstrations, align
+from policies.aligned import AlignedDemonstrations
+from policies.alignment import align
 from policies.completion import task_completion_index
 from policies.demonstrations import Demonstration
 from policies.denoising import denoised_steps

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gplfd_env.task import handle_pose_on_arc
-from policies.phase import PathPhase
+from policies.phase import ClockPhase, PathPhase, PhaseNoise
 
 FINAL_ANGLE = np.radians(67.0)
 
@@ -29,6 +29,28 @@ def test_phase_does_not_depend_on_the_radius(skill, radius):
     # Early on, a short way on a small door is a shorter way on a large one: the
     # estimate must know that it does not know.
     assert np.mean(error < 3.0 * std + 0.02) > 0.95
+
+
+def test_clock_phase_is_the_command_s():
+    clock = ClockPhase()
+    clock.reset()
+    assert clock.update(np.full(6, 9.0), 0.37) == (0.37, 0.0)
+    np.testing.assert_array_equal(clock.rate(0.37), np.zeros(6))
+
+
+def test_phase_std_is_the_size_of_the_errors(skill):
+    """On doors of any demonstrated radius, with the errors that the rule expects."""
+    rng, noise = np.random.default_rng(0), PhaseNoise()
+    errors = np.repeat([noise.position, noise.rotation], 3)
+    angle, found = 0.4, []
+    for _ in range(300):
+        estimator = PathPhase(skill, window=(1.0, 1.0))
+        pose = handle_pose_on_arc(rng.uniform(0.35, 0.65), angle)
+        found.append(estimator.update(pose + errors * rng.normal(size=6), 0.0))
+    phases, stds = np.array(found).T
+    actual = np.sqrt(np.mean((phases - true_phase(skill, angle)) ** 2))
+    # The position counts twice, as pose and as direction: right to a factor only.
+    assert 0.4 < np.median(stds) / actual < 2.5
 
 
 def test_phase_stands_still_when_only_the_hand_turns(skill):

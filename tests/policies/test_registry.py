@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from policies import POLICIES, make_agent
+from policies import POLICIES, Demonstration, make_agent
+from policies.adaptation import ExactAdaptation, ProductAdaptation
+from policies.gridded import Demonstrated
+from policies.load import YieldToAll
+from policies.phase import ClockPhase
 
 
 @pytest.mark.parametrize("name", sorted(POLICIES))
@@ -14,6 +18,61 @@ def test_every_policy_makes_a_finite_first_step(name, demonstrations):
     step = agent.act(observation)
     assert np.isfinite(step.action).all()
     assert np.abs(step.action[:3]).max() < 0.01
+
+
+def parts(name, demonstrations):
+    agent = make_agent(name, demonstrations)
+    noise = agent.policy.skill.processes.outputs[0].noise
+    return {
+        "form": type(agent.policy.distribution),
+        "phase": type(agent.phases),
+        "load": type(agent.load),
+        "k_min": tuple(agent.profile.k_min),
+        "k_max": tuple(agent.profile.k_max),
+        "noise varies": np.ptp(noise.variance(np.linspace(0.0, 1.0, 50))) > 0.0,
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "differs"),
+    [
+        ("gp-product", {"form": ProductAdaptation}),
+        ("gp-exact", {"form": ExactAdaptation}),
+        ("gp-fixed", {"form": Demonstrated}),
+        ("gp-clock", {"phase": ClockPhase}),
+        ("gp-homoscedastic", {"noise varies": False}),
+        ("gp-constant-stiffness", {"k_min": (500.0,) * 3 + (50.0,) * 3}),
+        ("gp-dtw-euclidean", {}),
+        (
+            "gp-paper",
+            {
+                "form": ProductAdaptation,
+                "load": YieldToAll,
+                "k_min": (100.0,) * 6,
+                "k_max": (500.0,) * 6,
+            },
+        ),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:sensor noise")
+def test_ablations_differ_from_gp_where_their_name_says(name, differs, demonstrations):
+    assert parts(name, demonstrations) == parts("gp", demonstrations) | differs
+
+
+@pytest.mark.parametrize("shift", [[1.0, 2.0, 3.0], [0.0, 0.1, 0.0]])
+def test_demonstrations_must_start_at_the_closed_handle(shift, demonstrations):
+    one = demonstrations[0]
+    moved = Demonstration(times=one.times, poses=one.poses + np.pad(shift, (0, 3)))
+    with pytest.raises(ValueError, match=r"demonstration 1 .* closed handle"):
+        make_agent("gp", [one, moved])
+
+
+def test_millimetres_are_noticed(demonstrations):
+    one = demonstrations[0]
+    scale = np.repeat([1000.0, 1.0], 3)
+    wrong = Demonstration(times=one.times, poses=one.poses * scale)
+    with pytest.raises(ValueError, match="in metres"):
+        make_agent("gp", [wrong])
 
 
 @pytest.mark.parametrize("name", ["gp", "gp-product", "gp-fixed"])

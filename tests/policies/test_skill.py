@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from policies.alignment import AlignedDemonstrations
+from policies.aligned import AlignedDemonstrations
 from policies.gp.exact import ExactGP
 from policies.gp.kersting import KerstingNoise
 from policies.skill import Skill, fit_skill

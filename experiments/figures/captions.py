@@ -1,0 +1,50 @@
+"""Captions of a folder of figures, in one Markdown file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from experiments.atomic_write import complete_or_absent
+
+FILE: Final = "captions.md"
+
+_HEAD: Final = re.compile(r"^## (\S+): ", flags=re.MULTILINE)
+
+
+def section(name: str, title: str, seed: int, caption: str) -> str:
+    """One figure's section: heading, and the caption as one paragraph."""
+    return f"## {name}: {title} (seed {seed})\n\n{caption}\n"
+
+
+def update_captions(
+    folder: Path, sections: Mapping[str, str], order: Sequence[str]
+) -> None:
+    """Write sections to the folder's captions, keeping those of other figures.
+
+    Args:
+        folder: Where the figures are.
+        sections: Sections by the figure's name; they replace older ones.
+        order: Names in the order of the file; a section of any other name is dropped.
+
+    Raises:
+        OSError: The file cannot be read or written.
+    """
+    path = folder / FILE
+    kept = _sections(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    kept.update(sections)
+    text = "\n".join(kept[name] for name in order if name in kept)
+    with complete_or_absent(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _sections(text: str) -> dict[str, str]:
+    """Sections of a captions file by the figure's name."""
+    heads = list(_HEAD.finditer(text))
+    ends = [head.start() for head in heads[1:]] + [len(text)]
+    return {
+        head[1]: text[head.start() : end].rstrip("\n") + "\n"
+        for head, end in zip(heads, ends, strict=True)
+    }

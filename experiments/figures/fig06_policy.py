@@ -1,0 +1,177 @@
+"""Fig. 6: six outputs, from recording to policy.
+
+Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
+arXiv:2002.09979, Section IV-A.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from experiments.demonstration_files.npz import LabelledDemonstrations
+from experiments.figures import style
+from experiments.figures.material import Drawing, Material
+from policies.alignment import align
+from policies.skill import Skill, fit_skill
+from policies.trajectory import GaussianTrajectory
+
+FloatArray = NDArray[np.float64]
+
+OUTPUTS: Final = ("$x$", "$y$", "$z$", "$θu_x$", "$θu_y$", "$θu_z$")
+UNITS: Final = ("m", "m", "m", "rad", "rad", "rad")
+_MAGNIFICATIONS: Final = (20, 10, 5, 2, 1)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Learning:
+    """What Fig. 6 shows."""
+
+    recorded: LabelledDemonstrations
+    """As recorded."""
+    skill: Skill
+    """Its ``aligned`` is the second row."""
+    policy: GaussianTrajectory
+    """The third row."""
+
+    def spread_between_doors(self, output: int) -> tuple[float, float]:
+        """Rms spread between the doors' means and within doors, over phases."""
+        poses, radii = self.skill.aligned.poses[:, :, output], self.recorded.radii
+        doors = [
+            poses[[radius == door for radius in radii]]
+            for door in sorted(set(radii), key=str)
+        ]
+        within = np.mean([door.var(axis=0) for door in doors])
+        between = np.var([door.mean(axis=0) for door in doors], axis=0).mean()
+        return float(np.sqrt(between)), float(np.sqrt(within))
+
+
+def measure(recorded: LabelledDemonstrations) -> Learning:
+    """Align and learn."""
+    skill = fit_skill(align(recorded.demonstrations))
+    policy = skill.predict(skill.aligned.times)
+    return Learning(recorded=recorded, skill=skill, policy=policy)
+
+
+def draw(shown: Learning) -> Figure:
+    """Draw three rows of six panels."""
+    figure = style.new_figure(style.PAGE, 3.9)
+    rows = figure.subplots(3, 6, sharey="col", sharex="row")
+    colours = door_colours(shown.recorded.radii)
+    for output in range(6):
+        for number, demonstration in enumerate(shown.recorded.demonstrations):
+            times = demonstration.times - demonstration.times[0]
+            line = {"color": colours[number], "linewidth": 0.8}
+            rows[0, output].plot(times, demonstration.poses[:, output], **line)
+            aligned = shown.skill.aligned
+            poses = aligned.poses[number, :, output]
+            rows[1, output].plot(aligned.times, poses, **line)
+        _draw_policy(rows[2, output], shown.policy, output)
+        _scale(rows[0, output], shown, output)
+        rows[0, output].set_title(f"{OUTPUTS[output]} [{UNITS[output]}]")
+        rows[0, output].set_xlabel("time [s]")
+        rows[2, output].set_xlabel("phase")
+    for row, text in zip(rows, ("recorded", "aligned", "policy, 95 %"), strict=True):
+        row[0].set_ylabel(text, fontsize=7.5, fontweight="bold")
+    rows[0, 0].set_xlim(0.0, None)
+    for row in rows[1:]:
+        row[0].set_xlim(0.0, 1.0)
+        row[0].set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+    _legend(figure, rows[0, 0], shown.recorded.radii)
+    return figure
+
+
+def door_colours(radii: tuple[float | None, ...]) -> list[str]:
+    """Colour of each demonstration, by the rank of its door's radius."""
+    ranked = sorted({radius for radius in radii if radius is not None})
+    return [
+        style.DEMONSTRATION
+        if radius is None
+        else style.DOORS[min(ranked.index(radius), len(style.DOORS) - 1)]
+        for radius in radii
+    ]
+
+
+def _draw_policy(axes: Axes, policy: GaussianTrajectory, output: int) -> None:
+    low, high = policy.interval()
+    style.band(axes, policy.times, low[:, output], high[:, output], style.BEFORE)
+    axes.plot(policy.times, policy.mean[:, output], color=style.BEFORE)
+
+
+def _scale(axes: Axes, shown: Learning, output: int) -> None:
+    """Give the outputs of a kind one scale, or say how much larger it is."""
+    extents = _extents(shown)
+    kind = extents[:3] if output < 3 else extents[3:]
+    span = 1.08 * float(np.ptp(kind, axis=1).max())
+    low, high = extents[output]
+    magnified = next(m for m in _MAGNIFICATIONS if m * (high - low) <= span)
+    if magnified > 1:
+        axes.text(
+            *(0.5, 0.98, f"{magnified} × enlarged"),
+            transform=axes.transAxes,
+            horizontalalignment="center",
+            verticalalignment="top",
+            fontsize=6.0,
+            color="0.35",
+        )
+    middle, half = 0.5 * (low + high), 0.5 * span / magnified
+    axes.set_ylim(middle - half, middle + half)
+
+
+def _extents(shown: Learning) -> FloatArray:
+    """Least and largest value drawn of each output, (6, 2)."""
+    low, high = shown.policy.interval()
+    drawn = [demonstration.poses for demonstration in shown.recorded.demonstrations]
+    values = np.vstack([low, high, *drawn])
+    return np.stack([values.min(axis=0), values.max(axis=0)], axis=1)
+
+
+def _legend(figure: Figure, axes: Axes, radii: tuple[float | None, ...]) -> None:
+    first = {radius: number for number, radius in reversed(list(enumerate(radii)))}
+    figure.legend(
+        handles=[axes.lines[number] for number in first.values()][::-1],
+        labels=[
+            "unknown radius" if radius is None else f"door of {radius:.2f} m"
+            for radius in first
+        ][::-1],
+        loc="outside upper center",
+        ncols=len(first),
+    )
+
+
+def caption(shown: Learning) -> str:
+    """Say what is seen, and the numbers."""
+    spread = [shown.spread_between_doors(output) for output in range(6)]
+    names = ("x", "y", "z", "θu_x", "θu_y", "θu_z")
+    deviation = shown.policy.std.max(axis=0)
+    listed = ", ".join(
+        f"{name} {1e3 * std:.0f} {unit}"
+        for name, std, unit in zip(
+            names, deviation, ["mm"] * 3 + ["mrad"] * 3, strict=True
+        )
+    )
+    return (
+        f"{len(shown.recorded.demonstrations)} demonstrations of opening "
+        f"{len(set(shown.recorded.radii))} doors by the synthetic human: as recorded, "
+        "aligned by the task completion index, and the heteroscedastic Gaussian "
+        "process learned from them with its 95 % interval (Student t, as there are "
+        "few demonstrations). Positions share one scale and rotations another, except "
+        "where a panel says how much it is enlarged. As in the paper's Fig. 6, the "
+        "aligned x and z fall into one group per door, and only x, z and θu_y move by "
+        f"much. Largest standard deviation of the policy: {listed}. Spread between "
+        "doors over spread between repetitions on one door: "
+        f"{spread[0][0] / spread[0][1]:.0f} in x, {spread[2][0] / spread[2][1]:.0f} in "
+        "z. What differs: θu_y varies no more than the other rotations here, because "
+        "all doors are opened to nearly the same angle."
+    )
+
+
+def make(material: Material) -> Drawing:
+    """Make Fig. 6."""
+    shown = measure(material.demonstrations)
+    return Drawing(figure=draw(shown), caption=caption(shown))

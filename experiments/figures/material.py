@@ -1,0 +1,47 @@
+"""What figures are made from, and what they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from experiments.demonstration_files.npz import LabelledDemonstrations
+    from experiments.episode_log import EpisodeLog
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Material:
+    """Everything a figure may show."""
+
+    seed: int
+    """Seed of all of it, and of whatever random set a figure makes itself."""
+    demonstrations: LabelledDemonstrations
+    """Openings of the three demonstrated doors; what the episodes' policy learned."""
+    episodes: Mapping[str, EpisodeLog]
+    """One episode of the policy ``gp`` per door, by the door's name."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Drawing:
+    """A figure with its caption."""
+
+    figure: Figure
+    """The figure, not yet written anywhere."""
+    caption: str
+    """One paragraph: what is seen, what the paper showed, what differs, numbers."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Entry:
+    """One figure of the catalogue."""
+
+    title: str
+    """Its subject, in a few words."""
+    make: Callable[[Material], Drawing]
+    """Measures, draws and describes."""
+    doors: tuple[str, ...] = ()
+    """Doors whose episodes it shows: names or radii in metres."""

@@ -1,0 +1,53 @@
+"""Demonstrations on one clock: what alignment returns and learning takes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+__all__ = ["AlignedDemonstrations"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class AlignedDemonstrations:
+    """Demonstrations sampled at common phases; read-only.
+
+    Raises:
+        ValueError: If a shape is wrong, an entry is not finite, the phases do not
+            increase strictly within [0, 1], or the duration is not positive.
+    """
+
+    times: Float[np.ndarray, " M"]
+    """Phases within [0, 1], strictly increasing."""
+    poses: Float[np.ndarray, "K M 6"]
+    """Poses [m, rad] of K demonstrations, rotation vectors on one branch."""
+    duration: float = 1.0
+    """Nominal duration [s] of phases 0 to 1."""
+
+    def __post_init__(self) -> None:
+        times = np.array(self.times, dtype=np.float64)
+        poses = np.array(self.poses, dtype=np.float64)
+        if times.ndim != 1 or poses.ndim != 3 or poses.shape[1:] != (times.size, 6):
+            raise ValueError(
+                "times must have shape (M,) and poses (K, M, 6), got "
+                f"{times.shape} and {poses.shape}"
+            )
+        if len(poses) < 1 or len(times) < 2:
+            raise ValueError(
+                "at least one demonstration and two phases are needed, got "
+                f"{len(poses)} and {len(times)}"
+            )
+        if not (np.isfinite(poses).all() and np.isfinite(times).all()):
+            raise ValueError("times and poses must be finite; drop NaN and inf first")
+        if times[0] < 0.0 or times[-1] > 1.0 or np.any(np.diff(times) <= 0):
+            raise ValueError(
+                "times are phases: they must increase strictly within [0, 1], got "
+                f"{times[0]} ... {times[-1]}; divide seconds by the duration"
+            )
+        if not 0.0 < self.duration < np.inf:
+            raise ValueError(
+                f"duration must be positive and finite [s], got {self.duration}"
+            )
+        for name, array in (("times", times), ("poses", poses)):
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
