@@ -188,14 +188,12 @@ def test_peers_learn_the_same_as_the_skill() -> None:
     mean, std = peers.sklearn_fit(given.times, given.poses)
     assert np.abs((mean - predicted.mean) / predicted.std).max() < 0.2
     np.testing.assert_allclose(std, predicted.std, rtol=0.25)
-    pytest.importorskip("hetgpy")
     mean, std = peers.hetgpy_fit(given.times, given.poses)
     assert np.abs((mean - predicted.mean) / predicted.std).max() < 0.4
     np.testing.assert_allclose(std, predicted.std, rtol=0.4)
 
 
 def test_dtw_python_finds_paths_of_our_cost() -> None:
-    pytest.importorskip("dtw")
     from policies.dynamic_time_warping import dynamic_time_warping
 
     rng = np.random.default_rng(0)
