@@ -11,7 +11,7 @@ import rerun as rr
 from experiments.episode_log import EpisodeLog
 from experiments.recording.colours import BEFORE, FORCE, HAND, TRUTH
 from experiments.recording.stream import seconds
-from gplfd_env.task import SUCCESS_ANGLE
+from gplfd_env.task import STALL_ANGLE, SUCCESS_ANGLE
 
 ENTITY: Final = "/stage"
 _MOVED: Final = math.radians(1.0)
@@ -19,6 +19,7 @@ _STAGES: Final = {
     "grasp": BEFORE,
     "open": HAND,
     "hold": (84, 190, 255),
+    "stuck": (222, 120, 60),
     "success": TRUTH,
     "failure": FORCE,
 }
@@ -42,13 +43,15 @@ def stages(log: EpisodeLog) -> list[tuple[int, str]]:
     """Row in which each stage began, in order, with its name.
 
     ``grasp`` until the door has moved by a degree, then ``open``, ``hold`` once the
-    door is open by the task's angle, ``success`` from the first solved step or
-    ``failure`` in the last.
+    door is open by the task's angle, ``stuck`` from where a stalled door gained no
+    more, ``success`` from the first solved step or ``failure`` in the last.
     """
     angle, last = log.door_angle, log.times.size - 1
     began = [(0, "grasp")]
     if angle.max() >= _MOVED:
         began.append((int(np.argmax(angle >= _MOVED)), "open"))
+    if log.failure == "stalled" and angle.max() < SUCCESS_ANGLE:
+        began.append((int(np.argmax(angle >= angle.max() - STALL_ANGLE)), "stuck"))
     if angle.max() >= SUCCESS_ANGLE:
         began.append((int(np.argmax(angle >= SUCCESS_ANGLE)), "hold"))
     if log.solved.any():

@@ -280,7 +280,16 @@ def test_via_points_accumulate(
                 "solved": np.zeros(601),
                 "door_angle": np.zeros(601),
             },
-            ["grasp", "failure"],
+            ["stuck", "failure"],
+        ),
+        (
+            {
+                "success": False,
+                "failure": "stalled",
+                "solved": np.zeros(601),
+                "door_angle": np.minimum(np.linspace(0.0, 1.5, 601), 0.6),
+            },
+            ["grasp", "open", "stuck", "failure"],
         ),
     ],
 )
@@ -288,9 +297,13 @@ def test_stages(make_log: MakeLog, changes: dict[str, Any], names: list[str]) ->
     log = make_log(**changes)
     began = stages(log)
     assert [name for _, name in began] == names
-    if "open" in names:
-        assert math.degrees(log.door_angle[began[1][0]]) == pytest.approx(1, abs=0.2)
-        assert math.degrees(log.door_angle[began[2][0]]) == pytest.approx(60, abs=0.5)
+    expected_deg = {"open": 1.0, "hold": 60.0}
+    if log.door_angle.max() > 0.0:
+        expected_deg["stuck"] = math.degrees(log.door_angle.max()) - 0.5
+    for row, name in began:
+        if name in expected_deg:
+            angle = math.degrees(log.door_angle[row])
+            assert angle == pytest.approx(expected_deg[name], abs=0.5)
 
 
 def test_file_carries_its_layout_and_explains_itself(
