@@ -66,6 +66,7 @@ class Run:
         except (ValueError, OSError) as error:
             return complain(error)
         _say(f"writing to {plan.folder}")
+        _tell_of_earlier_doors(plan)
         _write_inputs(self, plan)
         metrics: list[EpisodeMetrics] = []
         for door in plan.doors:
@@ -191,6 +192,14 @@ def _write_inputs(run: Run, plan: _Plan) -> None:
         door.name: dataclasses.asdict(door.config) for door in plan.doors
     }
     write_json(plan.folder / CONFIGURATION, provenance(config))
+
+
+def _tell_of_earlier_doors(plan: _Plan) -> None:
+    now = {door.name for door in plan.doors}
+    recordings = sorted(plan.folder.glob("*.rrd"))
+    earlier = [path.name for path in recordings if path.stem not in now]
+    if earlier:
+        _say(f"{plan.folder} also keeps {', '.join(earlier)} of an earlier run")
 
 
 def _open_door(run: Run, plan: _Plan, door: _Door) -> EpisodeMetrics:

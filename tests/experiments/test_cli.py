@@ -40,6 +40,15 @@ def written(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
+def test_run_tells_of_doors_of_an_earlier_run(
+    gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    for doors in (["0.42"], ["small"]):
+        gplfd("run", "--doors", *doors, "--policy", "oracle", "--out", str(out))
+    assert f"{out} also keeps 0.42.rrd of an earlier run" in capsys.readouterr().err
+
+
 def test_run_writes_metrics_logs_recordings_and_where_they_came_from(
     gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
