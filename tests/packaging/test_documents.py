@@ -1,6 +1,9 @@
 """The documents speak of things that exist."""
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -33,3 +36,29 @@ def test_links_lead_somewhere(document):
     missing = [link for link in links if not (document.parent / link).exists()]
     # The wheel's test run has no assets folder beside the documents.
     assert [link for link in missing if not link.startswith("assets/")] == []
+
+
+def python_blocks() -> list[str]:
+    return re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+
+
+@pytest.fixture(scope="module")
+def first_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which the README's first command has been run, for one door."""
+    folder = tmp_path_factory.mktemp("newcomer")
+    command = [sys.executable, "-m", "experiments.cli", "run", "--doors", "medium"]
+    subprocess.run([*command, "--out", "results/first"], cwd=folder, check=True)
+    return folder
+
+
+@pytest.mark.parametrize("number", range(len(python_blocks())))
+def test_code_in_the_readme_runs(number: int, first_run: Path) -> None:
+    ran = subprocess.run(
+        [sys.executable, "-c", python_blocks()[number]],
+        cwd=first_run,
+        env=os.environ | {"MPLBACKEND": "agg"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
