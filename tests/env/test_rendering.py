@@ -1,10 +1,14 @@
 """Pictures: colour and depth without a screen, a window on a virtual display."""
 
+import contextlib
 import os
 import shutil
+import socket
+import struct
 import subprocess
 import sys
 import textwrap
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -99,6 +103,28 @@ def test_close_may_be_called_twice_and_rendering_starts_again(
     assert np.array_equal(picture(env), first)
 
 
+def wait_for_display(number: str, patience: float = 30.0) -> None:
+    """Return once the X server answers the opening message of the protocol."""
+    path, opening = (
+        f"/tmp/.X11-unix/X{number}",
+        struct.pack("<BxHHHHxx", 0x6C, 11, *3 * [0]),
+    )
+    deadline = time.monotonic() + patience
+    while time.monotonic() < deadline:
+        for address in (path, f"\0{path}"):
+            with (
+                contextlib.suppress(OSError),
+                socket.socket(socket.AF_UNIX) as client,
+            ):
+                client.settimeout(5.0)
+                client.connect(address)
+                client.sendall(opening)
+                if client.recv(1) == b"\x01":
+                    return
+        time.sleep(0.1)
+    pytest.fail(f"Xvfb does not answer on display :{number}")
+
+
 @pytest.fixture
 def virtual_display() -> Iterator[str]:
     """Start an X server without a screen on a free display and return its name."""
@@ -109,7 +135,9 @@ def virtual_display() -> Iterator[str]:
             "apt-get install xvfb libgl1-mesa-dri"
         )
     read_end, write_end = os.pipe()
-    options = ["-displayfd", str(write_end), "-screen", "0", "800x600x24"]
+    # Without -noreset the server starts anew whenever its last client leaves, and
+    # refuses connections meanwhile.
+    options = ["-displayfd", str(write_end), "-screen", "0", "800x600x24", "-noreset"]
     server = subprocess.Popen(
         [program, *options, "-nolisten", "tcp"],
         pass_fds=[write_end],
@@ -123,6 +151,7 @@ def virtual_display() -> Iterator[str]:
             number = pipe.readline().strip()
         if not number:
             pytest.fail(f"Xvfb did not start (exit status {server.wait()})")
+        wait_for_display(number)
         yield f":{number}"
     finally:
         server.terminate()
