@@ -45,6 +45,40 @@ class GaussianTrajectory:
         for name in ("times", "mean", "std", "mean_rate", "std_rate"):
             object.__setattr__(self, name, _read_only(getattr(self, name)))
 
+    @classmethod
+    def from_moments(
+        cls,
+        times: Float[np.ndarray, " M"],
+        mean: Float[np.ndarray, "M 6"],
+        std: Float[np.ndarray, "M 6"],
+        covariance_function: Callable[[], np.ndarray],
+    ) -> "GaussianTrajectory":
+        """A distribution whose rates are central differences of its moments.
+
+        For methods that state no derivatives. A single time has rate zero.
+
+        Args:
+            times: phases, shape (M,).
+            mean: mean pose, shape (M, 6).
+            std: standard deviations, shape (M, 6); NaN for a method without any.
+            covariance_function: computes the covariance over time, (6, M, M).
+        """
+
+        def rate(curve: np.ndarray) -> np.ndarray:
+            if len(times) < 2:
+                return np.zeros_like(curve)
+            gradient: np.ndarray = np.gradient(curve, times, axis=0)
+            return gradient
+
+        return cls(
+            times=times,
+            mean=mean,
+            std=std,
+            mean_rate=rate(mean),
+            std_rate=rate(std),
+            covariance_function=covariance_function,
+        )
+
     @cached_property
     def covariance(self) -> Float[np.ndarray, "6 M M"]:
         """Covariance over time of every output, shape (6, M, M); on first use."""

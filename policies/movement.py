@@ -1,0 +1,90 @@
+"""What every learned movement can be asked, whatever method learned it.
+
+`policies.skill.Skill` and each baseline of Table 1 in Arduengo et al., *Gaussian-
+Process-based Robot Learning from Demonstration*, arXiv:2002.09979, are movements: they
+predict a distribution over poses at any phase, and adapt to via-points if they can.
+"""
+
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from policies.aligned import AlignedDemonstrations
+from policies.trajectory import GaussianTrajectory, ViaPoint
+
+__all__ = ["Adaptable", "Movement", "Predictor", "ReadaptedMovement"]
+
+
+@runtime_checkable
+class Predictor(Protocol):
+    """Something that predicts a distribution over poses."""
+
+    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
+        """The distribution at phases ``times``; NaN std for a method without any."""
+        ...
+
+
+@runtime_checkable
+class Movement(Predictor, Protocol):
+    """A movement learned from aligned demonstrations."""
+
+    @property
+    def aligned(self) -> AlignedDemonstrations:
+        """The demonstrations it was learned from."""
+        ...
+
+    @property
+    def duration(self) -> float:
+        """Nominal duration of phases 0 to 1 [s]."""
+        ...
+
+
+@runtime_checkable
+class Adaptable(Movement, Protocol):
+    """A movement that can be conditioned on via-points."""
+
+    def adapt(self, via_points: Sequence[ViaPoint]) -> Predictor:
+        """The movement conditioned on ``via_points``, all of them at once."""
+        ...
+
+
+class ReadaptedMovement:
+    """Online adaptation of a movement that only adapts to all via-points at once.
+
+    Every new via-point conditions the movement anew on all that were seen. The
+    distribution on the grid is computed when it is next asked for.
+
+    Args:
+        movement: what was learned.
+        grid: phases at which the distribution is reported, shape (M,).
+    """
+
+    def __init__(self, movement: Adaptable, grid: Float[np.ndarray, " M"]) -> None:
+        self._movement = movement
+        self._grid = grid
+        self._via_points: list[ViaPoint] = []
+        self._trajectory: GaussianTrajectory | None = movement.predict(grid)
+
+    def observe(self, via_point: ViaPoint) -> None:
+        """Take one more via-point."""
+        self._via_points.append(via_point)
+        self._trajectory = None
+
+    @property
+    def mean(self) -> Float[np.ndarray, "M 6"]:
+        """Current mean on the grid [m, rad]."""
+        return self.trajectory().mean
+
+    @property
+    def std(self) -> Float[np.ndarray, "M 6"]:
+        """Current standard deviation on the grid [m, rad]."""
+        return self.trajectory().std
+
+    def trajectory(self) -> GaussianTrajectory:
+        """The current distribution on the grid."""
+        if self._trajectory is None:
+            adapted = self._movement.adapt(tuple(self._via_points))
+            self._trajectory = adapted.predict(self._grid)
+        return self._trajectory
