@@ -5,19 +5,43 @@ Importing this package registers the ids; MuJoCo is loaded only by ``gym.make``:
     import gymnasium as gym, gplfd_env
     env = gym.make("gplfd/DoorOpening-v0", door="medium")
     env = gym.make("gplfd_env:gplfd/DoorOpening-v0")  # needs no import
+    envs = gym.make_vec("gplfd/DoorOpening-v0", num_envs=64, randomization="mild")
 """
 
 import gymnasium
 
 from gplfd_env.config import DOORS, DoorConfig
+from gplfd_env.randomization import RANDOMIZATIONS, DoorRandomization
 
 ENVIRONMENT_ID = "gplfd/DoorOpening-v0"
-"""Pose commands to the Cartesian servo; see `gplfd_env.door_opening`."""
+"""Commands are poses; see `gplfd_env.door_opening.DoorOpeningEnv`."""
+
+IMPEDANCE_ENVIRONMENT_ID = "gplfd/DoorOpeningImpedance-v0"
+"""Commands are poses and stiffnesses; see
+`gplfd_env.door_opening.DoorOpeningImpedanceEnv`."""
+
+TIME_LIMIT = 1500
+"""Control periods after which an episode is truncated."""
 
 gymnasium.register(
     id=ENVIRONMENT_ID,
     entry_point="gplfd_env.door_opening:DoorOpeningEnv",
-    max_episode_steps=1500,
+    vector_entry_point="gplfd_env.vector:DoorOpeningVectorEnv",
+    max_episode_steps=TIME_LIMIT,
+)
+gymnasium.register(
+    id=IMPEDANCE_ENVIRONMENT_ID,
+    entry_point="gplfd_env.door_opening:DoorOpeningImpedanceEnv",
+    vector_entry_point="gplfd_env.vector:DoorOpeningImpedanceVectorEnv",
+    max_episode_steps=TIME_LIMIT,
 )
 
-__all__ = ["DOORS", "ENVIRONMENT_ID", "DoorConfig"]
+__all__ = [
+    "DOORS",
+    "ENVIRONMENT_ID",
+    "IMPEDANCE_ENVIRONMENT_ID",
+    "RANDOMIZATIONS",
+    "TIME_LIMIT",
+    "DoorConfig",
+    "DoorRandomization",
+]

@@ -6,14 +6,25 @@ import math
 from typing import Final
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
 from gplfd_env.config import DoorConfig
-from gplfd_env.placement import handle_position_w, quaternion, task_rotation_w
+from gplfd_env.placement import (
+    grasp_in_door_frame,
+    handle_position_w,
+    quaternion,
+    task_rotation_w,
+)
+from gplfd_env.variation import Placement
 
 BAR_RADIUS: Final = 0.011
 BAR_HALF_LENGTH: Final = 0.10
 HINGE_RANGE: Final = math.radians(100.0)
 """Angle at which the leaf meets its stop [rad]."""
+
+NOMINAL_MASS: Final = 12.0
+"""Mass of the leaf in a compiled scene, before `set_door_physics` [kg]."""
 
 _LEAF_HEIGHT: Final = 2.00
 _LEAF_HALF_THICKNESS: Final = 0.02
@@ -23,30 +34,39 @@ _WOOD: Final = (0.78, 0.63, 0.46, 1.0)
 _FRAME: Final = (0.88, 0.87, 0.85, 1.0)
 _STEEL: Final = (0.55, 0.57, 0.60, 1.0)
 
+Matrix = NDArray[np.float64]
+
 _BOX: Final = mujoco.mjtGeom.mjGEOM_BOX
 _CAPSULE: Final = mujoco.mjtGeom.mjGEOM_CAPSULE
 _CYLINDER: Final = mujoco.mjtGeom.mjGEOM_CYLINDER
 
 
-def add_door(spec: mujoco.MjSpec, door: DoorConfig) -> None:
+def add_door(
+    spec: mujoco.MjSpec, door: DoorConfig, placement: Placement | None = None
+) -> None:
     """Add a door to a scene.
 
-    Everything hangs on a ``door_frame`` body whose frame is the task frame, so the
-    numbers below read in task coordinates (x pull, y up, z left). Adds the site
-    ``task_frame`` (fixed, at the closed handle), the joint ``hinge``, the geom
-    ``handle_bar`` (the only one that collides), the site ``handle`` that moves with
-    it, and the actuator ``door_closer``.
+    Everything hangs on a ``door_frame`` body at the closed handle, and the numbers
+    below read in its axes (x pull, y up, z left). Adds the site ``task_frame`` (fixed,
+    where the hand takes hold), the joint ``hinge``, the geom ``handle_bar`` (the only
+    one that collides), the site ``handle`` that moves with it, and the actuator
+    ``door_closer``.
 
     Args:
         spec: The scene, with the robot in it; edited in place.
         door: Geometry and hinge.
+        placement: Where the robot stands and grasps; without error by default.
     """
+    placement = Placement() if placement is None else placement
     frame = spec.worldbody.add_body(
         name="door_frame",
-        pos=handle_position_w(door),
-        quat=quaternion(task_rotation_w()),
+        pos=handle_position_w(door, placement),
+        quat=quaternion(task_rotation_w(placement.base_yaw)),
     )
-    frame.add_site(name="task_frame", size=[0.005] * 3, rgba=[0, 0, 0, 0])
+    grasp, turn = grasp_in_door_frame(placement)
+    frame.add_site(
+        name="task_frame", pos=grasp, quat=turn, size=[0.005] * 3, rgba=[0, 0, 0, 0]
+    )
     _add_frame(frame, door)
     leaf = frame.add_body(name="door", pos=[0.0, 0.0, -door.radius])
     leaf.add_joint(
@@ -63,7 +83,7 @@ def add_door(spec: mujoco.MjSpec, door: DoorConfig) -> None:
         armature=0.01,
     )
     _add_leaf(leaf, door)
-    _add_handle(leaf, door)
+    _add_handle(leaf, door, placement.grasp_height)
     _add_closer(spec, door)
 
 
@@ -143,8 +163,8 @@ def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
         )
 
 
-def _add_handle(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
-    handle = (0.0, 0.0, door.radius)
+def _add_handle(leaf: mujoco.MjsBody, door: DoorConfig, height: float) -> None:
+    handle = (0.0, height, door.radius)
     # The only geom that touches the hand; its contact parameters rule (priority). A
     # short time constant keeps the creep of a sustained pull below a millimetre; it
     # must stay above two physics steps.
@@ -162,7 +182,7 @@ def _add_handle(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
         solref=[0.005, 1.0],
         priority=1,
     )
-    for name, height in (
+    for name, end in (
         ("handle_post_upper", BAR_HALF_LENGTH),
         ("handle_post_lower", -BAR_HALF_LENGTH),
     ):
@@ -170,8 +190,8 @@ def _add_handle(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
             name=name,
             type=_CYLINDER,
             fromto=[
-                *(0.0, height, door.radius),
-                *(-door.handle_standoff + _LEAF_HALF_THICKNESS, height, door.radius),
+                *(0.0, end, door.radius),
+                *(-door.handle_standoff + _LEAF_HALF_THICKNESS, end, door.radius),
             ],
             size=[0.009, 0, 0],
             rgba=_STEEL,
@@ -193,3 +213,53 @@ def _add_closer(spec: mujoco.MjSpec, door: DoorConfig) -> None:
     closer.biastype = mujoco.mjtBias.mjBIAS_AFFINE
     closer.biasprm[0] = -door.closer_preload
     closer.biasprm[1] = -door.closer_stiffness
+
+
+def set_door_physics(
+    model: mujoco.MjModel, data: mujoco.MjData, door: DoorConfig
+) -> None:
+    """Give a compiled door, of `NOMINAL_MASS`, its mass, hinge and closer.
+
+    Args:
+        model: The scene; edited in place.
+        data: Of the same model; left in its reference configuration.
+        door: Of the geometry that the scene was compiled with.
+    """
+    hinge = int(model.joint("hinge").dofadr[0])
+    model.dof_frictionloss[hinge] = door.hinge_friction
+    model.dof_damping[hinge] = door.hinge_damping
+    closer = model.actuator("door_closer").id
+    model.actuator_biasprm[closer, :2] = -door.closer_preload, -door.closer_stiffness
+    _add_leaf_mass(model, door.panel_mass - NOMINAL_MASS)
+    mujoco.mj_setConst(model, data)
+
+
+def _add_leaf_mass(model: mujoco.MjModel, mass: float) -> None:
+    """Add mass to the leaf: the body's mass, centre and inertia by Steiner's theorem.
+
+    Inertias are collected about the body's origin, (3, 3) [kg m²].
+    """
+    body, leaf = model.body("door").id, model.geom("leaf").id
+    centre, size = model.geom_pos[leaf], model.geom_size[leaf]
+    solid = np.diag(size @ size - size**2) / 3.0
+    rotation = np.zeros(9)
+    mujoco.mju_quat2Mat(rotation, model.body_iquat[body])
+    axes = rotation.reshape(3, 3)
+    before, com = float(model.body_mass[body]), model.body_ipos[body].copy()
+    inertia = (
+        axes @ np.diag(model.body_inertia[body]) @ axes.T
+        + before * _steiner(com)
+        + mass * (solid + _steiner(centre))
+    )
+    total = before + mass
+    com = (before * com + mass * centre) / total
+    principal, turn, quaternion = np.zeros(3), np.zeros(9), np.zeros(4)
+    about_com = inertia - total * _steiner(com)
+    mujoco.mju_eig3(principal, turn, quaternion, about_com.reshape(9))
+    model.body_mass[body], model.body_ipos[body] = total, com
+    model.body_inertia[body], model.body_iquat[body] = principal, quaternion
+
+
+def _steiner(offset: Matrix) -> Matrix:
+    """Return the inertia of a unit mass at an offset, |c|² 1 - c cᵀ [m²]."""
+    return np.asarray((offset @ offset) * np.eye(3) - np.outer(offset, offset))

@@ -1,8 +1,7 @@
-"""``gplfd/DoorOpening-v0``: open a hinged door by commanding the hand's pose."""
+"""One door: ``gplfd/DoorOpening-v0`` and ``gplfd/DoorOpeningImpedance-v0``."""
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 from collections.abc import Mapping
@@ -12,26 +11,26 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 from gymnasium import spaces
-from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 from numpy.typing import NDArray
 
-from gplfd_env.config import DoorSpec, door_config
-from gplfd_env.observation import DoorReading, Observation, Reader, observation_space
-from gplfd_env.robot import COMMAND_LIMITS, Grasp
-from gplfd_env.scene import GRASP_KEY, build_scene
-from gplfd_env.task import OpeningMonitor, reward_terms
+from gplfd_env.camera import Camera, check_choice
+from gplfd_env.command import COMMANDS, ServoGains
+from gplfd_env.config import DoorConfig, DoorSpec, door_config
+from gplfd_env.disturbance import draw_episode
+from gplfd_env.episode import COLUMNS, CONTROL_PERIOD, FLAGS, REWARDS, Episode, Reward
+from gplfd_env.observation import Observation, Reader, observation_space
+from gplfd_env.randomization import RandomizationSpec, door_randomization
+from gplfd_env.robot import Grasp
+from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
+from gplfd_env.variation import Variation
 
 Array = NDArray[np.float64]
 Info = dict[str, Any]
 
-CONTROL_PERIOD: Final = 0.01
-"""Time between two actions [s]."""
-
-_LARGEST_PICTURE: Final = 8192
-
-_BAD_STATE: Final = slice(
+BAD_STATE: Final = slice(
     int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
 )
+"""MuJoCo's warnings that it has reset a diverged state."""
 
 
 class DoorOpeningEnv(gym.Env[Observation, Array]):
@@ -49,7 +48,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     [rad/s], ``door_radius`` [m], ``handle_pose`` (6,) [m, rad], ``success``,
     ``is_success``, ``grasped``, ``slip`` [m], ``force_tangential``,
     ``force_radial``, ``force_vertical`` [N, hand on handle], ``failure``,
-    ``simulation_error``, ``reward_terms``.
+    ``simulation_error``, ``reward_terms``. Never blurred by sensor noise.
 
     The episode terminates in success (60° held for 0.5 s, handle grasped) or when
     the grasp is lost, and is truncated by the time limit or a diverged simulation.
@@ -58,49 +57,72 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         door: Preset's name, radius [m], mapping of `DoorConfig` fields, or a
             `DoorConfig`; see `gplfd_env.config.door_config`.
         grasp: ``"contact"`` (friction between pads and bar) or ``"weld"``.
-        render_mode: None, ``"human"``, ``"rgb_array"`` or ``"depth_array"``.
+        randomization: What every reset draws anew: ``"none"``, ``"mild"``, ``"hard"``,
+            a mapping of `DoorRandomization` fields, or a `DoorRandomization`.
+        reward: ``"dense"`` or ``"sparse"`` (1 in success, else 0).
+        render_mode: None, ``"human"``, ``"rgb_array"``, ``"depth_array"`` or
+            ``"rgbd_tuple"``.
         width: Width of rendered pictures [px].
         height: Height of rendered pictures [px].
         camera_name: ``"overview"``, ``"top"``, ``"head"`` or ``"hand_camera"``.
+        effects: Shadows, reflections and smooth edges in pictures; windows have them
+            always. Without a graphics card a picture takes ten times as long.
 
     Raises:
-        ValueError: An unknown door, grasp, camera or render mode, a door out of range,
-            or an impossible picture size.
+        ValueError: An unknown door, grasp, randomisation, reward, camera or render
+            mode, a door out of range, or an impossible picture size.
         RuntimeError: ``render_mode="human"`` without a display.
     """
 
     metadata = {  # noqa: RUF012 - Gymnasium declares it as an instance variable
-        "render_modes": ["human", "rgb_array", "depth_array"],
+        "render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"],
         "render_fps": round(1 / CONTROL_PERIOD),
     }
+    command = COMMANDS["pose"]
+    """What an action means."""
 
     def __init__(
         self,
         door: DoorSpec = "medium",
         *,
         grasp: Grasp = "contact",
+        randomization: RandomizationSpec = "none",
+        reward: Reward = "dense",
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
         camera_name: str = "overview",
+        effects: bool = False,
     ) -> None:
-        _check_choice("grasp", grasp, ("contact", "weld"))
+        check_choice("grasp", grasp, ("contact", "weld"))
+        check_choice("reward", reward, tuple(REWARDS))
         if render_mode is not None:
-            _check_choice("render_mode", render_mode, self.metadata["render_modes"])
+            check_choice("render_mode", render_mode, self.metadata["render_modes"])
         if render_mode == "human":
             _require_display()
-        _check_size(width, height)
         self.render_mode = render_mode
         self._grasp = grasp
-        self._picture = (width, height, camera_name)
-        self._renderer: MujocoRenderer | None = None
-        self._load(door)
-        cameras = [self.model.camera(i).name for i in range(self.model.ncam)]
-        _check_choice("camera_name", camera_name, cameras)
+        self._door = door_config(door)
+        self._randomization = door_randomization(randomization)
+        self._loaded = Variation(door=self._door)
+        self._reader = Reader.of(grasp, self.command.control)
+        self._episode = Episode(self._reader, reward)
+        self._build()
+        self._camera = Camera(
+            self.model, self.data, width, height, camera_name, effects=effects
+        )
         self.observation_space = observation_space()
-        translation, rotation = COMMAND_LIMITS
-        limits = np.repeat([translation, rotation], 3)
-        self.action_space = spaces.Box(-limits, limits, dtype=np.float64)
+        self.action_space: spaces.Space[Any] = self.command.space
+
+    @property
+    def variation(self) -> Variation:
+        """The door of this episode and what is around it."""
+        return self._loaded
+
+    @property
+    def door(self) -> DoorConfig:
+        """The door of this episode."""
+        return self._loaded.door
 
     @property
     def dt(self) -> float:
@@ -114,10 +136,11 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
 
         Args:
             seed: Seeds ``self.np_random``.
-            options: ``{"door": ...}`` changes the door from this episode on.
+            options: ``{"door": ...}`` and ``{"randomization": ...}`` change the door
+                and what is drawn around it, from this episode on.
 
         Raises:
-            ValueError: An unknown option or door.
+            ValueError: An unknown option, door or randomisation.
         """
         super().reset(seed=seed)
         if options is not None and not isinstance(options, Mapping):
@@ -125,26 +148,18 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
                 'options must be a mapping such as {"door": "small"}, got '
                 f"{options!r}"
             )
-        given = dict(options or {})
-        door = given.pop("door", None)
-        if given:
-            raise ValueError(
-                f"unknown reset option(s) {', '.join(map(repr, given))}; "
-                'allowed: "door" (name, radius, mapping or DoorConfig)'
-            )
-        if door is not None and door_config(door) != self.door:
-            self._load(door)
+        self._take(dict(options or {}))
+        drawn = draw_episode(self._randomization, self._door, self.np_random)
+        self._load(drawn.variation)
         mujoco.mj_resetDataKeyframe(self.model, self.data, GRASP_KEY)
+        # Before the forward pass: the first observation must not depend on the gains
+        # that the last episode ended with.
+        self._apply(self.command.rest)
         mujoco.mj_forward(self.model, self.data)
-        self._steps = 0
-        self._monitor = OpeningMonitor(CONTROL_PERIOD)
-        self._reading = self._reader.door(self.data.sensordata)
-        self._grasp_point = self._reading.hand_on_handle
-        self._observation = self._reader.observation(self.data.sensordata, 0.0)
+        self._episode.begin(drawn, self._sense())
         if self.render_mode == "human":
             self.render()
-        terms = reward_terms(0.0, 0.0, False)
-        return _copy(self._observation), self._info(terms, simulation_error=False)
+        return self._observation(), self._info()
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
         """Command a hand pose for one control period.
@@ -156,107 +171,123 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         Raises:
             ValueError: The action's shape is not (6,) or it is not finite.
         """
-        self.data.ctrl[:6] = _checked(action)
+        episode = self._episode
+        command = self.command.check(action, self.command.rest.shape)
+        self._apply(episode.due(command, self.command.rest))
         mujoco.mj_step(self.model, self.data, nstep=self._substeps)
-        self._steps += 1
-        if self._divergence_warnings.any():
-            terms = reward_terms(0.0, 0.0, False)
-            info = self._info(terms, simulation_error=True)
-            return _copy(self._observation), 0.0, False, True, info
-        sensordata = self.data.sensordata
-        before, reading = self._reading.angle, self._reader.door(sensordata)
-        self._reading = reading
-        self._monitor.update(reading.angle, reading.grasped)
-        success = self._monitor.success
-        terms = reward_terms(reading.angle - before, reading.force_radial, success)
-        time = self._steps * CONTROL_PERIOD
-        self._observation = self._reader.observation(sensordata, time)
+        if any(self._divergence_warnings.tolist()):
+            episode.break_off()
+        else:
+            episode.advance(self._sense())
         if self.render_mode == "human":
             self.render()
-        terminated = success or self._monitor.failure == "grasp_lost"
-        info = self._info(terms, simulation_error=False)
-        observation = _copy(self._observation)
-        return observation, sum(terms.values()), terminated, False, info
+        ended = episode.terminated, episode.simulation_error
+        return self._observation(), episode.reward, *ended, self._info()
 
-    def render(self) -> Array | None:
-        """Return a picture of the scene, or draw it in a window (``"human"``)."""
+    def render(self) -> Any:
+        """Return a picture of the scene, or draw it in a window (``"human"``).
+
+        Returns:
+            ``"rgb_array"``: (height, width, 3) uint8; ``"depth_array"``: (height,
+            width) float32, OpenGL's depth buffer in [0, 1]; ``"rgbd_tuple"``: both;
+            ``"human"``: None.
+        """
         if self.render_mode is None:
             gym.logger.warn(
                 "render() was called on an environment made without a render_mode; "
                 'use gym.make(..., render_mode="rgb_array")'
             )
             return None
-        if self._renderer is None:
-            width, height, camera = self._picture
-            self._renderer = MujocoRenderer(
-                self.model, self.data, None, width, height, camera_name=camera
-            )
-        picture: Array | None = self._renderer.render(self.render_mode)
-        return picture
+        return self._camera.picture(self.render_mode)
 
     def close(self) -> None:
         """Free the renderer; may be called more than once."""
-        if self._renderer is not None:
-            self._renderer.close()  # type: ignore[no-untyped-call]
-            self._renderer = None
+        self._camera.close()
 
-    def _load(self, door: DoorSpec) -> None:
-        config = door_config(door)
-        self.model = build_scene(config, self._grasp)
-        self.door = config
-        self.close()
+    def _build(self) -> None:
+        self.model = build_scene(self._door, self._grasp, control=self.command.control)
         self.data = mujoco.MjData(self.model)
-        self._reader = Reader.of(self.model)
+        self._sensed = np.empty(self.model.nsensordata)
         # A live view: MuJoCo counts here what makes it reset a diverged state.
-        self._divergence_warnings = self.data.warning.number[_BAD_STATE]
+        self._divergence_warnings = self.data.warning.number[BAD_STATE]
         self._substeps = round(CONTROL_PERIOD / self.model.opt.timestep)
 
-    def _info(self, terms: dict[str, float], *, simulation_error: bool) -> Info:
-        reading: DoorReading = self._reading
-        success = self._monitor.success
-        failure = "simulation_error" if simulation_error else self._monitor.failure
-        x, y, z = reading.hand_on_handle
-        x0, y0, z0 = self._grasp_point
-        return {
-            "door_angle": reading.angle,
-            "door_velocity": reading.velocity,
-            "door_radius": self.door.radius,
-            "handle_pose": np.array(reading.handle_pose),
-            "success": success,
-            "is_success": success,
-            "grasped": reading.grasped,
-            "slip": ((x - x0) ** 2 + (y - y0) ** 2 + (z - z0) ** 2) ** 0.5,
-            "force_tangential": reading.force_tangential,
-            "force_radial": reading.force_radial,
-            "force_vertical": reading.force_vertical,
-            "failure": failure,
-            "simulation_error": simulation_error,
-            "reward_terms": terms,
-        }
-
-
-def _checked(action: Array) -> Array:
-    command = np.asarray(action, dtype=np.float64)
-    if command.shape != (6,):
-        raise ValueError(
-            f"the action must have shape (6,), commanded position [m] and rotation "
-            f"vector [rad] in the task frame; got shape {command.shape}"
-        )
-    if not all(map(math.isfinite, command.tolist())):
-        raise ValueError(
-            f"the action must be finite, got {command.tolist()}; check the policy "
-            "for divisions by zero or an unstable integrator"
-        )
-    return command
-
-
-def _check_size(width: int, height: int) -> None:
-    for name, value in (("width", width), ("height", height)):
-        if not isinstance(value, int) or not 1 <= value <= _LARGEST_PICTURE:
+    def _take(self, options: dict[str, Any]) -> None:
+        """Check all options of a reset, then make them the environment's own."""
+        door = options.pop("door", None)
+        randomization = options.pop("randomization", None)
+        if options:
             raise ValueError(
-                f"{name} = {value!r} must be a whole number of pixels from 1 to "
-                f"{_LARGEST_PICTURE}"
+                f"unknown reset option(s) {', '.join(map(repr, options))}; allowed: "
+                '"door" (name, radius, mapping or DoorConfig) and "randomization" '
+                "(name, mapping or DoorRandomization)"
             )
+        new_door = self._door if door is None else door_config(door)
+        if randomization is not None:
+            self._randomization = door_randomization(randomization)
+        self._door = new_door
+
+    def _load(self, variation: Variation) -> None:
+        loaded = self._loaded
+        if (variation.door, variation.placement) != (loaded.door, loaded.placement):
+            load_scene(
+                self.model,
+                self.data,
+                variation.door,
+                self._grasp,
+                placement=variation.placement,
+                control=self.command.control,
+            )
+        self._loaded = variation
+
+    def _apply(self, command: Array) -> None:
+        """Hand a command to the servo."""
+        self.data.ctrl[:6] = command
+
+    def _sense(self) -> list[float]:
+        """Take the sensors' values; a diverged simulation leaves the last good ones."""
+        self._sensed[:] = self.data.sensordata
+        values: list[float] = self._sensed.tolist()
+        return values
+
+    def _observation(self) -> Observation:
+        episode = self._episode
+        observation = self._reader.observation(
+            self._sensed, np.array(episode.wrench), np.array([episode.time])
+        )
+        episode.blur(observation)
+        return observation
+
+    def _info(self) -> Info:
+        episode = self._episode
+        row = episode.row
+        info: Info = {name: row[column] for name, column in COLUMNS.items()}
+        info["handle_pose"] = np.array(info["handle_pose"])
+        info.update(zip(FLAGS, row[-len(FLAGS) :], strict=True))
+        info["failure"] = episode.failure
+        info["reward_terms"] = episode.terms
+        return info
+
+
+class DoorOpeningImpedanceEnv(DoorOpeningEnv):
+    """The same door, opened by commanding the hand's pose and its stiffness.
+
+    Action, (12,): commanded position [m] and rotation vector [rad] of the hand in the
+    task frame, then its stiffness on these six axes, 20 to 2000 N/m and 1 to
+    100 N m/rad. Rendered inside MuJoCo by the gains of six servos, rewritten once per
+    control period: force k_i (command - pose)_i - d_i velocity_i with constant damping
+    ratio. Everything else is as in `DoorOpeningEnv`.
+    """
+
+    command = COMMANDS["impedance"]
+
+    def _build(self) -> None:
+        super()._build()
+        self._gains = ServoGains(self.model)
+
+    def _apply(self, command: Array) -> None:
+        self.data.ctrl[:6] = command[:6]
+        self._gains.write(command[6:])
 
 
 def _require_display() -> None:
@@ -268,14 +299,3 @@ def _require_display() -> None:
             '"rgb_array" with MUJOCO_GL=egl set before Python starts, or run under '
             "xvfb-run"
         )
-
-
-def _check_choice(name: str, value: object, allowed: Any) -> None:
-    if value not in allowed:
-        raise ValueError(
-            f"{name} = {value!r} is not one of {', '.join(map(repr, allowed))}"
-        )
-
-
-def _copy(observation: Observation) -> Observation:
-    return {key: value.copy() for key, value in observation.items()}

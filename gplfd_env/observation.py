@@ -7,19 +7,21 @@ Every number is sampled by MuJoCo's sensors in the last physics step, 2 ms befor
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import mujoco
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from gplfd_env.config import DoorConfig
 from gplfd_env.placement import ARM_JOINTS
-from gplfd_env.robot import HAND_BODIES, WRENCH_LIMITS
-from gplfd_env.scene import GRASP_KEY
+from gplfd_env.robot import HAND_BODIES, WRENCH_LIMITS, Control, Grasp
+from gplfd_env.scene import GRASP_KEY, build_scene
 
 Array = NDArray[np.float64]
 Observation = dict[str, Array]
+Wrench = tuple[float, float, float, float, float, float]
 
 _POSE_LIMIT: Final = (3.0, np.pi)
 _TWIST_LIMIT: Final = (1.0e4, 1.0e4)
@@ -58,21 +60,32 @@ class Reader:
         hand_weight: Weight of everything beyond the wrist sensor [N].
         hand_com: Its centre of mass from the wrist sensor, in the hand's axes [m].
         hand_offset: The hand point from the wrist sensor, in the hand's axes [m].
+        ee_pose: Where in the sensor array the hand's pose is; likewise below.
+        ee_twist: The hand's twist.
+        joint_pos: The arm's joint positions.
+        joint_vel: The arm's joint velocities.
+        wrist: Wrist force, torque, and the sensor's three axes.
+        door: From the hinge's angle to the contact force on the bar.
     """
 
     hand_weight: float
     hand_com: tuple[float, float, float]
     hand_offset: tuple[float, float, float]
-    _ee_pose: slice
-    _ee_twist: slice
-    _joint_pos: slice
-    _joint_vel: slice
-    _wrist: slice
-    _door: slice
+    ee_pose: slice
+    ee_twist: slice
+    joint_pos: slice
+    joint_vel: slice
+    wrist: slice
+    door: slice
 
     @classmethod
-    def of(cls, model: mujoco.MjModel) -> Reader:
-        """Resolve sensor addresses and the hand's weight, once per model."""
+    def of(cls, grasp: Grasp, control: Control) -> Reader:
+        """Resolve sensor addresses and the hand's weight, once per robot.
+
+        The hand holds the same bar in every scene, so one scene serves for all; the
+        same for all, since settled fingers differ by a micrometre.
+        """
+        model = build_scene(DoorConfig(), grasp, control=control)
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
         mujoco.mj_forward(model, data)
@@ -85,41 +98,45 @@ class Reader:
             hand_weight=float(model.body_subtreemass[root] * -model.opt.gravity[2]),
             hand_com=tuple(com.tolist()),
             hand_offset=tuple(offset.tolist()),
-            _ee_pose=_span(model, "hand_x", "hand_rotvec"),
-            _ee_twist=_span(model, "hand_linvel", "hand_angvel"),
-            _joint_pos=_span(model, f"{ARM_JOINTS[0]}_pos", f"{ARM_JOINTS[-1]}_pos"),
-            _joint_vel=_span(model, f"{ARM_JOINTS[0]}_vel", f"{ARM_JOINTS[-1]}_vel"),
-            _wrist=_span(model, "wrist_force", "wrist_zaxis"),
-            _door=_span(model, "hinge_angle", "bar_force"),
+            ee_pose=_span(model, "hand_x", 6),
+            ee_twist=_span(model, "hand_linvel", 6),
+            joint_pos=_span(model, f"{ARM_JOINTS[0]}_pos", 7),
+            joint_vel=_span(model, f"{ARM_JOINTS[0]}_vel", 7),
+            wrist=_span(model, "wrist_force", 15),
+            door=_span(model, "hinge_angle", 22),
         )
 
-    def observation(self, sensordata: Array, time: float) -> Observation:
-        """Return the observation as fresh arrays.
+    def observation(self, sensordata: Array, wrench: Array, time: Array) -> Observation:
+        """Return the observation of one simulation or of n, as fresh arrays.
 
         Args:
-            sensordata: MuJoCo's ``data.sensordata``.
-            time: Time since the reset [s].
+            sensordata: MuJoCo's sensor array, (..., number of values).
+            wrench: What `wrench` gave, (..., 6).
+            time: Since the reset, (..., 1) [s].
         """
         return {
-            "ee_pose": sensordata[self._ee_pose].copy(),
-            "ee_twist": sensordata[self._ee_twist].copy(),
-            "wrench": self.wrench(sensordata),
-            "joint_pos": sensordata[self._joint_pos].copy(),
-            "joint_vel": sensordata[self._joint_vel].copy(),
-            "time": np.array([time]),
+            "ee_pose": sensordata[..., self.ee_pose].copy(),
+            "ee_twist": sensordata[..., self.ee_twist].copy(),
+            "wrench": wrench,
+            "joint_pos": sensordata[..., self.joint_pos].copy(),
+            "joint_vel": sensordata[..., self.joint_vel].copy(),
+            "time": time,
         }
 
-    def wrench(self, sensordata: Array) -> Array:
-        """Return the wrench of the environment on the hand, (6,) [N, N m].
+    def wrench(self, values: list[float]) -> Wrench:
+        """Return the wrench of the environment on the hand [N, N m].
 
         Task frame, moment about the hand point, gravity compensated. MuJoCo reports
         what the wrist exerts on the hand, f_s and τ_s; at rest f_s + F + W = 0 and
         τ_s + τ + c × W = 0, so F = -f_s - W and, about the hand point at o,
         τ = -τ_s - c × W - o × F.
+
+        Args:
+            values: One simulation's sensor array as a list.
         """
         # Scalars instead of arrays: at this size NumPy's overhead is ten times the
-        # arithmetic, and the same operations vectorise bit for bit.
-        fx, fy, fz, tx, ty, tz, *axes = sensordata[self._wrist].tolist()
+        # arithmetic.
+        fx, fy, fz, tx, ty, tz, *axes = values[self.wrist]
         ax, ay, az, bx, by, bz, cx, cy, cz = axes
         weight = self.hand_weight
         force_x = -(ax * fx + bx * fy + cx * fz)
@@ -135,61 +152,61 @@ class Reader:
         torque_x = -(ax * tx + bx * ty + cx * tz) - com_z * weight
         torque_y = -(ay * tx + by * ty + cy * tz)
         torque_z = -(az * tx + bz * ty + cz * tz) + com_x * weight
-        return np.array(
-            [
-                force_x,
-                force_y,
-                force_z,
-                torque_x - (arm_y * force_z - arm_z * force_y),
-                torque_y - (arm_z * force_x - arm_x * force_z),
-                torque_z - (arm_x * force_y - arm_y * force_x),
-            ]
+        return (
+            force_x,
+            force_y,
+            force_z,
+            torque_x - (arm_y * force_z - arm_z * force_y),
+            torque_y - (arm_z * force_x - arm_x * force_z),
+            torque_z - (arm_x * force_y - arm_y * force_x),
         )
 
-    def door(self, sensordata: Array) -> DoorReading:
-        """Return the privileged readings of door and grasp."""
-        reading = sensordata[self._door].tolist()
+    def door_reading(self, values: list[float]) -> DoorReading:
+        """Return the privileged readings of door and grasp.
+
+        Args:
+            values: One simulation's sensor array as a list.
+        """
+        reading = values[self.door]
         angle, velocity, hx, hy, hz, ox, oy, oz = reading[:8]
         tx, ty, tz, ux, uy, uz, rx, ry, rz = reading[8:17]
         right, left, fx, fy, fz = reading[17:]
         return DoorReading(
             angle=angle,
             velocity=velocity,
-            handle_pose=(hx, hy, hz, 0.0, angle, 0.0),
+            handle_position=(hx, hy, hz),
             hand_on_handle=(ox, oy, oz),
-            force_tangential=tx * fx + ty * fy + tz * fz,
-            force_vertical=ux * fx + uy * fy + uz * fz,
-            force_radial=rx * fx + ry * fy + rz * fz,
+            forces=(
+                tx * fx + ty * fy + tz * fz,
+                ux * fx + uy * fy + uz * fz,
+                rx * fx + ry * fy + rz * fz,
+            ),
             grasped=right > 0.0 and left > 0.0,
         )
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class DoorReading:
+class DoorReading(NamedTuple):
     """What a perfect observer of the door would know.
 
     Attributes:
         angle: Opening angle [rad].
         velocity: Its rate [rad/s].
-        handle_pose: The handle's pose in the task frame [m, rad].
+        handle_position: The handle in the task frame [m].
         hand_on_handle: The hand point in the handle's frame [m].
-        force_tangential: Force of the hand on the bar along the opening motion [N].
-        force_vertical: The same, upwards [N].
-        force_radial: The same, away from the hinge [N].
+        forces: Of the hand on the bar [N]: along the opening motion, upwards, and away
+            from the hinge.
         grasped: Both finger pads touch the bar.
     """
 
     angle: float
     velocity: float
-    handle_pose: tuple[float, float, float, float, float, float]
+    handle_position: tuple[float, float, float]
     hand_on_handle: tuple[float, float, float]
-    force_tangential: float
-    force_vertical: float
-    force_radial: float
+    forces: tuple[float, float, float]
     grasped: bool
 
 
-def _span(model: mujoco.MjModel, first: str, last: str) -> slice:
-    """Return the stretch of the sensor array from one sensor to another."""
-    start, end = model.sensor(first), model.sensor(last)
-    return slice(int(start.adr[0]), int(end.adr[0] + end.dim[0]))
+def _span(model: mujoco.MjModel, first: str, size: int) -> slice:
+    """Return a stretch of the sensor array that begins with a sensor."""
+    start = int(model.sensor(first).adr[0])
+    return slice(start, start + size)

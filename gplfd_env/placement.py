@@ -16,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gplfd_env.config import DoorConfig
+from gplfd_env.variation import Placement
 
 HANDLE_XY_W: Final = (0.7345, 0.7004)
-"""Closed handle in the base frame [m]; assets/README.md tells how it was found."""
+"""Closed handle in the base frame where the base stands as it should [m];
+assets/README.md tells how it was found."""
 
 DOOR_YAW: Final = math.radians(26.05)
 """Heading of "straight into the closed door" in the base frame [rad]."""
@@ -37,14 +39,24 @@ ARM_JOINTS: Final = tuple(f"arm_{i}_joint" for i in range(1, 8))
 Matrix = NDArray[np.float64]
 
 
-def handle_position_w(door: DoorConfig) -> Matrix:
-    """Return the closed handle's position in the world frame, (3,) [m]."""
-    return np.array([*HANDLE_XY_W, door.handle_height])
+def handle_position_w(door: DoorConfig, placement: Placement) -> Matrix:
+    """Return the middle of the closed handle's bar in the world frame, (3,) [m].
+
+    The world frame is the base's, so an error of the base displaces the door.
+    """
+    x, y = HANDLE_XY_W[0] - placement.base_x, HANDLE_XY_W[1] - placement.base_y
+    cosine, sine = math.cos(placement.base_yaw), math.sin(placement.base_yaw)
+    return np.array([cosine * x + sine * y, cosine * y - sine * x, door.handle_height])
 
 
-def task_rotation_w() -> Matrix:
-    """Return the task frame's axes as columns in the world frame, (3, 3)."""
-    into_door = np.array([math.cos(DOOR_YAW), math.sin(DOOR_YAW), 0.0])
+def task_rotation_w(yaw: float = 0.0) -> Matrix:
+    """Return the task frame's axes as columns in the world frame, (3, 3).
+
+    Args:
+        yaw: Heading error of the base [rad]: with it, the axes of the true door.
+    """
+    heading = DOOR_YAW - yaw
+    into_door = np.array([math.cos(heading), math.sin(heading), 0.0])
     up = np.array([0.0, 0.0, 1.0])
     pull = -into_door
     return np.column_stack([pull, up, np.cross(pull, up)])
@@ -70,7 +82,20 @@ def quaternion(rotation: Matrix) -> Matrix:
     return result
 
 
-def solve_closed_posture(model: mujoco.MjModel, door: DoorConfig) -> Matrix:
+def grasp_in_door_frame(placement: Placement) -> tuple[Matrix, Matrix]:
+    """Return the task frame in the door frame: position (3,) [m], quaternion (4,).
+
+    It is where the hand takes hold, in the heading that the robot believes in.
+    """
+    back = gripper_rotation_w() @ np.array([0.0, 0.0, placement.grasp_depth])
+    door = task_rotation_w(placement.base_yaw)
+    position = door.T @ back + np.array([0.0, placement.grasp_height, 0.0])
+    return position, quaternion(door.T @ task_rotation_w())
+
+
+def solve_closed_posture(
+    model: mujoco.MjModel, data: mujoco.MjData, door: DoorConfig
+) -> Matrix:
     """Return the configuration in which the hand site holds the closed handle.
 
     Newton's method on the 6-D pose error between the sites ``hand`` and
@@ -79,6 +104,7 @@ def solve_closed_posture(model: mujoco.MjModel, door: DoorConfig) -> Matrix:
 
     Args:
         model: The compiled scene.
+        data: Of the same model; left in the configuration found.
         door: Its handle height sets the torso's lift.
 
     Returns:
@@ -87,7 +113,7 @@ def solve_closed_posture(model: mujoco.MjModel, door: DoorConfig) -> Matrix:
     Raises:
         ValueError: The pose is out of reach.
     """
-    data = mujoco.MjData(model)
+    mujoco.mj_resetData(model, data)
     arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
     data.joint("torso_lift_joint").qpos = door.handle_height - TORSO_BELOW_HANDLE
     data.qpos[arm] = CLOSED_POSTURE

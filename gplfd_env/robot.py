@@ -31,6 +31,13 @@ SERVO_STIFFNESS: Final = (2000.0, 100.0)
 SERVO_DAMPING: Final = (179.0, 7.7)
 """Cartesian servo: translation [N s/m], rotation [N m s/rad]."""
 
+ROTATION_SERVOS: Final = (
+    "servo_rotation_x",
+    "servo_rotation_y",
+    "servo_rotation_z",
+)
+"""One servo per axis of the hand's rotation vector, under impedance control."""
+
 HAND_BEYOND_GRIPPER: Final = 0.185
 """Distance of the grasped point from ``gripper_link`` along the approach [m]."""
 
@@ -46,13 +53,21 @@ _FINGER_STIFFNESS: Final = 2000.0
 _TORSO_STIFFNESS: Final = (5.0e4, 2.0e3)
 
 Grasp = Literal["contact", "weld"]
+"""Friction between the finger pads and the bar, or a rigid joint."""
+
+Control = Literal["pose", "impedance"]
+"""What commands the servo: poses, or poses and stiffnesses."""
 
 
-def load_robot() -> mujoco.MjSpec:
+def load_robot(control: Control = "pose") -> mujoco.MjSpec:
     """Read the arm's URDF and add gravity compensation, servo and sensor sites.
 
     The hand site's axes coincide with the task frame when the door is closed, so the
     orientation servo's exponential-map input *is* θu (Eq. 8) without a conversion.
+
+    Args:
+        control: ``"pose"`` turns the hand by one servo on the whole orientation;
+            ``"impedance"`` by one per axis of θu, so that each can have its stiffness.
 
     Returns:
         A specification that compiles once a ``task_frame`` site has been added.
@@ -62,7 +77,12 @@ def load_robot() -> mujoco.MjSpec:
     _set_joints(spec)
     _add_sites(spec)
     _add_cameras(spec)
-    _add_servo(spec)
+    _add_translation_servo(spec)
+    if control == "pose":
+        _add_orientation_servo(spec)
+    else:
+        _add_rotation_servos(spec)
+    _add_torso_servo(spec)
     _add_grip(spec)
     return spec
 
@@ -110,28 +130,38 @@ def _add_cameras(spec: mujoco.MjSpec) -> None:
     )
 
 
-def _add_servo(spec: mujoco.MjSpec) -> None:
-    stiffness, damping = SERVO_STIFFNESS, SERVO_DAMPING
+def _add_translation_servo(spec: mujoco.MjSpec) -> None:
     for axis, name in enumerate(("servo_x", "servo_y", "servo_z")):
-        servo = spec.add_actuator(
-            name=name,
-            target="hand",
-            refsite="task_frame",
-            trntype=mujoco.mjtTrn.mjTRN_SITE,
-        )
+        servo = _hand_servo(spec, name, COMMAND_LIMITS[0])
         servo.gear = np.eye(6)[axis]
-        servo.set_to_position(kp=stiffness[0], kv=damping[0])
-        servo.ctrllimited = True
-        servo.ctrlrange = [-COMMAND_LIMITS[0], COMMAND_LIMITS[0]]
-    servo = spec.add_actuator(
-        name="servo_rotation",
+        servo.set_to_position(kp=SERVO_STIFFNESS[0], kv=SERVO_DAMPING[0])
+
+
+def _add_orientation_servo(spec: mujoco.MjSpec) -> None:
+    servo = _hand_servo(spec, "servo_rotation", COMMAND_LIMITS[1])
+    servo.set_to_orientation(kp=SERVO_STIFFNESS[1], kv=SERVO_DAMPING[1])
+
+
+def _add_rotation_servos(spec: mujoco.MjSpec) -> None:
+    for axis, name in enumerate(ROTATION_SERVOS, start=3):
+        servo = _hand_servo(spec, name, COMMAND_LIMITS[1])
+        servo.gear = np.eye(6)[axis]
+        servo.set_to_position(kp=SERVO_STIFFNESS[1], kv=SERVO_DAMPING[1])
+
+
+def _hand_servo(spec: mujoco.MjSpec, name: str, limit: float) -> mujoco.MjsActuator:
+    """Add an actuator between the hand and the task frame."""
+    return spec.add_actuator(
+        name=name,
         target="hand",
         refsite="task_frame",
         trntype=mujoco.mjtTrn.mjTRN_SITE,
+        ctrllimited=True,
+        ctrlrange=[-limit, limit],
     )
-    servo.set_to_orientation(kp=stiffness[1], kv=damping[1])
-    servo.ctrllimited = True
-    servo.ctrlrange = [-COMMAND_LIMITS[1], COMMAND_LIMITS[1]]
+
+
+def _add_torso_servo(spec: mujoco.MjSpec) -> None:
     torso = spec.add_actuator(
         name="torso_hold",
         target="torso_lift_joint",

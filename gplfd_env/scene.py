@@ -1,37 +1,78 @@
-"""From a door's configuration to a compiled MuJoCo model with a settled grasp."""
+"""From a door's configuration to a MuJoCo model with a settled grasp.
+
+Every scene of one robot has the same layout, so a model is compiled once and then
+brought from door to door by overwriting the fields in which scenes differ. Geometry
+needs a compilation and a settled grasp, 4 ms, and is cached; mass, hinge and closer are
+written directly.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from functools import lru_cache
+from types import MappingProxyType
 from typing import Final
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
 from gplfd_env.config import DoorConfig
-from gplfd_env.door import BAR_RADIUS, add_door
+from gplfd_env.door import BAR_RADIUS, NOMINAL_MASS, add_door, set_door_physics
 from gplfd_env.placement import ARM_JOINTS, solve_closed_posture
-from gplfd_env.robot import Grasp, load_robot
+from gplfd_env.robot import Control, Grasp, load_robot
 from gplfd_env.room import add_room
 from gplfd_env.sensors import add_sensors
+from gplfd_env.variation import Placement
 
 GRASP_KEY: Final = 0
 """Index of the keyframe "grasp": door closed, handle held, everything at rest."""
 
-_SETTLING_TIME: Final = 1.5
+SCENE_FIELDS: Final = (
+    *("actuator_acc0", "actuator_length0", "body_inertia", "body_invweight0"),
+    *("body_ipos", "body_iquat", "body_mass", "body_pos", "body_quat"),
+    *("body_subtreemass", "bvh_aabb", "cam_pos0", "cam_poscom0", "cam_mat0"),
+    *("dof_M0", "dof_invweight0", "dof_length", "geom_aabb", "geom_pos", "geom_rbound"),
+    *("geom_size", "key_ctrl", "key_qpos", "light_pos0", "light_poscom0"),
+    *("qpos_spring", "site_pos", "site_quat"),
+)
+"""Fields of the model in which the geometry of two scenes can differ."""
+
+_SETTLING_TIME: Final = 0.4
+_BAR_INDENTATION: Final = 7.3e-5
+"""How deep the fingers' 16 N press into the bar's soft contact [m]."""
+
+_NOMINAL: Final = DoorConfig(panel_mass=NOMINAL_MASS)
+_PHYSICS: Final = (
+    *("hinge_friction", "hinge_damping", "closer_stiffness", "closer_preload"),
+    "panel_mass",
+)
+
+Array = NDArray[np.float64]
 
 
-def build_spec(door: DoorConfig, grasp: Grasp = "contact") -> mujoco.MjSpec:
+def build_spec(
+    door: DoorConfig,
+    grasp: Grasp = "contact",
+    *,
+    placement: Placement | None = None,
+    control: Control = "pose",
+) -> mujoco.MjSpec:
     """Assemble room, robot, door and sensors without compiling them.
 
     Args:
         door: Geometry and hinge of the door.
         grasp: ``"contact"`` holds the bar by friction between the finger pads;
             ``"weld"`` adds a rigid joint between hand and bar.
+        placement: Where the robot stands and grasps; without error by default.
+        control: See `gplfd_env.robot.load_robot`.
     """
-    spec = load_robot()
+    spec = load_robot(control)
     add_room(spec)
-    add_door(spec, door)
-    add_sensors(spec)
+    add_door(spec, door, placement)
+    add_sensors(spec, control)
+    spec.add_key(name="grasp")
     if grasp == "weld":
         spec.add_equality(
             name="grasp_weld",
@@ -44,42 +85,88 @@ def build_spec(door: DoorConfig, grasp: Grasp = "contact") -> mujoco.MjSpec:
     return spec
 
 
-def build_scene(door: DoorConfig, grasp: Grasp = "contact") -> mujoco.MjModel:
-    """Compile a scene and settle the grasp.
+def build_scene(
+    door: DoorConfig,
+    grasp: Grasp = "contact",
+    *,
+    placement: Placement | None = None,
+    control: Control = "pose",
+) -> mujoco.MjModel:
+    """Return a model of a scene with a settled grasp, which callers may edit.
 
-    Scenes are cached by configuration, and every call returns a model of its own:
-    callers may edit it.
-
-    Args:
-        door: Geometry and hinge of the door.
-        grasp: See `build_spec`.
-
-    Returns:
-        The model; its keyframe `GRASP_KEY` is the state after a reset.
+    Its keyframe `GRASP_KEY` is the state after a reset. The arguments are those of
+    `build_spec`.
 
     Raises:
         ValueError: The closed handle is out of reach.
     """
-    return _settled_model(door, grasp).__copy__()
-
-
-@lru_cache(maxsize=32)
-def _settled_model(door: DoorConfig, grasp: Grasp) -> mujoco.MjModel:
-    spec = build_spec(door, grasp)
-    spec.add_key(name="grasp")
-    model = spec.compile()
-    _settle(model, door)
+    model = _template(grasp, control).__copy__()
+    data = mujoco.MjData(model)
+    load_scene(model, data, door, grasp, placement=placement, control=control)
     return model
+
+
+def load_scene(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    door: DoorConfig,
+    grasp: Grasp = "contact",
+    *,
+    placement: Placement | None = None,
+    control: Control = "pose",
+) -> None:
+    """Bring a scene's model to another door, in place.
+
+    The result depends on the arguments alone, not on the door before: it is that of
+    `build_scene`, bit for bit.
+
+    Args:
+        model: Made by `build_scene` with the same grasp and control.
+        data: Of the same model; reset it to the keyframe afterwards.
+        door: The new door.
+        grasp: As the model was made.
+        placement: Where the robot stands and grasps; without error by default.
+        control: As the model was made.
+
+    Raises:
+        ValueError: The closed handle is out of reach; the model is unchanged.
+    """
+    placement = Placement() if placement is None else placement
+    geometry = dataclasses.replace(
+        door, **{name: getattr(_NOMINAL, name) for name in _PHYSICS}
+    )
+    for name, values in _settled(geometry, placement, grasp, control).items():
+        getattr(model, name)[...] = values
+    set_door_physics(model, data, door)
+
+
+@lru_cache(maxsize=4)
+def _template(grasp: Grasp, control: Control) -> mujoco.MjModel:
+    return build_spec(_NOMINAL, grasp, control=control).compile()
+
+
+@lru_cache(maxsize=128)
+def _settled(
+    geometry: DoorConfig, placement: Placement, grasp: Grasp, control: Control
+) -> Mapping[str, Array]:
+    """Compile a scene, settle the grasp and return its `SCENE_FIELDS`."""
+    spec = build_spec(geometry, grasp, placement=placement, control=control)
+    model = spec.compile()
+    _settle(model, geometry)
+    return MappingProxyType({n: getattr(model, n).copy() for n in SCENE_FIELDS})
 
 
 def _settle(model: mujoco.MjModel, door: DoorConfig) -> None:
     """Close the fingers on the bar and store the state at rest as the keyframe."""
     data = mujoco.MjData(model)
-    data.qpos[:] = solve_closed_posture(model, door)
+    configuration = solve_closed_posture(model, data, door)
+    mujoco.mj_resetData(model, data)
+    data.qpos[:] = configuration
     arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
     model.qpos_spring[arm] = data.qpos[arm]
     for side in ("right", "left"):
-        data.joint(f"gripper_{side}_finger_joint").qpos = BAR_RADIUS
+        finger = data.joint(f"gripper_{side}_finger_joint")
+        finger.qpos = BAR_RADIUS - _BAR_INDENTATION
     data.actuator("torso_hold").ctrl = data.joint("torso_lift_joint").qpos
     mujoco.mj_step(model, data, nstep=round(_SETTLING_TIME / model.opt.timestep))
     model.key_qpos[GRASP_KEY] = data.qpos

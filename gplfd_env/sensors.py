@@ -7,7 +7,7 @@ from typing import Final
 import mujoco
 
 from gplfd_env.placement import ARM_JOINTS
-from gplfd_env.robot import WRENCH_LIMITS
+from gplfd_env.robot import ROTATION_SERVOS, WRENCH_LIMITS, Control
 
 _SENSOR: Final = mujoco.mjtSensor
 _SITE: Final = mujoco.mjtObj.mjOBJ_SITE
@@ -20,7 +20,7 @@ _CONTACT_FORCE: Final = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
 _NET_FORCE: Final = 3
 
 
-def add_sensors(spec: mujoco.MjSpec) -> None:
+def add_sensors(spec: mujoco.MjSpec, control: Control = "pose") -> None:
     """Add every sensor, in the order in which `gplfd_env.observation` reads them.
 
     Poses and twists of the hand are measured in the task frame; wrist force and
@@ -29,12 +29,16 @@ def add_sensors(spec: mujoco.MjSpec) -> None:
 
     Args:
         spec: The scene with robot and door; edited in place.
+        control: What the robot was loaded with.
     """
     for axis in ("x", "y", "z"):
         _add(
             spec, f"hand_{axis}", _SENSOR.mjSENS_ACTUATORPOS, _ACTUATOR, f"servo_{axis}"
         )
-    _add(spec, "hand_rotvec", _SENSOR.mjSENS_ACTUATORPOS, _ACTUATOR, "servo_rotation")
+    rotation = ("servo_rotation",) if control == "pose" else ROTATION_SERVOS
+    for name in rotation:
+        sensor = name.replace("servo_rotation", "hand_rotvec")
+        _add(spec, sensor, _SENSOR.mjSENS_ACTUATORPOS, _ACTUATOR, name)
     _add(spec, "hand_linvel", _SENSOR.mjSENS_FRAMELINVEL, _SITE, "hand", "task_frame")
     _add(spec, "hand_angvel", _SENSOR.mjSENS_FRAMEANGVEL, _SITE, "hand", "task_frame")
     for name in ARM_JOINTS:

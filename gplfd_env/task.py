@@ -118,3 +118,13 @@ def reward_terms(
         "radial_force": -1e-5 * abs(force_radial),
         "success": float(success),
     }
+
+
+def sparse_reward_terms(
+    angle_gain: float, force_radial: float, success: bool
+) -> dict[str, float]:
+    """Return the term of the sparse reward: ``success`` is 1 once, else 0.
+
+    The arguments are those of `reward_terms`.
+    """
+    return {"success": float(success)}

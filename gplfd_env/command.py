@@ -1,0 +1,135 @@
+"""What an action says to the servo: a pose, or a pose and how stiffly to hold it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import mujoco
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from gplfd_env.robot import COMMAND_LIMITS, SERVO_DAMPING, SERVO_STIFFNESS, Control
+
+Array = NDArray[np.float64]
+
+STIFFNESS_RANGES: Final = ((20.0, SERVO_STIFFNESS[0]), (1.0, SERVO_STIFFNESS[1]))
+"""Commanded stiffness: translation [N/m], rotation [N m/rad]."""
+
+_POSE_LIMIT: Final = np.repeat(COMMAND_LIMITS, 3)
+_SOFTEST: Final = np.repeat([low for low, _ in STIFFNESS_RANGES], 3)
+_STIFFEST: Final = np.repeat([high for _, high in STIFFNESS_RANGES], 3)
+_DAMPING: Final = np.repeat(SERVO_DAMPING, 3)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Command:
+    """The meaning of an action.
+
+    Attributes:
+        control: What the robot was loaded with.
+        low: Least action.
+        high: Greatest action.
+        rest: The action that holds the closed handle, where every episode begins.
+        meaning: Of the action's entries, for messages.
+    """
+
+    control: Control
+    low: Array
+    high: Array
+    rest: Array
+    meaning: str
+
+    @property
+    def space(self) -> spaces.Box:
+        """The action space."""
+        return spaces.Box(self.low, self.high, dtype=np.float64)
+
+    def check(self, action: object, shape: tuple[int, ...]) -> Array:
+        """Return the action as an array of its own.
+
+        Raises:
+            ValueError: Its shape is wrong or it is not finite.
+        """
+        command = np.array(action, dtype=np.float64)
+        if command.shape != shape:
+            raise ValueError(
+                f"the action must have shape {shape}, {self.meaning}; got shape "
+                f"{command.shape}"
+            )
+        # For a single action a loop over floats is faster than NumPy's reduction.
+        flat = command.ravel().tolist()
+        if not all(map(math.isfinite, flat)):
+            raise ValueError(
+                f"the action must be finite, got {command.tolist()}; check the policy "
+                "for divisions by zero or an unstable integrator"
+            )
+        return command
+
+
+COMMANDS: Final[dict[Control, Command]] = {
+    "pose": Command(
+        control="pose",
+        low=-_POSE_LIMIT,
+        high=_POSE_LIMIT,
+        rest=np.zeros(6),
+        meaning=(
+            "commanded position [m] and rotation vector [rad] of the hand in the task "
+            "frame"
+        ),
+    ),
+    "impedance": Command(
+        control="impedance",
+        low=np.concatenate([-_POSE_LIMIT, _SOFTEST]),
+        high=np.concatenate([_POSE_LIMIT, _STIFFEST]),
+        rest=np.concatenate([np.zeros(6), _STIFFEST]),
+        meaning=(
+            "commanded position [m] and rotation vector [rad] of the hand in the task "
+            "frame, and its stiffness on these axes [N/m, N m/rad]"
+        ),
+    ),
+}
+"""By kind of control."""
+
+
+class ServoGains:
+    """Writes a stiffness into the gains of a model's six servos.
+
+    The force on axis i is k_i (command - pose)_i - d_i velocity_i, with the damping
+    d = d₀ √(k/k₀) that keeps the damping ratio of the stiffest servo: 2√(m k) for the
+    4 kg and 0.15 kg m² that the arm shows at the hand.
+
+    Args:
+        model: Of a robot under impedance control; its gains are written in place.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._gain = model.actuator_gainprm[:6, 0]
+        self._spring = model.actuator_biasprm[:6, 1]
+        self._damper = model.actuator_biasprm[:6, 2]
+
+    def write(self, stiffness: Array) -> None:
+        """Set stiffness and damping, clamped to `STIFFNESS_RANGES`.
+
+        Args:
+            stiffness: (6,) [N/m, N m/rad].
+        """
+        self.set(*servo_gains(stiffness))
+
+    def set(self, gain: Array, spring: Array, damper: Array) -> None:
+        """Set what `servo_gains` gave, each (6,)."""
+        self._gain[:] = gain
+        self._spring[:] = spring
+        self._damper[:] = damper
+
+
+def servo_gains(stiffness: Array) -> tuple[Array, Array, Array]:
+    """Return gain, and bias per metre and per metre a second, for a stiffness.
+
+    Args:
+        stiffness: (..., 6) [N/m, N m/rad], clamped to `STIFFNESS_RANGES`.
+    """
+    clamped = np.minimum(np.maximum(stiffness, _SOFTEST), _STIFFEST)
+    return clamped, -clamped, -_DAMPING * np.sqrt(clamped / _STIFFEST)

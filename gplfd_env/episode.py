@@ -1,0 +1,173 @@
+"""One episode: its circumstances, its progress, its outcome."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gplfd_env.disturbance import Drawn
+from gplfd_env.observation import DoorReading, Observation, Reader
+from gplfd_env.task import OpeningMonitor, reward_terms, sparse_reward_terms
+from gplfd_env.variation import Variation
+
+Array = NDArray[np.float64]
+Reward = Literal["dense", "sparse"]
+
+CONTROL_PERIOD: Final = 0.01
+"""Time between two actions [s]."""
+
+REWARDS: Final = {"dense": reward_terms, "sparse": sparse_reward_terms}
+"""Terms of the reward, by its name."""
+
+
+class Episode:
+    """What an environment keeps of one simulation besides the simulator's state.
+
+    Args:
+        reader: Reads the simulation's sensors.
+        reward: A key of `REWARDS`.
+
+    Attributes:
+        variation: The door and what is around it.
+        steps: Control periods so far.
+        terms: Of the last step's reward.
+        time: Of the last readings, since the reset [s].
+        wrench: Their wrench on the hand, without noise [N, N m].
+        simulation_error: MuJoCo has reset a diverged state.
+    """
+
+    def __init__(self, reader: Reader, reward: Reward) -> None:
+        self._reader = reader
+        self._terms = REWARDS[reward]
+        self.variation = Variation()
+
+    def begin(self, drawn: Drawn, values: list[float]) -> None:
+        """Begin anew.
+
+        Args:
+            drawn: Circumstances of the new episode.
+            values: Sensor array of the simulation at rest.
+        """
+        self.variation, self._noise, self._delay = drawn
+        self.steps = 0
+        self.simulation_error = False
+        self._sense(values)
+        self._monitor = OpeningMonitor(CONTROL_PERIOD)
+        self._grasp_point = self._reading.hand_on_handle
+        self.terms = self._terms(0.0, 0.0, False)
+
+    def due(self, command: Array, rest: Array) -> Array:
+        """Put a command in and return the one that reaches the servo now.
+
+        Args:
+            command: The new one.
+            rest: What holds until the first one arrives.
+        """
+        return command if self._delay is None else self._delay.pass_on(command, rest)
+
+    def advance(self, values: list[float]) -> None:
+        """Take in the sensor array after one control period."""
+        self.steps += 1
+        before = self._reading.angle
+        self._sense(values)
+        reading = self._reading
+        self._monitor.update(reading.angle, reading.grasped)
+        gain = reading.angle - before
+        self.terms = self._terms(gain, reading.forces[2], self._monitor.success)
+
+    def break_off(self) -> None:
+        """Take in that the simulation has diverged; all readings stay the last good."""
+        self.steps += 1
+        self.simulation_error = True
+        self.terms = self._terms(0.0, 0.0, False)
+
+    def stand_still(self) -> None:
+        """Take in that an ended episode was not stepped: it earns nothing more."""
+        self.terms = self._terms(0.0, 0.0, False)
+
+    def blur(self, observation: Observation, row: Any = ...) -> None:
+        """Add the noise of the last readings to an observation, in place.
+
+        Args:
+            observation: Of this simulation or of many.
+            row: Which of many.
+        """
+        if self._blur is not None:
+            observation["ee_pose"][row] += self._blur[:6]
+            observation["wrench"][row] += self._blur[6:]
+
+    def _sense(self, values: list[float]) -> None:
+        self.time = self.steps * CONTROL_PERIOD
+        self.wrench = self._reader.wrench(values)
+        self._reading: DoorReading = self._reader.door_reading(values)
+        self._blur = None if self._noise is None else self._noise.draw()
+
+    @property
+    def delayed(self) -> bool:
+        """Whether commands take effect later than they are given."""
+        return self._delay is not None
+
+    @property
+    def reward(self) -> float:
+        """Of the last step: the sum of its terms."""
+        return sum(self.terms.values())
+
+    @property
+    def failure(self) -> str:
+        """``""``, ``"grasp_lost"``, ``"stalled"`` or ``"simulation_error"``."""
+        return "simulation_error" if self.simulation_error else self._monitor.failure
+
+    @property
+    def terminated(self) -> bool:
+        """The task has ended, in success or with the grasp lost."""
+        ended = self._monitor.success or self._monitor.failure == "grasp_lost"
+        return ended and not self.simulation_error
+
+    @property
+    def row(self) -> tuple[float, ...]:
+        """What an info says in numbers and flags, in the order of `COLUMNS`."""
+        reading, monitor = self._reading, self._monitor
+        tangential, vertical, radial = reading.forces
+        return (
+            reading.angle,
+            reading.velocity,
+            self.variation.door.radius,
+            *reading.handle_position,
+            0.0,
+            reading.angle,
+            0.0,
+            _distance(reading.hand_on_handle, self._grasp_point),
+            tangential,
+            radial,
+            vertical,
+            monitor.success,
+            monitor.success,
+            reading.grasped,
+            self.simulation_error,
+        )
+
+
+COLUMNS: Final[dict[str, int | slice]] = {
+    "door_angle": 0,
+    "door_velocity": 1,
+    "door_radius": 2,
+    "handle_pose": slice(3, 9),
+    "slip": 9,
+    "force_tangential": 10,
+    "force_radial": 11,
+    "force_vertical": 12,
+}
+"""Where in `Episode.row` the numbers of an info are."""
+
+FLAGS: Final = ("success", "is_success", "grasped", "simulation_error")
+"""The flags that follow them."""
+
+
+def _distance(
+    first: tuple[float, float, float], second: tuple[float, float, float]
+) -> float:
+    x, y, z = first[0] - second[0], first[1] - second[1], first[2] - second[2]
+    return math.sqrt(x * x + y * y + z * z)

@@ -1,0 +1,345 @@
+"""Many doors at once on `mujoco.batch.Batch`: what ``gym.make_vec`` makes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+from gymnasium.utils.seeding import np_random
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from gplfd_env.batch import DoorBatch
+from gplfd_env.camera import Camera, check_choice
+from gplfd_env.command import COMMANDS
+from gplfd_env.disturbance import draw_episode
+from gplfd_env.episode import COLUMNS, CONTROL_PERIOD, FLAGS, REWARDS, Episode, Reward
+from gplfd_env.observation import Observation, Reader, observation_space
+from gplfd_env.randomization import RandomizationSpec, door_randomization
+from gplfd_env.robot import Grasp
+from gplfd_env.variation import Variation
+from gplfd_env.vector_convention import (
+    Doors,
+    Seeds,
+    check_count,
+    chosen_autoreset_mode,
+    chosen_rows,
+    each_door,
+    each_seed,
+    masked,
+    unmasked,
+)
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Info = dict[str, Any]
+
+
+class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
+    """n simulations of `gplfd_env.door_opening.DoorOpeningEnv`, stepped on threads.
+
+    Every simulation has a door, a generator and an episode of its own, and follows the
+    single environment with the same seed bit for bit, on any number of threads.
+    Observations and infos are its own, stacked along a first axis, with Gymnasium's
+    ``"_key"`` masks in infos. A simulation that MuJoCo reports as diverged is truncated
+    alone.
+
+    Args:
+        num_envs: Number of simulations n.
+        door: As for the single environment, or a sequence of n such.
+        grasp: See the single environment.
+        randomization: See the single environment.
+        reward: See the single environment.
+        max_episode_steps: Control periods after which an episode is truncated; None or
+            -1 for no limit.
+        autoreset_mode: ``"NextStep"`` (the step after an episode's end resets it),
+            ``"SameStep"`` (its last observation and info are in ``final_obs`` and
+            ``final_info``) or ``"Disabled"`` (ended simulations stand still, at no
+            cost, until ``reset(options={"reset_mask": ...})``).
+        num_threads: Threads that step the simulations; 0 for one per core.
+        render_mode: None or ``"rgb_array"``: `render` returns n pictures.
+        width: Of a picture [px].
+        height: Of a picture [px].
+        camera_name: See the single environment.
+        effects: See the single environment.
+
+    Raises:
+        ValueError: As the single environment, and for an unknown autoreset mode.
+    """
+
+    command = COMMANDS["pose"]
+    """What an action means."""
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        door: Doors = "medium",
+        *,
+        grasp: Grasp = "contact",
+        randomization: RandomizationSpec = "none",
+        reward: Reward = "dense",
+        max_episode_steps: int | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        num_threads: int = 0,
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+        camera_name: str = "overview",
+        effects: bool = False,
+    ) -> None:
+        check_choice("grasp", grasp, ("contact", "weld"))
+        check_choice("reward", reward, tuple(REWARDS))
+        check_choice("render_mode", render_mode, (None, "rgb_array"))
+        check_count("num_envs", num_envs, 1)
+        check_count("num_threads", num_threads, 0)
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.autoreset_mode = chosen_autoreset_mode(autoreset_mode)
+        self.metadata = {
+            "render_modes": ["rgb_array"],
+            "render_fps": round(1 / CONTROL_PERIOD),
+            "autoreset_mode": self.autoreset_mode,
+        }
+        self.single_observation_space = observation_space()
+        self.single_action_space = self.command.space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._doors = each_door(door, num_envs)
+        self._randomization = door_randomization(randomization)
+        self._reader = Reader.of(grasp, self.command.control)
+        self._episodes = [Episode(self._reader, reward) for _ in range(num_envs)]
+        self._limit = np.inf if max_episode_steps in (None, -1) else max_episode_steps
+        self._batch = DoorBatch(num_envs, grasp, self.command, num_threads)
+        self._shown = self._batch.models[0].__copy__()
+        self._shown_data = mujoco.MjData(self._shown)
+        self._camera = Camera(
+            *(self._shown, self._shown_data, width, height, camera_name),
+            effects=effects,
+        )
+        self._random: list[tuple[np.random.Generator, int]] = []
+        self._everyone = np.ones(num_envs, dtype=bool)
+        self._ended = np.zeros(num_envs, dtype=bool)
+        self._sensed = np.zeros_like(self._batch.sensordata)
+
+    @property
+    def variations(self) -> tuple[Variation, ...]:
+        """Door and circumstances of every simulation's episode."""
+        return tuple(episode.variation for episode in self._episodes)
+
+    @property
+    def models(self) -> tuple[mujoco.MjModel, ...]:
+        """Model of every simulation; live, a reset may bring it to another door."""
+        return self._batch.models
+
+    @property
+    def qpos(self) -> Array:
+        """Joint positions of every simulation, (n, nq) [m, rad]; a copy."""
+        return np.array(self._batch.qpos)
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The generators, one per simulation; none before the first reset."""
+        return tuple(generator for generator, _ in self._random)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """What they were seeded with."""
+        return tuple(seed for _, seed in self._random)
+
+    def reset(
+        self, *, seed: Seeds = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Observation, Info]:
+        """Close the doors, put them into the hands, and begin episodes.
+
+        Args:
+            seed: An integer s seeds simulation i with s + i; or one seed, or None, per
+                simulation.
+            options: ``"door"`` and ``"randomization"`` as for the single environment,
+                the door also as a sequence of n; ``"reset_mask"``, (n,) bool: only
+                these simulations are reset.
+
+        Returns:
+            Observations, and infos whose masks say which simulations were reset.
+
+        Raises:
+            ValueError: An unknown option, or a door, seed or mask that does not fit.
+        """
+        seeds = each_seed(seed, self.num_envs)
+        rows = self._take(dict(options or {}))
+        if not self._random:
+            self._random = [np_random(one) for one in seeds]
+        for row in np.flatnonzero(rows):
+            if seeds[row] is not None:
+                self._random[row] = np_random(seeds[row])
+        self._restart(rows)
+        *_, infos = self._outcome(rows)
+        return self._observation(), infos
+
+    def step(self, actions: Array) -> tuple[Observation, Array, Mask, Mask, Info]:
+        """Command every hand for one control period.
+
+        Args:
+            actions: (n, ...) actions of the single environment. Those of simulations
+                that are being reset, or stand still, are ignored.
+
+        Raises:
+            ValueError: The shape is wrong or an action is not finite.
+            gymnasium.error.ResetNeeded: There was no reset yet.
+        """
+        if not self._random:
+            raise gym.error.ResetNeeded("call reset() before the first step()")
+        commands = self.command.check(
+            actions, (self.num_envs, *self.command.rest.shape)
+        )
+        resting = self._ended if np.count_nonzero(self._ended) else None
+        self._advance(commands, resting)
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP and resting is not None:
+            self._restart(resting)
+        rewards, terminations, truncations, infos = self._outcome(self._everyone)
+        self._ended = terminations | truncations
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
+            infos = self._reset_at_once(self._ended, infos)
+        observations = self._observation()
+        return observations, rewards, terminations, truncations, infos
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Return a picture of every simulation, each (height, width, 3) uint8."""
+        if self.render_mode is None:
+            gym.logger.warn(
+                "render() was called on a vector environment made without a "
+                'render_mode; use gym.make_vec(..., render_mode="rgb_array")'
+            )
+            return None
+        return tuple(self._pictures())
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Free the renderer."""
+        self._camera.close()
+
+    def _pictures(self) -> Iterator[Any]:
+        for row in range(self.num_envs):
+            self._batch.copy_state(row, self._shown, self._shown_data)
+            yield self._camera.picture("rgb_array")
+
+    def _take(self, options: dict[str, Any]) -> Mask:
+        """Check all options of a reset, then keep them; return its mask."""
+        door, mask = options.pop("door", None), options.pop("reset_mask", None)
+        randomization = options.pop("randomization", None)
+        if options:
+            raise ValueError(
+                f"unknown reset option(s) {', '.join(map(repr, options))}; allowed: "
+                '"door" (as for the single environment, or a sequence of num_envs), '
+                '"randomization" and "reset_mask"'
+            )
+        rows = chosen_rows(mask, self.num_envs, begun=bool(self._random))
+        doors = self._doors if door is None else each_door(door, self.num_envs)
+        if randomization is not None:
+            self._randomization = door_randomization(randomization)
+        for row in np.flatnonzero(rows):
+            self._doors[row] = doors[row]
+        return rows
+
+    def _restart(self, rows: Mask) -> None:
+        """Draw new episodes for some simulations and begin them."""
+        chosen = np.flatnonzero(rows).tolist()
+        drawn = {
+            row: draw_episode(
+                self._randomization, self._doors[row], self._random[row][0]
+            )
+            for row in chosen
+        }
+        for row in chosen:
+            self._batch.load(row, drawn[row].variation)
+        self._batch.restart(chosen)
+        self._sensed[rows] = self._batch.sensordata[rows]
+        for row in chosen:
+            self._episodes[row].begin(drawn[row], self._sensed[row].tolist())
+        self._ended = self._ended & ~rows
+
+    def _advance(self, commands: Array, resting: Mask | None) -> None:
+        """Step what does not rest by one control period."""
+        episodes = self._episodes
+        stepped: Sequence[int] = range(self.num_envs)
+        if resting is not None:
+            stepped = np.flatnonzero(~resting).tolist()
+            for row in np.flatnonzero(resting).tolist():
+                episodes[row].stand_still()
+        for row in stepped:
+            if episodes[row].delayed:
+                commands[row] = episodes[row].due(commands[row], self.command.rest)
+        diverged = self._batch.advance(commands, None if resting is None else stepped)
+        if diverged is not None:
+            for row in np.flatnonzero(diverged).tolist():
+                episodes[row].break_off()
+            stepped = [row for row in stepped if not diverged[row]]
+        if len(stepped) == self.num_envs:
+            self._sensed[:] = self._batch.sensordata
+        else:
+            self._sensed[stepped] = self._batch.sensordata[stepped]
+        values = self._sensed.tolist()
+        for row in stepped:
+            episodes[row].advance(values[row])
+
+    def _observation(self) -> Observation:
+        episodes = self._episodes
+        observation = self._reader.observation(
+            self._sensed,
+            np.array([one.wrench for one in episodes]),
+            np.array([[one.time] for one in episodes]),
+        )
+        for row, one in enumerate(episodes):
+            one.blur(observation, row)
+        return observation
+
+    def _outcome(self, rows: Mask) -> tuple[Array, Mask, Mask, Info]:
+        """Return rewards, terminations, truncations, and infos with masks."""
+        episodes, limit = self._episodes, self._limit
+        names = tuple(episodes[0].terms)
+        # One array of everything: at small n each array costs as much as ten numbers.
+        table = np.array(
+            [
+                (*e.row, e.terminated, e.steps >= limit, *e.terms.values(), e.reward)
+                for e in episodes
+            ]
+        )
+        first, last = _FLAGS_AT, _FLAGS_AT + len(FLAGS) + 2
+        flags = table[:, first:last] > 0.0
+        *told, terminations, late = flags.T
+        infos: Info = {name: table[:, column] for name, column in COLUMNS.items()}
+        infos.update(zip(FLAGS, told, strict=True))
+        infos["failure"] = np.array([one.failure for one in episodes], dtype=object)
+        terms = dict(zip(names, table[:, last:].T, strict=False))
+        infos["reward_terms"] = masked(terms, rows)
+        truncations = infos["simulation_error"] | late
+        return (
+            table[:, -1].copy(),
+            terminations.copy(),
+            truncations,
+            masked(infos, rows),
+        )
+
+    def _reset_at_once(self, ended: Mask, infos: Info) -> Info:
+        """Reset ended simulations in the step that ended them; return its infos."""
+        last = self._observation()
+        final_obs = np.full(self.num_envs, None, dtype=object)
+        for row in np.flatnonzero(ended):
+            final_obs[row] = {name: last[name][row].copy() for name in last}
+        final_info = masked(unmasked(infos), ended)
+        self._restart(ended)
+        final = {"final_obs": final_obs, "final_info": final_info}
+        *_, infos = self._outcome(self._everyone)
+        return infos | masked(final, ended)
+
+
+class DoorOpeningImpedanceVectorEnv(DoorOpeningVectorEnv):
+    """n simulations of `gplfd_env.door_opening.DoorOpeningImpedanceEnv`."""
+
+    command = COMMANDS["impedance"]
+
+
+_FLAGS_AT: Final = 13
+"""Column of `Episode.row` where the flags begin."""

@@ -1,0 +1,119 @@
+"""Gymnasium's conventions for vector environments: seeds, masks, autoreset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from gplfd_env.config import DoorConfig, DoorSpec, door_config
+
+Mask = NDArray[np.bool_]
+Doors = DoorSpec | Sequence[DoorSpec]
+"""One door for all simulations, or one for each."""
+
+Seeds = int | Sequence[int | None] | None
+"""One seed to count up from, or one or None for each."""
+
+
+def masked(values: Mapping[str, Any], rows: Mask) -> dict[str, Any]:
+    """Return values with a mask ``"_key"`` beside each: the rows that are meant.
+
+    All of them share one mask.
+    """
+    return {**values, **dict.fromkeys(_mask_names(tuple(values)), rows.copy())}
+
+
+@lru_cache(maxsize=64)
+def _mask_names(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(f"_{name}" for name in names)
+
+
+def unmasked(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values without their masks; those of nested values stay."""
+    return {name: value for name, value in values.items() if not name.startswith("_")}
+
+
+def each_door(door: Doors, n: int) -> list[DoorConfig]:
+    """Return the door of every simulation.
+
+    Raises:
+        ValueError: A sequence of another length, or an impossible door.
+    """
+    if not isinstance(door, list | tuple):
+        return [door_config(door)] * n  # type: ignore[arg-type]
+    if len(door) != n:
+        raise ValueError(
+            f"door must be one for all simulations or a sequence of {n}, got "
+            f"{len(door)} doors"
+        )
+    return [door_config(one) for one in door]
+
+
+def each_seed(seed: Seeds, n: int) -> list[int | None]:
+    """Return the seed of every simulation.
+
+    Raises:
+        ValueError: A sequence of another length.
+    """
+    if seed is None:
+        return [None] * n
+    if isinstance(seed, int | np.integer):
+        return [int(seed) + row for row in range(n)]
+    if len(seed) != n:
+        raise ValueError(
+            f"seed must be an integer, None or a sequence of {n}, got {len(seed)} seeds"
+        )
+    return list(seed)
+
+
+def chosen_rows(mask: Any, n: int, *, begun: bool) -> Mask:
+    """Return which simulations to reset.
+
+    Raises:
+        ValueError: The mask is not (n,) bool, selects none, or leaves simulations out
+            of the first reset.
+    """
+    if mask is None:
+        return np.ones(n, dtype=bool)
+    array = np.asarray(mask)
+    if array.shape != (n,) or array.dtype != np.bool_ or not array.any():
+        raise ValueError(
+            f"reset_mask must be an array of {n} booleans with at least one True, got "
+            f"{mask!r}"
+        )
+    if not begun and not array.all():
+        raise ValueError(
+            "the first reset must reset all simulations; leave out the mask"
+        )
+    return array
+
+
+def chosen_autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:
+    """Return an autoreset mode by name.
+
+    Raises:
+        ValueError: An unknown name.
+    """
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        raise ValueError(
+            f"autoreset_mode = {mode!r} is not one of "
+            f"{', '.join(repr(known.value) for known in AutoresetMode)}"
+        ) from None
+
+
+def check_count(name: str, value: object, least: int) -> None:
+    """Raise unless a value is a whole number from some least one.
+
+    Raises:
+        ValueError: It is not.
+    """
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or value < least:  # type: ignore[operator]
+        raise ValueError(f"{name} = {value!r} must be a whole number from {least}")
