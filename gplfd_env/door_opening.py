@@ -17,7 +17,15 @@ from gplfd_env.camera import Camera, check_choice
 from gplfd_env.command import COMMANDS, ServoGains
 from gplfd_env.config import DoorConfig, DoorSpec, door_config
 from gplfd_env.disturbance import draw_episode
-from gplfd_env.episode import COLUMNS, CONTROL_PERIOD, FLAGS, REWARDS, Episode, Reward
+from gplfd_env.episode import (
+    CONTROL_PERIOD,
+    FLAGS,
+    NUMBERS,
+    POSE,
+    REWARDS,
+    Episode,
+    Reward,
+)
 from gplfd_env.observation import Observation, Reader, observation_space
 from gplfd_env.randomization import RandomizationSpec, door_randomization
 from gplfd_env.robot import Grasp
@@ -261,9 +269,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     def _info(self) -> Info:
         episode = self._episode
         row = episode.row
-        info: Info = {name: row[column] for name, column in COLUMNS.items()}
-        info["handle_pose"] = np.array(info["handle_pose"])
-        info.update(zip(FLAGS, row[-len(FLAGS) :], strict=True))
+        info: Info = dict(zip(NUMBERS, row, strict=False))
+        info["handle_pose"] = np.array(row[POSE])
+        info.update(zip(FLAGS, row[POSE.stop :], strict=True))
         info["failure"] = episode.failure
         info["reward_terms"] = episode.terms
         return info

@@ -128,21 +128,21 @@ class Episode:
 
     @property
     def row(self) -> tuple[float, ...]:
-        """What an info says in numbers and flags, in the order of `COLUMNS`."""
+        """The info in numbers: `NUMBERS`, the handle's pose (6), and `FLAGS`."""
         reading, monitor = self._reading, self._monitor
         tangential, vertical, radial = reading.forces
         return (
             reading.angle,
             reading.velocity,
             self.variation.door.radius,
-            *reading.handle_position,
-            0.0,
-            reading.angle,
-            0.0,
             _distance(reading.hand_on_handle, self._grasp_point),
             tangential,
             radial,
             vertical,
+            *reading.handle_position,
+            0.0,
+            reading.angle,
+            0.0,
             monitor.success,
             monitor.success,
             reading.grasped,
@@ -150,20 +150,17 @@ class Episode:
         )
 
 
-COLUMNS: Final[dict[str, int | slice]] = {
-    "door_angle": 0,
-    "door_velocity": 1,
-    "door_radius": 2,
-    "handle_pose": slice(3, 9),
-    "slip": 9,
-    "force_tangential": 10,
-    "force_radial": 11,
-    "force_vertical": 12,
-}
-"""Where in `Episode.row` the numbers of an info are."""
+NUMBERS: Final = (
+    *("door_angle", "door_velocity", "door_radius", "slip"),
+    *("force_tangential", "force_radial", "force_vertical"),
+)
+"""Numbers of an info, in the order of `Episode.row`."""
+
+POSE: Final = slice(len(NUMBERS), len(NUMBERS) + 6)
+"""Where in a row the handle's pose is."""
 
 FLAGS: Final = ("success", "is_success", "grasped", "simulation_error")
-"""The flags that follow them."""
+"""Flags of an info, the last entries of a row."""
 
 
 def _distance(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 import gymnasium as gym
 import mujoco
@@ -17,7 +17,15 @@ from gplfd_env.batch import DoorBatch
 from gplfd_env.camera import Camera, check_choice
 from gplfd_env.command import COMMANDS
 from gplfd_env.disturbance import draw_episode
-from gplfd_env.episode import COLUMNS, CONTROL_PERIOD, FLAGS, REWARDS, Episode, Reward
+from gplfd_env.episode import (
+    CONTROL_PERIOD,
+    FLAGS,
+    NUMBERS,
+    POSE,
+    REWARDS,
+    Episode,
+    Reward,
+)
 from gplfd_env.observation import Observation, Reader, observation_space
 from gplfd_env.randomization import RandomizationSpec, door_randomization
 from gplfd_env.robot import Grasp
@@ -298,29 +306,24 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     def _outcome(self, rows: Mask) -> tuple[Array, Mask, Mask, Info]:
         """Return rewards, terminations, truncations, and infos with masks."""
         episodes, limit = self._episodes, self._limit
-        names = tuple(episodes[0].terms)
-        # One array of everything: at small n each array costs as much as ten numbers.
-        table = np.array(
+        # One array of everything: at small n an array costs as much as ten numbers.
+        columns = np.array(
             [
                 (*e.row, e.terminated, e.steps >= limit, *e.terms.values(), e.reward)
                 for e in episodes
             ]
-        )
-        first, last = _FLAGS_AT, _FLAGS_AT + len(FLAGS) + 2
-        flags = table[:, first:last] > 0.0
-        *told, terminations, late = flags.T
-        infos: Info = {name: table[:, column] for name, column in COLUMNS.items()}
-        infos.update(zip(FLAGS, told, strict=True))
+        ).T
+        flags_end = POSE.stop + len(FLAGS) + 2
+        *flags, terminations, late = columns[POSE.stop : flags_end] > 0.0
+        infos: Info = dict(zip(NUMBERS, columns, strict=False))
+        infos["handle_pose"] = columns[POSE].T
+        infos.update(zip(FLAGS, flags, strict=True))
         infos["failure"] = np.array([one.failure for one in episodes], dtype=object)
-        terms = dict(zip(names, table[:, last:].T, strict=False))
-        infos["reward_terms"] = masked(terms, rows)
+        *terms, rewards = columns[flags_end:]
+        named = dict(zip(episodes[0].terms, terms, strict=True))
+        infos["reward_terms"] = masked(named, rows)
         truncations = infos["simulation_error"] | late
-        return (
-            table[:, -1].copy(),
-            terminations.copy(),
-            truncations,
-            masked(infos, rows),
-        )
+        return rewards, terminations, truncations, masked(infos, rows)
 
     def _reset_at_once(self, ended: Mask, infos: Info) -> Info:
         """Reset ended simulations in the step that ended them; return its infos."""
@@ -339,7 +342,3 @@ class DoorOpeningImpedanceVectorEnv(DoorOpeningVectorEnv):
     """n simulations of `gplfd_env.door_opening.DoorOpeningImpedanceEnv`."""
 
     command = COMMANDS["impedance"]
-
-
-_FLAGS_AT: Final = 13
-"""Column of `Episode.row` where the flags begin."""
