@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Final
@@ -15,17 +16,23 @@ from experiments.episode_log import EpisodeLog
 
 if TYPE_CHECKING:
     from policies.agent import Agent, AgentStep
+    from policies.trajectory import GaussianTrajectory
 
-_OBSERVATIONS: Final = ("ee_pose", "ee_twist", "wrench", "joint_pos", "joint_vel")
-_INFOS: Final = (
+OBSERVATIONS: Final = ("ee_pose", "ee_twist", "wrench", "joint_pos", "joint_vel")
+"""Observations that are logged."""
+
+INFOS: Final = (
     *("door_angle", "handle_pose", "grasped", "slip"),
     *("force_tangential", "force_radial", "force_vertical"),
 )
-_DECISIONS: Final = (
+"""Entries of the info that are logged."""
+
+DECISIONS: Final = (
     *("action", "desired", "std", "std_rate", "stiffness", "stiffness_rate"),
     *("stability_margin", "phase", "observed_phase"),
     *("predicted_mean", "predicted_std", "via_point"),
 )
+"""Fields of `policies.steps.AgentStep` that are logged."""
 
 
 def rollout(
@@ -34,7 +41,7 @@ def rollout(
     *,
     policy: str,
     door: str,
-    door_config: Mapping[str, float],
+    door_config: Mapping[str, float] | None = None,
     seed: int,
     forecast_period: float = 0.35,
     on_step: Callable[[float, float], None] | None = None,
@@ -46,7 +53,8 @@ def rollout(
         agent: Policy and controller.
         policy: Name of the policy, for the log.
         door: Name of the door, for the log.
-        door_config: Fields of the door's configuration, for the log.
+        door_config: Fields of the door's configuration, for the log; those of the
+            environment's own door by default.
         seed: Seed of the environment's reset.
         forecast_period: Simulated time between forecasts [s]; one more is taken
             before the first decision and one at the end.
@@ -64,7 +72,7 @@ def rollout(
         observation, info = env.reset(seed=seed)
         agent.reset(observation)
         rows = _Rows(env)
-        forecasts = _Forecasts(agent, forecast_period)
+        forecasts = Forecasts(agent.forecast, forecast_period)
         ended = truncated = False
         while True:
             now = float(observation["time"][0])
@@ -81,11 +89,13 @@ def rollout(
     return EpisodeLog(
         policy=policy,
         door=door,
-        door_config=door_config,
+        door_config=_door_config(env) if door_config is None else door_config,
         seed=seed,
         dt=float(np.median(np.diff(arrays["times"]))),
         success=bool(info["success"]),
-        failure=_failure(info, truncated),
+        failure=failure_of(
+            str(info["failure"]), truncated, success=bool(info["success"])
+        ),
         **arrays,
     )
 
@@ -99,11 +109,21 @@ def _timed_decision(agent: Agent, observation: Any) -> tuple[AgentStep, float]:
     return decision, 1e-9 * (time.thread_time_ns() - started)
 
 
-def _failure(info: Mapping[str, Any], truncated: bool) -> str:
-    failure = str(info["failure"])
-    if truncated and not failure and not info["success"]:
+def failure_of(told: str, truncated: bool, *, success: bool) -> str:
+    """Return why an episode failed, or "".
+
+    Args:
+        told: The environment's ``failure``.
+        truncated: Whether the episode was cut off.
+        success: Whether the task was solved.
+    """
+    if truncated and not told and not success:
         return "time_limit"
-    return failure
+    return told
+
+
+def _door_config(env: gym.Env[Any, Any]) -> dict[str, float]:
+    return dataclasses.asdict(env.unwrapped.door)  # type: ignore[attr-defined]
 
 
 class _Rows:
@@ -115,9 +135,9 @@ class _Rows:
             name: []
             for name in (
                 *("times", "qpos", "latency_s", "solved"),
-                *_OBSERVATIONS,
-                *_INFOS,
-                *_DECISIONS,
+                *OBSERVATIONS,
+                *INFOS,
+                *DECISIONS,
             )
         }
 
@@ -135,26 +155,33 @@ class _Rows:
         lists["latency_s"].append(latency)
         try:
             lists["solved"].append(info["success"])
-            for name in _INFOS:
+            for name in INFOS:
                 lists[name].append(np.copy(info[name]))
         except KeyError as error:
             raise ValueError(
                 f"the environment's info lacks {error}; it has {sorted(info)}"
             ) from error
-        for name in _OBSERVATIONS:
+        for name in OBSERVATIONS:
             lists[name].append(np.copy(observation[name]))
-        for name in _DECISIONS:
+        for name in DECISIONS:
             lists[name].append(np.copy(getattr(decision, name)))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         return {name: np.asarray(rows) for name, rows in self._lists.items()}
 
 
-class _Forecasts:
-    """Asks the agent for its forecast before the first decision and then regularly."""
+class Forecasts:
+    """Asks for a forecast before the first decision and then regularly.
 
-    def __init__(self, agent: Agent, period: float) -> None:
-        self._agent = agent
+    Args:
+        ask: Gives the agent's forecast, or None.
+        period: Simulated time between forecasts [s]; None for no forecasts at all.
+    """
+
+    def __init__(
+        self, ask: Callable[[], GaussianTrajectory | None], period: float | None
+    ) -> None:
+        self._ask = ask
         self._period = period
         self._times: list[float] = []
         self._phase: NDArray[np.float64] = np.empty(0)
@@ -162,11 +189,19 @@ class _Forecasts:
         self._stds: list[NDArray[np.float64]] = []
 
     def take_if_due(self, now: float, *, force: bool) -> None:
+        """Take a forecast if it is time, or if ``force`` says so.
+
+        Args:
+            now: Simulated time [s].
+            force: Take it anyway.
+        """
+        if self._period is None:
+            return
         # Half a microsecond: times are sums of steps and miss the multiple by rounding.
         due = not self._times or now >= self._times[-1] + self._period - 5e-7
         if not (due or force):
             return
-        forecast = self._agent.forecast()
+        forecast = self._ask()
         if forecast is not None:
             self._times.append(now)
             self._phase = np.array(forecast.times)
@@ -174,6 +209,7 @@ class _Forecasts:
             self._stds.append(np.array(forecast.std))
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """Return the forecasts by the names of `EpisodeLog`."""
         shape = (len(self._times), self._phase.size, 6)
         return {
             "forecast_times": np.array(self._times),
