@@ -1,0 +1,91 @@
+"""Episodes in lockstep are the episodes that run alone."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from experiments.episode_log import EpisodeLog
+from experiments.rollout import rollout
+from experiments.rollouts import rollouts
+from experiments.teacher import Teacher
+from gplfd_env import ENVIRONMENT_ID
+from policies.demonstrations import Demonstration
+from policies.lockstep import batch_agents
+from policies.registry import make_agent
+
+DOORS, SEEDS = (0.35, 0.42, 0.5), (5, 6, 7)
+
+
+@pytest.fixture(scope="module")
+def demonstrations() -> tuple[Demonstration, ...]:
+    return Teacher().demonstrate_doors((0.35, 0.5), 2, rng=np.random.default_rng(0))
+
+
+def in_lockstep(
+    policy: str,
+    demonstrations: Sequence[Demonstration],
+    *,
+    autoreset_mode: str = "Disabled",
+    n_names: int = 3,
+    **options: object,
+) -> tuple[EpisodeLog, ...]:
+    envs = gym.make_vec(
+        ENVIRONMENT_ID,
+        num_envs=len(DOORS),
+        door=DOORS,
+        autoreset_mode=autoreset_mode,
+        **options,
+    )
+    agents = [make_agent(policy, demonstrations, radius=door) for door in DOORS]
+    return rollouts(
+        envs,
+        batch_agents(agents),
+        policy=policy,
+        doors=[str(door) for door in DOORS][:n_names],
+        seeds=SEEDS,
+    )
+
+
+@pytest.mark.parametrize(
+    ("policy", "randomization"), [("gp", "hard"), ("oracle", "mild")]
+)
+def test_logs_are_those_of_episodes_alone(
+    policy: str, randomization: str, demonstrations: tuple[Demonstration, ...]
+) -> None:
+    together = in_lockstep(policy, demonstrations, randomization=randomization)
+    lengths = {log.times.size for log in together}
+    assert len(lengths) > 1, "episodes must end at different times to prove anything"
+    for door, seed, log in zip(DOORS, SEEDS, together, strict=True):
+        env = gym.make(ENVIRONMENT_ID, door=door, randomization=randomization)
+        agent = make_agent(policy, demonstrations, radius=door)
+        alone = rollout(env, agent, policy=policy, door=str(door), seed=seed)
+        for field in dataclasses.fields(EpisodeLog):
+            if field.name == "latency_s":
+                continue
+            first, second = getattr(log, field.name), getattr(alone, field.name)
+            np.testing.assert_array_equal(first, second, err_msg=field.name)
+
+
+def test_an_episode_that_is_cut_off_says_so(
+    demonstrations: tuple[Demonstration, ...],
+) -> None:
+    for log in in_lockstep("gp", demonstrations, max_episode_steps=40):
+        assert log.times.size == 41
+        assert (log.success, log.failure) == (False, "time_limit")
+
+
+def test_simulations_must_stand_still_when_they_end(
+    demonstrations: tuple[Demonstration, ...],
+) -> None:
+    with pytest.raises(ValueError, match='autoreset_mode="Disabled"'):
+        in_lockstep("gp", demonstrations, autoreset_mode="NextStep")
+
+
+def test_doors_and_seeds_are_as_many_as_simulations(
+    demonstrations: tuple[Demonstration, ...],
+) -> None:
+    with pytest.raises(ValueError, match="3 simulations need as many doors and seeds"):
+        in_lockstep("gp", demonstrations, n_names=2)
