@@ -1,7 +1,8 @@
 """The ``gplfd`` command: one literal dict of subcommands.
 
-Exit status: 0 when the command did its work (a door left closed is a result), 2 for
-bad arguments or input files, 130 when interrupted.
+Exit status: 0 when the command did its work (a door left closed is a result), 1 when a
+replay departs from its recording, 2 for bad arguments or input files, 130 when
+interrupted.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import tyro
 
 from experiments.commands.benchmark import Benchmark
 from experiments.commands.catalogue import Catalogue
+from experiments.commands.demos import Demos
 from experiments.commands.figures import Figures
 from experiments.commands.run import Run
 from experiments.commands.speed import Speed
@@ -42,6 +44,7 @@ COMMANDS: Final[dict[str, Callable[..., Command]]] = {
     "run": Run,
     "benchmark": Benchmark,
     "figures": Figures,
+    "demos": Demos,
     "view": View,
     "speed": Speed,
     "list": Catalogue,

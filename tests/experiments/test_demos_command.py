@@ -1,0 +1,235 @@
+"""``gplfd demos`` at the command line."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from experiments import cli
+from experiments.demonstration_files.minari import open_dataset
+
+Gplfd = Callable[..., int]
+
+
+@pytest.fixture
+def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Gplfd:
+    """Run the command in an empty folder; parser errors become exit statuses."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str) -> int:
+        try:
+            return cli.main(arguments)
+        except SystemExit as error:
+            return int(error.code or 0)
+
+    return run
+
+
+RECORD = ("demos", "record", "--policy", "oracle", "--max-steps", "8")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recorded") / "oracle-v0"
+    doors = ("--doors", "small", "0.42", "--episodes", "2", "--seed", "5")
+    assert cli.main([*RECORD, *doors, "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def copied(recorded: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(recorded, tmp_path / "copy-v0"))
+
+
+def test_record_writes_every_door_and_seed(recorded: Path) -> None:
+    dataset = open_dataset(recorded)
+    assert dataset.policy == "oracle"
+    assert dataset.origin["config"]["doors"] == ["small", "0.42"]
+    found = [
+        (episode.options["door"]["radius"], episode.seed, len(episode))
+        for episode in map(dataset.episode, range(dataset.n_episodes))
+    ]
+    assert found == [(0.35, 5, 8), (0.35, 6, 8), (0.42, 5, 8), (0.42, 6, 8)]
+
+
+def test_record_goes_to_a_folder_named_after_the_policy(
+    gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert gplfd(*RECORD, "--doors", "medium") == 0
+    assert open_dataset(tmp_path / "results/demos/oracle-v0").n_episodes == 1
+    printed = capsys.readouterr()
+    assert "gplfd demos replay results/demos/oracle-v0" in printed.out
+    assert "medium, seed 0: time limit" in printed.err
+
+
+def test_replay_is_bit_exact(
+    gplfd: Gplfd, recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert gplfd("demos", "replay", str(recorded)) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("oracle-v0: policy oracle in gplfd/DoorOpening-v0")
+    assert lines[1:-1] == [f"episode {n}: bit-exact over 8 steps" for n in range(4)]
+    assert lines[-1] == "4 of 4 episodes are the recording, bit for bit"
+
+
+def test_replay_of_some_episodes(
+    gplfd: Gplfd, recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert gplfd("demos", "replay", str(recorded), "--episodes", "3", "1") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in lines[1:-1]] == ["episode 3", "episode 1"]
+
+
+def edit(folder: Path, change: Callable[[Any], None]) -> None:
+    file = folder / "data" / "metadata.json"
+    metadata = json.loads(file.read_text())
+    change(metadata)
+    file.write_text(json.dumps(metadata))
+
+
+def test_replay_of_a_tampered_recording_departs_with_status_1(
+    gplfd: Gplfd, copied: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import h5py
+
+    with h5py.File(copied / "data" / "main_data.hdf5", "a") as file:
+        file["episode_1/infos/physics_state"][6, 1] += 1e-12
+    edit(copied, lambda m: m["gplfd"]["versions"].update(mujoco="3.9.0"))
+    assert gplfd("demos", "replay", str(copied)) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].startswith("not as recorded: mujoco was 3.9.0, is ")
+    assert lines[3].startswith("episode 1: departs at step 6 of 8: qpos by 1e-12;")
+    assert lines[-1] == "3 of 4 episodes are the recording, bit for bit"
+
+
+def test_inspect_prints_a_line_per_episode(
+    gplfd: Gplfd, recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert gplfd("demos", "inspect", str(recorded)) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("oracle-v0: policy oracle in gplfd/DoorOpening-v0")
+    assert any("mujoco" in line and "numpy" in line for line in lines)
+    rows = [line.split() for line in lines[-4:]]
+    assert [row[:6] for row in rows] == [
+        ["0", "0.350", "5", "8", "0.08", "0.0"],
+        ["1", "0.350", "6", "8", "0.08", "0.0"],
+        ["2", "0.420", "5", "8", "0.08", "0.0"],
+        ["3", "0.420", "6", "8", "0.08", "0.0"],
+    ]
+    assert rows[0][-1] == rows[1][-1] != rows[2][-1]
+
+
+def cut(folder: Path) -> None:
+    file = folder / "data" / "main_data.hdf5"
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+
+
+def lose_an_episode(folder: Path) -> None:
+    import h5py
+
+    with h5py.File(folder / "data" / "main_data.hdf5", "a") as file:
+        del file["episode_3"]
+
+
+def lose_the_states(folder: Path) -> None:
+    import h5py
+
+    with h5py.File(folder / "data" / "main_data.hdf5", "a") as file:
+        del file["episode_0/infos/physics_state"]
+
+
+def shorten_the_states(folder: Path) -> None:
+    import h5py
+
+    with h5py.File(folder / "data" / "main_data.hdf5", "a") as file:
+        file["episode_0/infos/physics_state"].resize(5, axis=0)
+
+
+def foreign(metadata: Any) -> None:
+    spec = json.loads(metadata["env_spec"])
+    spec["id"], spec["entry_point"] = "CartPole-v1", "os:abort"
+    metadata["env_spec"] = json.dumps(spec)
+
+
+def unknown_argument(metadata: Any) -> None:
+    spec = json.loads(metadata["env_spec"])
+    spec["kwargs"] = {"gravity": "up"}
+    metadata["env_spec"] = json.dumps(spec)
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (shutil.rmtree, "is not a data set: there is no data/metadata.json in it"),
+        (lambda f: (f / "data/main_data.hdf5").unlink(), "no data/main_data.hdf5"),
+        (cut, "truncated file"),
+        (lose_an_episode, "3 of 4 episodes are in the file"),
+        (lose_the_states, "physics_state"),
+        (shorten_the_states, "an episode of 8 steps has 5 physics states"),
+        (lambda f: (f / "data/metadata.json").write_text("{"), "copy-v0: Expecting"),
+        (lambda f: edit(f, lambda m: m.pop("gplfd")), "was not recorded by `gplfd de"),
+        (lambda f: edit(f, lambda m: m["gplfd"].update(layout=9)), "layout 9, this"),
+        (
+            lambda f: edit(f, lambda m: m["gplfd"]["versions"].pop("numpy")),
+            "does not say with which numpy",
+        ),
+        (lambda f: edit(f, lambda m: m.pop("env_spec")), "incomplete: env_spec"),
+        (lambda f: edit(f, foreign), "recorded in CartPole-v1, which is no environ"),
+        (lambda f: edit(f, unknown_argument), "cannot make gplfd/DoorOpening-v0 with"),
+    ],
+)
+def test_a_bad_data_set_is_one_paragraph_and_status_2(
+    gplfd: Gplfd,
+    copied: Path,
+    capsys: pytest.CaptureFixture[str],
+    damage: Callable[[Path], Any],
+    message: str,
+) -> None:
+    damage(copied)
+    assert gplfd("demos", "replay", str(copied)) == 2
+    printed = capsys.readouterr().err
+    assert message in printed
+    assert len([line for line in printed.splitlines() if "gplfd: " in line]) == 1
+    assert "Traceback" not in printed
+
+
+def test_an_unknown_episode_is_refused_before_any_is_run(
+    gplfd: Gplfd, recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert gplfd("demos", "replay", str(recorded), "--episodes", "0", "4") == 2
+    printed = capsys.readouterr()
+    assert "has no episode 4; its episodes are 0 to 3" in printed.err
+    assert printed.out == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--policy", "oracel"], "unknown policy 'oracel' (did you mean 'oracle'?)"),
+        (["--doors", "smal"], "unknown door 'smal' (did you mean 'small'?)"),
+        (["--episodes", "0"], "--episodes 0 must be 1 or more"),
+        (["--seed", "-1"], "--seed -1 must be 0 or more"),
+        (["--max-steps", "0"], "--max-steps 0 must be 1 or more"),
+        (["--demonstrations-per-door", "0"], "--demonstrations-per-door 0 must be 1"),
+        (["--out", "demos"], "for example door-opening-v0"),
+        (["--out", "taken-v0"], "taken-v0 exists and is not a data set"),
+        (["--out", "taken-v0/below-v0"], "taken-v0"),
+        (["--randomization", "wild"], "wild"),
+    ],
+)
+def test_bad_arguments_of_record_leave_no_files(
+    gplfd: Gplfd,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    message: str,
+) -> None:
+    (tmp_path / "taken-v0").write_text("")
+    assert gplfd("demos", "record", "--policy", "oracle", *arguments) == 2
+    printed = capsys.readouterr().err
+    assert message in printed.splitlines()[-1]
+    assert "Traceback" not in printed
+    assert {path.name for path in tmp_path.iterdir()} == {"taken-v0"}

@@ -1,0 +1,456 @@
+"""A recorded data set: readable by Minari itself, complete, whole or absent."""
+
+import dataclasses
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import minari
+import mujoco
+import numpy as np
+import pytest
+
+from experiments.demonstration_files.minari import (
+    Episode,
+    Recorder,
+    new_dataset,
+    open_dataset,
+)
+from experiments.demonstration_files.minari.physics import (
+    model_digests,
+    model_hash,
+    physics_state,
+    state_layout,
+)
+from experiments.replay import compare, replay
+from gplfd_env import ENVIRONMENT_ID
+from gplfd_env.config import DoorConfig
+from gplfd_env.randomization import DoorRandomization
+from gplfd_env.task import handle_pose_on_arc
+
+N_STEPS = 12
+OPTIONS: dict[str, Any] = {"door": {"radius": 0.4, "hinge_friction": 1.5}}
+
+
+@pytest.fixture(scope="module")
+def env() -> Iterator[gym.Env[Any, Any]]:
+    made = gym.make(ENVIRONMENT_ID, max_episode_steps=N_STEPS)
+    yield made
+    made.close()
+
+
+def record(env: gym.Env[Any, Any], seed: int, options: Any = None) -> Episode:
+    """Pull the door as far as the time limit allows."""
+    recorder = Recorder(env)
+    recorder.reset(seed=seed, options=options)
+    truncated, angle = False, 0.0
+    while not truncated:
+        angle += 0.01
+        _, _, _, truncated, _ = recorder.step(handle_pose_on_arc(0.4, angle))
+    return recorder.episode
+
+
+@pytest.fixture(scope="module")
+def episodes(env: gym.Env[Any, Any]) -> list[Episode]:
+    return [record(env, 3), record(env, 4, OPTIONS)]
+
+
+@pytest.fixture(scope="module")
+def folder(
+    env: gym.Env[Any, Any],
+    episodes: list[Episode],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
+    path = tmp_path_factory.mktemp("root") / "pulled-v2"
+    with new_dataset(path, env=env, policy="by hand", config={"a": 1}) as dataset:
+        for episode in episodes:
+            dataset.add(episode)
+    return path
+
+
+def assert_same(found: Any, expected: Any) -> None:
+    """Bit for bit, through nested mappings."""
+    if isinstance(expected, Mapping):
+        assert set(found) == set(expected)
+        for name in expected:
+            assert_same(found[name], expected[name])
+    elif np.asarray(expected).dtype.kind == "U":
+        assert [str(text) for text in found] == list(expected)
+    else:
+        assert found.dtype == expected.dtype
+        assert found.shape == expected.shape
+        assert found.tobytes() == expected.tobytes()
+
+
+def test_minari_reads_every_bit(folder: Path, episodes: list[Episode]) -> None:
+    dataset = minari.MinariDataset(folder / "data")
+    assert dataset.id == "pulled-v2"
+    assert dataset.total_steps == 2 * N_STEPS
+    for stored, episode in zip(dataset, episodes, strict=True):
+        infos = {
+            **stored.infos,
+            "failure": [t.decode() for t in stored.infos["failure"]],
+        }
+        assert_same(stored.observations, episode.observations)
+        assert_same(infos, episode.infos)
+        for name in ("actions", "rewards", "terminations", "truncations"):
+            assert_same(getattr(stored, name), getattr(episode, name))
+        assert len(stored.infos["success"]) == N_STEPS + 1
+        assert dataset.observation_space.contains(
+            {name: rows[-1] for name, rows in stored.observations.items()}
+        )
+
+
+def test_minari_keeps_seed_options_and_hash_of_every_episode(
+    folder: Path, episodes: list[Episode]
+) -> None:
+    dataset = minari.MinariDataset(folder / "data")
+    first, second = dataset.storage.get_episode_metadata([0, 1])
+    assert (first["seed"], second["seed"]) == (3, 4)
+    assert "options" not in first
+    assert second["options"] == OPTIONS
+    for stored, episode in zip((first, second), episodes, strict=True):
+        assert stored["gplfd"]["model_hash"] == model_hash(episode.model_digests)
+    assert first["gplfd"]["model_hash"] != second["gplfd"]["model_hash"]
+
+
+def test_minari_finds_it_by_id_and_recovers_the_environment(folder: Path) -> None:
+    """In a process that knows nothing of this package."""
+    code = (
+        "import minari\n"
+        "env = minari.load_dataset('pulled-v2').recover_environment()\n"
+        "print(env.spec.id, env.spec.max_episode_steps)\n"
+        "print(sorted(env.reset(seed=0)[0]))\n"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-W", "error::UserWarning", "-c", code],
+        env=os.environ | {"MINARI_DATASETS_PATH": str(folder.parent)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert f"{ENVIRONMENT_ID} {N_STEPS}" in ran.stdout
+    assert "'ee_pose'" in ran.stdout
+
+
+def test_it_is_read_back_as_it_was_recorded(
+    folder: Path, episodes: list[Episode]
+) -> None:
+    for path in (folder, folder / "data"):
+        dataset = open_dataset(path)
+        assert dataset.path == folder
+        assert dataset.n_episodes == 2
+        for number, expected in enumerate(episodes):
+            episode = dataset.episode(number)
+            assert (episode.seed, episode.options) == (expected.seed, expected.options)
+            assert episode.state_layout == expected.state_layout
+            assert list(episode.state_layout) == list(expected.state_layout)
+            assert episode.model_digests == expected.model_digests
+            for name in ("observations", "infos", "actions", "rewards"):
+                assert_same(getattr(episode, name), getattr(expected, name))
+    assert dataset.policy == "by hand"
+    assert dataset.environment == ENVIRONMENT_ID
+    assert dataset.arguments["max_episode_steps"] == N_STEPS
+    assert dataset.origin["config"] == {"a": 1}
+    assert dataset.origin["versions"]["mujoco"] == mujoco.__version__
+
+
+def test_minari_can_append(
+    env: gym.Env[Any, Any], episodes: list[Episode], tmp_path: Path
+) -> None:
+    """Packing must not freeze the file: a new episode, and more of an old one."""
+    from minari.data_collector.episode_buffer import EpisodeBuffer
+
+    with new_dataset(tmp_path / "a-v0", env=env, policy="p", config={}) as dataset:
+        dataset.add(episodes[0])
+    grown = minari.MinariDataset(tmp_path / "a-v0" / "data")
+    stored = grown[0]
+    more = {
+        name: getattr(stored, name)
+        for name in ("observations", "actions", "rewards", "terminations")
+    }
+    for number in (1, 0):
+        buffer = EpisodeBuffer(
+            id=number, truncations=stored.truncations, infos={}, **more
+        )
+        grown.storage.update_episodes([buffer])
+    (longer, new) = minari.MinariDataset(tmp_path / "a-v0" / "data")
+    assert_same(new.observations, episodes[0].observations)
+    assert len(longer.actions) == 2 * N_STEPS
+
+
+def test_states_are_packed(folder: Path, episodes: list[Episode]) -> None:
+    import h5py
+
+    with h5py.File(folder / "data" / "main_data.hdf5") as file:
+        states = file["episode_0/infos/physics_state"]
+        assert states.id.get_storage_size() < 0.4 * episodes[0].states.nbytes
+    assert {path.name for path in (folder / "data").iterdir()} == {
+        *("main_data.hdf5", "metadata.json")
+    }
+
+
+def test_the_recorder_keeps_what_was_seen_not_what_became_of_it(
+    env: gym.Env[Any, Any],
+) -> None:
+    recorder = Recorder(env)
+    observation, info = recorder.reset(seed=0)
+    action = np.full(6, 0.01)
+    for name in observation:
+        observation[name][:] = 99.0
+    info["handle_pose"][:] = 99.0
+    recorder.step(action)
+    action[:] = 99.0
+    episode = recorder.episode
+    assert np.abs(episode.observations["ee_pose"]).max() < 1.0
+    assert np.abs(episode.infos["handle_pose"]).max() < 1.0
+    assert np.all(episode.actions == 0.01)
+
+
+def test_a_reset_begins_a_new_recording(env: gym.Env[Any, Any]) -> None:
+    recorder = Recorder(env)
+    for seed, n_steps in ((1, 5), (2, 3)):
+        recorder.reset(seed=seed)
+        for _ in range(n_steps):
+            recorder.step(np.zeros(6))
+    assert (recorder.episode.seed, len(recorder.episode)) == (2, 3)
+    assert len(recorder.episode.states) == 4
+
+
+def test_a_state_is_all_that_the_next_step_needs(episodes: list[Episode]) -> None:
+    episode = episodes[0]
+    env = gym.make(ENVIRONMENT_ID)
+    env.reset(seed=99)
+    unwrapped: Any = env.unwrapped
+    start = 5
+    every = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+    mujoco.mj_setState(unwrapped.model, unwrapped.data, episode.states[start], every)
+    for step in range(start, N_STEPS):
+        env.step(episode.actions[step])
+        state = physics_state(unwrapped.model, unwrapped.data)
+        assert state.tobytes() == episode.states[step + 1].tobytes()
+
+
+def test_the_layout_names_the_parts_of_the_state(env: gym.Env[Any, Any]) -> None:
+    env.reset(seed=0)
+    unwrapped: Any = env.unwrapped
+    model, data = unwrapped.model, unwrapped.data
+    env.step(np.full(6, 0.01))
+    layout, state = state_layout(model), physics_state(model, data)
+    parts = dict(
+        zip(layout, np.split(state, np.cumsum(list(layout.values()))[:-1]), strict=True)
+    )
+    np.testing.assert_array_equal(parts["qpos"], data.qpos)
+    np.testing.assert_array_equal(parts["qvel"], data.qvel)
+    np.testing.assert_array_equal(parts["ctrl"], data.ctrl)
+    np.testing.assert_array_equal(parts["warmstart"], data.qacc_warmstart)
+    assert parts["time"] == data.time
+
+
+MODEL = (
+    "<mujoco><worldbody><body><joint/><geom size='0.1' {geom}/></body></worldbody>"
+    "<option {option}/></mujoco>"
+)
+
+
+@pytest.mark.parametrize(
+    ("geom", "option", "differing"),
+    [
+        ("", "", set()),
+        ("friction='0.9'", "", {"geom"}),
+        ("", "gravity='0 0 -9.8'", {"opt"}),
+        ("", "timestep='0.0020000000000000005'", {"opt"}),
+    ],
+)
+def test_digests_tell_which_part_of_the_model_differs(
+    geom: str, option: str, differing: set[str]
+) -> None:
+    first, second = (
+        model_digests(mujoco.MjModel.from_xml_string(text))
+        for text in (
+            MODEL.format(geom="", option=""),
+            MODEL.format(geom=geom, option=option),
+        )
+    )
+    assert {part for part in first if first[part] != second[part]} == differing
+    assert (model_hash(first) == model_hash(second)) == (not differing)
+
+
+def test_a_recorder_wants_a_seed_and_a_step(env: gym.Env[Any, Any]) -> None:
+    recorder = Recorder(env)
+    with pytest.raises(ValueError, match=r"needs a seed.*reset\(seed=\.\.\.\)"):
+        recorder.reset()
+    recorder.reset(seed=0)
+    with pytest.raises(ValueError, match="nothing is recorded yet"):
+        _ = recorder.episode
+
+
+def test_options_stay_in_force_and_records_are_kept_as_mappings() -> None:
+    """An episode is the same whatever was run before it in the same environment."""
+    recorder = Recorder(gym.make(ENVIRONMENT_ID))
+    recorder.reset(seed=1, options={"door": DoorConfig(radius=0.4)})
+    recorder.step(np.zeros(6))
+    first = recorder.episode
+    assert first.options == {"door": dataclasses.asdict(DoorConfig(radius=0.4))}
+    recorder.reset(seed=2)
+    recorder.step(np.zeros(6))
+    assert recorder.episode.options == first.options
+    again = replay(recorder.episode, gym.make(ENVIRONMENT_ID))
+    assert compare(recorder.episode, again).exact
+
+
+def test_a_randomization_record_survives_the_file(tmp_path: Path) -> None:
+    drawn = DoorRandomization(radius=(0.4, 0.5), wrench_noise=(0.5, 0.05))
+    recorder = Recorder(gym.make(ENVIRONMENT_ID))
+    recorder.reset(seed=1, options={"randomization": drawn})
+    recorder.step(np.zeros(6))
+    with new_dataset(tmp_path / "a-v0", env=recorder, policy="p", config={}) as dataset:
+        dataset.add(recorder.episode)
+    stored = open_dataset(tmp_path / "a-v0")
+    episode = stored.episode(0)
+    assert compare(episode, replay(episode, stored.make_environment())).exact
+    assert 0.4 < episode.infos["door_radius"][0] < 0.5
+    # The recorder is no part of the environment to make again.
+    assert minari.MinariDataset(stored.path / "data").env_spec == recorder.env.spec
+
+
+def test_arguments_that_no_file_can_hold_are_refused(tmp_path: Path) -> None:
+    env = gym.make(ENVIRONMENT_ID, door=np.float32(0.5))
+    with (
+        pytest.raises(ValueError, match="give names, numbers or mappings instead"),
+        new_dataset(tmp_path / "a-v0", env=env, policy="p", config={}),
+    ):
+        pass
+
+
+class OddInfo(gym.Wrapper[Any, Any, Any, Any]):
+    """An environment with one more info, after the first step only if so wanted."""
+
+    def __init__(self, env: gym.Env[Any, Any], rows: list[dict[str, Any]]) -> None:
+        super().__init__(env)
+        self.rows = list(rows)
+
+    def reset(self, **arguments: Any) -> Any:
+        observation, info = self.env.reset(**arguments)
+        return observation, info | self.rows.pop(0)
+
+    def step(self, action: Any) -> Any:
+        *results, info = self.env.step(action)
+        return *results, info | self.rows.pop(0)
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ([{"odd": None}, {"odd": None}], "info 'odd' is no number, text or array"),
+        ([{"odd": 1}, {}], "info 'odd' must be in every step"),
+        ([{"odd": [1]}, {"odd": [1, 2]}], "info 'odd' must be in every step and keep"),
+        ([{"odd": {"in": 1}}, {"odd": {}}], "info odd 'in' must be in every step"),
+    ],
+)
+def test_an_info_that_makes_no_array_is_named(
+    env: gym.Env[Any, Any], rows: list[dict[str, Any]], message: str
+) -> None:
+    recorder = Recorder(OddInfo(env, rows))
+    recorder.reset(seed=0)
+    recorder.step(np.zeros(6))
+    with pytest.raises(ValueError, match=message):
+        _ = recorder.episode
+
+
+def listed(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_a_recording_that_fails_leaves_nothing(
+    env: gym.Env[Any, Any], episodes: list[Episode], tmp_path: Path
+) -> None:
+    def fail() -> None:
+        with new_dataset(tmp_path / "a-v0", env=env, policy="p", config={}) as dataset:
+            dataset.add(episodes[0])
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fail()
+    assert listed(tmp_path) == set()
+    assert "MINARI_DATASETS_PATH" not in os.environ
+
+
+def test_a_data_set_is_replaced_only_when_told_and_only_by_a_whole_one(
+    env: gym.Env[Any, Any], episodes: list[Episode], tmp_path: Path
+) -> None:
+    target = tmp_path / "a-v0"
+
+    def write(policy: str, kept: list[Episode], *, overwrite: bool) -> None:
+        with new_dataset(
+            target, env=env, policy=policy, config={}, overwrite=overwrite
+        ) as dataset:
+            for episode in kept:
+                dataset.add(episode)
+
+    write("first", episodes[:1], overwrite=False)
+    with pytest.raises(ValueError, match=r"exists; give another folder, or --overwr"):
+        write("second", episodes, overwrite=False)
+    with pytest.raises(ValueError, match="at least one episode"):
+        write("third", [], overwrite=True)
+    assert open_dataset(target).policy == "first"
+    write("fourth", episodes, overwrite=True)
+    assert open_dataset(target).policy == "fourth"
+    assert open_dataset(target).n_episodes == 2
+    assert listed(tmp_path) == {"a-v0"}
+
+
+def test_a_folder_of_something_else_is_never_replaced(
+    env: gym.Env[Any, Any], tmp_path: Path
+) -> None:
+    (tmp_path / "a-v0").mkdir()
+    (tmp_path / "a-v0" / "thesis.tex").write_text("precious")
+    with (
+        pytest.raises(ValueError, match="is not a data set; give another folder"),
+        new_dataset(tmp_path / "a-v0", env=env, policy="p", config={}, overwrite=True),
+    ):
+        pass
+    assert listed(tmp_path / "a-v0") == {"thesis.tex"}
+
+
+@pytest.mark.parametrize("name", ["demos", "demos-v", "a b-v0", "-v0"])
+def test_the_folder_must_be_named_like_an_id(
+    env: gym.Env[Any, Any], tmp_path: Path, name: str
+) -> None:
+    with (
+        pytest.raises(ValueError, match="for example door-opening-v0"),
+        new_dataset(tmp_path / name, env=env, policy="p", config={}),
+    ):
+        pass
+    assert listed(tmp_path) == set()
+
+
+def test_without_minari_the_extra_is_named(
+    env: gym.Env[Any, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with (
+        pytest.raises(ValueError, match=r"pip install 'gplfd\[minari\]'"),
+        new_dataset(tmp_path / "a-v0", env=env, policy="p", config={}),
+    ):
+        pass
+
+
+def test_without_h5py_the_extra_is_named(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(ValueError, match=r"h5py is not .* 'gplfd\[minari\]'"):
+        open_dataset(folder)
+
+
+def test_the_versions_are_minaris_own_requirements(folder: Path) -> None:
+    metadata = json.loads((folder / "data" / "metadata.json").read_text())
+    assert f"mujoco=={mujoco.__version__}" in metadata["requirements"]
+    assert metadata["algorithm_name"] == "by hand"

@@ -1,0 +1,232 @@
+"""A replay tells whether it is the recording, and otherwise where it departs."""
+
+import dataclasses
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from experiments.demonstration_files.minari import Episode, Recorder, open_dataset
+from experiments.provenance import versions
+from experiments.replay import Comparison, changes_since, compare, replay
+from gplfd_env import ENVIRONMENT_ID
+from gplfd_env.task import handle_pose_on_arc
+
+STORED = Path(__file__).with_name("data") / "door-opening-v0"
+RECORD_AGAIN = (
+    "gplfd demos record --doors medium --max-steps 80 "
+    "--out tests/experiments/data/door-opening-v0 --overwrite"
+)
+"""From the checkout's root; done whenever scene, task or robot change on purpose."""
+
+TOLERANCE = 1e-7
+"""Largest difference [SI] of any compared number where another processor or another
+MuJoCo computes. Rounding differences of other processors stay below 1e-10 in this
+episode; a door that is 1 g heavier is above."""
+
+N_STEPS = 10
+
+
+def record(env: gym.Env[Any, Any], n_steps: int = N_STEPS) -> Episode:
+    recorder = Recorder(env)
+    recorder.reset(seed=1, options={"door": {"radius": 0.45}})
+    for step in range(n_steps):
+        recorder.step(handle_pose_on_arc(0.45, 0.02 * (step + 1)))
+    env.close()
+    return recorder.episode
+
+
+@pytest.fixture(scope="module")
+def episode() -> Episode:
+    return record(gym.make(ENVIRONMENT_ID))
+
+
+def changed_state(episode: Episode, row: int, part: str, amount: float) -> Episode:
+    states = episode.states.copy()
+    start = 0
+    for name, size in episode.state_layout.items():
+        if name == part:
+            states[row, start + size - 1] += amount
+        start += size
+    return dataclasses.replace(
+        episode, infos={**episode.infos, "physics_state": states}
+    )
+
+
+def test_a_replay_on_the_same_machine_is_the_recording(episode: Episode) -> None:
+    comparison = compare(episode, replay(episode, gym.make(ENVIRONMENT_ID)))
+    assert comparison == Comparison(
+        steps=N_STEPS, replayed_steps=N_STEPS, departure=None, model_parts=()
+    )
+    assert comparison.exact
+    assert str(comparison) == f"bit-exact over {N_STEPS} steps"
+
+
+def test_the_first_departure_is_named_with_field_and_distance(
+    episode: Episode,
+) -> None:
+    other = changed_state(changed_state(episode, 7, "qvel", 1e-9), 4, "warmstart", 0.5)
+    departure = compare(episode, other).departure
+    assert departure is not None
+    assert departure.step == 4
+    assert departure.fields == {"warmstart": 0.5}
+    assert departure.largest["qvel"] == pytest.approx(1e-9, rel=1e-6)
+    text = str(compare(episode, other))
+    assert "departs at step 4 of 10: warmstart by 0.5" in text
+    assert "at most: qvel by 1e-09, warmstart by 0.5" in text
+
+
+def test_one_bit_is_a_departure(episode: Episode) -> None:
+    states = episode.states.copy()
+    states[3, 2] = np.nextafter(states[3, 2], 1.0)
+    infos = {**episode.infos, "physics_state": states}
+    departure = compare(episode, dataclasses.replace(episode, infos=infos)).departure
+    assert departure is not None
+    assert departure.step == 3
+
+
+def test_what_is_no_number_is_infinitely_far(episode: Episode) -> None:
+    broken = changed_state(episode, 6, "qpos", math.nan)
+    assert compare(broken, broken).exact
+    departure = compare(episode, broken).departure
+    assert departure is not None
+    assert departure.fields == {"qpos": math.inf}
+    assert departure.step == 6
+
+
+def test_noise_that_only_the_agent_sees_is_a_departure(episode: Episode) -> None:
+    pose = episode.observations["ee_pose"].copy()
+    pose[2, 0] += 1e-3
+    seen = {**episode.observations, "ee_pose": pose}
+    departure = compare(
+        episode, dataclasses.replace(episode, observations=seen)
+    ).departure
+    assert departure is not None
+    assert departure.step == 2
+    assert departure.fields == {"observed ee_pose": pytest.approx(1e-3)}
+
+
+def test_another_outcome_is_a_departure(episode: Episode) -> None:
+    rewards = episode.rewards.copy()
+    rewards[-1] += 1.0
+    departure = compare(
+        episode, dataclasses.replace(episode, rewards=rewards)
+    ).departure
+    assert departure is not None
+    assert departure.step == N_STEPS
+    assert departure.fields == {"rewards": pytest.approx(1.0)}
+
+
+def test_another_layout_departs_at_the_reset(episode: Episode) -> None:
+    wider = dataclasses.replace(
+        episode,
+        infos={
+            **episode.infos,
+            "physics_state": np.hstack([episode.states, np.zeros((N_STEPS + 1, 1))]),
+        },
+        state_layout={**episode.state_layout, "userdata": 1},
+    )
+    for one, other in ((episode, wider), (wider, episode)):
+        departure = compare(one, other).departure
+        assert departure is not None
+        assert (departure.step, departure.fields) == (0, {"userdata": math.inf})
+
+
+class Heavier(gym.Wrapper[Any, Any, Any, Any]):
+    """A door leaf that is 1 g heavier than it says."""
+
+    def reset(self, **arguments: Any) -> Any:
+        result = self.env.reset(**arguments)
+        model: Any = self.env.unwrapped.model  # type: ignore[attr-defined]
+        leaf = int(np.argmax(model.body_mass * (model.body_weldid > 0)))
+        model.body_inertia[leaf] *= 1.0 + 1e-3 / model.body_mass[leaf]
+        model.body_mass[leaf] += 1e-3
+        return result
+
+
+def test_another_model_is_named_and_departs(episode: Episode) -> None:
+    comparison = compare(episode, replay(episode, Heavier(gym.make(ENVIRONMENT_ID))))
+    assert comparison.model_parts == ("body",)
+    assert str(comparison).startswith("the model differs in body; departs at step 1")
+
+
+def test_a_replay_that_ends_early_says_so(episode: Episode) -> None:
+    short = gym.make(ENVIRONMENT_ID, max_episode_steps=N_STEPS - 3)
+    comparison = compare(episode, replay(episode, short))
+    assert not comparison.exact
+    assert comparison.replayed_steps == N_STEPS - 3
+    assert comparison.departure is not None
+    assert comparison.departure.fields == {"truncations": 1.0}
+    assert f"ended after {N_STEPS - 3} of {N_STEPS} steps" in str(comparison)
+
+
+def test_steps_beyond_the_end_are_not_taken_again() -> None:
+    beyond = record(gym.make(ENVIRONMENT_ID, max_episode_steps=N_STEPS - 2))
+    again = replay(beyond, gym.make(ENVIRONMENT_ID, max_episode_steps=N_STEPS - 2))
+    comparison = compare(beyond, again)
+    assert not comparison.exact
+    assert str(comparison) == f"ended after {N_STEPS - 2} of {N_STEPS} steps"
+
+
+def test_an_episode_does_not_depend_on_the_one_before() -> None:
+    """One environment records all episodes, every replay has its own."""
+    env = gym.make(ENVIRONMENT_ID)
+    record_one = Recorder(env)
+    record_one.reset(seed=5, options={"door": "small"})
+    for _ in range(5):
+        record_one.step(np.full(6, 0.02))
+    second = record(env)
+    assert compare(second, replay(second, gym.make(ENVIRONMENT_ID))).exact
+
+
+def test_changed_versions_and_processors_are_told() -> None:
+    origin = {
+        "versions": {**versions(), "mujoco": "3.9.0"},
+        "arithmetic": {"machine": "z80"},
+    }
+    changes = changes_since(origin)
+    assert changes["mujoco"] == ("3.9.0", versions()["mujoco"])
+    assert changes["machine"][0] == "z80"
+    assert changes["C library"][0] == "unknown"
+    assert "numpy" not in changes
+
+
+def test_the_stored_episode_replays() -> None:
+    """Bit for bit on the kind of machine that recorded it, to rounding elsewhere."""
+    again = f"\nif this change of the physics is meant, record again: {RECORD_AGAIN}"
+    dataset = open_dataset(STORED)
+    stored = dataset.episode(0)
+    comparison = compare(stored, replay(stored, dataset.make_environment()))
+    # A new version of this package promises the same physics.
+    elsewhere = changes_since(dataset.origin).keys() - {"gplfd"}
+    if not elsewhere:
+        assert comparison.exact, f"{comparison}{again}"
+    else:
+        where = f"{comparison}; not as recorded: {', '.join(sorted(elsewhere))}{again}"
+        assert comparison.replayed_steps == comparison.steps, where
+        departure = comparison.departure
+        largest = {} if departure is None else departure.largest
+        assert max(largest.values(), default=0.0) < TOLERANCE, where
+
+
+def test_the_stored_episode_tells_a_gram_of_the_door() -> None:
+    """So the tolerance catches a changed scene."""
+    dataset = open_dataset(STORED)
+    stored = dataset.episode(0)
+    comparison = compare(stored, replay(stored, Heavier(dataset.make_environment())))
+    assert comparison.departure is not None
+    assert max(comparison.departure.largest.values()) > TOLERANCE
+
+
+def test_the_stored_episode_is_small_and_moves_the_door() -> None:
+    files = [path for path in STORED.rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) < 100_000
+    dataset = open_dataset(STORED)
+    stored = dataset.episode(0)
+    assert len(stored) == int(re.findall(r"--max-steps (\d+)", RECORD_AGAIN)[0])
+    assert stored.infos["door_angle"][-1] > math.radians(0.1)
+    assert stored.infos["grasped"].all()

@@ -1,0 +1,261 @@
+"""PAL's meshes, with a stand-in for the package that has them.
+
+The stand-in is an installed distribution of the same name with a description of the
+same structure and two boxes for meshes; its arm is 6 mm and 0.1 rad off ours.
+"""
+
+import importlib.metadata
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+from rerun.chunk import Chunk
+
+from experiments.recording.tiago_meshes import (
+    description,
+    link_differences,
+    tiago_looks,
+)
+from gplfd_env._paths import asset_path
+
+SHARE = "cmeel.prefix/share/example-robot-data/robots/tiago_description"
+ARM = "".join(
+    f"""
+  <link name="arm_{i}_link"/>
+  <joint name="arm_{i}_joint" type="revolute">
+    <parent link="{"torso_lift_link" if i == 1 else f"arm_{i - 1}_link"}"/>
+    <child link="arm_{i}_link"/><origin xyz="0.1 0 0" rpy="0 0 {{turn_{i}}}"/>
+    <axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/>
+  </joint>"""
+    for i in range(1, 8)
+)
+URDF = (
+    """<?xml version="1.0"?>
+<robot name="tiago">
+  <material name="Orange"><color rgba="1 0.5 0 1"/></material>
+  <link name="base_footprint"/>
+  <link name="base_link">
+    <visual><origin xyz="0 0 0.5"/><geometry><box size="0.2 0.2 0.2"/></geometry>
+    </visual>
+  </link>
+  <joint name="base_footprint_joint" type="fixed">
+    <parent link="base_footprint"/><child link="base_link"/><origin xyz="0 0 0.1"/>
+  </joint>
+  <link name="torso_lift_link"/>
+  <joint name="torso_lift_joint" type="prismatic">
+    <parent link="base_link"/><child link="torso_lift_link"/><origin xyz="0 0 {lift}"/>
+    <axis xyz="0 0 1"/><limit lower="0" upper="0.35" effort="1" velocity="1"/>
+  </joint>
+  <link name="head_1_link">
+    <visual><origin xyz="0.02 0 0" rpy="0 0 1.5707963267948966"/><geometry>
+      <mesh filename="package://example-robot-data/robots/tiago_description/meshes/a.stl"/>
+    </geometry><material name="Orange"/></visual>
+  </link>
+  <joint name="head_1_joint" type="revolute">
+    <parent link="torso_lift_link"/><child link="head_1_link"/>
+    <origin xyz="0 0 0.3"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/>
+  </joint>"""
+    + ARM
+    + "</robot>"
+)
+STRAIGHT = {f"turn_{i}": "0" for i in range(1, 8)}
+
+MODEL = """
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="base_footprint" pos="1 2 0" quat="0.8 0 0 0.6">
+      <body name="base_link" pos="0 0 0.1">
+        <geom name="base" size="0.1"/>
+        <body name="torso_lift_link" pos="0 0 0.2">
+          <joint name="torso_lift_joint" type="slide" axis="0 0 1"/>
+          <geom name="chest" size="0.1"/>
+          <body name="head_link"><geom name="head" size="0.1"/></body>
+          {arm}
+        </body>
+      </body>
+    </body>
+    <body name="door"><geom name="leaf" size="0.1"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def model() -> mujoco.MjModel:
+    arm = ""
+    for i in range(7, 0, -1):
+        arm = (
+            f'<body name="arm_{i}_link" pos="0.1 0 0"><joint name="arm_{i}_joint" '
+            f'axis="0 0 1"/><geom size="0.01" group="{3 if i > 1 else 0}"/>{arm}</body>'
+        )
+    return mujoco.MjModel.from_xml_string(MODEL.format(arm=arm))
+
+
+def install(site: Path, urdf: str) -> Path:
+    """Put the stand-in where the import system looks first."""
+    robots, meshes = site / SHARE / "robots", site / SHARE / "meshes"
+    robots.mkdir(parents=True)
+    meshes.mkdir()
+    (robots / "tiago_no_hand.urdf").write_text(urdf)
+    trimesh.creation.box([0.2, 0.4, 0.6]).export(meshes / "a.stl")
+    info = site / "example_robot_data-99.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Name: example-robot-data\nVersion: 99\n")
+    (info / "RECORD").write_text(
+        f"{SHARE}/robots/tiago_no_hand.urdf,,\n{SHARE}/meshes/a.stl,,\n"
+    )
+    return robots / "tiago_no_hand.urdf"
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.syspath_prepend(tmp_path)
+    return install(tmp_path, URDF.format(lift=0.2, **STRAIGHT))
+
+
+def names(one: mujoco.MjModel) -> list[str]:
+    return [one.body(body).name for body in range(one.nbody)]
+
+
+def test_the_description_is_found_where_it_is_installed(installed: Path) -> None:
+    assert description() == installed
+
+
+@pytest.mark.parametrize("files", [None, []])
+def test_without_the_package_its_name_is_told(
+    monkeypatch: pytest.MonkeyPatch, files: list[str] | None
+) -> None:
+    def find(name: str) -> list[str] | None:
+        if files is None:
+            raise importlib.metadata.PackageNotFoundError(name)
+        return files
+
+    monkeypatch.setattr(importlib.metadata, "files", find)
+    message = r"example-robot-data, which is not installed: pip install 'gplfd\[tiago\]"
+    with pytest.raises(ModuleNotFoundError, match=message):
+        tiago_looks(["base_link"])
+
+
+def test_without_the_reader_its_name_is_told(
+    installed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "yourdfpy", None)
+    message = r"yourdfpy, which is not installed: pip install 'gplfd\[tiago\]'"
+    with pytest.raises(ModuleNotFoundError, match=message):
+        tiago_looks(["base_link"])
+
+
+def test_a_mesh_goes_to_the_nearest_body_of_ours_in_its_frame(installed: Path) -> None:
+    looks = tiago_looks(names(model()))
+    assert set(looks.meshes) == {"base_link", "torso_lift_link"}
+    (head,) = looks.meshes["torso_lift_link"]
+    assert head.name == "head_1_link_0"
+    assert head.colour == (255, 127, 0, 255)
+    # Turned by a quarter: x and y of the box change places.
+    np.testing.assert_allclose(
+        [head.vertices.min(axis=0), head.vertices.max(axis=0)],
+        [[0.02 - 0.2, -0.1, 0.3 - 0.3], [0.02 + 0.2, 0.1, 0.3 + 0.3]],
+        atol=1e-7,
+    )
+    triangles = head.vertices.reshape(-1, 3, 3)
+    across = np.cross(
+        triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    )
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    np.testing.assert_allclose(head.normals[::3], across, atol=1e-6)
+
+
+def test_meshes_of_links_that_are_not_ours_are_left_out(installed: Path) -> None:
+    assert set(tiago_looks(["torso_lift_link"]).meshes) == {"torso_lift_link"}
+
+
+def seen(one: mujoco.MjModel) -> set[str]:
+    """Bodies with a geom that is drawn: MuJoCo draws groups 0 to 2."""
+    drawn = one.geom_bodyid[one.geom_group <= 2]
+    return {one.body(int(body)).name for body in drawn}
+
+
+def test_bodies_with_meshes_are_bare_and_the_others_stay(installed: Path) -> None:
+    ours = model()
+    bare = tiago_looks(names(ours)).undressed(ours)
+    assert seen(bare) == {"arm_1_link", "door"}
+    assert seen(ours) == seen(bare) | {"base_link", "torso_lift_link", "head_link"}
+
+
+def column(chunk: Chunk, name: str) -> np.ndarray:
+    batch = chunk.to_record_batch()
+    (field,) = [n for n in batch.schema.names if n.endswith(name)]
+    return np.array(batch.column(field).to_pylist()[0])
+
+
+def test_meshes_are_drawn_where_the_bodies_are(installed: Path) -> None:
+    ours = model()
+    chunks = {c.entity_path: c for c in tiago_looks(names(ours)).drawn(ours)}
+    base, head = "base_link_0", "head_1_link_0"
+    assert set(chunks) == {
+        f"/world/scene/world/tiago_{base}",
+        f"/world/scene/torso_lift_link/tiago_{head}",
+    }
+    # The base never moves and lies in the world: from (1, 2, 0.1), turned by 73.7
+    # degrees (cos 0.28, sin 0.96), a cube of 0.2 that is 0.5 up.
+    fixed = column(chunks[f"/world/scene/world/tiago_{base}"], "vertex_positions")
+    reach = 0.1 * (0.28 + 0.96)
+    np.testing.assert_allclose(
+        [fixed.min(axis=0), fixed.max(axis=0)],
+        [[1 - reach, 2 - reach, 0.5], [1 + reach, 2 + reach, 0.7]],
+        atol=1e-6,
+    )
+    normals = column(chunks[f"/world/scene/world/tiago_{base}"], "vertex_normals")
+    outwards = np.einsum("ij,ij->i", normals, fixed - [1.0, 2.0, 0.6])
+    np.testing.assert_allclose(outwards, 0.1, atol=1e-6)
+    # The torso moves, and what it carries is in its frame.
+    carried = column(chunks[f"/world/scene/torso_lift_link/tiago_{head}"], "positions")
+    np.testing.assert_allclose(carried.max(axis=0), [0.22, 0.1, 0.6], atol=1e-6)
+
+
+def test_a_lost_mesh_file_is_told(installed: Path) -> None:
+    (installed.parents[1] / "meshes" / "a.stl").unlink()
+    with pytest.raises(
+        ValueError, match=r"1 of 2 meshes .* install example-robot-data"
+    ):
+        tiago_looks(["base_link"])
+
+
+def test_another_robot_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    install(tmp_path, '<robot name="other"><link name="trunk"/></robot>')
+    with pytest.raises(ValueError, match="is not TIAGo's description"):
+        tiago_looks(["base_link"])
+
+
+def test_differences_of_the_kinematics_are_measured_per_link(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """6 mm in the torso, and a turn of 0.1 rad in the fourth joint."""
+    monkeypatch.syspath_prepend(tmp_path)
+    install(tmp_path, URDF.format(lift=0.206, **{**STRAIGHT, "turn_4": "0.1"}))
+    rng = np.random.default_rng(0)
+    differences = link_differences(model(), rng.uniform(0.0, 0.3, (20, 8)))
+    assert set(differences) == {
+        *("base_footprint", "base_link", "torso_lift_link"),
+        *(f"arm_{i}_link" for i in range(1, 8)),
+    }
+    assert differences["base_footprint"] == pytest.approx((0.0, 0.0), abs=1e-12)
+    for link in ("torso_lift_link", "arm_1_link", "arm_3_link"):
+        assert differences[link] == pytest.approx((0.006, 0.0), abs=1e-9)
+    assert differences["arm_4_link"] == pytest.approx((0.006, 0.1), abs=1e-9)
+    distance, angle = differences["arm_7_link"]
+    assert angle == pytest.approx(0.1, abs=1e-9)
+    assert 0.006 < distance < 0.006 + 0.1 * 0.3
+
+
+def test_our_arm_names_its_joints_as_the_comparison_expects(installed: Path) -> None:
+    ours = mujoco.MjModel.from_xml_path(str(asset_path("tiago_like.urdf")))
+    differences = link_differences(ours, np.zeros((1, 8)))
+    assert {"base_link", "torso_lift_link", "arm_7_link"} <= set(differences)
