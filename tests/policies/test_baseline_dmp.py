@@ -1,0 +1,344 @@
+"""Dynamic movement primitives: learning, rollout, goals, and the orientation's form."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from gplfd_env.se3 import compose_rotvecs, rotation_distance
+from policies.aligned import AlignedDemonstrations
+from policies.alignment import align
+from policies.baselines.dmp import DMPConfig, DynamicMovementPrimitive, fit_dmp
+from policies.movement import Adaptable, Movement
+
+GRID = np.linspace(0.0, 1.0, 101)
+TURN = np.array([1.5, -1.0, 0.8])
+"""A rotation vector of 2 rad about a skew axis."""
+
+
+@pytest.fixture(scope="module")
+def aligned(demonstrations):
+    return align(demonstrations)
+
+
+@pytest.fixture(scope="module")
+def dmp(aligned):
+    return fit_dmp(aligned)
+
+
+def movement(poses: np.ndarray) -> AlignedDemonstrations:
+    """One demonstration, evenly sampled."""
+    return AlignedDemonstrations(
+        times=np.linspace(0.0, 1.0, len(poses)), poses=poses[None]
+    )
+
+
+def minimum_jerk(end: np.ndarray) -> np.ndarray:
+    """From zero to ``end`` along a straight line of coordinates, (201, 6)."""
+    s = np.linspace(0.0, 1.0, 201)[:, None]
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2) * end
+
+
+def turning(weights: np.ndarray | None = None) -> DynamicMovementPrimitive:
+    """A turn by ``TURN`` with given weights of the orientation, (n_basis, 3)."""
+    dmp = fit_dmp(movement(minimum_jerk(np.append([0.3, 0.0, -0.2], TURN))))
+    full = np.zeros_like(dmp.weights)
+    if weights is not None:
+        full[:, 3:] = weights
+    return replace(dmp, weights=full)
+
+
+def errors(dmp: DynamicMovementPrimitive, times: np.ndarray) -> np.ndarray:
+    """e = 2 log(q_g q*) along the rollout, (M, 3)."""
+    return compose_rotvecs(dmp.goal[3:], -dmp.predict(times).mean[:, 3:])
+
+
+def fading(times: np.ndarray, config: DMPConfig) -> np.ndarray:
+    """1 - h(t), solution of r̈ + α ṙ + αβ r = αβ x from rest at 1, in closed form."""
+    natural, decay = 0.5 * config.alpha, config.alpha_x
+    share = natural**2 / (natural - decay) ** 2
+    slope = decay * share + natural * (1.0 - share)
+    transient = (1.0 - share + slope * times) * np.exp(-natural * times)
+    return transient + share * np.exp(-decay * times)
+
+
+def forcing(dmp: DynamicMovementPrimitive, clock: float) -> np.ndarray:
+    """f(x), by the definition, (6,)."""
+    config = dmp.config
+    x = np.exp(-config.alpha_x * clock)
+    centres = np.exp(-config.alpha_x * np.linspace(0.0, 1.0, config.n_basis))
+    gap = np.abs(np.diff(centres))
+    heights = config.overlap ** ((x - centres) / np.append(gap, gap[-1])) ** 2
+    return x * (heights / heights.sum()) @ dmp.weights
+
+
+def test_is_a_movement_without_via_points(dmp, aligned):
+    assert isinstance(dmp, Movement)
+    assert not isinstance(dmp, Adaptable)
+    assert dmp.duration == aligned.duration
+
+
+def test_it_knows_no_spread(dmp):
+    predicted = dmp.predict(GRID)
+    assert np.isnan(predicted.std).all()
+    assert np.isnan(predicted.std_rate).all()
+    assert predicted.covariance.shape == (6, 101, 101)
+    assert np.isnan(predicted.covariance).all()
+
+
+def test_it_reproduces_the_mean_of_the_demonstrations(dmp, aligned):
+    error = dmp.predict(aligned.times).mean - aligned.poses.mean(axis=0)
+    assert np.sqrt(np.mean(error**2, axis=0)).max() < 5e-4
+
+
+def test_more_basis_functions_reproduce_better(aligned):
+    mean = aligned.poses.mean(axis=0)
+    residuals = [
+        np.sum((fit_dmp(aligned, config).predict(aligned.times).mean - mean) ** 2)
+        for config in (DMPConfig(n_basis=count) for count in (5, 10, 20, 40))
+    ]
+    assert (np.diff(np.log(residuals)) < np.log(0.5)).all()
+
+
+def test_rollout_solves_the_transformation_system(dmp):
+    """An independent integrator of the equation in the module's heading."""
+    gain = 0.25 * dmp.config.alpha**2
+    start = np.append(dmp.start[:3], dmp.start_error)
+    goal = np.append(dmp.goal[:3], np.zeros(3))
+
+    def rate(clock: float, state: np.ndarray) -> np.ndarray:
+        x = np.exp(-dmp.config.alpha_x * clock)
+        pull = gain * (goal - state[:6] - (goal - start) * x)
+        push = pull - dmp.config.alpha * state[6:] + forcing(dmp, clock)
+        return np.append(state[6:], push)
+
+    solved = solve_ivp(
+        rate,
+        (0.0, 1.0),
+        np.append(start, np.zeros(6)),
+        t_eval=GRID,
+        rtol=1e-9,
+        atol=1e-9,
+    )
+    predicted = dmp.predict(GRID).mean
+    np.testing.assert_allclose(predicted[:, :3], solved.y[:3].T, atol=2e-6)
+    turned = Rotation.from_rotvec(-solved.y[3:6].T) * Rotation.from_rotvec(goal_of(dmp))
+    assert rotation_distance(turned.as_rotvec(), predicted[:, 3:]).max() < 2e-5
+
+
+def goal_of(dmp: DynamicMovementPrimitive) -> np.ndarray:
+    return np.array(dmp.goal[3:])
+
+
+def test_without_forcing_orientation_goes_straight_in_the_space_of_the_logarithm():
+    dmp = turning()
+    expected = fading(GRID, dmp.config)[:, None] * TURN
+    np.testing.assert_allclose(errors(dmp, GRID), expected, atol=1e-5)
+    position = (1.0 - fading(GRID, dmp.config))[:, None] * [0.3, 0.0, -0.2]
+    np.testing.assert_allclose(dmp.predict(GRID).mean[:, :3], position, atol=1e-6)
+
+
+def ude_rotations(dmp: DynamicMovementPrimitive, clock: np.ndarray) -> Rotation:
+    """The form of Ude et al.: the same constants, with the angular velocity as rate.
+
+    ω̇ = αβ (e - e_0 x) - α ω - f, for the sign of f that agrees with -ë at e = 0.
+    """
+    gain, goal = 0.25 * dmp.config.alpha**2, Rotation.from_rotvec(goal_of(dmp))
+    step = clock[1] - clock[0]
+    rotation, velocity, rotations = Rotation.identity(), np.zeros(3), []
+    for now in clock:
+        rotations.append(rotation)
+        error = (goal * rotation.inv()).as_rotvec()
+        pull = error - dmp.start_error * np.exp(-dmp.config.alpha_x * now)
+        push = gain * pull - dmp.config.alpha * velocity - forcing(dmp, now)[3:]
+        velocity = velocity + step * push
+        rotation = Rotation.from_rotvec(step * velocity) * rotation
+    return Rotation.concatenate(rotations)
+
+
+def test_forcing_superposes_in_the_error_and_not_in_the_angular_velocity():
+    clock = np.linspace(0.0, 1.0, 1001)
+    coarse = slice(None, None, 10)
+    across = np.linalg.svd(TURN[None])[2][1:]  # two axes at right angles to the turn
+    pushes = [np.tile(600.0 * axis, (30, 1)) for axis in across]
+    cases = [turning(each) for each in (pushes[0], pushes[1], sum(pushes), None)]
+    one, two, both, none = (errors(each, clock[coarse]) for each in cases)
+    np.testing.assert_allclose(both + none, one + two, atol=1e-6)
+    assert np.abs(one - none).max() > 0.1  # the forcing does something
+    goal = Rotation.from_rotvec(TURN)
+    one, two, both, none = (
+        (goal * ude_rotations(each, clock)[coarse].inv()).as_rotvec() for each in cases
+    )
+    assert np.abs(both + none - one - two).max() > 0.05
+
+
+def test_both_forms_agree_for_a_turn_about_one_axis():
+    along = np.outer(100.0 * np.cos(np.arange(30.0) / 5.0), TURN)
+    dmp = turning(along)
+    clock = np.linspace(0.0, 1.0, 2001)
+    theirs = ude_rotations(dmp, clock).as_rotvec()[::20]
+    ours = dmp.predict(GRID).mean[:, 3:]
+    assert np.abs(ours - turning().predict(GRID).mean[:, 3:]).max() > 0.1
+    np.testing.assert_allclose(ours, theirs, atol=5e-3)
+
+
+def test_another_goal_enters_along_the_step_response(dmp):
+    shift = np.array([0.1, -0.05, 0.02])
+    turn = Rotation.from_rotvec([0.1, 0.3, -0.2]) * Rotation.from_rotvec(goal_of(dmp))
+    moved = dmp.with_goal(np.append(dmp.goal[:3] + shift, turn.as_rotvec()))
+    before, after = dmp.predict(GRID), moved.predict(GRID)
+    gone = fading(GRID, dmp.config)[:, None]
+    np.testing.assert_allclose(
+        after.mean[:, :3] - before.mean[:, :3], (1.0 - gone) * shift, atol=1e-6
+    )
+    change = errors(moved, GRID) - errors(dmp, GRID)
+    expected = gone * (turn.as_rotvec() - goal_of(dmp))
+    np.testing.assert_allclose(change, expected, atol=2e-5)
+    np.testing.assert_allclose(after.mean[0], dmp.start, atol=1e-12)
+    np.testing.assert_array_equal(
+        dmp.with_goal(dmp.goal).predict(GRID).mean, before.mean
+    )
+
+
+@given(seed=st.integers(0, 1000), size=st.sampled_from([1.0, 1e3, 1e5]))
+def test_any_forcing_ends_at_the_goal_and_stays(dmp, seed, size):
+    rng = np.random.default_rng(seed)
+    weights = size * rng.normal(size=dmp.weights.shape)
+    forced = replace(dmp, weights=weights)
+    late = forced.predict(np.array([3.0, 4.0, 1e6]))
+    np.testing.assert_allclose(late.mean[:, :3], [dmp.goal[:3]] * 3, atol=1e-6 * size)
+    assert rotation_distance(late.mean[:, 3:], dmp.goal[3:]).max() < 1e-6 * size
+    np.testing.assert_array_equal(late.mean[1], late.mean[2])
+    np.testing.assert_array_equal(late.mean_rate[2], 0.0)
+
+
+def test_after_the_demonstration_the_forcing_is_off(dmp):
+    after = dmp.predict(np.linspace(1.0, 1.5, 51)).mean
+    assert np.abs(after - dmp.goal).max() < 2e-3
+
+
+def test_rollout_is_the_same_at_any_times_in_any_order(dmp):
+    order = np.random.default_rng(0).permutation(GRID.size)
+    np.testing.assert_array_equal(
+        dmp.predict(GRID[order]).mean, dmp.predict(GRID).mean[order]
+    )
+    np.testing.assert_array_equal(
+        dmp.predict(GRID[37:38]).mean[0], dmp.predict(GRID).mean[37]
+    )
+
+
+def test_rates_equal_finite_differences(dmp):
+    inner, step = GRID[1:-1], 1e-6
+    before, after = (dmp.predict(inner + sign * step).mean for sign in (-1, 1))
+    np.testing.assert_allclose(
+        dmp.predict(inner).mean_rate, (after - before) / (2.0 * step), atol=1e-5
+    )
+    np.testing.assert_allclose(dmp.predict(np.zeros(1)).mean_rate, 0.0, atol=1e-3)
+
+
+def test_part_of_the_task_is_learned_at_its_own_pace(aligned, dmp):
+    late = AlignedDemonstrations(times=0.2 + 0.6 * aligned.times, poses=aligned.poses)
+    part, whole = fit_dmp(late), dmp.predict(GRID)
+    predicted = part.predict(0.2 + 0.6 * GRID)
+    np.testing.assert_allclose(predicted.mean, whole.mean, atol=1e-9)
+    np.testing.assert_allclose(predicted.mean_rate, whole.mean_rate / 0.6, atol=1e-6)
+    before = part.predict(np.array([0.0, 0.1]))
+    np.testing.assert_allclose(before.mean, [dmp.start] * 2, atol=1e-12)
+    np.testing.assert_array_equal(before.mean_rate, 0.0)
+
+
+def test_turns_beyond_half_a_turn_stay_continuous():
+    end = np.array([0.0, 0.0, 0.0, 0.5, 4.0, 0.0])
+    dmp = fit_dmp(movement(minimum_jerk(end)))
+    np.testing.assert_allclose(dmp.start_error, end[3:], atol=1e-12)
+    poses = dmp.predict(np.linspace(0.0, 1.0, 201)).mean
+    np.testing.assert_allclose(poses, minimum_jerk(end), atol=2e-3)
+    further = dmp.with_goal(1.1 * end)
+    np.testing.assert_allclose(further.start_error, 1.1 * end[3:], atol=1e-12)
+
+
+@pytest.mark.parametrize("factor", [1e-2, 1e3])
+def test_other_units_give_the_same_movement(aligned, dmp, factor):
+    units = np.repeat([factor, 1.0], 3)
+    scaled = AlignedDemonstrations(times=aligned.times, poses=aligned.poses * units)
+    np.testing.assert_allclose(
+        fit_dmp(scaled).predict(GRID).mean,
+        dmp.predict(GRID).mean * units,
+        atol=1e-8 * max(factor, 1.0),
+    )
+
+
+def library(dmp: DynamicMovementPrimitive, step: float):
+    """The same movement of positions in movement_primitives."""
+    peers = pytest.importorskip("movement_primitives.dmp")
+    peer = peers.DMP(
+        n_dims=3,
+        dt=step,
+        n_weights_per_dim=dmp.config.n_basis,
+        smooth_scaling=True,
+        alpha_y=dmp.config.alpha,
+        beta_y=0.25 * dmp.config.alpha,
+    )
+    peer.configure(start_y=np.array(dmp.start[:3]), goal_y=np.array(dmp.goal[:3]))
+    peer.forcing_term.weights_[:, :] = dmp.weights[:, :3].T
+    return peer
+
+
+@pytest.fixture(scope="module")
+def as_in_the_library(aligned):
+    """With its phase variable, which ends at 0.01."""
+    return fit_dmp(aligned, DMPConfig(alpha_x=-np.log(0.01)))
+
+
+def test_rollout_tends_to_the_library_s_for_small_steps(as_in_the_library):
+    gaps = []
+    for step in (2e-3, 1e-3, 5e-4):
+        times, theirs = library(as_in_the_library, step).open_loop()
+        ours = as_in_the_library.predict(times).mean[:, :3]
+        gaps.append(np.abs(theirs - ours).max())
+    # Its forcing term is a step late: the gap halves with the step.
+    np.testing.assert_allclose(np.divide(gaps[1:], gaps[:-1]), 0.5, rtol=0.1)
+    assert gaps[-1] < 1e-3
+
+
+def test_reproduction_is_no_worse_than_the_library_s(aligned, as_in_the_library):
+    mean = aligned.poses.mean(axis=0)
+    peer = library(as_in_the_library, 0.005)
+    peer.imitate(aligned.times, mean[:, :3])
+    times, theirs = peer.open_loop()
+    gap = np.stack(
+        [np.interp(times, aligned.times, column) for column in mean[:, :3].T], axis=1
+    )
+    library_error = np.sqrt(np.mean((theirs - gap) ** 2))
+    ours = as_in_the_library.predict(times).mean[:, :3]
+    assert np.sqrt(np.mean((ours - gap) ** 2)) < 0.3 * library_error
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("n_basis", 1, "n_basis must be at least 2, got 1"),
+        ("alpha", 0.0, "alpha must be positive and finite, got 0.0"),
+        ("alpha_x", np.inf, "alpha_x must be positive and finite, got inf"),
+        ("alpha_x", np.nan, "alpha_x must be positive and finite, got nan"),
+        ("overlap", 1.0, r"overlap must be in \(0, 1\), got 1.0"),
+    ],
+)
+def test_impossible_constants_are_refused(field, value, message):
+    with pytest.raises(ValueError, match=message):
+        DMPConfig(**{field: value})
+
+
+@pytest.mark.parametrize("times", [[], [0.1, np.nan], [np.inf]])
+def test_predict_refuses_times_that_are_none(dmp, times):
+    with pytest.raises(ValueError, match="list of finite times, at least one"):
+        dmp.predict(np.array(times, dtype=np.float64))
+
+
+def test_a_goal_must_be_known_in_full(dmp):
+    with pytest.raises(ValueError, match="finite in all six entries"):
+        dmp.with_goal(np.append(dmp.goal[:5], np.nan))

@@ -1,0 +1,349 @@
+"""The mixture-based Gaussian process against its formulas and scikit-learn's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import ConstantKernel, Matern
+
+from policies.aligned import AlignedDemonstrations
+from policies.alignment import align
+from policies.baselines.gmm_gp import GMMGaussianProcess, GMMGPConfig, fit_gmm_gp
+from policies.baselines.gmr import GMRConfig, fit_gmr
+from policies.baselines.mixture_kernel import (
+    Evidence,
+    LengthScaleConfig,
+    MixtureKernel,
+)
+from policies.movement import Adaptable, ReadaptedMovement
+from policies.trajectory import ViaPoint
+
+GRID = np.linspace(0.0, 1.0, 41)
+
+
+@pytest.fixture(scope="module")
+def aligned(demonstrations) -> AlignedDemonstrations:
+    return align(demonstrations)
+
+
+@pytest.fixture(scope="module")
+def process(aligned) -> GMMGaussianProcess:
+    return fit_gmm_gp(aligned)
+
+
+def shifted(
+    process: GMMGaussianProcess, phase: float, stds: float, sigma: float
+) -> ViaPoint:
+    """A demand ``stds`` standard deviations beside the mean."""
+    here = process.predict(np.array([phase]))
+    return ViaPoint(phase=phase, pose=here.mean[0] + stds * here.std[0], std=sigma)
+
+
+def with_scales(process: GMMGaussianProcess, scale: float) -> GMMGaussianProcess:
+    scales = np.full(len(process.regression.weights), scale)
+    return replace(process, kernel=replace(process.kernel, length_scales=scales))
+
+
+def published_kernel(
+    process: GMMGaussianProcess, a: np.ndarray, b: np.ndarray
+) -> np.ndarray:
+    """K(t, t') = Σ_l h_l(t) h_l(t') Σ̂_l k_l(t, t') [m, rad], shape (A, 6, B, 6)."""
+    regression = process.regression
+    shares_a, shares_b = regression.responsibilities(a), regression.responsibilities(b)
+    scale = regression.standardisation.scale
+    total = np.zeros((len(a), 6, len(b), 6))
+    for component, length in enumerate(process.kernel.length_scales):
+        matern = Matern(length_scale=length, nu=2.5)(a[:, None], b[:, None])
+        weight = np.outer(shares_a[:, component], shares_b[:, component]) * matern
+        outputs = regression.conditional_covariances[component]
+        outputs = scale[:, None] * outputs * scale
+        total += weight[:, None, :, None] * outputs[None, :, None, :]
+    return total
+
+
+def test_prior_is_the_regression_with_the_published_covariance(process):
+    predicted = process.predict(GRID)
+    mean, mixture = process.regression.moments(GRID)
+    np.testing.assert_array_equal(predicted.mean, mean)
+    expected = published_kernel(process, GRID, GRID)
+    for output in range(6):
+        block = expected[:, output, :, output]
+        np.testing.assert_allclose(
+            predicted.covariance[output], block, atol=1e-9 * block.max()
+        )
+        np.testing.assert_allclose(
+            predicted.std[:, output], np.sqrt(np.diag(block)), rtol=1e-9
+        )
+    # Σ h² Σ̂ is the smaller, as the module says.
+    ratio = predicted.std**2 / np.diagonal(mixture, axis1=1, axis2=2)
+    assert ratio.max() < 1.0 + 1e-9
+    assert ratio.min() < 0.6
+
+
+def test_half_the_power_gives_the_covariance_within_components(process):
+    kernel = replace(process.kernel, weight_power=0.5)
+    shares = process.regression.responsibilities(GRID)
+    within = np.tensordot(shares, process.regression.conditional_covariances, axes=1)
+    np.testing.assert_allclose(
+        kernel.variance(GRID), np.diagonal(within, axis1=1, axis2=2)
+    )
+
+
+def test_via_points_condition_it_as_any_gaussian(process):
+    via_points = [
+        shifted(process, 0.31, 1.0, 1e-3),
+        replace(
+            shifted(process, 0.56, -1.0, 2e-3),
+            std=np.array([1e-3, np.inf, 2e-3, 1e-2, np.inf, 3e-2]),
+        ),
+        shifted(process, 0.6, 0.5, 1e-2),
+    ]
+    phases = np.array([point.phase for point in via_points])
+    noise = np.concatenate([point.noise_variance for point in via_points])
+    known = np.isfinite(noise)
+    poses = np.concatenate([point.pose for point in via_points])
+    observed = published_kernel(process, phases, phases).reshape(18, 18)
+    observed = (observed + np.diag(np.where(known, noise, 0.0)))[known][:, known]
+    across = published_kernel(process, GRID, phases).reshape(-1, 18)[:, known]
+    prior_mean = process.regression.moments(phases)[0].ravel()
+    missed = (poses - prior_mean)[known]
+    mean = process.regression.moments(GRID)[0].ravel()
+    mean = mean + across @ np.linalg.solve(observed, missed)
+    size = 6 * len(GRID)
+    covariance = published_kernel(process, GRID, GRID).reshape(size, size)
+    covariance = covariance - across @ np.linalg.solve(observed, across.T)
+    covariance = covariance.reshape(len(GRID), 6, len(GRID), 6)
+
+    predicted = process.adapt(via_points).predict(GRID)
+    np.testing.assert_allclose(predicted.mean, mean.reshape(-1, 6), atol=1e-9)
+    for output in range(6):
+        block = covariance[:, output, :, output]
+        np.testing.assert_allclose(predicted.covariance[output], block, atol=1e-10)
+        np.testing.assert_allclose(
+            predicted.std[:, output] ** 2, np.diag(block), atol=1e-10
+        )
+
+
+def test_one_component_is_an_ordinary_gaussian_process(aligned):
+    """scikit-learn, given the same kernel and the regression as its mean."""
+    single = fit_gmm_gp(aligned, GMMGPConfig(mixture=GMRConfig(components=1)))
+    single = with_scales(single, 0.4)
+    phases = np.array([0.2, 0.45, 0.5, 0.8])
+    wanted = np.array([0.02, 0.1, 0.12, 0.3])
+    only_x = np.where(np.arange(6) == 0, 0.0, np.nan)
+    adapted = single.adapt(
+        [
+            ViaPoint(phase=float(phase), pose=only_x + x, std=2e-3)
+            for phase, x in zip(phases, wanted, strict=True)
+        ]
+    )
+    joint = single.regression.moments(GRID)[1][0]
+    oracle = GaussianProcessRegressor(
+        kernel=ConstantKernel(joint[0, 0]) * Matern(length_scale=0.4, nu=2.5),
+        alpha=4e-6,
+        optimizer=None,
+    )
+    prior = single.regression.moments(phases)[0][:, 0]
+    oracle.fit(phases[:, None], wanted - prior)
+    correction, std = oracle.predict(GRID[:, None], return_std=True)
+    predicted, before = adapted.predict(GRID), single.predict(GRID)
+    np.testing.assert_allclose(
+        predicted.mean[:, 0], before.mean[:, 0] + correction, atol=1e-9
+    )
+    np.testing.assert_allclose(predicted.std[:, 0], std, rtol=1e-6)
+    # The other outputs follow by their regression on x.
+    for output in range(1, 6):
+        slope = joint[output, 0] / joint[0, 0]
+        moved = predicted.mean[:, output] - before.mean[:, output]
+        np.testing.assert_allclose(moved, slope * correction, atol=1e-9)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 1e-6])
+def test_a_strong_via_point_is_hit_with_its_own_std(process, sigma):
+    via_point = shifted(process, 0.6543, 2.0, sigma)
+    here = process.adapt([via_point]).predict(np.array([0.6543]))
+    scale = process.regression.standardisation.scale
+    assert (np.abs(here.mean[0] - via_point.pose) < 1e-3 * scale).all()
+    floor = np.maximum(sigma, 1e-4 * scale)
+    np.testing.assert_allclose(here.std[0], floor, rtol=0.05)
+
+
+def test_far_from_a_via_point_nothing_changes(process):
+    local = with_scales(process, 0.05)
+    before = local.predict(GRID)
+    after = local.adapt([shifted(local, 0.9, 2.0, 1e-4)]).predict(GRID)
+    far = GRID < 0.4
+    np.testing.assert_allclose(after.mean[far], before.mean[far], atol=1e-6)
+    np.testing.assert_allclose(after.std[far], before.std[far], rtol=1e-4)
+
+
+def test_contradicting_demands_of_no_tolerance_are_averaged(process):
+    up, down = (shifted(process, 0.6, side, 0.0) for side in (1.0, -1.0))
+    here = process.adapt([up, down]).predict(np.array([0.6]))
+    prior = process.predict(np.array([0.6]))
+    assert (np.abs(here.mean - prior.mean) < 1e-2 * prior.std).all()
+
+
+@pytest.mark.parametrize("how", ["nan", "infinite"])
+def test_a_free_output_is_not_asked_for(process, how):
+    wanted = shifted(process, 0.5, 3.0, 1e-4)
+    free = (
+        replace(wanted, pose=np.full(6, np.nan))
+        if how == "nan"
+        else replace(wanted, std=np.inf)
+    )
+    other = shifted(process, 0.7, 1.0, 1e-3)
+    before = process.predict(GRID)
+    np.testing.assert_array_equal(process.adapt([free]).predict(GRID).mean, before.mean)
+    with_free = process.adapt([free, other]).predict(GRID)
+    without = process.adapt([other]).predict(GRID)
+    np.testing.assert_allclose(with_free.mean, without.mean, atol=1e-9)
+    np.testing.assert_allclose(with_free.std, without.std, rtol=1e-6)
+
+
+def test_order_and_grouping_of_via_points_do_not_matter(process):
+    points = [shifted(process, phase, 1.0, 1e-3) for phase in (0.2, 0.55, 0.6)]
+    together = process.adapt(points).predict(GRID)
+    reverse = process.adapt(points[::-1]).predict(GRID)
+    in_turn = process.adapt(points[:1]).adapt(points[1:]).predict(GRID)
+    np.testing.assert_allclose(reverse.mean, together.mean, atol=1e-9)
+    np.testing.assert_array_equal(in_turn.mean, together.mean)
+    assert process.via_points == ()
+
+
+def test_covariance_is_positive(process):
+    points = [shifted(process, phase, 1.0, 1e-3) for phase in (0.2, 0.55, 0.6)]
+    predicted = process.adapt(points).predict(np.linspace(-0.2, 1.2, 50))
+    for covariance in predicted.covariance:
+        assert np.linalg.eigvalsh(covariance)[0] > -1e-9 * covariance.max()
+    assert (predicted.std > 0.0).all()
+
+
+@pytest.mark.parametrize("weight_power", [1.0, 0.5])
+def test_likelihood_gradient_equals_finite_differences(process, weight_power):
+    evidence = Evidence.of(process.regression, 15, weight_power)
+    point = np.log([*np.linspace(0.1, 0.6, 6), 1e-3])
+    _, gradient = evidence.negative_log_likelihood(point)
+    step = 1e-5
+    numeric = [
+        (
+            evidence.negative_log_likelihood(point + step * unit)[0]
+            - evidence.negative_log_likelihood(point - step * unit)[0]
+        )
+        / (2.0 * step)
+        for unit in np.eye(7)
+    ]
+    np.testing.assert_allclose(gradient, numeric, rtol=1e-5, atol=1e-5)
+
+
+def test_likelihood_is_that_of_all_demonstrations_stacked(process):
+    """One function, seen D times with noise, without the reduction to averages."""
+    regression = process.regression
+    evidence = Evidence.of(regression, 8, 1.0)
+    chosen = np.searchsorted(regression.aligned.times, evidence.times)
+    samples = regression.standardisation.apply(regression.aligned.poses[:, chosen])
+    count = len(samples)
+    mean = np.tile(regression.standardised_moments(evidence.times)[0].T.ravel(), count)
+    stacked = samples.transpose(0, 2, 1).reshape(-1)
+
+    def dense(scales: np.ndarray, noise: float) -> float:
+        kernel = MixtureKernel(regression=regression, length_scales=scales)
+        block = kernel(evidence.times, evidence.times).reshape(48, 48)
+        joint = np.tile(block, (count, count)) + noise * np.eye(48 * count)
+        return -float(multivariate_normal.logpdf(stacked, mean, joint))
+
+    def reduced(scales: np.ndarray, noise: float) -> float:
+        return evidence.negative_log_likelihood(np.log([*scales, noise]))[0]
+
+    one = (np.linspace(0.1, 0.6, 6), 1e-2)
+    other = (np.linspace(0.5, 0.2, 6), 0.3)
+    assert reduced(*one) - reduced(*other) == pytest.approx(
+        dense(*one) - dense(*other), rel=1e-6
+    )
+
+
+def test_length_scales_are_the_most_likely_within_their_range(process):
+    config = LengthScaleConfig()
+    scales = process.kernel.length_scales
+    low, high = config.length_scale_range
+    assert ((low <= scales) & (scales <= high)).all()
+    evidence = Evidence.of(process.regression, config.phases, 1.0)
+    noise = config.noise_range[1]
+    best, gradient = evidence.negative_log_likelihood(np.log([*scales, noise]))
+    inside = (scales > low * 1.001) & (scales < high * 0.999)
+    assert inside.sum() >= 3
+    assert np.abs(gradient[:-1][inside]).max() < 0.05
+    first = np.log([*np.full(6, config.first_length_scale), noise])
+    assert best < evidence.negative_log_likelihood(first)[0] - 10.0
+
+
+def test_result_does_not_depend_on_units(process, aligned):
+    factor = np.array([1e3, 1e2, 1.0, 57.3, 1e-3, 10.0])
+    shift = np.array([5.0, -2.0, 0.0, 1.0, 0.1, 100.0])
+    other = fit_gmm_gp(replace(aligned, poses=factor * aligned.poses + shift))
+    # The search amplifies rounding; the process itself does not.
+    other = replace(
+        other,
+        kernel=replace(other.kernel, length_scales=process.kernel.length_scales),
+    )
+    via_point = shifted(process, 0.61, 1.0, 2e-3)
+    moved = ViaPoint(
+        phase=0.61, pose=factor * via_point.pose + shift, std=factor * via_point.std
+    )
+    ours = process.adapt([via_point]).predict(GRID)
+    theirs = other.adapt([moved]).predict(GRID)
+    scale = factor * process.regression.standardisation.scale
+    expected = factor * ours.mean + shift
+    np.testing.assert_allclose(theirs.mean / scale, expected / scale, atol=1e-5)
+    np.testing.assert_allclose(theirs.std, factor * ours.std, rtol=1e-4)
+
+
+def test_same_demonstrations_same_numbers(process, aligned):
+    again, via_point = fit_gmm_gp(aligned), shifted(process, 0.5, 1.0, 1e-3)
+    ours = process.adapt([via_point]).predict(GRID)
+    theirs = again.adapt([via_point]).predict(GRID)
+    np.testing.assert_array_equal(theirs.mean, ours.mean)
+    np.testing.assert_array_equal(theirs.std, ours.std)
+
+
+def test_it_adapts_online(process):
+    assert isinstance(process, Adaptable)
+    assert process.duration == process.aligned.duration
+    online = ReadaptedMovement(process, GRID)
+    via_points = [shifted(process, phase, 1.0, 1e-3) for phase in (0.3, 0.35, 0.4)]
+    for via_point in via_points:
+        online.observe(via_point)
+    expected = process.adapt(via_points).predict(GRID)
+    np.testing.assert_array_equal(online.mean, expected.mean)
+
+
+def test_prior_mean_is_that_of_the_same_regression(process, aligned):
+    regression = fit_gmr(aligned, GMRConfig(components=6))
+    expected = regression.predict(GRID).mean
+    np.testing.assert_array_equal(process.predict(GRID).mean, expected)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"length_scale_range": (1.0, 0.1)}, "length_scale_range must be two"),
+        ({"noise_range": (0.0, 0.1)}, "noise_range must be two positive"),
+        ({"first_length_scale": 9.0}, r"within \(0.005, 5.0\), got 9.0"),
+        ({"phases": 1}, "phases must be >= 2, got 1"),
+    ],
+)
+def test_settings_of_the_search_out_of_range_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        LengthScaleConfig(**settings)
+
+
+def test_a_weight_power_out_of_range_is_refused():
+    with pytest.raises(ValueError, match=r"weight_power must be positive.* got 0"):
+        GMMGPConfig(weight_power=0.0)
+
+
+def test_phases_must_increase(process):
+    with pytest.raises(ValueError, match="strictly increasing phases"):
+        process.predict(np.array([0.2, 0.2]))

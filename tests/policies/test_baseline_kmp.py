@@ -1,0 +1,304 @@
+"""Kernelized movement primitives against the published formulas, and their limits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from policies.aligned import AlignedDemonstrations
+from policies.alignment import align
+from policies.baselines.gmr import GMRConfig
+from policies.baselines.kmp import KernelizedMovementPrimitive, KMPConfig, fit_kmp
+from policies.movement import Adaptable, ReadaptedMovement
+from policies.trajectory import ViaPoint
+
+GRID = np.linspace(0.0, 1.0, 41)
+FREE = 1e6
+"""Variance of a free output in the dense formulas, standardised."""
+
+
+def correlation(a: np.ndarray, b: np.ndarray, length_scale: float) -> np.ndarray:
+    return np.exp(-0.5 * np.subtract.outer(a, b) ** 2 / length_scale**2)
+
+
+def blocks(primitive: KernelizedMovementPrimitive) -> np.ndarray:
+    """Σ = blockdiag(Σ_i)."""
+    precisions = primitive.reference.precisions
+    size = 6 * len(precisions)
+    sigma = np.zeros((size, size))
+    for i, precision in enumerate(precisions):
+        free = np.diag(precision) == 0.0
+        sigma[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = np.linalg.inv(
+            precision + np.diag(free / FREE)
+        )
+    return sigma
+
+
+def dense(
+    primitive: KernelizedMovementPrimitive, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Eqs. (21) and (26) as printed: (M, 6) and (M, 6, M, 6), standardised."""
+    config, reference = primitive.config, primitive.reference
+    kernel = np.kron(
+        correlation(reference.phases, reference.phases, config.length_scale), np.eye(6)
+    )
+    across = np.kron(
+        correlation(times, reference.phases, config.length_scale), np.eye(6)
+    )
+    own = np.kron(correlation(times, times, config.length_scale), np.eye(6))
+    sigma, stacked = blocks(primitive), reference.means.ravel()
+    mean = across @ np.linalg.solve(
+        kernel + config.mean_regularisation * sigma, stacked
+    )
+    count, lambda_c = len(reference.phases), config.covariance_regularisation
+    inverse = np.linalg.solve(kernel + lambda_c * sigma, across.T)
+    covariance = count / lambda_c * (own - across @ inverse)
+    return mean.reshape(-1, 6), covariance.reshape(len(times), 6, len(times), 6)
+
+
+@pytest.fixture(scope="module")
+def aligned(demonstrations) -> AlignedDemonstrations:
+    return align(demonstrations)
+
+
+@pytest.fixture(scope="module")
+def primitive(aligned) -> KernelizedMovementPrimitive:
+    return fit_kmp(aligned)
+
+
+@pytest.fixture(scope="module")
+def small(aligned) -> KernelizedMovementPrimitive:
+    """Few enough references for dense matrices, half of the kernel's nodes spare."""
+    return fit_kmp(aligned, KMPConfig(references=70))
+
+
+def shifted(
+    primitive: KernelizedMovementPrimitive, phase: float, stds: float, sigma: float
+) -> ViaPoint:
+    """A demand ``stds`` standard deviations beside the mean."""
+    here = primitive.predict(np.array([phase]))
+    return ViaPoint(phase=phase, pose=here.mean[0] + stds * here.std[0], std=sigma)
+
+
+@pytest.mark.parametrize("times", [GRID, np.linspace(-0.4, 1.5, 20)])
+@pytest.mark.parametrize("lambda_c", [1500.0, 25.0])
+def test_prediction_is_the_published_dense_formula(small, times, lambda_c):
+    config = replace(small.config, covariance_regularisation=lambda_c)
+    some = shifted(small, 0.4321, 1.0, 1e-3)
+    partly = replace(some, phase=0.77, pose=np.where(np.arange(6) % 2, np.nan, 0.1))
+    primitives = [
+        replace(each, config=config) for each in (small, small.adapt([some, partly]))
+    ]
+    for primitive in primitives:
+        mean, covariance = dense(primitive, times)
+        predicted = primitive.predict(times)
+        standardisation = primitive.regression.standardisation
+        ours = standardisation.apply(predicted.mean)
+        np.testing.assert_allclose(ours, mean, atol=3e-6)
+        scale = standardisation.scale
+        for output in range(6):
+            block = scale[output] ** 2 * covariance[:, output, :, output]
+            tolerance = 1e-6 * block.max()
+            np.testing.assert_allclose(
+                predicted.covariance[output], block, atol=tolerance
+            )
+            np.testing.assert_allclose(
+                predicted.std[:, output] ** 2, np.diag(block), atol=tolerance
+            )
+
+
+def test_total_is_epistemic_plus_aleatoric(aligned):
+    """The decomposition of Silvério et al. (2019), by Woodbury's identity.
+
+    α [k − k* (K + λ Σ)⁻¹ k*ᵀ] = α [k − k* K⁻¹ k*ᵀ] + α k* (K (λ Σ)⁻¹ K + K)⁻¹ k*ᵀ
+    """
+    config = KMPConfig(references=7, length_scale=0.1, covariance_regularisation=3.0)
+    primitive = fit_kmp(aligned, config)
+    phases = primitive.reference.phases
+    kernel = np.kron(correlation(phases, phases, 0.1), np.eye(6))
+    across = np.kron(correlation(GRID, phases, 0.1), np.eye(6))
+    noise = config.covariance_regularisation * blocks(primitive)
+    epistemic = 1.0 - np.sum(across * np.linalg.solve(kernel, across.T).T, axis=1)
+    middle = kernel @ np.linalg.solve(noise, kernel) + kernel
+    aleatoric = np.sum(across * np.linalg.solve(middle, across.T).T, axis=1)
+    total = 7.0 / 3.0 * (epistemic + aleatoric).reshape(-1, 6)
+    variance = (
+        primitive.predict(GRID).std / primitive.regression.standardisation.scale
+    ) ** 2
+    np.testing.assert_allclose(variance, total, rtol=1e-6, atol=1e-9)
+
+
+def test_without_regularisation_the_reference_is_interpolated(aligned):
+    config = KMPConfig(references=9, length_scale=0.1, mean_regularisation=1e-7)
+    primitive = fit_kmp(aligned, config)
+    phases = np.linspace(0.0, 1.0, 9)
+    expected, _ = primitive.regression.moments(phases)
+    scale = primitive.regression.standardisation.scale
+    error = (primitive.predict(phases).mean - expected) / scale
+    assert np.abs(error).max() < 1e-5
+
+
+def test_covariance_is_symmetric_and_positive(primitive):
+    adapted = primitive.adapt([shifted(primitive, 0.6, 1.0, 1e-3)])
+    for movement in (primitive, adapted):
+        predicted = movement.predict(np.linspace(-0.5, 1.5, 60))
+        for output, covariance in enumerate(predicted.covariance):
+            tiny = 1e-9 * covariance.max()
+            np.testing.assert_allclose(covariance, covariance.T, atol=tiny)
+            smallest = np.linalg.eigvalsh(covariance)[0]
+            assert smallest > -tiny
+            np.testing.assert_allclose(
+                np.sqrt(np.diag(covariance)), predicted.std[:, output], rtol=1e-5
+            )
+        assert (predicted.std > 0.0).all()
+
+
+@pytest.mark.parametrize("sigma", [0.0, 1e-5])
+def test_a_strong_via_point_is_hit(primitive, sigma):
+    via_point = shifted(primitive, 0.6543, 2.0, sigma)
+    here = primitive.adapt([via_point]).predict(np.array([0.6543]))
+    scale = primitive.regression.standardisation.scale
+    assert (np.abs(here.mean[0] - via_point.pose) < 1e-3 * scale).all()
+
+
+def test_a_dominant_via_point_is_predicted_with_its_own_std(primitive):
+    via_point = shifted(primitive, 0.5, 1.0, 1e-4)
+    here = primitive.adapt([via_point]).predict(np.array([0.5]))
+    np.testing.assert_allclose(here.std[0], 1e-4, rtol=0.05)
+
+
+def test_a_weak_via_point_is_outvoted(primitive):
+    before = primitive.predict(GRID)
+    adapted = primitive.adapt([shifted(primitive, 0.5, 1.0, 1e3)]).predict(GRID)
+    scale = primitive.regression.standardisation.scale
+    np.testing.assert_allclose(adapted.mean / scale, before.mean / scale, atol=1e-5)
+
+
+def test_far_from_the_reference_it_returns_to_the_average(primitive):
+    far = primitive.predict(np.array([-4.0, 6.0]))
+    samples = primitive.aligned.poses.reshape(-1, 6)
+    np.testing.assert_allclose(far.mean, np.tile(samples.mean(axis=0), (2, 1)))
+    spread = np.sqrt(400.0 / 1500.0) * samples.std(axis=0)
+    np.testing.assert_allclose(far.std, np.tile(spread, (2, 1)))
+
+
+def test_far_from_a_via_point_nothing_changes(primitive):
+    before = primitive.predict(GRID)
+    after = primitive.adapt([shifted(primitive, 0.9, 1.0, 1e-4)]).predict(GRID)
+    far = GRID < 0.2
+    scale = primitive.regression.standardisation.scale
+    assert np.abs((after.mean - before.mean) / scale)[far].max() < 0.05
+    # The one entry more counts in N/λ_c.
+    np.testing.assert_allclose(after.std[far], before.std[far], rtol=0.02)
+
+
+def test_result_does_not_depend_on_units(primitive, aligned):
+    factor = np.array([1e3, 1e2, 1.0, 57.3, 1e-3, 10.0])
+    shift = np.array([5.0, -2.0, 0.0, 1.0, 0.1, 100.0])
+    other = fit_kmp(replace(aligned, poses=factor * aligned.poses + shift))
+    via_point = shifted(primitive, 0.61, 1.0, 2e-3)
+    moved = ViaPoint(
+        phase=0.61, pose=factor * via_point.pose + shift, std=factor * via_point.std
+    )
+    ours = primitive.adapt([via_point]).predict(GRID)
+    theirs = other.adapt([moved]).predict(GRID)
+    scale = factor * primitive.regression.standardisation.scale
+    expected = factor * ours.mean + shift
+    np.testing.assert_allclose(theirs.mean / scale, expected / scale, atol=1e-5)
+    np.testing.assert_allclose(theirs.std, factor * ours.std, rtol=1e-4)
+
+
+def test_only_the_ratio_of_regularisation_and_references_matters(primitive, aligned):
+    twice = fit_kmp(
+        aligned,
+        KMPConfig(
+            references=800, mean_regularisation=50.0, covariance_regularisation=3000.0
+        ),
+    )
+    ours, theirs = primitive.predict(GRID), twice.predict(GRID)
+    scale = primitive.regression.standardisation.scale
+    assert np.abs((ours.mean - theirs.mean) / scale).max() < 0.02
+    np.testing.assert_allclose(theirs.std, ours.std, rtol=0.02)
+
+
+def test_a_via_point_takes_the_place_of_an_entry_at_its_phase(primitive):
+    phases = primitive.reference.phases
+    between = shifted(primitive, 0.5 * (phases[200] + phases[201]), 1.0, 1e-4)
+    assert len(primitive.adapt([between]).reference.phases) == 401
+    there = replace(between, phase=phases[200] + 2e-4)
+    assert len(primitive.adapt([there]).reference.phases) == 400
+    again = shifted(primitive, phases[200] + 1e-4, -1.0, 1e-4)
+    both = primitive.adapt([there, again])
+    assert len(both.reference.phases) == 400
+    here = both.predict(np.array([again.phase]))
+    scale = primitive.regression.standardisation.scale
+    assert (np.abs(here.mean[0] - again.pose) < 0.01 * scale).all()
+
+
+@pytest.mark.parametrize("how", ["nan", "infinite"])
+def test_a_free_output_is_not_asked_for(primitive, how):
+    """Without a demand, an entry at a new phase only counts in N/λ_c."""
+    wanted = shifted(primitive, 0.5006, 3.0, 1e-4)
+    free = (
+        replace(wanted, pose=np.full(6, np.nan))
+        if how == "nan"
+        else replace(wanted, std=np.inf)
+    )
+    before, after = primitive.predict(GRID), primitive.adapt([free]).predict(GRID)
+    np.testing.assert_allclose(after.mean, before.mean, atol=1e-9)
+    np.testing.assert_allclose(after.std, np.sqrt(401 / 400) * before.std, rtol=1e-6)
+
+
+def test_adapting_returns_another_primitive(primitive):
+    before = primitive.predict(GRID).mean
+    via_points = [shifted(primitive, phase, 1.0, 1e-3) for phase in (0.41, 0.73)]
+    together = primitive.adapt(via_points).predict(GRID)
+    in_turn = primitive.adapt(via_points[:1]).adapt(via_points[1:]).predict(GRID)
+    np.testing.assert_array_equal(together.mean, in_turn.mean)
+    np.testing.assert_array_equal(primitive.predict(GRID).mean, before)
+    with pytest.raises(ValueError, match="read-only"):
+        primitive.reference.means[0] = 0.0
+
+
+def test_it_adapts_online(primitive):
+    assert isinstance(primitive, Adaptable)
+    assert primitive.duration == primitive.aligned.duration
+    online = ReadaptedMovement(primitive, GRID)
+    via_points = [shifted(primitive, phase, 1.0, 1e-3) for phase in (0.3, 0.35, 0.4)]
+    for via_point in via_points:
+        online.observe(via_point)
+    expected = primitive.adapt(via_points).predict(GRID)
+    np.testing.assert_array_equal(online.mean, expected.mean)
+
+
+def test_same_demonstrations_same_numbers(primitive, aligned):
+    again, via_point = fit_kmp(aligned), shifted(primitive, 0.5, 1.0, 1e-3)
+    ours = primitive.adapt([via_point]).predict(GRID)
+    theirs = again.adapt([via_point]).predict(GRID)
+    np.testing.assert_array_equal(theirs.mean, ours.mean)
+    np.testing.assert_array_equal(theirs.std, ours.std)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("references", 1),
+        ("length_scale", 0.0),
+        ("mean_regularisation", -1.0),
+        ("covariance_regularisation", np.inf),
+    ],
+)
+def test_settings_out_of_range_are_refused(name, value):
+    with pytest.raises(ValueError, match=f"{name} must be .* got {value}"):
+        KMPConfig(**{name: value})
+
+
+def test_the_mixture_is_configured_through_the_primitive(aligned):
+    config = KMPConfig(mixture=GMRConfig(components=3))
+    assert len(fit_kmp(aligned, config).regression.weights) == 3
+    assert KMPConfig().mixture.components == 8
+
+
+def test_phases_must_increase(primitive):
+    with pytest.raises(ValueError, match="strictly increasing phases"):
+        primitive.predict(np.array([0.2, 0.2]))

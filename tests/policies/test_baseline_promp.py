@@ -1,0 +1,369 @@
+"""Probabilistic movement primitives: learning, prediction, conditioning."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from policies.aligned import AlignedDemonstrations
+from policies.alignment import align
+from policies.baselines.promp import (
+    ProbabilisticMovementPrimitive,
+    ProMPConfig,
+    fit_promp,
+)
+from policies.movement import Adaptable
+from policies.trajectory import ViaPoint
+
+GRID = np.linspace(0.0, 1.0, 101)
+
+
+@pytest.fixture(scope="module")
+def aligned(demonstrations):
+    return align(demonstrations)
+
+
+@pytest.fixture(scope="module")
+def promp(aligned):
+    return fit_promp(aligned)
+
+
+@pytest.fixture(scope="module")
+def spread_out(aligned):
+    """With a covariance of full rank."""
+    return fit_promp(aligned, ProMPConfig(shrinkage=0.3))
+
+
+def via_point(phase=0.4, shift=0.01, std=1e-3, free=()) -> ViaPoint:
+    pose = np.array([0.25, 0.0, -0.06, 0.0, 0.4, 0.0]) + shift
+    pose[list(free)] = np.nan
+    return ViaPoint(phase=phase, pose=pose, std=std)
+
+
+def library(promp: ProbabilisticMovementPrimitive):
+    """The same distribution in movement_primitives."""
+    peers = pytest.importorskip("movement_primitives.promp")
+    peer = peers.ProMP(n_dims=6, n_weights_per_dim=promp.config.n_basis)
+    return peer.from_weight_distribution(
+        np.array(promp.weight_mean), np.array(promp.weight_covariance)
+    )
+
+
+def dense(config: ProMPConfig, phases: np.ndarray) -> np.ndarray:
+    """Weights to values of all outputs at the phases, (6 M, W), by the definition."""
+    centres = np.linspace(0.0, 1.0, config.n_basis)
+    distance = (phases[:, None] - centres) * 2.0 * config.n_basis
+    gaussians = config.overlap ** (distance**2)
+    return np.kron(np.eye(6), gaussians / gaussians.sum(axis=1, keepdims=True))
+
+
+def test_is_an_adaptable_movement(promp, aligned):
+    assert isinstance(promp, Adaptable)
+    assert isinstance(promp.adapt([via_point()]), Adaptable)
+    assert promp.duration == aligned.duration
+
+
+def test_basis_functions_have_the_stated_overlap_and_sum_to_one(promp):
+    phases = np.array([0.0, 0.31, 1.0, 1.2])
+    expected = dense(promp.config, phases) @ promp.weight_mean
+    np.testing.assert_allclose(
+        promp.predict(phases).mean.T.ravel(), expected, atol=1e-12
+    )
+    constant = replace(promp, weight_mean=np.full_like(promp.weight_mean, 0.7))
+    np.testing.assert_allclose(constant.predict(GRID).mean, 0.7, rtol=1e-12)
+
+
+def test_learning_recovers_the_distribution_the_demonstrations_came_from():
+    rng = np.random.default_rng(0)
+    small = ProMPConfig(n_basis=4, shrinkage=0.0)
+    root = rng.normal(size=(24, 24)) / 5.0
+    noise = np.array([1e-2, 2e-2, 3e-2, 1e-2, 2e-2, 3e-2])
+    weights = rng.normal(size=24) + rng.normal(size=(4000, 24)) @ root.T
+    values = (weights @ dense(small, GRID).T).reshape(-1, 6, GRID.size)
+    poses = values.transpose(0, 2, 1) + noise * rng.normal(size=(4000, GRID.size, 6))
+    learned = fit_promp(AlignedDemonstrations(times=GRID, poses=poses), small)
+    # The ridge estimates carry R (φᵀφ)⁻¹ on top of Σ, a thousandth of it here.
+    np.testing.assert_allclose(learned.weight_mean, weights.mean(axis=0), atol=2e-3)
+    scale = np.sqrt(np.diag(root @ root.T))
+    error = (learned.weight_covariance - root @ root.T) / np.outer(scale, scale)
+    assert np.abs(error).max() < 5.0 / np.sqrt(4000.0)
+    np.testing.assert_allclose(np.sqrt(learned.noise_variance), noise, rtol=5e-3)
+
+
+def test_distribution_equals_the_library_for_the_same_weights(promp):
+    peer = library(promp)
+    ours = promp.predict(GRID)
+    np.testing.assert_allclose(
+        ours.mean, peer.mean_trajectory(GRID.copy()), rtol=1e-10, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        ours.mean_rate, peer.mean_velocities(GRID.copy()), rtol=1e-9, atol=1e-9
+    )
+    theirs = peer.cov_trajectory(GRID.copy()).reshape(6, GRID.size, 6, GRID.size)
+    between = np.einsum("dmdn->dmn", theirs)
+    noise = promp.noise_variance[:, None, None] * np.eye(GRID.size)
+    np.testing.assert_allclose(ours.covariance, between + noise, atol=1e-12)
+
+
+def test_learning_agrees_with_the_library(aligned, promp):
+    peers = pytest.importorskip("movement_primitives.promp")
+    peer = peers.ProMP(n_dims=6, n_weights_per_dim=promp.config.n_basis)
+    times = aligned.times
+    weights = [peer.weights(times.copy(), np.array(demo)) for demo in aligned.poses]
+    np.testing.assert_allclose(
+        peer.trajectory_from_weights(times.copy(), np.mean(weights, axis=0)),
+        promp.predict(times).mean,
+        atol=1e-6,
+    )
+    # Its own learning is another estimator, EM, whose covariance has divisor D.
+    peer.imitate(np.stack([times] * 6), np.array(aligned.poses))
+    ours = promp.predict(times)
+    np.testing.assert_allclose(peer.mean_trajectory(times.copy()), ours.mean, atol=2e-3)
+    share = np.sqrt(5.0 / 6.0)
+    theirs = np.sqrt(peer.var_trajectory(times.copy()))
+    np.testing.assert_allclose(
+        theirs[20:, [0, 2, 4]], share * ours.std[20:, [0, 2, 4]], rtol=0.05
+    )
+
+
+def test_conditioning_equals_the_library(spread_out):
+    peer = library(spread_out)
+    points = [via_point(0.3, std=2e-3), via_point(0.7, shift=0.05, std=1e-2)]
+    for point in points:
+        peer = peer.condition_position(
+            np.array(point.pose), y_cov=np.diag(point.noise_variance), t=point.phase
+        )
+    adapted = spread_out.adapt(points)
+    np.testing.assert_allclose(adapted.weight_mean, peer.weight_mean, atol=1e-9)
+    np.testing.assert_allclose(adapted.weight_covariance, peer.weight_cov, atol=1e-10)
+
+
+def test_conditioning_equals_that_of_a_joint_gaussian(promp):
+    points = [via_point(0.3, std=2e-3, free=(1, 3, 5)), via_point(0.8, free=(0, 2, 4))]
+    matrix = dense(promp.config, np.append(GRID, [0.3, 0.8]))
+    joint = matrix @ promp.weight_covariance @ matrix.T
+    mean = matrix @ promp.weight_mean
+    size = GRID.size + 2
+    seen = np.array([size * d + GRID.size for d in (0, 2, 4)])
+    seen = np.append(seen, [size * d + GRID.size + 1 for d in (1, 3, 5)])
+    values = np.append(points[0].pose[[0, 2, 4]], points[1].pose[[1, 3, 5]])
+    noise = np.diag(np.repeat([4e-6, 1e-6], 3))
+    gain = joint[:, seen] @ np.linalg.inv(joint[np.ix_(seen, seen)] + noise)
+    expected = (mean + gain @ (values - mean[seen])).reshape(6, size)[:, :-2].T
+    variance = np.diag(joint - gain @ joint[seen]).reshape(6, size)[:, :-2].T
+    adapted = promp.adapt(points).predict(GRID)
+    np.testing.assert_allclose(adapted.mean, expected, atol=1e-8)
+    np.testing.assert_allclose(
+        adapted.std**2, variance + promp.noise_variance, atol=1e-9
+    )
+
+
+def test_one_coordinate_tells_the_others(promp):
+    pose = np.full(6, np.nan)
+    pose[0] = promp.predict(np.array([0.9])).mean[0, 0] + 0.05  # a larger door
+    before, after = (
+        movement.predict(np.array([0.9]))
+        for movement in (promp, promp.adapt([ViaPoint(phase=0.9, pose=pose)]))
+    )
+    assert after.mean[0, 0] == pytest.approx(pose[0], abs=1e-4)
+    assert after.mean[0, 2] - before.mean[0, 2] < -0.02
+    assert after.std[0, 2] < 0.3 * before.std[0, 2]
+
+
+@pytest.mark.parametrize("std", [0.0, 1e-9])
+def test_strong_via_points_are_met(promp, spread_out, std):
+    points = [via_point(0.3, std=std), via_point(0.6, shift=0.1, std=std)]
+    for movement, accuracy in ((spread_out, 1e-7), (promp, 2e-5)):
+        met = movement.adapt(points).predict(np.array([0.3, 0.6]))
+        for index, point in enumerate(points):
+            np.testing.assert_allclose(met.mean[index], point.pose, atol=accuracy)
+        np.testing.assert_allclose(
+            met.std, np.sqrt([promp.noise_variance] * 2), rtol=1e-3
+        )
+
+
+@given(order=st.permutations(range(4)), split=st.integers(0, 4))
+def test_order_of_via_points_and_of_adapting_is_irrelevant(spread_out, order, split):
+    points = [via_point(0.2 * n + 0.1, shift=0.01 * n, std=5e-3) for n in range(4)]
+    at_once = spread_out.adapt(points)
+    shuffled = [points[index] for index in order]
+    in_turn = spread_out.adapt(shuffled[:split]).adapt(shuffled[split:])
+    np.testing.assert_allclose(in_turn.weight_mean, at_once.weight_mean, atol=1e-9)
+    np.testing.assert_allclose(
+        in_turn.weight_covariance, at_once.weight_covariance, atol=1e-11
+    )
+
+
+def test_a_via_point_said_twice_counts_twice(promp):
+    twice = promp.adapt([via_point(std=2e-3), via_point(std=2e-3)])
+    once = promp.adapt([via_point(std=2e-3 / np.sqrt(2.0))])
+    np.testing.assert_allclose(twice.weight_mean, once.weight_mean, atol=1e-7)
+
+
+def test_contradicting_demands_without_tolerance_are_averaged(spread_out):
+    points = [via_point(shift=0.0, std=0.0), via_point(shift=0.02, std=0.0)]
+    met = spread_out.adapt(points).predict(np.array([0.4])).mean[0]
+    np.testing.assert_allclose(met, via_point(shift=0.01).pose, atol=1e-8)
+
+
+def test_free_outputs_are_not_demanded(promp):
+    free = promp.adapt([via_point(free=(1, 3))])
+    std = np.full(6, 1e-3)
+    std[[1, 3]] = np.inf
+    unlimited = promp.adapt([via_point(std=std)])
+    np.testing.assert_array_equal(free.weight_mean, unlimited.weight_mean)
+    assert promp.adapt([via_point(free=range(6))]) is promp
+    assert promp.adapt([]) is promp
+
+
+def test_adapting_reduces_the_spread_everywhere_and_keeps_a_covariance(promp):
+    points = [via_point(0.1 * n, shift=0.002 * n, std=1e-6) for n in range(1, 9)]
+    adapted = promp.adapt(points)
+    assert (adapted.predict(GRID).std <= promp.predict(GRID).std * (1 + 1e-9)).all()
+    assert np.linalg.eigvalsh(adapted.weight_covariance)[0] > -1e-15
+    with pytest.raises(ValueError, match="read-only"):
+        adapted.weight_mean[0] = 1.0
+
+
+def test_few_demonstrations_span_few_movements(aligned):
+    published = fit_promp(aligned, ProMPConfig(shrinkage=0.0))
+    rank = np.linalg.matrix_rank(published.weight_covariance, tol=1e-10)
+    assert rank == len(aligned.poses) - 1
+    phases = aligned.times[80:81]
+
+    def miss(movement: ProbabilisticMovementPrimitive, pose: np.ndarray) -> float:
+        demand = ViaPoint(phase=float(phases[0]), pose=pose, std=1e-3)
+        met = movement.adapt([demand]).predict(phases).mean[0]
+        return float(np.abs(met - pose).max())
+
+    # What was demonstrated is met; a standard deviation off in x but not in z is not.
+    assert miss(published, aligned.poses[0, 80]) < 1e-3
+    usual = published.predict(phases)
+    foreign = usual.mean[0] + usual.std[0] * [1.0, 0.0, 1.0, 0.0, 1.0, 0.0]
+    assert miss(published, foreign) > 5e-3
+    assert miss(fit_promp(aligned, ProMPConfig(shrinkage=0.3)), foreign) < 2e-3
+    # Insisting bends the rest out of what was demonstrated.
+    insisted = ViaPoint(phase=float(phases[0]), pose=foreign, std=1e-7)
+    before = published.predict(GRID)
+    after = fit_promp(aligned).adapt([insisted]).predict(GRID)
+    assert np.max(np.abs(after.mean - before.mean) / before.std) > 2.5
+
+
+def test_independent_weights_adapt_only_near_the_via_point(aligned):
+    movement = fit_promp(aligned, ProMPConfig(shrinkage=1.0))
+    before, after = (
+        each.predict(GRID)
+        for each in (movement, movement.adapt([via_point(0.3, std=1e-6)]))
+    )
+    far = GRID > 0.7
+    np.testing.assert_allclose(after.mean[far], before.mean[far], atol=1e-6)
+    np.testing.assert_allclose(after.std[far], before.std[far], rtol=1e-6)
+
+
+def test_outside_the_task_the_distribution_stands_still(promp):
+    far = promp.predict(np.array([-40.0, 40.0]))
+    weights = promp.weight_mean.reshape(6, -1)
+    np.testing.assert_allclose(far.mean, weights[:, [0, -1]].T, rtol=1e-12)
+    variance = np.diag(promp.weight_covariance).reshape(6, -1)[:, [0, -1]].T
+    np.testing.assert_allclose(far.std**2, variance + promp.noise_variance)
+    np.testing.assert_allclose(far.mean_rate, 0.0)
+    np.testing.assert_allclose(far.std_rate, 0.0)
+
+
+def test_std_includes_the_observation_noise_and_belongs_to_the_covariance(promp):
+    predicted = promp.predict(GRID)
+    diagonal = np.diagonal(predicted.covariance, axis1=1, axis2=2).T
+    np.testing.assert_allclose(predicted.std**2, diagonal, rtol=1e-10)
+    assert (promp.noise_variance > 0.0).all()
+    assert (predicted.std**2 >= promp.noise_variance).all()
+    assert min(np.linalg.eigvalsh(each)[0] for each in predicted.covariance) > 0.0
+
+
+def test_rates_equal_finite_differences(promp):
+    step = 1e-6
+    predicted = promp.adapt([via_point()]).predict(GRID)
+    before, after = (
+        promp.adapt([via_point()]).predict(GRID + sign * step) for sign in (-1, 1)
+    )
+    for rate, name in ((predicted.mean_rate, "mean"), (predicted.std_rate, "std")):
+        slope = (getattr(after, name) - getattr(before, name)) / (2.0 * step)
+        np.testing.assert_allclose(rate, slope, atol=1e-6)
+
+
+def test_more_basis_functions_leave_a_smaller_residual(aligned):
+    residuals = [
+        np.sum(fit_promp(aligned, ProMPConfig(n_basis=count)).noise_variance)
+        for count in (5, 10, 20, 40)
+    ]
+    assert (np.diff(residuals) < 0.0).all()
+
+
+@pytest.mark.parametrize("std", [2e-3, 0.0])
+@pytest.mark.parametrize("factor", [1e-2, 1e3])
+def test_other_units_give_the_same_movement(aligned, factor, std):
+    units = np.repeat([factor, 1.0], 3)
+    scaled = AlignedDemonstrations(times=aligned.times, poses=aligned.poses * units)
+    point = via_point(std=std)
+    there = ViaPoint(phase=point.phase, pose=point.pose * units, std=std * units)
+    ours = fit_promp(aligned).adapt([point]).predict(GRID)
+    theirs = fit_promp(scaled).adapt([there]).predict(GRID)
+    np.testing.assert_allclose(theirs.mean, ours.mean * units, atol=1e-7 * factor)
+    np.testing.assert_allclose(theirs.std, ours.std * units, rtol=1e-4)
+
+
+def test_equal_demonstrations_have_no_spread_to_adapt_with(aligned):
+    poses = np.stack([np.zeros((200, 6))] * 3)
+    still = fit_promp(AlignedDemonstrations(times=aligned.times, poses=poses))
+    adapted = still.adapt([via_point(), via_point(0.6, std=0.0)]).predict(GRID)
+    np.testing.assert_array_equal(adapted.mean, 0.0)
+    np.testing.assert_array_equal(adapted.std, 0.0)
+    np.testing.assert_array_equal(adapted.std_rate, 0.0)
+
+
+def test_demonstrations_without_noise_can_be_conditioned_exactly():
+    levels = np.array([1.0, 2.0, 4.0])[:, None, None]
+    poses = np.broadcast_to(levels, (3, GRID.size, 6))
+    aligned = AlignedDemonstrations(times=GRID, poses=poses)
+    still = fit_promp(aligned, ProMPConfig(shrinkage=0.0))
+    pose = np.array([3.0, np.nan, np.nan, np.nan, np.nan, np.nan])
+    points = [ViaPoint(phase=phase, pose=pose, std=0.0) for phase in (0.2, 0.5, 0.9)]
+    adapted = still.adapt(points).predict(GRID)
+    # All outputs are known from one. Rounding leaves variances on both sides of zero.
+    np.testing.assert_allclose(adapted.mean, 3.0, atol=1e-6)
+    assert (adapted.std < 1e-6).all()
+
+
+def test_a_single_demonstration_is_refused(aligned):
+    single = AlignedDemonstrations(times=aligned.times, poses=aligned.poses[:1])
+    with pytest.raises(ValueError, match="at least 2 demonstrations, got 1"):
+        fit_promp(single)
+
+
+def test_too_few_phases_are_refused(aligned):
+    coarse = AlignedDemonstrations(times=GRID[:20], poses=aligned.poses[:, :20])
+    with pytest.raises(ValueError, match="more than 20 phases, got 20: align with"):
+        fit_promp(coarse)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("n_basis", 1, "n_basis must be at least 2, got 1"),
+        ("overlap", 1.0, r"overlap must be in \(0, 1\), got 1.0"),
+        ("ridge", 0.0, "ridge must be positive and finite, got 0.0"),
+        ("ridge", np.inf, "ridge must be positive and finite"),
+        ("shrinkage", 1.5, r"shrinkage must be in \[0, 1\], got 1.5"),
+        ("shrinkage", np.nan, r"shrinkage must be in \[0, 1\], got nan"),
+    ],
+)
+def test_impossible_constants_are_refused(field, value, message):
+    with pytest.raises(ValueError, match=message):
+        ProMPConfig(**{field: value})
+
+
+@pytest.mark.parametrize("times", [[], [0.1, np.nan], [np.inf]])
+def test_predict_refuses_times_that_are_none(promp, times):
+    with pytest.raises(ValueError, match="list of finite times, at least one"):
+        promp.predict(np.array(times, dtype=np.float64))
