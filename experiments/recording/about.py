@@ -8,22 +8,27 @@ from collections.abc import Mapping
 from experiments.episode_log import EpisodeLog
 
 
-def about(log: EpisodeLog, n_demonstrations: int, versions: Mapping[str, str]) -> str:
+def about(
+    log: EpisodeLog,
+    n_demonstrations: int,
+    versions: Mapping[str, str],
+    *,
+    ended: bool = True,
+) -> str:
     """Write the page as Markdown.
 
     Args:
         log: Episode.
         n_demonstrations: How many demonstrations the policy learned from.
         versions: Versions of the packages that took part, by name.
+        ended: Whether the outcome is known.
     """
-    outcome = "**opened**" if log.success else f"**not opened** ({log.failure})"
-    angle = math.degrees(log.door_angle[-1])
+    outcome = _outcome(log) if ended else "being opened"
     door = ", ".join(
         f"{name.replace('_', ' ')} {value:g}" for name, value in log.door_config.items()
     )
     return f"""\
-### {log.door} door, policy `{log.policy}`: {outcome}, {angle:.1f}° in \
-{log.times[-1]:.1f} s
+### {log.door} door, policy `{log.policy}`: {outcome}
 
 **How to read it.** The grey-blue tube is where the demonstrations alone put the \
 handle; the violet tube is what the policy believes now. An adaptive policy \
@@ -39,3 +44,9 @@ door's force on the hand, 10 cm per 10 N.
 {1e3 * log.dt:g} ms
 - {", ".join(f"{name} {version}" for name, version in versions.items())}
 """
+
+
+def _outcome(log: EpisodeLog) -> str:
+    opened = "**opened**" if log.success else f"**not opened** ({log.failure})"
+    angle = math.degrees(log.door_angle[-1])
+    return f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s"

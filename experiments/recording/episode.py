@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import mujoco
 import rerun as rr
+from rerun.chunk import Chunk
 
 from experiments.episode_log import EpisodeLog
 from experiments.provenance import versions
 from experiments.recording.about import about
-from experiments.recording.layout import TEXT, layout
-from experiments.recording.motion import log_motion, task_frame
-from experiments.recording.panels import log_panels
-from experiments.recording.scene import log_scene
-from experiments.recording.stages import log_stages
-from experiments.recording.stream import recording_file
+from experiments.recording.layout import TEXT, layout_chunks
+from experiments.recording.motion import door_frame, hand_motion, policy_motion
+from experiments.recording.panels import panels
+from experiments.recording.part import Part
+from experiments.recording.scene import drawn_scene, moved_scene
+from experiments.recording.stages import stage_lane
+from experiments.recording.stream import recording_file, static
 from policies.demonstrations import Demonstration
 
 
@@ -43,14 +45,43 @@ def record_episode(
             f"the log has {log.qpos.shape[1]} generalised positions per step and the "
             f"model has {model.nq}; record with the model that the episode ran in"
         )
-    origin, rotation = task_frame(model, log.qpos[0])
-    blueprint = layout(log, origin, rotation)
-    with recording_file(path, blueprint) as stream:
-        stream.send_recording_name(f"{log.door} door, {log.policy}, seed {log.seed}")
-        log_scene(stream, log, model)
-        log_motion(stream, log, model, demonstrations)
-        log_panels(stream, log)
-        log_stages(stream, log)
-        page = about(log, len(demonstrations), versions())
-        document = rr.TextDocument(page, media_type=rr.MediaType.MARKDOWN)
-        stream.log(TEXT, document, static=True)
+    with recording_file(path, layout_chunks()) as stream:
+        stream.send_recording_name(recording_name(log))
+        # One by one: while one is written the next is made.
+        stream.send_chunks(_everything(log, model, demonstrations))
+
+
+def _everything(
+    log: EpisodeLog, model: mujoco.MjModel, demonstrations: Sequence[Demonstration]
+) -> Iterator[Chunk]:
+    yield from stage_setting(log, model, demonstrations)
+    yield from happening(Part(log=log), model)
+    yield from stage_lane(log)
+    yield page(log, len(demonstrations))
+
+
+def stage_setting(
+    log: EpisodeLog, model: mujoco.MjModel, demonstrations: Sequence[Demonstration]
+) -> Iterator[Chunk]:
+    """What is there before anything moves: robot, door, demonstrations."""
+    yield from drawn_scene(model)
+    yield from door_frame(model, log.radius, demonstrations)
+
+
+def happening(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
+    """What happens in a part of an episode: motion, forecasts and time series."""
+    yield from moved_scene(model, part)
+    yield from policy_motion(part)
+    yield from hand_motion(part)
+    yield from panels(part)
+
+
+def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk:
+    """The page beside the scene."""
+    text = about(log, n_demonstrations, versions(), ended=ended)
+    return static(TEXT, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+
+
+def recording_name(log: EpisodeLog) -> str:
+    """Return what the viewer calls the episode."""
+    return f"{log.door} door, {log.policy}, seed {log.seed}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Final
 
@@ -9,11 +10,13 @@ import mujoco
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
-from experiments.episode_log import EpisodeLog
 from experiments.recording import colours
-from experiments.recording.stream import seconds
+from experiments.recording.kinematics import task_frame
+from experiments.recording.part import Part
+from experiments.recording.stream import moving, seconds, static
 from experiments.recording.tube import tube_triangles, tube_vertices
 from gplfd_env.task import handle_pose_on_arc
 from policies.demonstrations import Demonstration
@@ -26,177 +29,178 @@ ROOT: Final = "/world/task"
 PLAN: Final = f"{ROOT}/plan"
 """Entity of what only the view from above shows."""
 
-TASK_SITE: Final = "task_frame"
-"""Site of the model that carries the task frame."""
+VIEW: Final = f"{ROOT}/view"
+"""Entity of the frame that the views look from: the closed handle, z up."""
+
+_VIEW_AXES_D: Final = [[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
+"""Its axes x (away from the robot), y and z as columns, in the task frame."""
 
 METRES_PER_NEWTON: Final = 0.01
 """Length of the force arrow: 10 N are 10 cm."""
 
-_N_TRAIL: Final = 80
-_FRAMES_PER_SECOND: Final = 30.0
 _TRUE_ARC_DEG: Final = 75.0
 _LINE: Final = 0.003
+_DOT: Final = 0.006
 _OPACITY_BEFORE: Final = 48
 _OPACITY_ADAPTED: Final = 90
+_KNOT_SPACING: Final = 0.01
+_DOT_SPACING: Final = 0.005
+"""Travelled distance [m] between points of the trail and between shown via-points."""
 
 
-def log_motion(
-    stream: rr.RecordingStream,
-    log: EpisodeLog,
-    model: mujoco.MjModel,
-    demonstrations: Sequence[Demonstration],
-) -> None:
-    """Log what the policy knew, believed and felt, in the task frame.
+def door_frame(
+    model: mujoco.MjModel, radius: float, demonstrations: Sequence[Demonstration]
+) -> list[Chunk]:
+    """What stands still in the task frame, and the task frame itself.
 
     Args:
-        stream: Recording to write to.
-        log: Episode.
-        model: Model with the site `TASK_SITE`, fixed in the world.
+        model: Model with the site of the task frame, fixed in the world.
+        radius: Distance from hinge to handle [m].
         demonstrations: What the policy learned from, poses in the task frame.
     """
-    position, rotation = task_frame(model, log.qpos[0])
+    position, rotation = task_frame(model)
     pose = rr.Transform3D(
         translation=position, quaternion=rr.Quaternion(xyzw=rotation.as_quat())
     )
-    stream.log(ROOT, pose, static=True)
-    _log_demonstrations(stream, demonstrations)
-    _log_true_arc(stream, log)
-    _log_policy(stream, log)
-    _log_trail(stream, log)
-    _log_force(stream, log)
-    _log_leaf(stream, log)
-
-
-def task_frame(model: mujoco.MjModel, qpos: FloatArray) -> tuple[FloatArray, Rotation]:
-    """Origin (3,) [m] and rotation of the task frame in the world.
-
-    Raises:
-        KeyError: The model has no site `TASK_SITE`.
-    """
-    site = model.site(TASK_SITE).id
-    data = mujoco.MjData(model)
-    data.qpos[:] = qpos
-    mujoco.mj_kinematics(model, data)
-    matrix = data.site_xmat[site].reshape(3, 3)
-    return data.site_xpos[site].copy(), Rotation.from_matrix(matrix)
-
-
-def _log_demonstrations(
-    stream: rr.RecordingStream, demonstrations: Sequence[Demonstration]
-) -> None:
     strips = [demonstration.poses[:, :3] for demonstration in demonstrations]
     lines = rr.LineStrips3D(strips, colors=colours.DEMONSTRATION, radii=_LINE / 2)
-    stream.log(f"{ROOT}/demonstrations", lines, static=True)
+    return [
+        static(ROOT, pose),
+        static(VIEW, rr.Transform3D(mat3x3=_VIEW_AXES_D)),
+        static(f"{ROOT}/demonstrations", lines),
+        *_arc_and_hinge(radius),
+        *_hand_styles(),
+    ]
 
 
-def _log_true_arc(stream: rr.RecordingStream, log: EpisodeLog) -> None:
+def policy_motion(part: Part) -> list[Chunk]:
+    """The first forecast, which stays, and all of them as a tube that moves."""
+    log, first = part.log, part.first_forecast
+    if log.forecast_times.size == first:
+        return []
+    paths, stds = log.forecast_mean[first:, :, :3], log.forecast_std[first:, :, :3]
+    vertices, normals = tube_vertices(paths, stds)
+    means = paths.astype(np.float32)
+    tubes = rr.Mesh3D.columns(
+        vertex_positions=vertices.reshape(-1, 3), vertex_normals=normals.reshape(-1, 3)
+    )
+    forecasts = [
+        *tubes.partition(np.full(len(vertices), vertices.shape[1])),
+        *rr.LineStrips3D.columns(strips=means),
+    ]
+    index = seconds(log.forecast_times[first:])
+    now = moving(f"{ROOT}/policy_now", index, forecasts)
+    if first > 0:
+        return [now]
+    before = static(
+        f"{ROOT}/policy_before",
+        _tube_style(colours.BEFORE, _OPACITY_BEFORE),
+        rr.Mesh3D.from_fields(vertex_positions=vertices[0], vertex_normals=normals[0]),
+        rr.LineStrips3D(means[:1], colors=colours.BEFORE, radii=_LINE),
+    )
+    return [before, _policy_style(), now]
+
+
+def hand_motion(part: Part) -> list[Chunk]:
+    """The hand's path, its via-points, the force on it, and the leaf it turns."""
+    log, positions = part.log, part.log.ee_pose[:, :3]
+    rows = part.frames()
+    index = seconds(log.times[rows])
+    arrows = rr.Arrows3D.columns(
+        origins=positions[rows], vectors=METRES_PER_NEWTON * log.wrench[rows, :3]
+    )
+    # The leaf turns as the handle does; its line ends at the handle.
+    turns = Rotation.from_rotvec(log.handle_pose[rows, 3:]).as_quat()
+    return [
+        moving(f"{ROOT}/hand/force", index, arrows),
+        moving(f"{PLAN}/leaf", index, rr.Transform3D.columns(quaternion=turns)),
+        *_trail(part),
+        *_via_points(part),
+    ]
+
+
+def _trail(part: Part) -> list[Chunk]:
+    """The path so far, one strip per point that is added to it."""
+    positions = part.log.ee_pose[:, :3]
+    knots = _spaced(positions, np.arange(part.log.times.size), _KNOT_SPACING)
+    ends = knots[(knots >= part.first_row) & (knots > 0)]
+    if ends.size == 0:
+        return []
+    # All strips have as many points; those that are still to come lie on the last.
+    strips = positions[np.minimum(knots, ends[:, None])].astype(np.float32)
+    columns = rr.LineStrips3D.columns(strips=strips)
+    return [moving(f"{ROOT}/hand/trail", seconds(part.log.times[ends]), columns)]
+
+
+def _via_points(part: Part) -> list[Chunk]:
+    """All via-points so far; of those that lie on each other, the first."""
+    log, positions = part.log, part.log.ee_pose[:, :3]
+    rows = _spaced(positions, np.flatnonzero(log.via_point), _DOT_SPACING)
+    counts = np.flatnonzero(rows >= part.first_row) + 1
+    if counts.size == 0:
+        return []
+    so_far = np.concatenate([positions[rows[:count]] for count in counts])
+    columns = rr.Points3D.columns(positions=so_far).partition(counts)
+    index = seconds(log.times[rows[counts - 1]])
+    return [moving(f"{ROOT}/hand/via_points", index, columns)]
+
+
+def _spaced(
+    positions: FloatArray, rows: NDArray[np.intp], spacing: float
+) -> NDArray[np.intp]:
+    """Rows at least about ``spacing`` [m] of travel apart, the first among them.
+
+    Whether a row is kept depends on no later one.
+    """
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    travelled = np.concatenate([[0.0], np.cumsum(steps)])
+    stretch = np.floor(travelled[rows] / spacing)
+    return rows[np.diff(stretch, prepend=-1.0) > 0.0]
+
+
+# A study opens the same doors again and again.
+@functools.lru_cache(maxsize=64)
+def _arc_and_hinge(radius: float) -> tuple[Chunk, ...]:
+    """The handle's true arc, and the leaf as lines from the hinge."""
     angles = np.radians(np.linspace(0.0, _TRUE_ARC_DEG, 76))
-    arc = np.stack([handle_pose_on_arc(log.radius, angle)[:3] for angle in angles])
-    lines = rr.LineStrips3D([arc], colors=colours.TRUTH, radii=_LINE)
-    stream.log(f"{ROOT}/true_arc", lines, static=True)
-
-
-def _log_policy(stream: rr.RecordingStream, log: EpisodeLog) -> None:
-    """Log the first forecast once and all of them as a tube that moves in time."""
-    if log.forecast_times.size == 0:
-        return
-    means, stds = log.forecast_mean[..., :3], log.forecast_std[..., :3]
-    vertices, normals = zip(
-        *(tube_vertices(mean, std) for mean, std in zip(means, stds, strict=True)),
-        strict=True,
-    )
-    before = rr.LineStrips3D([means[0]], colors=colours.BEFORE, radii=_LINE)
-    stream.log(f"{ROOT}/policy_before/mean", before, static=True)
-    stream.log(
-        f"{ROOT}/policy_before/tube",
-        rr.Mesh3D(
-            vertex_positions=vertices[0],
-            vertex_normals=normals[0],
-            triangle_indices=tube_triangles(),
-            albedo_factor=(*colours.BEFORE, _OPACITY_BEFORE),
-        ),
-        static=True,
-    )
-    index = seconds(log.forecast_times)
-    mean_entity, tube_entity = f"{ROOT}/policy_now/mean", f"{ROOT}/policy_now/tube"
-    style = rr.LineStrips3D.from_fields(colors=colours.ADAPTED, radii=_LINE)
-    stream.log(mean_entity, style, static=True)
-    stream.send_columns(mean_entity, index, rr.LineStrips3D.columns(strips=list(means)))
-    stream.log(
-        tube_entity,
-        rr.Mesh3D.from_fields(
-            triangle_indices=tube_triangles(),
-            albedo_factor=(*colours.ADAPTED, _OPACITY_ADAPTED),
-        ),
-        static=True,
-    )
-    columns = rr.Mesh3D.columns(
-        vertex_positions=np.concatenate(vertices),
-        vertex_normals=np.concatenate(normals),
-    )
-    stream.send_columns(
-        tube_entity, index, columns.partition([len(rings) for rings in vertices])
+    arc = np.stack([handle_pose_on_arc(radius, angle)[:3] for angle in angles])
+    hinge, leaf = [0.0, 0.0, -radius], [[[0.0, 0.0, 0.0], [0.0, 0.0, radius]]]
+    true_arc = rr.LineStrips3D([arc], colors=colours.TRUTH, radii=_LINE)
+    at_hinge = rr.Transform3D(translation=hinge)
+    closed = rr.LineStrips3D(leaf, colors=colours.MARK, radii=_LINE / 2)
+    opened = rr.LineStrips3D(leaf, colors=colours.LEAF, radii=2.0 * _LINE)
+    return (
+        static(f"{ROOT}/true_arc", true_arc),
+        static(f"{PLAN}", at_hinge),
+        static(f"{PLAN}/closed", closed),
+        static(f"{PLAN}/leaf", opened),
     )
 
 
-def _log_trail(stream: rr.RecordingStream, log: EpisodeLog) -> None:
-    """Log the hand's path and its via-points, growing with time."""
-    ends = np.unique(np.linspace(1, log.times.size - 1, _N_TRAIL).astype(int))
-    positions = log.ee_pose[:, :3]
-    # Points of the trail are spaced as its updates are: each update adds one.
-    knots = np.concatenate([[0], ends])
-    trail = f"{ROOT}/hand/trail"
-    style = rr.LineStrips3D.from_fields(colors=colours.HAND, radii=_LINE)
-    stream.log(trail, style, static=True)
-    strips = [positions[knots[: count + 2]] for count in range(ends.size)]
-    stream.send_columns(
-        trail, seconds(log.times[ends]), rr.LineStrips3D.columns(strips=strips)
-    )
-    rows = np.flatnonzero(log.via_point)
-    if rows.size == 0:
-        return
-    rows = rows[np.unique(np.linspace(0, rows.size - 1, _N_TRAIL).astype(int))]
-    points = f"{ROOT}/hand/via_points"
-    dots = rr.Points3D.from_fields(colors=colours.HAND, radii=0.006)
-    stream.log(points, dots, static=True)
-    so_far = [positions[rows[: count + 1]] for count in range(rows.size)]
-    columns = rr.Points3D.columns(positions=np.concatenate(so_far))
-    stream.send_columns(
-        points,
-        seconds(log.times[rows]),
-        columns.partition([len(taken) for taken in so_far]),
+@functools.cache
+def _policy_style() -> Chunk:
+    """How the forecasts look."""
+    tube = _tube_style(colours.ADAPTED, _OPACITY_ADAPTED)
+    return static(f"{ROOT}/policy_now", tube, _line_style(colours.ADAPTED))
+
+
+@functools.cache
+def _hand_styles() -> tuple[Chunk, ...]:
+    """How the hand's traces look."""
+    dots = rr.Points3D.from_fields(colors=colours.HAND, radii=_DOT)
+    arrow = rr.Arrows3D.from_fields(colors=colours.FORCE, radii=_DOT)
+    return (
+        static(f"{ROOT}/hand/trail", _line_style(colours.HAND)),
+        static(f"{ROOT}/hand/via_points", dots),
+        static(f"{ROOT}/hand/force", arrow),
     )
 
 
-def _log_force(stream: rr.RecordingStream, log: EpisodeLog) -> None:
-    """Log the door's force on the hand as an arrow at the hand."""
-    entity = f"{ROOT}/hand/force"
-    rows = _rows(log)
-    style = rr.Arrows3D.from_fields(colors=colours.FORCE, radii=0.006)
-    stream.log(entity, style, static=True)
-    columns = rr.Arrows3D.columns(
-        origins=log.ee_pose[rows, :3], vectors=METRES_PER_NEWTON * log.wrench[rows, :3]
+def _line_style(colour: colours.Colour) -> rr.LineStrips3D:
+    return rr.LineStrips3D.from_fields(colors=colour, radii=_LINE)
+
+
+def _tube_style(colour: colours.Colour, opacity: int) -> rr.Mesh3D:
+    return rr.Mesh3D.from_fields(
+        triangle_indices=tube_triangles(), albedo_factor=(*colour, opacity)
     )
-    stream.send_columns(entity, seconds(log.times[rows]), columns)
-
-
-def _log_leaf(stream: rr.RecordingStream, log: EpisodeLog) -> None:
-    """Log the line from hinge to handle, closed and now, for the view from above."""
-    hinge = np.array([0.0, 0.0, -log.radius])
-    closed = rr.LineStrips3D(
-        [np.stack([hinge, np.zeros(3)])], colors=colours.MARK, radii=_LINE / 2
-    )
-    stream.log(f"{PLAN}/closed", closed, static=True)
-    entity, rows = f"{PLAN}/leaf", _rows(log)
-    style = rr.LineStrips3D.from_fields(colors=colours.LEAF, radii=2.0 * _LINE)
-    stream.log(entity, style, static=True)
-    handle = log.handle_pose[rows, :3]
-    strips = np.stack([np.broadcast_to(hinge, handle.shape), handle], axis=1)
-    columns = rr.LineStrips3D.columns(strips=list(strips))
-    stream.send_columns(entity, seconds(log.times[rows]), columns)
-
-
-def _rows(log: EpisodeLog) -> NDArray[np.intp]:
-    """Rows at which moving things are logged, evenly spaced."""
-    every = max(1, round(1.0 / (_FRAMES_PER_SECOND * log.dt)))
-    return np.arange(0, log.times.size, every)

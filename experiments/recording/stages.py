@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Collection
 from typing import Final
 
 import numpy as np
 import rerun as rr
+from rerun.chunk import Chunk
 
 from experiments.episode_log import EpisodeLog
 from experiments.recording.colours import BEFORE, FORCE, HAND, TRUTH
-from experiments.recording.stream import seconds
+from experiments.recording.stream import moving, seconds, static
 from gplfd_env.task import STALL_ANGLE, SUCCESS_ANGLE
 
 ENTITY: Final = "/stage"
 _MOVED: Final = math.radians(1.0)
+_ROOM: Final = 1.02
+"""Where the lane ends, in durations of the episode."""
 _STAGES: Final = {
     "grasp": BEFORE,
     "open": HAND,
@@ -25,18 +30,36 @@ _STAGES: Final = {
 }
 
 
-def log_stages(stream: rr.RecordingStream, log: EpisodeLog) -> None:
-    """Log when each stage of `stages` began."""
-    began = stages(log)
+def stage_lane(
+    log: EpisodeLog, shown: Collection[str] = (), *, ended: bool = True
+) -> list[Chunk]:
+    """When each stage of `stages` began.
+
+    Args:
+        log: The episode, or so much of it as there is.
+        shown: Names of the stages that are shown already.
+        ended: Whether nothing more will happen.
+    """
+    began = [(log.times[row], name) for row, name in stages(log)]
+    new = [stage for stage in began if stage[1] not in shown]
+    if ended:
+        # The last stage is given some width.
+        new.append((_ROOM * log.times[-1], began[-1][1]))
+    if not new:
+        return []
+    times, names = zip(*new, strict=True)
+    columns = rr.StateChange.columns(state=names)
+    lane = moving(ENTITY, seconds(np.array(times)), columns)
+    return [lane] if shown and not log.failure else [_style(log.failure), lane]
+
+
+@functools.lru_cache(maxsize=8)
+def _style(failure: str) -> Chunk:
     names = list(_STAGES)
-    labels = [f"failure: {log.failure}" if n == "failure" else n for n in names]
-    style = rr.StateConfiguration(
-        values=names, labels=labels, colors=np.array([_STAGES[n] for n in names])
-    )
-    stream.log(ENTITY, style, static=True)
-    times = np.array([log.times[row] for row, _ in began])
-    columns = rr.StateChange.columns(state=[name for _, name in began])
-    stream.send_columns(ENTITY, seconds(times), columns)
+    labels = [f"failure: {failure}" if n == "failure" else n for n in names]
+    tints = np.array([_STAGES[name] for name in names])
+    style = rr.StateConfiguration(values=names, labels=labels, colors=tints)
+    return static(ENTITY, style)
 
 
 def stages(log: EpisodeLog) -> list[tuple[int, str]]:

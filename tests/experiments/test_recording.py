@@ -1,5 +1,7 @@
 import math
-from collections.abc import Callable
+import os
+import sys
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -8,20 +10,19 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import rerun as rr
-from rerun.chunk import RrdReader
+from rerun.chunk import Chunk, RrdReader
+from scipy.spatial.transform import Rotation
 
 from experiments.episode_log import EpisodeLog
 from experiments.recording import record_episode
-from experiments.recording.layout import _policy_views
+from experiments.recording.geoms import visual_geoms
+from experiments.recording.layout import _policy_views, layout
+from experiments.recording.motion import VIEW
 from experiments.recording.panels import before_adaptation, share_of_bound
-from experiments.recording.scene import visual_geoms
 from experiments.recording.stages import stages
 from experiments.recording.tube import (
     N_RINGS,
     N_SIDES,
-    QUANTILE,
-    tube_triangles,
-    tube_vertices,
 )
 from experiments.teacher import Teacher
 from gplfd_env.task import handle_pose_on_arc
@@ -83,23 +84,29 @@ def test_every_visible_geom_is_drawn_once_in_its_place_and_colour(
     recording = record(make_log())
     assert sum(map(len, visual_geoms(door_model).values())) == 7
     leaf = "/world/scene/leaf"
-    drawn = {path for path in recording.entities if path.startswith(leaf + "/")}
-    kinds = ("boxes", "capsules", "spheres", "ellipsoids", "cylinders", "mesh_6")
-    assert drawn == {f"{leaf}/{kind}" for kind in kinds}
-    _, sizes = recording.column(f"{leaf}/boxes", "Boxes3D:half_sizes")
+    drawn = {path for path in recording.entities if path.startswith("/world/scene/")}
+    assert drawn == {"/world/scene/world", leaf, f"{leaf}/mesh_6"}
+    _, sizes = recording.column(leaf, "Boxes3D:half_sizes")
     np.testing.assert_allclose(sizes[0], [[0.02, 1.0, 0.25]], atol=1e-6)
-    _, colours = recording.column(f"{leaf}/boxes", "Boxes3D:colors")
+    _, colours = recording.column(leaf, "Boxes3D:colors")
     assert colours == [[0x0000FFFF]]  # of the material
-    _, colours = recording.column(f"{leaf}/capsules", "Capsules3D:colors")
+    _, colours = recording.column(leaf, "Capsules3D:colors")
     assert colours == [[0xFF000080]]  # of the geom, half transparent
+    _, sizes = recording.column(leaf, "Ellipsoids3D:half_sizes")
+    np.testing.assert_allclose(sizes[0], [[0.02] * 3, [0.02, 0.03, 0.04]], atol=1e-6)
     # MuJoCo centres the capsule at (0, 0, R); Rerun's starts at its lower end.
-    _, start = recording.column(f"{leaf}/capsules", "Capsules3D:translations")
+    _, start = recording.column(leaf, "Capsules3D:translations")
     quaternion = door_model.geom("bar").quat
     axis = np.zeros(3)
     mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, 1.0]), quaternion)
     np.testing.assert_allclose(start[0][0], [0.0, 0.0, 0.5] - 0.1 * axis, atol=1e-6)
     _, faces = recording.column(f"{leaf}/mesh_6", "Mesh3D:triangle_indices")
     assert len(faces[0]) == 4
+    # The floor is infinite: a thin box of 6 m below it.
+    _, floor = recording.column("/world/scene/world", "Boxes3D:centers")
+    np.testing.assert_allclose(floor[0], [[0.0, 0.0, -0.005]], atol=1e-6)
+    _, floor = recording.column("/world/scene/world", "Boxes3D:half_sizes")
+    np.testing.assert_allclose(floor[0], [[3.0, 3.0, 0.005]], atol=1e-6)
 
 
 def test_bodies_move_as_forward_kinematics_says(
@@ -118,8 +125,22 @@ def test_bodies_move_as_forward_kinematics_says(
     mujoco.mj_kinematics(door_model, data)
     w, x, y, z = data.body("leaf").xquat
     np.testing.assert_allclose(quaternions[-1][0], [x, y, z, w], atol=1e-6)
-    still, _ = recording.column("/world/scene/world", "Transform3D:quaternion")
-    assert still is None
+    with pytest.raises(AssertionError, match="has no"):
+        recording.column("/world/scene/world", "Transform3D:quaternion")
+
+
+def test_leaf_in_the_view_from_above_ends_at_the_handle(
+    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
+) -> None:
+    log = make_log()
+    recording, plan = record(log), "/world/task/plan"
+    _, hinge = recording.column(plan, "Transform3D:translation")
+    _, leaf = recording.column(f"{plan}/leaf", "LineStrips3D:strips")
+    _, turns = recording.column(f"{plan}/leaf", "Transform3D:quaternion")
+    start, end = np.array(leaf[0][0])
+    np.testing.assert_array_equal(start, 0.0)
+    handle = hinge[0][0] + Rotation.from_quat(turns[-1][0]).apply(end)
+    np.testing.assert_allclose(handle, log.handle_pose[-1, :3], atol=1e-6)
 
 
 def test_log_of_another_model_is_refused(
@@ -159,8 +180,8 @@ def test_policy_tube_is_still_before_and_moves_after(
     recording = record(log)
     root = "/world/task"
     component = "Mesh3D:vertex_positions"
-    before, (first,) = recording.column(f"{root}/policy_before/tube", component)
-    times, tubes = recording.column(f"{root}/policy_now/tube", component)
+    before, (first,) = recording.column(f"{root}/policy_before", component)
+    times, tubes = recording.column(f"{root}/policy_now", component)
     assert before is None
     np.testing.assert_allclose(times, log.forecast_times)
     assert {len(tube) for tube in tubes} == {N_RINGS * N_SIDES}
@@ -169,25 +190,8 @@ def test_policy_tube_is_still_before_and_moves_after(
     ring = slice(middle, middle + N_SIDES)
     width = [np.ptp(np.array(tube)[ring, 1]) for tube in tubes]
     assert width[1] < 0.5 * width[0]
-
-
-def test_tube_touches_the_ellipse_of_the_normal_quantile() -> None:
-    """On a straight path along x the section has half axes 1.96 σ_z and 1.96 σ_y."""
-    mean = np.outer(np.linspace(0.0, 1.0, 30), [1.0, 0.0, 0.0])
-    vertices, normals = tube_vertices(mean, np.tile([9.0, 0.01, 0.02], (30, 1)))
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
-    across = vertices / (QUANTILE * np.array([np.inf, 0.01, 0.02]))
-    np.testing.assert_allclose(np.linalg.norm(across, axis=1), 1.0)
-    triangles = tube_triangles()
-    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
-    outward = np.sum(np.cross(b - a, c - a) * normals[triangles[:, 0]], axis=1)
-    assert np.all(outward > 0.0) or np.all(outward < 0.0)
-
-
-def test_tube_of_a_path_that_stands_still_is_finite() -> None:
-    vertices, normals = tube_vertices(np.zeros((5, 3)), np.zeros((5, 3)))
-    assert np.isfinite(vertices).all()
-    assert np.isfinite(normals).all()
+    _, lines = recording.column(f"{root}/policy_now", "LineStrips3D:strips")
+    np.testing.assert_allclose(lines[1][0], log.forecast_mean[1, :, :3], atol=1e-6)
 
 
 def test_bands_are_1_96_sigma_and_predictions_end_where_they_are_unknown(
@@ -196,11 +200,16 @@ def test_bands_are_1_96_sigma_and_predictions_end_where_they_are_unknown(
     mean = np.array(make_log().predicted_mean)
     mean[:100] = np.nan
     recording = record(make_log(predicted_mean=mean))
-    times, variances = recording.column(
-        "/plots/turn/predicted", "Measurements:variances"
-    )
-    assert times[0] == pytest.approx(1.0)
-    assert variances[0][0] == pytest.approx((1.96 * 0.004 * 180.0 / math.pi) ** 2)
+    _, variances = recording.column("/plots/turn/belief", "Measurements:variances")
+    to_degrees = 180.0 / math.pi
+    before, now = variances[-1]
+    assert before == pytest.approx((1.96 * 0.03 * to_degrees) ** 2)
+    assert now == pytest.approx((1.96 * 0.004 * to_degrees) ** 2)
+    _, values = recording.column("/plots/turn/belief", "Measurements:values")
+    assert np.isfinite(values).all(axis=0).tolist() == [True, False]
+    assert np.flatnonzero(np.isfinite(values)[:, 1])[0] == 100
+    _, names = recording.column("/plots/turn/belief", "Measurements:names")
+    assert names == [["before", "policy now"]]
     _, values = recording.column("/plots/turn/motion", "Scalars:scalars")
     np.testing.assert_allclose(values[-1], [66.0, 66.0])
 
@@ -227,7 +236,7 @@ def test_policy_without_forecasts_or_predictions_can_be_recorded(
     )
     paths = " ".join(recording.entities)
     assert "policy_now" not in paths
-    assert "predicted" not in paths
+    assert "belief" not in paths
     assert "/plots/stiffness" not in paths
     assert "/plots/angle/door" in recording.entities
     assert "/world/task/true_arc" in recording.entities
@@ -252,7 +261,7 @@ def test_share_of_bound_is_one_on_the_bound(make_log: MakeLog) -> None:
     np.testing.assert_allclose(share_of_bound(on_bound), 1.0)
 
 
-def test_via_points_accumulate(
+def test_via_points_accumulate_where_they_are_apart(
     record: Callable[[EpisodeLog], Recording], make_log: MakeLog
 ) -> None:
     log = make_log()
@@ -260,9 +269,25 @@ def test_via_points_accumulate(
         "/world/task/hand/via_points", "Points3D:positions"
     )
     counts = [len(points) for points in positions]
-    assert counts == list(range(1, int(log.via_point.sum()) + 1))
-    np.testing.assert_allclose(times, log.times[log.via_point])
-    np.testing.assert_allclose(positions[-1], log.ee_pose[log.via_point, :3], atol=1e-6)
+    assert counts == list(range(1, len(counts) + 1))
+    shown, there = np.array(positions[-1]), log.ee_pose[log.via_point, :3]
+    gaps = np.linalg.norm(there[:, None] - shown, axis=2).min(axis=1)
+    assert gaps.max() < 0.005  # less than a dot
+    assert set(times.round(6)) <= set(log.times[log.via_point].round(6))
+
+
+def test_trail_grows_with_the_hand(
+    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
+) -> None:
+    log = make_log()
+    times, strips = record(log).column("/world/task/hand/trail", "LineStrips3D:strips")
+    assert len(times) < 80
+    for time, (strip,) in zip(times, strips, strict=True):
+        row = round(time / log.dt)
+        np.testing.assert_allclose(strip[-1], log.ee_pose[row, :3], atol=1e-6)
+    steps = np.linalg.norm(np.diff(log.ee_pose[:, :3], axis=0), axis=1)
+    length = np.linalg.norm(np.diff(strips[-1][0], axis=0), axis=1).sum()
+    assert length == pytest.approx(steps.sum(), abs=0.015)
 
 
 @pytest.mark.parametrize(
@@ -310,7 +335,6 @@ def test_file_carries_its_layout_and_explains_itself(
     record: Callable[[EpisodeLog], Recording], make_log: MakeLog
 ) -> None:
     recording = record(make_log(success=False, failure="stalled"))
-    assert len(recording.reader.blueprints()) == 1
     _, page = recording.column("/about", "TextDocument:text")
     for words in ("medium door", "`gp`", "not opened** (stalled)", "**seed**: 3"):
         assert words in page[0][0]
@@ -320,9 +344,86 @@ def test_bands_are_called_what_they_are(
     record: Callable[[EpisodeLog], Recording], make_log: MakeLog
 ) -> None:
     """A normal quantile per axis, which is no 95 % band of few demonstrations."""
-    titles = [str(view.name) for view in _policy_views(6.0)]
+    titles = [str(view.name) for view in _policy_views()]
     assert [title for title in titles if "±1.96 σ" in title] == titles[1:]
     assert not any("95" in title for title in titles)
     _, page = record(make_log()).column("/about", "TextDocument:text")
     assert "±1.96 σ per axis (normal quantile" in page[0][0]
     assert "(95 %)" not in page[0][0]
+
+
+def blueprint_of(path: Path) -> list[Chunk]:
+    reader = RrdReader(path)
+    (blueprint,) = reader.blueprints()
+    return list(reader.stream(store=blueprint))
+
+
+def test_file_carries_the_layout_as_rerun_would_write_it(
+    record: Callable[[EpisodeLog], Recording], make_log: MakeLog, tmp_path: Path
+) -> None:
+    record(make_log())
+    written = columns_of_blueprint(blueprint_of(tmp_path / "episode.rrd"))
+    layout().save("gplfd", tmp_path / "plain.rbl")
+    assert written == columns_of_blueprint(blueprint_of(tmp_path / "plain.rbl"))
+    views = {path for path, name in written if name == "ViewBlueprint:space_origin"}
+    assert len(views) == 13  # nine of series, two 3-D, lane and page
+
+
+def columns_of_blueprint(chunks: Iterable[Chunk]) -> dict[tuple[str, str], Any]:
+    return {
+        (chunk.entity_path, name): chunk.to_record_batch().column(name).to_pylist()
+        for chunk in chunks
+        for name in chunk.to_record_batch().schema.names
+        if ":" in name
+    }
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="counts threads in /proc")
+def test_recordings_leave_no_threads_behind(
+    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
+) -> None:
+    log = make_log()
+    for _ in range(2):
+        record(log)
+    before = len(os.listdir("/proc/self/task"))
+    for _ in range(5):
+        record(log)
+    assert len(os.listdir("/proc/self/task")) <= before + 2
+
+
+def test_no_legend_lies_on_a_curve(
+    record: Callable[[EpisodeLog], Recording], make_log: MakeLog, tmp_path: Path
+) -> None:
+    """The only one is where the pull, which starts at zero, never comes."""
+    record(make_log())
+    written = columns_of_blueprint(blueprint_of(tmp_path / "episode.rrd"))
+    corners = {
+        path.rpartition("/")[0]: written[path, "PlotLegend:corner"]
+        for path, name in written
+        if name == "PlotLegend:visible" and written[path, name] == [[True]]
+    }
+    (view,) = corners
+    assert written[view, "ViewBlueprint:space_origin"] == [["/plots/x"]]
+    left_top = 1
+    assert corners[view] == [[left_top]]
+
+
+def test_views_look_from_a_frame_with_z_up(
+    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
+) -> None:
+    recording = record(make_log())
+    _, task = recording.column("/world/task", "Transform3D:quaternion")
+    _, axes = recording.column(VIEW, "Transform3D:mat3x3")
+    columns = np.array(axes[0][0]).reshape(3, 3).T
+    upward = Rotation.from_quat(task[0][0]).apply(columns[:, 2])
+    assert np.linalg.det(columns) == pytest.approx(1.0)
+    # In the tests' model the door's upward direction is the world's y.
+    frame = Rotation.from_quat([0.5, 0.5, 0.5, 0.5])
+    np.testing.assert_allclose(upward, frame.apply([0.0, 1.0, 0.0]), atol=1e-6)
+
+
+def test_recordings_are_made_of_few_chunks(
+    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
+) -> None:
+    """Time is spent per chunk, 0.1 ms each to make and to write."""
+    assert len(record(make_log()).chunks) <= 60

@@ -1,0 +1,289 @@
+"""Watching an episode live, without a viewer: streams end in files."""
+
+import itertools
+import socket
+import stat
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pyarrow as pa
+import pytest
+import rerun as rr
+from rerun.chunk import Chunk, RrdReader
+
+from experiments import cli
+from experiments.commands import live as live_command
+from experiments.episode_log import EpisodeLog
+from experiments.recording import live, record_episode
+from experiments.recording.layout import layout
+from experiments.recording.live import LiveRecording, watched_rollout
+from experiments.recording.stream import open_stream
+from experiments.teacher import Teacher
+
+Gplfd = Callable[..., int]
+NAMES = {
+    "policy": "gp",
+    "door": "medium",
+    "door_config": {"radius": 0.5},
+    "seed": 3,
+}
+DEMONSTRATIONS = Teacher().demonstrate_doors([0.5], 1, rng=np.random.default_rng(0))
+
+
+@pytest.fixture(autouse=True)
+def strict_rerun(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RERUN_STRICT", "1")
+    rr.set_strict_mode(True)
+
+
+@pytest.fixture
+def watch(tmp_path: Path) -> Callable[..., tuple[EpisodeLog, list[Chunk]]]:
+    """Run an episode and return its log and what was streamed, in order."""
+
+    def watch(
+        env: gym.Env[Any, Any], agent: Any, **options: Any
+    ) -> tuple[EpisodeLog, list[Chunk]]:
+        stream = open_stream()
+        stream.save(tmp_path / "live.rrd", default_blueprint=layout(live=True))
+        recording = LiveRecording(stream, env.unwrapped.model, DEMONSTRATIONS)  # type: ignore[attr-defined]
+        try:
+            log = watched_rollout(env, agent, recording, **options, **NAMES)
+        finally:
+            stream.flush()
+            stream.disconnect()
+        return log, list(RrdReader(tmp_path / "live.rrd").stream())
+
+    return watch
+
+
+def times_of(chunk: Chunk) -> list[int]:
+    column = chunk.to_record_batch().column("sim_time")
+    return column.cast(pa.int64()).to_pylist()
+
+
+def entities_of(chunks: list[Chunk]) -> set[tuple[str, bool]]:
+    return {(chunk.entity_path, chunk.is_static) for chunk in chunks}
+
+
+@pytest.mark.parametrize("outcome", ["success", "grasp_lost"])
+def test_live_and_recorded_show_the_same(
+    watch: Callable[..., tuple[EpisodeLog, list[Chunk]]],
+    door_env: Any,
+    arc_agent: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    outcome: str,
+) -> None:
+    monkeypatch.setattr(live, "_PERIOD", 0.0)  # an update per step
+    env = door_env(outcome)
+    log, chunks = watch(env, arc_agent(), speed=np.inf)
+    record_episode(tmp_path / "recorded.rrd", log, env.model, DEMONSTRATIONS)
+    recorded = list(RrdReader(tmp_path / "recorded.rrd").stream())
+    assert entities_of(chunks) == entities_of(recorded)
+    pages = [
+        chunk.to_record_batch().column("TextDocument:text").to_pylist()[0][0]
+        for chunk in chunks
+        if chunk.entity_path == "/about"
+    ]
+    assert "being opened" in pages[0]
+    assert ("**opened**" in pages[1]) is (outcome == "success")
+
+
+def test_times_arrive_in_order_and_every_step_is_shown_once(
+    watch: Callable[..., tuple[EpisodeLog, list[Chunk]]],
+    door_env: Any,
+    arc_agent: Any,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(live, "_PERIOD", 0.0)
+    log, chunks = watch(door_env(), arc_agent(), speed=np.inf)
+    series: dict[str, list[int]] = {}
+    for chunk in chunks:
+        if not chunk.is_static:
+            series.setdefault(chunk.entity_path, []).extend(times_of(chunk))
+    for path, times in series.items():
+        assert times == sorted(times), path
+    assert series["/plots/force/parts"] == times_of_rows(log)
+    assert len(series["/world/task/policy_now"]) == log.forecast_times.size == 3
+    arrived = [
+        max(times_of(chunk))
+        for chunk in chunks
+        if not chunk.is_static and not chunk.entity_path.startswith("/stage")
+    ]
+    # No part holds anything that is older than the part before it.
+    period = round(1e9 * log.dt)
+    assert all(b >= a - period for a, b in itertools.pairwise(arrived))
+
+
+def times_of_rows(log: EpisodeLog) -> list[int]:
+    column = rr.TimeColumn("sim_time", duration=log.times)
+    return column.as_arrow_array().cast(pa.int64()).to_pylist()
+
+
+def test_an_episode_is_watched_in_its_own_time(
+    watch: Callable[..., tuple[EpisodeLog, list[Chunk]]],
+    door_env: Any,
+    arc_agent: Any,
+) -> None:
+    started = time.perf_counter()
+    log, _ = watch(door_env(n_steps=60), arc_agent(n_steps=60), speed=2.0)
+    assert time.perf_counter() - started >= log.times[-1] / 2.0
+
+
+def test_an_episode_that_nobody_watches_is_given_up(
+    watch: Callable[..., tuple[EpisodeLog, list[Chunk]]],
+    door_env: Any,
+    arc_agent: Any,
+) -> None:
+    env = door_env()
+    with pytest.raises(InterruptedError, match="nobody watches"):
+        watch(env, arc_agent(), speed=np.inf, wanted=lambda: False)
+    assert len(env.actions) < env.n_steps
+
+
+def test_a_policy_without_forecasts_can_be_watched(
+    watch: Callable[..., tuple[EpisodeLog, list[Chunk]]],
+    door_env: Any,
+    arc_agent: Any,
+) -> None:
+    log, chunks = watch(door_env(), arc_agent(forecasts=False), speed=np.inf)
+    assert log.forecast_times.size == 0
+    assert not any("policy" in chunk.entity_path for chunk in chunks)
+
+
+def test_time_follows_what_comes_in() -> None:
+    assert layout(live=True).time_panel.play_state == "following"
+    assert layout().time_panel.play_state == "playing"
+
+
+@pytest.fixture
+def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Gplfd:
+    monkeypatch.chdir(tmp_path)
+    for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+
+    def run(*arguments: str) -> int:
+        try:
+            return cli.main(["view", *arguments])
+        except SystemExit as error:
+            return int(error.code or 0)
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "give a recording to open, for example"),
+        (["--live", "a.rrd"], "it does not go with a.rrd"),
+        (["--live"], "`gplfd view --live --serve` serves the episode to a browser"),
+        (["--live", "--speed", "0"], "--speed 0 must be positive and finite"),
+        (["--live", "--speed", "nan"], "--speed nan must be positive"),
+        (["--live", "--speed", "inf"], "--speed inf must be positive"),
+        (["--live", "--seed", "-1"], "--seed -1 must be 0 or more"),
+        (["--live", "--serve", "--door", "smal"], "unknown door 'smal'"),
+        (["--live", "--serve", "--policy", "oracel"], "unknown policy 'oracel'"),
+        (["a.rrd", "--seed", "1"], "--seed goes with --live, not with a file"),
+        (["a.rrd", "--serve"], "--serve goes with --live, not with a file"),
+    ],
+)
+def test_bad_arguments_have_status_2_and_start_nothing(
+    gplfd: Gplfd,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    message: str,
+) -> None:
+    monkeypatch.setattr(live_command.subprocess, "Popen", None)
+    assert gplfd(*arguments) == 2
+    printed = capsys.readouterr().err
+    assert printed.startswith("gplfd: ")
+    assert message in printed
+    assert len(printed.splitlines()) == 1
+
+
+def test_unreadable_speed_is_a_parser_error(gplfd: Gplfd) -> None:
+    assert gplfd("--live", "--speed", "fast") == 2
+
+
+LISTENING = """\
+import socket, sys
+arguments = sys.argv[1:]
+open("arguments", "w").write(" ".join(arguments))
+listener = socket.create_server(("127.0.0.1", int(arguments[3])))
+while True:
+    listener.accept()
+"""
+
+
+def stand_in(monkeypatch: pytest.MonkeyPatch, script: str) -> None:
+    """Let a Python script play the viewer."""
+    path = Path("viewer").resolve()
+    path.write_text(f"#!{sys.executable}\n{script}")
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setattr(live_command, "viewer", lambda: str(path))
+
+
+ORACLE = ("--live", "--serve", "--policy", "oracle")
+
+
+def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
+    gplfd: Gplfd,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    seen: dict[str, Any] = {}
+
+    def show(view: Any, episode: Any, process: Any, url: str) -> None:
+        seen.update(door=episode.door, process=process, url=url)
+        assert process.poll() is None
+        raise InterruptedError
+
+    monkeypatch.setattr(live_command, "_show", show)
+    stand_in(monkeypatch, LISTENING)
+    assert gplfd(*ORACLE, "--door", "0.42") == 0
+    arguments = Path("arguments").read_text().split()
+    assert arguments[:3] == ["--bind", "127.0.0.1", "--port"]
+    assert arguments[4:6] == ["--serve-web", "--web-viewer-port"]
+    assert seen["door"] == "0.42"
+    assert seen["url"] == f"rerun+http://127.0.0.1:{arguments[3]}/proxy"
+    assert seen["process"].poll() is not None
+    printed = capsys.readouterr().err
+    address = f"http://127.0.0.1:{arguments[6]}/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A"
+    assert f"watch it at  {address}{arguments[3]}%2Fproxy" in printed
+    assert "closed before the episode ended" in printed
+
+
+def test_a_viewer_that_does_not_start_is_told(
+    gplfd: Gplfd,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    stand_in(monkeypatch, "raise SystemExit(102)")
+    assert gplfd(*ORACLE) == 2
+    assert "the viewer ended with status 102" in capsys.readouterr().err
+
+
+def test_a_viewer_that_does_not_answer_is_told(
+    gplfd: Gplfd,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(live_command, "_START_TIMEOUT", 0.2)
+    stand_in(monkeypatch, "import time; time.sleep(60)")
+    assert gplfd(*ORACLE) == 2
+    assert "did not answer within 0.2 s" in capsys.readouterr().err
+
+
+def test_ports_are_free_and_two() -> None:
+    first, second = live_command._free_ports()
+    assert first != second
+    for port in (first, second):
+        with socket.create_server(("127.0.0.1", port)):
+            pass

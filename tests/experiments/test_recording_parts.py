@@ -1,0 +1,166 @@
+"""What a recording is made of: bodies drawn and moved, and an episode in parts."""
+
+import dataclasses
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import mujoco
+import numpy as np
+import pyarrow as pa
+import pytest
+from rerun.chunk import Chunk
+from scipy.spatial.transform import Rotation
+
+from experiments.episode_log import EpisodeLog
+from experiments.recording.episode import happening
+from experiments.recording.geoms import visual_geoms
+from experiments.recording.kinematics import body_poses, task_frame
+from experiments.recording.part import Part
+from experiments.recording.scene import drawn_scene, entity_of_body, moved_scene
+
+MakeLog = Callable[..., EpisodeLog]
+
+
+FIXED = """
+<mujoco><worldbody>
+  <geom type="box" size="1 1 1" pos="0 0 -1"/>
+  <body name="post" pos="1 2 3" quat="0.8 0 0 0.6">
+    <geom type="box" size="0.1 0.1 0.1" pos="0.5 0 0"/>
+    <site name="task_frame" pos="0.5 0 0" quat="0.6 0.8 0 0"/>
+    <body name="slide" pos="0 0 1"><joint type="slide"/>
+      <body name="hook" pos="0 1 0" quat="0.6 0 0.8 0">
+        <body pos="0 0 1"><geom type="box" size="0.1 0.1 0.1" pos="0 0.5 0"/></body>
+      </body>
+    </body>
+  </body>
+</worldbody></mujoco>
+"""
+
+
+def test_geoms_of_fixed_bodies_are_drawn_where_their_carrier_has_them() -> None:
+    """The pose on the carrier, moved by the carrier's, is MuJoCo's own."""
+    model = mujoco.MjModel.from_xml_string(FIXED)
+    data = mujoco.MjData(model)
+    data.qpos[0] = 0.3
+    mujoco.mj_kinematics(model, data)
+    slide = model.body("slide").id
+    assert visual_geoms(model) == {0: [0, 1], slide: [2]}
+    drawn = {chunk.entity_path: chunk for chunk in drawn_scene(model)}
+    for body, geoms in visual_geoms(model).items():
+        batch = drawn[entity_of_body(model, body)].to_record_batch()
+        centres = np.array(batch.column("Boxes3D:centers").to_pylist()[0])
+        turn = data.xmat[body].reshape(3, 3)
+        world = data.xpos[body] + centres @ turn.T
+        np.testing.assert_allclose(world, data.geom_xpos[geoms], atol=1e-6)
+        quaternions = batch.column("Boxes3D:quaternions").to_pylist()[0]
+        for geom, quaternion in zip(geoms, quaternions, strict=True):
+            own = Rotation.from_quat(quaternion).as_matrix()
+            matrix = data.geom_xmat[geom].reshape(3, 3)
+            np.testing.assert_allclose(turn @ own, matrix, atol=1e-6)
+    origin, rotation = task_frame(model)
+    site = data.site("task_frame")
+    np.testing.assert_allclose(origin, site.xpos)
+    np.testing.assert_allclose(rotation.as_matrix().ravel(), site.xmat, atol=1e-12)
+
+
+def test_what_is_the_same_is_drawn_once_for_all_recordings(
+    door_model: mujoco.MjModel,
+) -> None:
+    def ids() -> dict[str, str]:
+        return {chunk.entity_path: chunk.id for chunk in drawn_scene(door_model)}
+
+    leaf, first, again = "/world/scene/leaf", ids(), ids()
+    assert first[leaf] == again[leaf]
+    door_model.geom("knob").size[:] = 0.03
+    changed = ids()
+    assert changed[leaf] != first[leaf]
+    assert changed["/world/scene/world"] == first["/world/scene/world"]
+
+
+def test_bodies_move_between_frames_as_in_a_video(
+    make_log: MakeLog, door_model: mujoco.MjModel
+) -> None:
+    log = make_log()
+    (leaf,) = moved_scene(door_model, Part(log=log))
+    times = leaf.to_record_batch().column("sim_time").cast(pa.int64()).to_numpy()
+    assert np.diff(times).max() <= 1e9 / 30.0
+    positions, quaternions = body_poses(door_model, log.qpos[::200], [2, 1])
+    assert positions.shape == (2, 4, 3)
+    np.testing.assert_allclose(positions[1], np.tile([0.7, 0.6, 0.85], (4, 1)))
+    turned = 2.0 * np.arccos(np.clip(quaternions[1] @ quaternions[0].T, -1.0, 1.0))
+    np.testing.assert_allclose(turned[0], log.door_angle[::200], atol=1e-6)
+
+
+SLIDES = """
+<mujoco><worldbody>
+  <body name="a"><joint type="slide" axis="1 0 0"/><geom size="0.1"/></body>
+  <body name="b"><joint type="slide" axis="0 1 0"/><geom size="0.1"/></body>
+</worldbody></mujoco>
+"""
+
+
+def test_every_body_moves_by_its_own_joint(make_log: MakeLog) -> None:
+    model = mujoco.MjModel.from_xml_string(SLIDES)
+    log = make_log(qpos=np.outer(np.linspace(0.0, 1.0, 601), [1.0, 2.0]))
+    moved = {chunk.entity_path: chunk for chunk in moved_scene(model, Part(log=log))}
+    for name, end in (("a", [1.0, 0.0, 0.0]), ("b", [0.0, 2.0, 0.0])):
+        batch = moved[f"/world/scene/{name}"].to_record_batch()
+        places = batch.column("Transform3D:translation").to_pylist()
+        np.testing.assert_allclose([places[0][0], places[-1][0]], [[0.0] * 3, end])
+
+
+def columns_of(chunks: Iterable[Chunk]) -> dict[tuple[str, str, int], Any]:
+    """Values by entity, component and time [ns]; of static ones, time -1."""
+    found = {}
+    for chunk in chunks:
+        batch = chunk.to_record_batch()
+        times = [-1] * batch.num_rows
+        if not chunk.is_static:
+            times = batch.column("sim_time").cast(pa.int64()).to_pylist()
+        for name in batch.schema.names:
+            if ":" in name:
+                values = batch.column(name).to_pylist()
+                for time, value in zip(times, values, strict=True):
+                    found[chunk.entity_path, name, time] = value
+    return found
+
+
+@pytest.mark.parametrize("ends", [[2, 4, 150, 601], [301, 601]])
+def test_an_episode_shown_in_parts_shows_what_it_shows_at_once(
+    make_log: MakeLog, door_model: mujoco.MjModel, ends: list[int]
+) -> None:
+    predicted = np.array(make_log().predicted_mean)
+    predicted[:200] = np.nan
+    whole = make_log(predicted_mean=predicted)
+    parts: dict[tuple[str, str, int], Any] = {}
+    first_row = first_forecast = 0
+    for end in ends:
+        log = so_far(whole, end)
+        part = Part(log=log, first_row=first_row, first_forecast=first_forecast)
+        new = columns_of(happening(part, door_model))
+        assert not parts.keys() & new.keys()
+        parts |= new
+        first_row, first_forecast = end, log.forecast_times.size
+    missing = []
+    for key, value in columns_of(happening(Part(log=whole), door_model)).items():
+        if key not in parts:
+            missing.append(key)
+        elif key[1] == "LineStrips3D:strips" and "trail" in key[0]:
+            # Padded by its last point to the strips of the same part.
+            length = len(np.unique(value[0], axis=0))
+            np.testing.assert_array_equal(parts[key][0][:length], value[0][:length])
+        else:
+            np.testing.assert_array_equal(parts[key], value, err_msg=str(key))
+    assert missing == []
+
+
+def so_far(log: EpisodeLog, end: int) -> EpisodeLog:
+    """The first rows of a log."""
+    fields = {field.name: getattr(log, field.name) for field in dataclasses.fields(log)}
+    for name, value in fields.items():
+        if np.shape(value)[:1] == log.times.shape:
+            fields[name] = value[:end]
+    asked = log.forecast_times <= log.times[end - 1]
+    for name in ("forecast_times", "forecast_mean", "forecast_std"):
+        fields[name] = fields[name][asked]
+    return EpisodeLog(**fields)
