@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import tyro
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from experiments.demonstration_files.npz import LabelledDemonstrations
     from experiments.episode_log import EpisodeLog
     from experiments.metrics import EpisodeMetrics
+    from experiments.recording.tiago_meshes import TiagoLooks
     from gplfd_env.config import DoorConfig
     from policies.agent import Agent
 
@@ -54,6 +55,10 @@ class Run:
     demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = None
     """Learn from this .npz file of demonstrations instead of the synthetic human."""
 
+    looks: Literal["primitives", "tiago"] = "primitives"
+    """Draw the robot in recordings by its own shapes, or by the manufacturer's meshes
+    from an installed example-robot-data: pip install 'gplfd[tiago]'."""
+
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder to write to; results/POLICY-seedSEED by default."""
 
@@ -63,7 +68,7 @@ class Run:
 
         try:
             plan = _plan(self)
-        except (ValueError, OSError) as error:
+        except (ValueError, OSError, ModuleNotFoundError) as error:
             return complain(error)
         _say(f"writing to {plan.folder}")
         _tell_of_earlier_doors(plan)
@@ -90,6 +95,7 @@ class _Door:
 class _Plan:
     doors: tuple[_Door, ...]
     demonstrations: LabelledDemonstrations
+    looks: TiagoLooks | None
     folder: Path
 
 
@@ -99,6 +105,7 @@ def _plan(run: Run) -> _Plan:
     Raises:
         ValueError: An argument or the demonstration file is wrong.
         OSError: The file cannot be read or the folder not be made.
+        ModuleNotFoundError: The meshes that are to be drawn are not installed.
     """
     from policies.registry import make_agent
 
@@ -112,6 +119,7 @@ def _plan(run: Run) -> _Plan:
     folder = run.out or Path("results") / f"{run.policy}-seed{run.seed}"
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"--out {folder} is a file; give a folder")
+    looks = _looks(run)
     given = _demonstrations(run)
     started = time.perf_counter()
     doors = tuple(
@@ -129,7 +137,18 @@ def _plan(run: Run) -> _Plan:
         f"({time.perf_counter() - started:.1f} s)"
     )
     folder.mkdir(parents=True, exist_ok=True)
-    return _Plan(doors=doors, demonstrations=given, folder=folder)
+    return _Plan(doors=doors, demonstrations=given, looks=looks, folder=folder)
+
+
+def _looks(run: Run) -> TiagoLooks | None:
+    if run.looks == "primitives":
+        return None
+    from experiments.recording.tiago_meshes import tiago_looks
+    from gplfd_env.config import DoorConfig
+    from gplfd_env.scene import build_scene
+
+    robot = build_scene(DoorConfig())
+    return tiago_looks([robot.body(index).name for index in range(robot.nbody)])
 
 
 def named_doors(doors: Sequence[str]) -> dict[str, DoorConfig]:
@@ -219,6 +238,7 @@ def _open_door(run: Run, plan: _Plan, door: _Door) -> EpisodeMetrics:
             log,
             env.unwrapped.model,  # type: ignore[attr-defined]
             plan.demonstrations.demonstrations,
+            plan.looks,
         )
     metrics = episode_metrics(log)
     outcome = "opened" if log.success else f"not opened ({log.failure})"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import mujoco
 import rerun as rr
@@ -21,12 +22,16 @@ from experiments.recording.stages import stage_lane
 from experiments.recording.stream import recording_file, static
 from policies.demonstrations import Demonstration
 
+if TYPE_CHECKING:
+    from experiments.recording.tiago_meshes import TiagoLooks
+
 
 def record_episode(
     path: str | Path,
     log: EpisodeLog,
     model: mujoco.MjModel,
     demonstrations: Sequence[Demonstration],
+    looks: TiagoLooks | None = None,
 ) -> None:
     """Write an .rrd with scene, policy, panels and layout, complete or not at all.
 
@@ -35,6 +40,7 @@ def record_episode(
         log: Episode to show.
         model: Model that the episode ran in.
         demonstrations: What the policy learned from, poses in the task frame.
+        looks: Meshes to draw in place of the robot's own shapes.
 
     Raises:
         ValueError: The log does not fit the model.
@@ -48,23 +54,29 @@ def record_episode(
     with recording_file(path, layout_chunks()) as stream:
         stream.send_recording_name(recording_name(log))
         # One by one: while one is written the next is made.
-        stream.send_chunks(_everything(log, model, demonstrations))
+        stream.send_chunks(_everything(log, model, demonstrations, looks))
 
 
 def _everything(
-    log: EpisodeLog, model: mujoco.MjModel, demonstrations: Sequence[Demonstration]
+    log: EpisodeLog,
+    model: mujoco.MjModel,
+    demonstrations: Sequence[Demonstration],
+    looks: TiagoLooks | None,
 ) -> Iterator[Chunk]:
-    yield from stage_setting(log, model, demonstrations)
+    yield from stage_setting(log, model, demonstrations, looks)
     yield from happening(Part(log=log), model)
     yield from stage_lane(log)
     yield page(log, len(demonstrations))
 
 
 def stage_setting(
-    log: EpisodeLog, model: mujoco.MjModel, demonstrations: Sequence[Demonstration]
+    log: EpisodeLog,
+    model: mujoco.MjModel,
+    demonstrations: Sequence[Demonstration],
+    looks: TiagoLooks | None = None,
 ) -> Iterator[Chunk]:
     """What is there before anything moves: robot, door, demonstrations."""
-    yield from drawn_scene(model)
+    yield from drawn_scene(model, looks)
     yield from door_frame(model, log.radius, demonstrations)
 
 

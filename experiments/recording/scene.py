@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import mujoco
 import rerun as rr
@@ -13,15 +13,26 @@ from experiments.recording.kinematics import body_poses, carrier
 from experiments.recording.part import Part
 from experiments.recording.stream import moving, seconds, static, stretch
 
+if TYPE_CHECKING:
+    # It imports this module.
+    from experiments.recording.tiago_meshes import TiagoLooks
+
 ROOT: Final = "/world/scene"
 """Entity above all bodies; the axes are MuJoCo's world axes, z up."""
 
 
-def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
-    """Every visible geom, on the entity of the body that carries it."""
+def drawn_scene(model: mujoco.MjModel, looks: TiagoLooks | None = None) -> list[Chunk]:
+    """Every visible geom, on the entity of the body that carries it.
+
+    Args:
+        model: The model that the episode ran in.
+        looks: Meshes to draw in place of the robot's own shapes.
+    """
     up = static(ROOT, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-    entities = {body: entity_of_body(model, body) for body in visual_geoms(model)}
-    return [up, *drawn_geoms(model, entities)]
+    shown = model if looks is None else looks.undressed(model)
+    entities = {body: entity_of_body(shown, body) for body in visual_geoms(shown)}
+    chunks = [up, *drawn_geoms(shown, entities)]
+    return chunks if looks is None else [*chunks, *looks.drawn(model)]
 
 
 def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
