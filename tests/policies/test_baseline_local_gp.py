@@ -1,0 +1,269 @@
+"""Local Gaussian processes and their product, against scikit-learn and by hand."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import norm
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF as SklearnRBF
+from sklearn.gaussian_process.kernels import ConstantKernel, WhiteKernel
+
+from policies.aligned import AlignedDemonstrations
+from policies.baselines.local_gp import (
+    LocalGaussianProcesses,
+    LocalGPConfig,
+    fit_local_gp,
+)
+from policies.movement import Adaptable, Movement
+from policies.skill import fit_skill
+
+TIMES = np.linspace(0.0, 1.0, 80)
+STEP_STD = np.where(TIMES < 0.5, 0.01, 0.05)
+
+
+def curves(times: np.ndarray = TIMES) -> np.ndarray:
+    return np.stack([np.sin(3.0 * times + k) for k in range(6)], axis=1)
+
+
+def demonstrations(
+    std: np.ndarray, count: int = 6, seed: int = 0
+) -> AlignedDemonstrations:
+    noise = np.random.default_rng(seed).normal(size=(count, len(TIMES), 6))
+    poses = curves() + std[:, None] * noise
+    return AlignedDemonstrations(times=TIMES, poses=poses, duration=4.0)
+
+
+def experts(
+    movement: LocalGaussianProcesses, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and variance of every local prediction, (C, M, 6) each."""
+    means = [
+        [p.offset + p.scale * p.latent.mean(times) for p in outputs]
+        for outputs in movement.processes
+    ]
+    variances = [
+        [
+            p.scale**2 * (p.latent.variance(times) + p.noise.variance(times))
+            for p in outputs
+        ]
+        for outputs in movement.processes
+    ]
+    return np.swapaxes(means, 1, 2), np.swapaxes(variances, 1, 2)
+
+
+@pytest.fixture(scope="module")
+def movement() -> LocalGaussianProcesses:
+    return fit_local_gp(demonstrations(STEP_STD), LocalGPConfig(clusters=4))
+
+
+def test_one_cluster_is_a_plain_gaussian_process():
+    aligned = demonstrations(np.full(80, 0.1), count=3)
+    movement = fit_local_gp(aligned, LocalGPConfig(clusters=1))
+    grid, output = np.linspace(-0.1, 1.1, 31), 2
+    kernel = movement.processes[0][output].kernel
+    noise = float(movement.processes[0][output].noise.variance(TIMES)[0])
+    observed = aligned.poses[:, :, output].ravel()
+    start = (
+        ConstantKernel(kernel.variance) * SklearnRBF(kernel.length_scale)
+    ) + WhiteKernel(noise)
+    inputs = np.tile(TIMES, 3)[:, None]
+    plain = GaussianProcessRegressor(start, optimizer=None, normalize_y=True)
+    plain.fit(inputs, observed)
+    mean, covariance = plain.predict(grid[:, None], return_cov=True)
+    predicted = movement.predict(grid)
+    np.testing.assert_allclose(predicted.mean[:, output], mean, atol=1e-9)
+    np.testing.assert_allclose(predicted.covariance[output], covariance, atol=1e-9)
+    np.testing.assert_allclose(
+        predicted.std[:, output], np.sqrt(np.diag(covariance)), rtol=1e-8
+    )
+    # The hyper-parameters are those of a free search over all observations.
+    free = GaussianProcessRegressor(start, normalize_y=True).fit(inputs, observed)
+    np.testing.assert_allclose(free.kernel_.theta, start.theta, atol=0.02)
+
+
+def test_prediction_is_the_product_of_powers_of_the_local_densities(movement):
+    """The product of densities, multiplied on a fine grid of poses and normalised."""
+    times = np.array([0.1, 0.24, 0.26, 0.5, 0.55, 0.9])
+    means, variances = experts(movement, times)
+    centres = np.array([TIMES[i : i + 20].mean() for i in range(0, 80, 20)])
+    width = 0.35 * (centres[1] - centres[0])
+    weights = np.exp(-0.5 * ((centres[:, None] - times) / width) ** 2)
+    weights /= weights.sum(axis=0)
+    predicted = movement.predict(times)
+    for i, output in [(0, 0), (1, 1), (2, 2), (3, 3), (4, 4), (5, 5)]:
+        value = predicted.mean[i, output] + np.linspace(-0.5, 0.5, 20001)
+        local = norm.logpdf(
+            value[:, None], means[:, i, output], np.sqrt(variances[:, i, output])
+        )
+        log_density = local @ weights[:, i]
+        density = np.exp(log_density - log_density.max())
+        density /= density.sum()
+        mean = value @ density
+        assert predicted.mean[i, output] == pytest.approx(mean, abs=1e-9)
+        std = np.sqrt((value - mean) ** 2 @ density)
+        assert predicted.std[i, output] == pytest.approx(std, rel=1e-6)
+
+
+def test_prediction_is_continuous_across_borders(movement):
+    """On a grid twice as fine the largest step halves; a jump would stay."""
+
+    def largest_steps(size: int) -> np.ndarray:
+        predicted = movement.predict(np.linspace(0.2, 0.8, size))
+        curves = np.concatenate([predicted.mean, predicted.std], axis=1)
+        steps: np.ndarray = np.abs(np.diff(curves, axis=0)).max(axis=0)
+        return steps
+
+    np.testing.assert_allclose(
+        largest_steps(8001) / largest_steps(4001), 0.5, atol=0.01
+    )
+
+
+def test_local_noise_tracks_a_step_of_the_variance(movement):
+    quiet, loud = TIMES < 0.4, TIMES > 0.6
+    std = movement.predict(TIMES).std
+    np.testing.assert_allclose(std[quiet].mean(), 0.01, rtol=0.1)
+    np.testing.assert_allclose(std[loud].mean(), 0.05, rtol=0.1)
+    one = fit_local_gp(movement.aligned, LocalGPConfig(clusters=1)).predict(TIMES)
+    np.testing.assert_allclose(one.std[quiet].mean(), 0.036, rtol=0.1)
+    np.testing.assert_allclose(one.std[loud].mean(), 0.036, rtol=0.1)
+
+
+def test_coverage_where_samples_deviate_independently():
+    std, inside = 0.02 * np.exp(np.sin(5.0 * TIMES)), []
+    for seed in range(3):
+        aligned = demonstrations(std, seed=seed)
+        predicted = fit_local_gp(aligned, LocalGPConfig(clusters=4)).predict(TIMES)
+        held_out = demonstrations(std, count=50, seed=100 + seed).poses
+        low, high = predicted.interval(0.95)
+        inside.append(np.mean((held_out > low) & (held_out < high)))
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.015)
+
+
+def test_plain_product_is_over_confident(movement):
+    """Where nothing was seen the weighted product keeps the prior variance."""
+    unseen = np.array([30.0])
+    _, variances = experts(movement, unseen)
+    plain = 1.0 / np.sum(1.0 / variances, axis=0)
+    weighted = movement.predict(unseen).std ** 2
+    assert (weighted > 0.999 * variances.min(axis=0)).all()
+    assert np.median(weighted / plain) > 4.0
+    # Where one was seen, three others sharpen what they know nothing about.
+    _, seen = experts(movement, TIMES)
+    held_out = demonstrations(STEP_STD, count=50, seed=9).poses
+    deviation = np.abs(held_out - curves())
+    plain = np.sqrt(1.0 / np.sum(1.0 / seen, axis=0))
+    assert np.mean(deviation < 1.96 * plain) < 0.9
+    assert np.mean(deviation < 1.96 * movement.predict(TIMES).std) > 0.93
+
+
+@given(time=st.floats(-1e3, 1e3))
+def test_variance_lies_between_the_local_ones(time):
+    movement = _MOVEMENT
+    times = np.array([time])
+    _, variances = experts(movement, times)
+    weights = movement.weights(times)
+    np.testing.assert_allclose(weights.sum(axis=0), 1.0)
+    variance = movement.predict(times).std ** 2
+    assert (variance >= variances.min(axis=0) * (1.0 - 1e-9)).all()
+    assert (variance <= variances.max(axis=0) * (1.0 + 1e-9)).all()
+
+
+_MOVEMENT = fit_local_gp(demonstrations(STEP_STD), LocalGPConfig(clusters=3))
+
+
+def test_covariance_has_the_predicted_variance_and_is_a_covariance(movement):
+    predicted = movement.predict(np.linspace(-0.1, 1.1, 61))
+    for output, covariance in enumerate(predicted.covariance):
+        np.testing.assert_allclose(
+            np.sqrt(np.diag(covariance)), predicted.std[:, output], rtol=1e-9
+        )
+        np.testing.assert_allclose(covariance, covariance.T, atol=1e-15)
+        assert np.linalg.eigvalsh(covariance)[0] > 0.0
+
+
+def test_units_origin_and_order_do_not_matter(movement):
+    aligned = movement.aligned
+    scale, offset = np.array([1e3, 1.0, 0.1, 7.0, 2.0, 1e-2]), np.arange(6.0)
+    changed = AlignedDemonstrations(
+        times=TIMES, poses=offset + scale * aligned.poses[::-1]
+    )
+    other = fit_local_gp(changed, LocalGPConfig(clusters=4)).predict(TIMES)
+    predicted = movement.predict(TIMES)
+    np.testing.assert_allclose((other.mean - offset) / scale, predicted.mean, atol=1e-6)
+    np.testing.assert_allclose(other.std / scale, predicted.std, rtol=1e-4)
+
+
+def test_clusters_of_uneven_phases_are_those_of_k_means():
+    times = np.linspace(0.0, 1.0, 120) ** 2
+    poses = np.stack([curves(times) for _ in range(2)])
+    poses[1] += 0.01
+    movement = fit_local_gp(
+        AlignedDemonstrations(times=times, poses=poses), LocalGPConfig(clusters=5)
+    )
+    learned = [outputs[0].replicates.times for outputs in movement.processes]
+    np.testing.assert_array_equal(np.concatenate(learned), times)
+    np.testing.assert_allclose([own.mean() for own in learned], movement.centres)
+    for cluster, own in enumerate(learned):
+        distance = np.abs(np.subtract.outer(own, movement.centres))
+        assert (distance.argmin(axis=1) == cluster).all()
+    assert len({len(own) for own in learned}) > 1
+
+
+def test_outputs_that_never_vary_are_predicted_as_such():
+    poses = demonstrations(STEP_STD).poses.copy()
+    poses[:, :, 1] = 0.25
+    predicted = fit_local_gp(
+        AlignedDemonstrations(times=TIMES, poses=poses), LocalGPConfig()
+    ).predict(TIMES)
+    np.testing.assert_allclose(predicted.mean[:, 1], 0.25, atol=1e-9)
+    assert (predicted.std[:, 1] > 0.0).all()
+    assert (predicted.std[:, 1] < 1e-6).all()
+
+
+def test_one_demonstration_is_enough():
+    predicted = fit_local_gp(
+        demonstrations(STEP_STD, count=1), LocalGPConfig(clusters=2)
+    ).predict(TIMES)
+    np.testing.assert_allclose(predicted.mean, curves(), atol=0.15)
+    assert np.median(predicted.std[TIMES > 0.6]) > 2.0 * np.median(
+        predicted.std[TIMES < 0.4]
+    )
+
+
+def test_it_is_a_movement_without_via_points(movement):
+    assert isinstance(movement, Movement)
+    assert not isinstance(movement, Adaptable)
+    assert movement.duration == 4.0
+    skill = fit_skill(movement.aligned).predict(TIMES)
+    np.testing.assert_allclose(movement.predict(TIMES).mean, skill.mean, atol=0.05)
+
+
+def test_learning_twice_gives_the_same_numbers(movement):
+    again = fit_local_gp(movement.aligned, LocalGPConfig(clusters=4)).predict(TIMES)
+    predicted = movement.predict(TIMES)
+    np.testing.assert_array_equal(again.mean, predicted.mean)
+    np.testing.assert_array_equal(again.std, predicted.std)
+    np.testing.assert_array_equal(again.covariance, predicted.covariance)
+
+
+@pytest.mark.parametrize("times", [[], [np.nan], [np.inf]])
+def test_prediction_refuses_impossible_times(movement, times):
+    with pytest.raises(ValueError, match="finite times, at least one"):
+        movement.predict(np.array(times))
+
+
+def test_too_many_clusters_are_refused():
+    aligned = demonstrations(STEP_STD)
+    with pytest.raises(ValueError, match=r"21 clusters of 80 .* 3 samples.*fewer clus"):
+        fit_local_gp(aligned, LocalGPConfig(clusters=21))
+    with pytest.raises(ValueError, match=r"100 clusters .* 0 samples"):
+        fit_local_gp(aligned, LocalGPConfig(clusters=100))
+
+
+def test_impossible_configurations_are_refused():
+    with pytest.raises(ValueError, match="clusters must be at least 1, got 0"):
+        LocalGPConfig(clusters=0)
+    for width in (0.0, 11.0, np.nan):
+        with pytest.raises(ValueError, match=r"width must be in \[0.1, 10\]"):
+            LocalGPConfig(width=width)

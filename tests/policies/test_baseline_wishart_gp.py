@@ -1,0 +1,175 @@
+"""The movement with Wishart variability."""
+
+import numpy as np
+import pytest
+
+from policies.aligned import AlignedDemonstrations
+from policies.baselines.wishart_gp import (
+    WishartGPConfig,
+    WishartProcessMovement,
+    fit_wishart_gp,
+)
+from policies.movement import Adaptable, Movement
+
+TIMES = np.linspace(0.0, 1.0, 40)
+STD = 0.02 * np.exp(1.2 * np.sin(5.0 * TIMES))
+QUICK = WishartGPConfig(steps=300, discarded=100)
+
+
+def curves() -> np.ndarray:
+    return np.stack([np.sin(3.0 * TIMES + k) for k in range(6)], axis=1)
+
+
+def demonstrations(count: int = 6, seed: int = 0) -> AlignedDemonstrations:
+    noise = np.random.default_rng(seed).normal(size=(count, len(TIMES), 6))
+    poses = curves() + STD[:, None] * noise
+    return AlignedDemonstrations(times=TIMES, poses=poses, duration=4.0)
+
+
+@pytest.fixture(scope="module")
+def movement() -> WishartProcessMovement:
+    return fit_wishart_gp(demonstrations(), QUICK, 0)
+
+
+def test_variance_is_that_of_the_mean_and_of_repetitions(movement):
+    grid = np.linspace(0.0, 1.0, 21)
+    moments = movement.processes.moments(grid)
+    aleatoric = movement.aleatoric(grid)
+    spread = np.diagonal(aleatoric, axis1=1, axis2=2)
+    predicted = movement.predict(grid)
+    np.testing.assert_array_equal(predicted.mean, moments.mean)
+    np.testing.assert_allclose(predicted.std**2, moments.latent + spread)
+    assert (np.linalg.eigvalsh(aleatoric)[:, 0] > 0.0).all()
+    for output, covariance in enumerate(predicted.covariance):
+        np.testing.assert_allclose(
+            np.diag(covariance), predicted.std[:, output] ** 2, rtol=1e-9
+        )
+        white = covariance - np.diag(spread[:, output])
+        latent = movement.processes.latent_covariance(grid)[output]
+        np.testing.assert_allclose(white, latent, atol=1e-12)
+
+
+def test_prior_mean_is_the_pooled_covariance(movement):
+    deviations = movement.aligned.poses - movement.aligned.poses.mean(axis=0)
+    pooled = np.mean(
+        [np.cov(deviations[:, t].T) for t in range(len(TIMES))],
+        axis=0,
+    )
+    lower = movement.variability.prior.lower
+    np.testing.assert_allclose(
+        QUICK.degrees * lower @ lower.T, pooled, rtol=1e-5, atol=1e-9
+    )
+
+
+def test_mean_and_spread_are_the_demonstrated_ones():
+    many = fit_wishart_gp(demonstrations(60), QUICK, 0)
+    predicted = many.predict(TIMES)
+    np.testing.assert_allclose(predicted.mean, curves(), atol=0.02)
+    ratio = predicted.std.mean(axis=1) / STD
+    np.testing.assert_allclose(ratio[2:-2], 1.0, atol=0.15)
+    np.testing.assert_allclose(ratio, 1.0, atol=0.3)
+
+
+def test_coverage_where_samples_deviate_independently():
+    inside = []
+    for seed in range(3):
+        predicted = fit_wishart_gp(demonstrations(seed=seed), QUICK, seed)
+        low, high = predicted.predict(TIMES).interval(0.95)
+        held_out = demonstrations(50, seed=100 + seed).poses
+        inside.append(np.mean((held_out > low) & (held_out < high)))
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
+
+
+def test_outputs_that_vary_together_are_seen_to():
+    poses = demonstrations(20).poses.copy()
+    deviation = poses - curves()
+    poses[:, :, 1] = curves()[:, 1] - 2.0 * deviation[:, :, 0]
+    movement = fit_wishart_gp(AlignedDemonstrations(times=TIMES, poses=poses), QUICK, 0)
+    covariance = movement.aleatoric(TIMES)
+    std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    correlation = covariance / (std[:, :, None] * std[:, None, :])
+    assert (correlation[:, 0, 1] < -0.95).all()
+    assert abs(correlation[:, 2, 3].mean()) < 0.2
+
+
+def test_spread_outside_the_demonstrations_is_that_of_the_nearer_end(movement):
+    spread = movement.aleatoric(np.array([-0.3, 0.0, 1.0, 1.4]))
+    np.testing.assert_array_equal(spread[0], spread[1])
+    np.testing.assert_array_equal(spread[3], spread[2])
+    assert np.isfinite(movement.predict(np.array([-0.3, 1.4])).std).all()
+
+
+def test_units_do_not_matter(movement):
+    """Powers of two are exact, so that the chain takes the same decisions."""
+    scale = 2.0 ** np.array([10.0, -3.0, 0.0, 5.0, -1.0, 2.0])
+    changed = AlignedDemonstrations(times=TIMES, poses=scale * movement.aligned.poses)
+    other = fit_wishart_gp(changed, QUICK, 0).predict(TIMES)
+    predicted = movement.predict(TIMES)
+    np.testing.assert_allclose(other.std / scale, predicted.std, rtol=1e-9)
+    np.testing.assert_allclose(other.mean / scale, predicted.mean, atol=1e-9)
+
+
+def test_order_of_the_demonstrations_hardly_matters(movement):
+    swapped = AlignedDemonstrations(times=TIMES, poses=movement.aligned.poses[::-1])
+    other = fit_wishart_gp(swapped, QUICK, 0).predict(TIMES)
+    predicted = movement.predict(TIMES)
+    np.testing.assert_allclose(other.mean, predicted.mean, atol=1e-9)
+    ratio = np.log(other.std / predicted.std)
+    assert np.sqrt(np.mean(ratio**2)) < 0.15
+
+
+def test_same_seed_same_numbers(movement):
+    predicted = movement.predict(TIMES)
+    again = fit_wishart_gp(movement.aligned, QUICK, 0).predict(TIMES)
+    np.testing.assert_array_equal(again.mean, predicted.mean)
+    np.testing.assert_array_equal(again.std, predicted.std)
+    np.testing.assert_array_equal(again.covariance, predicted.covariance)
+    other = fit_wishart_gp(movement.aligned, QUICK, 1).predict(TIMES)
+    assert (other.std != predicted.std).any()
+    assert np.sqrt(np.mean(np.log(other.std / predicted.std) ** 2)) < 0.15
+
+
+def test_outputs_that_never_vary_are_predicted_as_such():
+    poses = np.repeat(curves()[None], 3, axis=0)
+    poses[:, :, 2] = 0.5
+    predicted = fit_wishart_gp(
+        AlignedDemonstrations(times=TIMES, poses=poses), QUICK, 0
+    ).predict(TIMES)
+    np.testing.assert_allclose(predicted.mean, poses[0], atol=1e-4)
+    assert (predicted.std > 0.0).all()
+    assert (predicted.std < 1e-4).all()
+
+
+def test_it_is_a_movement_without_via_points(movement):
+    assert isinstance(movement, Movement)
+    assert not isinstance(movement, Adaptable)
+    assert movement.duration == 4.0
+
+
+@pytest.mark.parametrize("times", [[], [np.nan], [np.inf]])
+def test_prediction_refuses_impossible_times(movement, times):
+    with pytest.raises(ValueError, match="finite times, at least one"):
+        movement.predict(np.array(times))
+
+
+def test_one_demonstration_is_refused():
+    with pytest.raises(ValueError, match="at least 2 demonstrations, got 1"):
+        fit_wishart_gp(demonstrations(1), QUICK, 0)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"degrees": 5}, "degrees must be at least 6.*got 5"),
+        ({"length_scale": 0.01}, r"length_scale must be in \[0.02, 10\], got 0.01"),
+        ({"length_scale": np.nan}, "length_scale must be in"),
+        ({"floor": 0.0}, r"floor must be in \[1e-8, 1\), got 0.0"),
+        ({"floor": 1.0}, "floor must be in"),
+        ({"times": 1}, "times must be at least 2, got 1"),
+        ({"discarded": -1}, "discarded must be at least 0"),
+        ({"steps": 500}, "less than steps, got discarded=500 and steps=500"),
+    ],
+)
+def test_impossible_configurations_are_refused(values, message):
+    with pytest.raises(ValueError, match=message):
+        WishartGPConfig(**values)

@@ -1,0 +1,217 @@
+"""Elliptical slice sampling and the Wishart process, against closed forms."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import kstest, multivariate_normal
+
+from policies.baselines.elliptical_slice import elliptical_slice_chain
+from policies.baselines.wishart_process import (
+    WishartLikelihood,
+    WishartPosterior,
+    WishartPrior,
+    sample_posterior,
+)
+
+MEAN = np.array([[4.0, 1.0], [1.0, 2.0]])
+
+
+def prior(degrees: int = 3, floor: float = 1e-3) -> WishartPrior:
+    return WishartPrior.over((0.0, 1.0), 0.2, MEAN, degrees, floor)
+
+
+def last_state(log_likelihood, start, steps, rng):
+    *_, last = elliptical_slice_chain(log_likelihood, start, steps, rng)
+    return last
+
+
+def test_sampler_leaves_the_prior_as_it_is():
+    rng = np.random.default_rng(0)
+    ends = [
+        last_state(lambda x: 0.0, rng.standard_normal(2), 1, rng) for _ in range(4000)
+    ]
+    for column in np.transpose(ends):
+        assert kstest(column, "norm").pvalue > 0.01
+
+
+def test_one_step_leaves_a_posterior_as_it_is():
+    """x ~ N(0, 1), 1.5 ~ N(x, 0.2): the posterior is N(1.25, 1/6)."""
+
+    def log_likelihood(x: np.ndarray) -> float:
+        return -0.5 * float((x[0] - 1.5) ** 2) / 0.2
+
+    rng = np.random.default_rng(1)
+    std = np.sqrt(1.0 / 6.0)
+    starts = 1.25 + std * rng.standard_normal((4000, 1))
+    ends = np.array([last_state(log_likelihood, x, 1, rng)[0] for x in starts])
+    assert kstest(ends, "norm", args=(1.25, std)).pvalue > 0.01
+    assert abs(np.corrcoef(starts[:, 0], ends)[0, 1]) < 0.9
+
+
+def test_sampler_meets_a_gaussian_posterior():
+    mixing = np.array([[1.0, 0.5], [0.0, 2.0]])
+    observed, variance = np.array([1.0, -1.0]), 0.3
+    precision = np.eye(2) + mixing.T @ mixing / variance
+    mean = np.linalg.solve(precision, mixing.T @ observed / variance)
+
+    def log_likelihood(x: np.ndarray) -> float:
+        return -0.5 * float(np.sum((observed - mixing @ x) ** 2)) / variance
+
+    chain = elliptical_slice_chain(
+        log_likelihood, np.array([3.0, 3.0]), 10000, np.random.default_rng(2)
+    )
+    states = np.array(list(chain))[100:]
+    np.testing.assert_allclose(states.mean(axis=0), mean, atol=0.03)
+    np.testing.assert_allclose(np.cov(states.T), np.linalg.inv(precision), atol=0.02)
+
+
+def test_sampler_refuses_an_impossible_start():
+    with pytest.raises(ValueError, match="log-likelihood is finite, got -inf"):
+        last_state(lambda x: -np.inf, np.zeros(1), 1, np.random.default_rng(0))
+
+
+def test_prior_draws_average_to_nu_l_lt():
+    process, rng = prior(degrees=3, floor=0.1), np.random.default_rng(0)
+    lower = np.linalg.cholesky(MEAN / 3)
+    np.testing.assert_allclose(process.lower, lower)
+    times = np.array([0.1, 0.3, 0.9])
+    draws = np.array(
+        [
+            process.covariance(rng.standard_normal(process.shape), times)
+            for _ in range(8000)
+        ]
+    )
+    np.testing.assert_allclose(draws.mean(axis=0), np.tile(MEAN, (3, 1, 1)), atol=0.1)
+    # A Wishart variance of ν degrees of freedom, less the floor: 2 (Σ_ii)²/ν.
+    variances = draws[:, :, [0, 1], [0, 1]]
+    expected = np.sqrt(2.0 / 3.0) * 0.9 * np.diag(MEAN)
+    np.testing.assert_allclose(
+        variances.std(axis=0), np.tile(expected, (3, 1)), rtol=0.05
+    )
+    # Squares of Gaussians of correlation κ are correlated κ².
+    correlation = np.corrcoef(variances[:, :, 0].T)
+    kappa = np.exp(-0.5 * (np.subtract.outer(times, times) / 0.2) ** 2)
+    np.testing.assert_allclose(correlation, kappa**2, atol=0.03)
+
+
+@given(
+    seed=st.integers(0, 1000),
+    size=st.floats(0.0, 100.0),
+    times=st.lists(st.floats(-2.0, 3.0), min_size=1, max_size=5),
+)
+def test_covariances_are_positive_definite_everywhere(seed, size, times):
+    process = prior()
+    weights = size * np.random.default_rng(seed).standard_normal(process.shape)
+    covariances = process.covariance(weights, np.array(times))
+    np.testing.assert_allclose(covariances, covariances.swapaxes(1, 2))
+    floor = 1e-3 * np.linalg.eigvalsh(MEAN)[0]
+    largest = np.linalg.eigvalsh(covariances)[:, 1]
+    assert (np.linalg.eigvalsh(covariances)[:, 0] > 0.9 * floor - 1e-12 * largest).all()
+
+
+def likelihood_case() -> tuple[WishartPrior, np.ndarray, WishartLikelihood]:
+    process, rng = prior(), np.random.default_rng(3)
+    curves = rng.normal(size=(5, 7, 2)) + 4.0
+    times = np.linspace(0.0, 1.0, 7)
+    deviations = curves - curves.mean(axis=0)
+    return process, curves, WishartLikelihood.of(process, times, deviations)
+
+
+def test_likelihood_is_that_of_independent_contrasts():
+    """D curves of unknown mean carry D − 1 contrasts, each N(0, Σ(t))."""
+    process, curves, likelihood = likelihood_case()
+    contrasts = np.zeros((4, 5))
+    for row in range(4):
+        contrasts[row, : row + 1] = 1.0 / (row + 1)
+        contrasts[row, row + 1] = -1.0
+    contrasts /= np.linalg.norm(contrasts, axis=1, keepdims=True)
+    seen = np.einsum("ck,kti->cti", contrasts, curves)
+    values, expected = [], []
+    for seed in (0, 1):
+        weights = np.random.default_rng(seed).standard_normal(process.shape)
+        covariances = process.covariance(weights, np.linspace(0.0, 1.0, 7))
+        values.append(likelihood(weights.ravel()))
+        expected.append(
+            sum(
+                multivariate_normal(np.zeros(2), covariances[t])
+                .logpdf(seen[:, t])
+                .sum()
+                for t in range(7)
+            )
+        )
+    assert values[1] - values[0] == pytest.approx(expected[1] - expected[0])
+
+
+def test_likelihood_gradient_equals_finite_differences():
+    process, _, likelihood = likelihood_case()
+    flat = np.random.default_rng(4).standard_normal(process.shape).ravel()
+    step, numeric = 1e-6, np.empty_like(flat)
+    for index in range(len(flat)):
+        moved = step * (np.arange(len(flat)) == index)
+        numeric[index] = (likelihood(flat + moved) - likelihood(flat - moved)) / 2e-6
+    np.testing.assert_allclose(likelihood.gradient(flat), numeric, rtol=1e-5, atol=1e-6)
+
+
+def test_posterior_averages_the_covariances_of_its_samples():
+    process, rng = prior(floor=0.05), np.random.default_rng(5)
+    samples = rng.standard_normal((4, *process.shape))
+    flat = samples.reshape(4, process.degrees, -1)
+    moment = np.einsum("ska,skb->ab", flat, flat) / 4
+    posterior = WishartPosterior(prior=process, moment=moment)
+    times = np.array([-0.5, 0.0, 0.33, 1.0, 2.0])
+    expected = np.mean([process.covariance(w, times) for w in samples], axis=0)
+    np.testing.assert_allclose(posterior.covariance(times), expected, rtol=1e-9)
+    np.testing.assert_array_equal(
+        posterior.covariance(times)[[0, 4]], posterior.covariance(times[[1, 3]])
+    )
+
+
+def known_covariance(times: np.ndarray) -> np.ndarray:
+    """Standard deviations that vary threefold, a correlation that changes its sign."""
+    first, second = 1.0 + 0.5 * np.sin(4.0 * times), 0.5 + 0.3 * np.cos(5.0 * times)
+    cross = 0.8 * np.cos(3.0 * times) * first * second
+    rows = [np.stack([first**2, cross], 1), np.stack([cross, second**2], 1)]
+    return np.stack(rows, axis=1)
+
+
+def test_posterior_concentrates_on_the_truth():
+    times = np.linspace(0.0, 1.0, 30)
+    truth = known_covariance(times)
+    roots = np.linalg.cholesky(truth)
+    errors = []
+    for count in (6, 400):
+        rng = np.random.default_rng(0)
+        drawn = np.einsum("tij,ktj->kti", roots, rng.normal(size=(count, 30, 2)))
+        deviations = drawn - drawn.mean(axis=0)
+        pooled = np.einsum("kti,ktj->ij", deviations, deviations) / (30 * (count - 1))
+        process = WishartPrior.over((0.0, 1.0), 0.2, pooled, 3, 1e-3)
+        likelihood = WishartLikelihood.of(process, times, deviations)
+        posterior = sample_posterior(process, likelihood, 600, 200, rng)
+        error = np.linalg.norm(posterior.covariance(times) - truth, axis=(1, 2))
+        errors.append(np.mean(error / np.linalg.norm(truth, axis=(1, 2))))
+    assert errors[1] < 0.05
+    assert errors[0] > 3.0 * errors[1]
+
+
+def test_sampler_averages_what_the_posterior_says():
+    """One output, one degree, one time: the posterior of u² by quadrature."""
+    process = WishartPrior.over((0.0, 1.0), 0.3, np.array([[2.0]]), 1, 0.01)
+    deviations = np.array([[0.7], [-0.2], [-0.5]])[:, :, None]
+    likelihood = WishartLikelihood.of(process, np.array([0.4]), deviations)
+    grid = np.linspace(-8.0, 8.0, 4001)
+    variance = 2.0 * (0.99 * grid**2 + 0.01)
+    scatter = 0.7**2 + 0.2**2 + 0.5**2
+    density = np.exp(-0.5 * grid**2 - 0.5 * scatter / variance) / variance
+    expected = float(variance @ density / density.sum())
+    rng = np.random.default_rng(0)
+    posterior = sample_posterior(process, likelihood, 10000, 100, rng)
+    sampled = posterior.covariance(np.array([0.4]))[0, 0, 0]
+    assert sampled == pytest.approx(expected, rel=0.05)
+
+
+def test_impossible_priors_are_refused():
+    with pytest.raises(ValueError, match=r"2 outputs needs at least .* got 1"):
+        prior(degrees=1)
+    with pytest.raises(ValueError, match=r"0\.01 is too short .* 0\.02 of it"):
+        WishartPrior.over((0.0, 1.0), 0.01, MEAN, 3, 1e-3)
