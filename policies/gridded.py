@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
-import numpy as np
-from jaxtyping import Float
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TypeVar
 
-from policies.adaptation import Adaptation, AdaptationForm
-from policies.skill import Skill
+import numpy as np
+from jaxtyping import Float, Int
+
+from policies.adaptation import Adaptation
+from policies.members import EVERY_MEMBER, Members, Numbers
+from policies.movement import Movement, Predictor
 from policies.trajectory import GaussianTrajectory, ViaPoint
+
+__all__ = ["Demonstrated", "GriddedPolicies", "GriddedPolicy"]
 
 Pose = Float[np.ndarray, " 6"]
 Grid = Float[np.ndarray, "M 6"]
+MovementT = TypeVar("MovementT", bound=Movement)
 
 
 class Demonstrated:
     """The policy as demonstrated: via-points change nothing.
 
     Args:
-        skill: The learned skill.
+        movement: What was learned.
         grid: Phases (M,).
     """
 
-    def __init__(self, skill: Skill, grid: Float[np.ndarray, " M"]) -> None:
-        self._trajectory = skill.predict(grid)
+    def __init__(self, movement: Predictor, grid: Float[np.ndarray, " M"]) -> None:
+        self._trajectory = movement.predict(grid)
 
     @property
     def mean(self) -> Grid:
@@ -43,15 +51,17 @@ class Demonstrated:
 
 
 class GriddedPolicy:
-    """A skill under one form of adaptation, evaluated on a uniform grid of phases.
+    """A movement under one form of adaptation, evaluated on a uniform grid of phases.
 
     Between grid points mean and σ are interpolated linearly: at 100 points the arc of
     a 0.65 m door is met within 0.06 mm.
 
     Args:
-        skill: The learned skill.
-        form: Makes the distribution from skill and grid, e.g.
-            `policies.adaptation.ProductAdaptation` or `Demonstrated`.
+        movement: What was learned; NaN σ for a method without any.
+        form: Makes the distribution from movement and grid:
+            `policies.adaptation.ProcessAdaptation` of a skill,
+            `policies.movement.ReadaptedMovement` of anything that adapts, and
+            `Demonstrated` of anything else.
         n_grid: Number of grid points M, at least 2.
 
     Raises:
@@ -60,21 +70,27 @@ class GriddedPolicy:
 
     def __init__(
         self,
-        skill: Skill,
-        form: AdaptationForm,
+        movement: MovementT,
+        form: Callable[[MovementT, Float[np.ndarray, " M"]], Adaptation],
         n_grid: int,
     ) -> None:
         if n_grid < 2:
             raise ValueError(f"n_grid must be at least 2, got {n_grid}")
-        self._skill = skill
-        self._form = form
-        self._grid = np.linspace(0.0, 1.0, n_grid)
-        self._distribution = form(skill, self._grid)
+        self._movement = movement
+        self._n_grid = n_grid
+        self._fresh = partial(form, movement, np.linspace(0.0, 1.0, n_grid))
+        self._distribution = self._fresh()
+        self._adapted = False
 
     @property
-    def skill(self) -> Skill:
-        """The learned skill."""
-        return self._skill
+    def movement(self) -> Movement:
+        """What was learned."""
+        return self._movement
+
+    @property
+    def n_grid(self) -> int:
+        """Number of grid points M."""
+        return self._n_grid
 
     @property
     def distribution(self) -> Adaptation:
@@ -83,23 +99,96 @@ class GriddedPolicy:
 
     def reset(self) -> None:
         """Forget every via-point."""
-        self._distribution = self._form(self._skill, self._grid)
+        if self._adapted:
+            self._distribution = self._fresh()
+            self._adapted = False
 
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on a via-point."""
+        self._adapted = True
         self._distribution.observe(via_point)
 
     def at(self, phase: float) -> tuple[Pose, Pose]:
         """Return mean and standard deviation at a phase in [0, 1], each (6,)."""
-        position = phase * (self._grid.size - 1)
-        left = min(int(position), self._grid.size - 2)
-        share = position - left
-        mean, std = self._distribution.mean, self._distribution.std
-        return (
-            (1.0 - share) * mean[left] + share * mean[left + 1],
-            (1.0 - share) * std[left] + share * std[left + 1],
-        )
+        return GriddedPolicies(self).at(np.float64(phase))
 
     def trajectory(self) -> GaussianTrajectory:
         """Return the current distribution over the whole task."""
         return self._distribution.trajectory()
+
+
+class GriddedPolicies:
+    """Policies on grids of equal size, looked up all at once.
+
+    Mean and σ of every member are kept in one table, of which a via-point renews only
+    the member's own part.
+
+    Args:
+        policies: One per member, or a single one, of which arrays have no leading axis;
+            adapted in place.
+    """
+
+    def __init__(self, policies: GriddedPolicy | Sequence[GriddedPolicy]) -> None:
+        alone = isinstance(policies, GriddedPolicy)
+        self._policies = _listed(policies)
+        self._n_grid, count = self._policies[0].n_grid, len(self._policies)
+        shape = () if alone else (count,)
+        durations = [policy.movement.duration for policy in self._policies]
+        self._durations = np.reshape(durations, shape)
+        self._numbers = np.reshape(np.arange(count), shape)
+        # The last grid point twice, so that it, too, has a right neighbour.
+        self._first_row = self._numbers * (self._n_grid + 1)
+        self._table = np.empty((count * (self._n_grid + 1), 12))
+        for member in range(count):
+            self._renew(member)
+
+    @property
+    def durations(self) -> Float[np.ndarray, "*N"]:
+        """Nominal durations of the members' tasks [s]."""
+        return self._durations
+
+    @property
+    def numbers(self) -> Int[np.ndarray, "*N"]:
+        """The members' numbers, from 0."""
+        return self._numbers
+
+    def reset(self, members: Members = EVERY_MEMBER) -> None:
+        """Forget the via-points of these members."""
+        for member in np.ravel(self._numbers[members]).tolist():
+            self._policies[member].reset()
+            self._renew(member)
+
+    def observe(self, member: int, via_point: ViaPoint) -> None:
+        """Condition the policy of one member on a via-point."""
+        self._policies[member].observe(via_point)
+        self._renew(member)
+
+    def at(
+        self, phases: Float[Numbers, "*S"], members: Members = EVERY_MEMBER
+    ) -> tuple[Float[np.ndarray, "*S 6"], Float[np.ndarray, "*S 6"]]:
+        """Return means and standard deviations of these members.
+
+        Args:
+            phases: Phases in [0, 1], one per member along the last axis.
+            members: Whose they are.
+        """
+        position = phases * (self._n_grid - 1)
+        left = position.astype(np.int64)
+        share = np.asarray(position - left)[..., None]
+        row = self._first_row[members] + left
+        table = self._table
+        both = (1.0 - share) * table.take(row, 0) + share * table.take(row + 1, 0)
+        return both[..., :6], both[..., 6:]
+
+    def _renew(self, member: int) -> None:
+        distribution = self._policies[member].distribution
+        part = self._table.reshape(-1, self._n_grid + 1, 12)[member]
+        part[:-1, :6] = distribution.mean
+        part[:-1, 6:] = distribution.std
+        part[-1] = part[-2]
+
+
+def _listed(
+    policies: GriddedPolicy | Sequence[GriddedPolicy],
+) -> tuple[GriddedPolicy, ...]:
+    return (policies,) if isinstance(policies, GriddedPolicy) else tuple(policies)

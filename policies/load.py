@@ -16,16 +16,21 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-Wrench = Float[np.ndarray, " 6"]
-Direction = Float[np.ndarray, " 3"]
+Wrench = Float[np.ndarray, "*N 6"]
+Direction = Float[np.ndarray, "*N 3"]
+Pace = Float[np.ndarray, "*N"]
 
 
 @runtime_checkable
 class LoadRule(Protocol):
-    """Decides which forces displace the set-point, and whether it waits."""
+    """Decides which forces displace the set-point, and whether it waits.
 
-    def share(self, wrench: Wrench, direction: Direction) -> tuple[Wrench, float]:
-        """Return the wrench to yield to and the pace of the command phase."""
+    Rules keep no memory. Agents use one rule for all members of a batch if the
+    members' rules are equal.
+    """
+
+    def share(self, wrench: Wrench, direction: Direction) -> tuple[Wrench, Pace]:
+        """Return the wrenches to yield to and the pace of the command phases."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -43,11 +48,11 @@ class CarriedLoad:
                 "to carry nothing use YieldToAll"
             )
 
-    def share(self, wrench: Wrench, direction: Direction) -> tuple[Wrench, float]:
-        """Take the carried load out of a wrench.
+    def share(self, wrench: Wrench, direction: Direction) -> tuple[Wrench, Pace]:
+        """Take the carried load out of wrenches.
 
         Args:
-            wrench: Force and moment on the hand, task frame [N, N m].
+            wrench: Force and moment on each hand, task frame [N, N m].
             direction: Unit vector along which the policy moves the hand.
 
         Returns:
@@ -55,16 +60,18 @@ class CarriedLoad:
             clock) without load, 0 at the limit, and down to -1 from 1.19 times the
             limit on, where the set-point comes back to the hand.
         """
-        load = max(-float(direction @ wrench[:3]), 0.0)
+        load = np.maximum(-np.vecdot(direction, wrench[..., :3]), 0.0)
         left = wrench.copy()
-        left[:3] += min(load, self.limit) * direction
-        return left, 1.0 - min((load / self.limit) ** 4, 2.0)
+        left[..., :3] += np.minimum(load, self.limit)[..., None] * direction
+        # Not `**`: for arrays its last bit depends on the processor.
+        slowing = np.minimum(np.float_power(load / self.limit, 4.0), 2.0)
+        return left, np.asarray(1.0 - slowing)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class YieldToAll:
     """Every force displaces the set-point, which never waits: Eq. (22) as printed."""
 
-    def share(self, wrench: Wrench, direction: Direction) -> tuple[Wrench, float]:
-        """Return the wrench as it is, and the clock's pace."""
-        return wrench, 1.0
+    def share(self, wrench: Wrench, direction: Direction) -> tuple[Wrench, Pace]:
+        """Return the wrenches as they are, and the clock's pace."""
+        return wrench, np.ones(wrench.shape[:-1])

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from policies.aligned import AlignedDemonstrations
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
-__all__ = ["Adaptable", "Movement", "Predictor", "ReadaptedMovement"]
+__all__ = ["Adaptable", "Movement", "Predictor", "ReadaptedMovement", "adapted"]
 
 
 @runtime_checkable
@@ -48,6 +48,20 @@ class Adaptable(Movement, Protocol):
     def adapt(self, via_points: Sequence[ViaPoint]) -> Predictor:
         """The movement conditioned on ``via_points``, all of them at once."""
         ...
+
+
+def adapted(movement: Movement, via_points: Sequence[ViaPoint]) -> Predictor:
+    """Return a movement conditioned on via-points.
+
+    Raises:
+        ValueError: The method has no via-points.
+    """
+    if isinstance(movement, Adaptable):
+        return movement.adapt(via_points)
+    raise ValueError(
+        f"{type(movement).__name__} has no via-points: what it learned cannot be "
+        "conditioned. Methods that have them: gp, gp-paper, promp, kmp, gmm-gp"
+    )
 
 
 class ReadaptedMovement:

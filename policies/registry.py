@@ -12,43 +12,42 @@ from typing import Any, Final
 
 import numpy as np
 
+from policies import learning
 from policies.adaptation import (
-    AdaptationForm,
+    Adaptation,
     ExactAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
 )
 from policies.agent import Agent, AgentConfig, GaussianProcessAgent
-from policies.alignment import align
 from policies.baselines.oracle import OracleAgent
 from policies.controllers.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
     PAPER_DYNAMICS,
     PAPER_PROFILE,
-    StiffnessProfile,
 )
 from policies.demonstrations import Demonstration
+from policies.empirical import EmpiricalDistribution
 from policies.gridded import Demonstrated, GriddedPolicy
+from policies.learning import Learner, TrainingInput
 from policies.load import CarriedLoad, YieldToAll
+from policies.movement import Movement, Predictor, ReadaptedMovement
 from policies.phase import ClockPhase, PathPhase
-from policies.skill import Skill, fit_skill
 
+__all__ = [
+    "POLICIES",
+    "TABLE_1",
+    "Policy",
+    "TrainingInput",
+    "make_agent",
+    "policy_entry",
+]
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class TrainingInput:
-    """What a policy may learn from.
+Form = Callable[[Any, np.ndarray], Adaptation]
+"""Builds, for a movement on a grid of phases, what via-points adapt."""
 
-    Attributes:
-        demonstrations: At least one.
-        seed: Seeds whatever is random in the policy's learning.
-        radius: The true radius of the door to open [m], or None; privileged, only the
-            oracle reads it.
-    """
-
-    demonstrations: tuple[Demonstration, ...]
-    seed: int = 0
-    radius: float | None = None
+_GRID: Final = 100
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -57,11 +56,26 @@ class Policy:
 
     Attributes:
         summary: One line for people.
-        make: Learns from the training input and returns an agent.
+        learn: Learns a movement; None if nothing is learned.
+        form: How the movement adapts; `Demonstrated` for a method without via-points.
+        follow: Makes an agent of its own that follows the movement; from one movement
+            any number can be made.
     """
 
     summary: str
-    make: Callable[[TrainingInput], Agent]
+    learn: Learner | None
+    form: Form
+    follow: Callable[[Movement, Form], Agent]
+
+    def make(self, training: TrainingInput) -> Agent:
+        """Learn from the training input and return an agent.
+
+        Raises:
+            ValueError: The demonstrations are unusable, or the oracle has no radius.
+        """
+        if self.learn is None:
+            return _oracle(training)
+        return self.follow(self.learn(training), self.form)
 
 
 def make_agent(
@@ -103,97 +117,41 @@ def policy_entry(name: str) -> Policy:
     )
 
 
-_GRID: Final = 100
-_START_TOLERANCE: Final = (0.05, 0.2)
-"""How far from the closed handle a demonstration may start [m, rad]."""
-_LARGEST_REACH: Final = 3.0
-"""How far from it a demonstration may ever be [m]."""
-
-
-def _learn(training: TrainingInput, noise: str = "map", **alignment: Any) -> Skill:
-    if not training.demonstrations:
-        raise ValueError("no demonstrations were given; a policy needs at least one")
-    for number, demonstration in enumerate(training.demonstrations):
-        _check_start(number, demonstration)
-    return fit_skill(align(training.demonstrations, **alignment), noise=noise)
-
-
-def _check_start(number: int, demonstration: Demonstration) -> None:
-    start, reach = demonstration.poses[0], np.abs(demonstration.poses[:, :3]).max()
-    if reach > _LARGEST_REACH:
-        raise ValueError(
-            f"demonstration {number} reaches {reach:.3g} m from the closed handle; are "
-            "its positions in metres, in the task frame?"
-        )
-    distance, turn = np.linalg.norm(start[:3]), np.linalg.norm(start[3:])
-    if distance > _START_TOLERANCE[0] or turn > _START_TOLERANCE[1]:
-        raise ValueError(
-            f"demonstration {number} starts {distance:.3g} m and {turn:.3g} rad away "
-            "from the closed handle, which is the origin of the task frame (x pull, y "
-            "up); subtract its first pose, in task axes, from all its poses"
-        )
-
-
-def _agent(
-    skill: Skill,
-    form: AdaptationForm = ProcessAdaptation,
-    profile: StiffnessProfile = DEFAULT_PROFILE,
+def _follow(
+    movement: Movement, form: Form, demonstrated: Predictor | None = None
 ) -> GaussianProcessAgent:
+    """Variable stiffness, and a phase told by a distribution: the movement's own."""
+    distribution = movement if demonstrated is None else demonstrated
     return GaussianProcessAgent(
-        policy=GriddedPolicy(skill, form, _GRID),
-        phases=PathPhase(skill),
+        policy=GriddedPolicy(movement, form, _GRID),
+        phases=PathPhase(distribution, movement.aligned),
         load=CarriedLoad(),
-        profile=profile,
+        profile=DEFAULT_PROFILE,
         dynamics=DEFAULT_DYNAMICS,
     )
 
 
-def _gp(training: TrainingInput) -> Agent:
-    return _agent(_learn(training))
+def _follow_without_uncertainty(movement: Movement, form: Form) -> Agent:
+    """The greatest stiffness, and a phase told by the demonstrations themselves."""
+    return _follow(movement, form, EmpiricalDistribution(movement.aligned))
 
 
-def _gp_product(training: TrainingInput) -> Agent:
-    return _agent(_learn(training), ProductAdaptation)
-
-
-def _gp_exact(training: TrainingInput) -> Agent:
-    return _agent(_learn(training), ExactAdaptation)
-
-
-def _gp_fixed(training: TrainingInput) -> Agent:
-    return _agent(_learn(training), Demonstrated)
-
-
-def _gp_homoscedastic(training: TrainingInput) -> Agent:
-    return _agent(_learn(training, noise="homoscedastic"))
-
-
-def _gp_dtw_euclidean(training: TrainingInput) -> Agent:
-    return _agent(_learn(training, method="dtw-euclidean"))
-
-
-def _gp_constant_stiffness(training: TrainingInput) -> Agent:
+def _follow_stiffly(movement: Movement, form: Form) -> GaussianProcessAgent:
     profile = dataclasses.replace(DEFAULT_PROFILE, k_min=DEFAULT_PROFILE.k_max)
-    return _agent(_learn(training), profile=profile)
+    return dataclasses.replace(_follow(movement, form), profile=profile)
 
 
-def _gp_clock(training: TrainingInput) -> Agent:
-    skill = _learn(training)
-    return dataclasses.replace(_agent(skill), phases=ClockPhase())
+def _follow_by_the_clock(movement: Movement, form: Form) -> GaussianProcessAgent:
+    return dataclasses.replace(_follow(movement, form), phases=ClockPhase())
 
 
-def _gp_paper(training: TrainingInput) -> Agent:
-    # What the paper states: DTW on the raw completion index, Kersting's noise, a
-    # product of Gaussians with zero prior mean, one stiffness law for all axes, the
-    # whole wrench in Eq. (22), no limit to the lead. Ours where it is silent: the phase
-    # of an observation and the via-point noise that comes with it (read as clock time,
-    # no door opens: `gp-clock`), and the governor in place of hand tuning.
-    skill = _learn(training, noise="kersting", method="dtw", denoise=False)
-    return GaussianProcessAgent(
-        policy=GriddedPolicy(
-            skill, partial(ProductAdaptation, prior_mean="zero"), _GRID
-        ),
-        phases=PathPhase(skill),
+def _follow_the_paper(movement: Movement, form: Form) -> GaussianProcessAgent:
+    # One stiffness law for all axes, the whole wrench in Eq. (22), no limit to the
+    # lead. Ours where the paper is silent: the phase of an observation and the
+    # via-point noise that comes with it (read as clock time, no door opens:
+    # `gp-clock`), and the governor in place of hand tuning.
+    return dataclasses.replace(
+        _follow(movement, form),
         load=YieldToAll(),
         profile=PAPER_PROFILE,
         dynamics=PAPER_DYNAMICS,
@@ -210,47 +168,106 @@ def _oracle(training: TrainingInput) -> Agent:
     return OracleAgent(training.radius)
 
 
+def _policy(
+    summary: str,
+    learn: Learner | None,
+    form: Form = Demonstrated,
+    follow: Callable[[Movement, Form], Agent] = _follow,
+) -> Policy:
+    return Policy(summary=summary, learn=learn, form=form, follow=follow)
+
+
+TABLE_1: Final = (
+    *("dmp", "promp", "gmr", "local-gp", "wishart-gp", "kmp", "gmm-gp"),
+    *("gp-paper", "gp"),
+)
+"""The methods of the paper's Table 1, the paper's own and ours."""
+
 POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
     {
-        "gp": Policy(
-            summary="heteroscedastic GP, adapted while opening, variable stiffness",
-            make=_gp,
+        "gp": _policy(
+            "heteroscedastic GP, adapted while opening, variable stiffness",
+            learning.learn_gp,
+            ProcessAdaptation,
         ),
-        "gp-product": Policy(
-            summary="gp with the paper's adaptation, a product of Gaussians",
-            make=_gp_product,
+        "gp-product": _policy(
+            "gp with the paper's adaptation, a product of Gaussians",
+            learning.learn_gp,
+            ProductAdaptation,
         ),
-        "gp-exact": Policy(
-            summary="gp conditioned on demonstrations and via-points, white spread",
-            make=_gp_exact,
+        "gp-exact": _policy(
+            "gp conditioned on demonstrations and via-points, white spread",
+            learning.learn_gp,
+            ExactAdaptation,
         ),
-        "gp-fixed": Policy(
-            summary="the same GP without adaptation: the demonstrations' mean",
-            make=_gp_fixed,
+        "gp-fixed": _policy(
+            "the same GP without adaptation: the demonstrations' mean",
+            learning.learn_gp,
         ),
-        "gp-homoscedastic": Policy(
-            summary="gp with one noise level for the whole task",
-            make=_gp_homoscedastic,
+        "gp-homoscedastic": _policy(
+            "gp with one noise level for the whole task",
+            learning.learn_homoscedastic_gp,
+            ProcessAdaptation,
         ),
-        "gp-dtw-euclidean": Policy(
-            summary="gp aligned by distance of poses instead of task completion",
-            make=_gp_dtw_euclidean,
+        "gp-dtw-euclidean": _policy(
+            "gp aligned by distance of poses instead of task completion",
+            learning.learn_euclidean_gp,
+            ProcessAdaptation,
         ),
-        "gp-clock": Policy(
-            summary="gp that dates its observations by the clock: learns its own lag",
-            make=_gp_clock,
+        "gp-clock": _policy(
+            "gp that dates its observations by the clock: learns its own lag",
+            learning.learn_gp,
+            ProcessAdaptation,
+            _follow_by_the_clock,
         ),
-        "gp-paper": Policy(
-            summary="what the paper states: Kersting, product, one stiffness law",
-            make=_gp_paper,
+        "gp-paper": _policy(
+            "what the paper states: Kersting, product, one stiffness law",
+            learning.learn_paper_gp,
+            partial(ProductAdaptation, prior_mean="zero"),
+            _follow_the_paper,
         ),
-        "gp-constant-stiffness": Policy(
-            summary="the adapted GP, always at the greatest stiffness",
-            make=_gp_constant_stiffness,
+        "gp-constant-stiffness": _policy(
+            "the adapted GP, always at the greatest stiffness",
+            learning.learn_gp,
+            ProcessAdaptation,
+            _follow_stiffly,
         ),
-        "oracle": Policy(
-            summary="knows the door's radius; no policy, no compliance",
-            make=_oracle,
+        "dmp": _policy(
+            "dynamic movement primitive of the mean; no uncertainty, no via-points",
+            learning.learn_dmp,
+            follow=_follow_without_uncertainty,
         ),
+        "promp": _policy(
+            "probabilistic movement primitive, conditioned while opening",
+            learning.learn_promp,
+            ReadaptedMovement,
+        ),
+        "gmr": _policy(
+            "Gaussian-mixture regression; no via-points", learning.learn_gmr
+        ),
+        "local-gp": _policy(
+            "local Gaussian processes (reconstruction); no via-points",
+            learning.learn_local_gp,
+        ),
+        "wishart-gp": _policy(
+            "GP mean, Wishart-process spread (reconstruction); no via-points",
+            learning.learn_wishart_gp,
+        ),
+        "kmp": _policy(
+            "kernelised movement primitive, regularisation calibrated for doors",
+            learning.learn_kmp,
+            ReadaptedMovement,
+        ),
+        "kmp-published": _policy(
+            "kernelised movement primitive with the published regularisation",
+            learning.learn_published_kmp,
+            ReadaptedMovement,
+        ),
+        "gmm-gp": _policy(
+            "GP with a Gaussian-mixture prior, conditioned while opening",
+            learning.learn_gmm_gp,
+            ReadaptedMovement,
+        ),
+        "oracle": _policy("knows the door's radius; no policy, no compliance", None),
     }
 )

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from policies.controllers.stiffness import VirtualDynamics
+from policies.members import EVERY_MEMBER, Members
 
 __all__ = ["Admittance"]
 
@@ -26,53 +27,59 @@ class Admittance:
 
     Args:
         dynamics: Virtual mass and damping ratio; the damping follows the stiffness.
+        shape: Leading axes of all arrays: () for one hand, (N,) for N hands, each
+            displaced on its own.
     """
 
-    def __init__(self, dynamics: VirtualDynamics) -> None:
+    def __init__(self, dynamics: VirtualDynamics, shape: tuple[int, ...] = ()) -> None:
         self._dynamics = dynamics
-        self._displacement = np.zeros(6)
-        self._velocity = np.zeros(6)
+        self._displacement = np.zeros((*shape, 6))
+        self._velocity = np.zeros((*shape, 6))
 
     @property
-    def displacement(self) -> Float[np.ndarray, " 6"]:
+    def displacement(self) -> Float[np.ndarray, "*N 6"]:
         """e: commanded minus desired pose [m, rad]."""
         return self._displacement.copy()
 
     @property
-    def velocity(self) -> Float[np.ndarray, " 6"]:
+    def velocity(self) -> Float[np.ndarray, "*N 6"]:
         """Rate of e [m/s, rad/s]."""
         return self._velocity.copy()
 
-    def reset(self) -> None:
+    def reset(self, members: Members = EVERY_MEMBER) -> None:
         """Return to rest at the desired pose."""
-        self._displacement = np.zeros(6)
-        self._velocity = np.zeros(6)
+        self._displacement[members] = 0.0
+        self._velocity[members] = 0.0
 
     def step(
         self,
-        stiffness: Float[np.ndarray, " 6"],
-        wrench: Float[np.ndarray, " 6"],
+        stiffness: Float[np.ndarray, "*N 6"],
+        wrench: Float[np.ndarray, "*N 6"],
         dt: float,
-    ) -> Float[np.ndarray, " 6"]:
+        members: Members = EVERY_MEMBER,
+    ) -> Float[np.ndarray, "*N 6"]:
         """Advance by one control period.
 
         Args:
-            stiffness: k_p on each axis [N/m, N m/rad].
-            wrench: Force and torque on the hand, task frame [N, N m].
+            stiffness: k_p of these members on each axis [N/m, N m/rad].
+            wrench: Force and torque on their hands, task frame [N, N m].
             dt: Control period h [s].
+            members: Whose they are.
 
         Returns:
-            The displacement e at its end [m, rad], (6,); yours to change.
+            The displacement e at its end [m, rad], (*N, 6); yours to change.
 
         Raises:
             ValueError: If `dt` is not positive.
         """
         if not dt > 0.0:
             raise ValueError(f"dt must be positive [s], got {dt}")
-        mass = self._dynamics.mass
+        mass, before = self._dynamics.mass, self._displacement[members]
         damping = self._dynamics.damping(stiffness)
-        impulse = dt * (wrench - stiffness * self._displacement)
+        impulse = dt * (wrench - stiffness * before)
         inertia = mass + dt * (damping + dt * stiffness)
-        self._velocity = (mass * self._velocity + impulse) / inertia
-        self._displacement = self._displacement + dt * self._velocity
-        return self._displacement.copy()
+        velocity = (mass * self._velocity[members] + impulse) / inertia
+        displacement = before + dt * velocity
+        self._velocity[members] = velocity
+        self._displacement[members] = displacement
+        return np.asarray(displacement)

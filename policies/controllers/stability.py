@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
+from policies.members import EVERY_MEMBER, Members
 
 __all__ = [
     "GovernedStiffness",
@@ -172,11 +173,11 @@ def _over_steepest(
 class GovernedStiffness:
     """What a `StiffnessGovernor` allows in one control step."""
 
-    stiffness: Float[np.ndarray, " 6"]
+    stiffness: Float[np.ndarray, "*N 6"]
     """Stiffness to render [N/m, N m/rad]."""
-    rate: Float[np.ndarray, " 6"]
+    rate: Float[np.ndarray, "*N 6"]
     """Its rate over the step [N/(m s), N m/(rad s)]."""
-    margin: Float[np.ndarray, " 6"]
+    margin: Float[np.ndarray, "*N 6"]
     """The tight pointwise bound minus the rate; always positive."""
 
 
@@ -193,27 +194,42 @@ class StiffnessGovernor:
     Args:
         profile: Gives k_min, hence γ; wishes below k_min are raised to it.
         dynamics: Virtual mass and damping ratio.
+        shape: Leading axes of all arrays: () for one hand, (N,) for N hands, each
+            governed on its own.
     """
 
-    def __init__(self, profile: StiffnessProfile, dynamics: VirtualDynamics) -> None:
+    def __init__(
+        self,
+        profile: StiffnessProfile,
+        dynamics: VirtualDynamics,
+        shape: tuple[int, ...] = (),
+    ) -> None:
         self._k_min = profile.k_min
         gamma = decay_rate(profile.k_min, dynamics)
         # The constants of `rate_bound`, computed once: this runs at every control step.
         self._twice_gamma = 2.0 * gamma
         self._resistance = dynamics.damping_ratio * gamma * np.sqrt(dynamics.mass)
-        self._stiffness: Float[np.ndarray, " 6"] | None = None
+        self._stiffness = np.full((*shape, 6), np.nan)  # NaN: none yet
+        self._fresh = True
 
-    def reset(self) -> None:
+    def reset(self, members: Members = EVERY_MEMBER) -> None:
         """Forget the stiffness; the next step starts at its target."""
-        self._stiffness = None
+        self._stiffness[members] = np.nan
+        self._fresh = True
 
-    def step(self, target: Float[np.ndarray, " 6"], dt: float) -> GovernedStiffness:
+    def step(
+        self,
+        target: Float[np.ndarray, "*N 6"],
+        dt: float,
+        members: Members = EVERY_MEMBER,
+    ) -> GovernedStiffness:
         """Move towards the target for one control period.
 
         Args:
-            target: Wished stiffness [N/m, N m/rad].
+            target: Wished stiffness of these members [N/m, N m/rad].
             dt: Time since the last step [s]. The first step after a reset takes the
                 target as it is, with rate zero.
+            members: Whose it is.
 
         Returns:
             The stiffness to render, its rate and its margin.
@@ -224,10 +240,13 @@ class StiffnessGovernor:
         if not dt > 0.0:
             raise ValueError(f"dt must be positive [s], got {dt}")
         wished = np.maximum(target, self._k_min)
-        previous = wished if self._stiffness is None else self._stiffness
+        previous = self._stiffness[members]
+        if self._fresh:
+            previous = np.where(np.isnan(previous), wished, previous)
         root = np.sqrt(previous)
         bound = self._twice_gamma * previous * root / (root + self._resistance)
         allowed = np.minimum(wished, previous + dt * _USED_SHARE * bound)
         rate = (allowed - previous) / dt
-        self._stiffness = allowed
+        self._stiffness[members] = allowed
+        self._fresh = self._fresh and bool(np.isnan(self._stiffness).any())
         return GovernedStiffness(stiffness=allowed, rate=rate, margin=bound - rate)

@@ -58,14 +58,17 @@ class StiffnessProfile:
         """Return k_p(σ), Eq. (24).
 
         Args:
-            std: Standard deviations σ [m, rad].
+            std: Standard deviations σ [m, rad]. NaN means that nothing is known about
+                the spread, as of a policy without uncertainty: the hand then follows
+                the policy as stiffly as it may.
 
         Returns:
-            Stiffness [N/m, N m/rad], between k_min and k_max, falling with σ.
+            Stiffness [N/m, N m/rad], between k_min and k_max, falling with σ; k_max
+            where σ is NaN.
         """
-        return np.asarray(
-            self.k_max - (self.k_max - self.k_min) * expit(self._argument(std))
-        )
+        softening = (self.k_max - self.k_min) * expit(self._argument(std))
+        # The lesser of the two, where NaN does not count.
+        return np.asarray(np.fmin(self.k_max - softening, self.k_max))
 
     def rate(
         self, std: Float[np.ndarray, "*T 6"], std_rate: Float[np.ndarray, "*T 6"]

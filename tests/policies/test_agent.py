@@ -1,5 +1,7 @@
 """The agent composes policy, adaptation, stiffness and admittance."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -9,9 +11,11 @@ from policies.adaptation import ProcessAdaptation
 from policies.agent import AgentConfig, GaussianProcessAgent
 from policies.controllers.stability import stability_margin
 from policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
+from policies.empirical import EmpiricalDistribution
 from policies.gridded import Demonstrated, GriddedPolicy
 from policies.load import CarriedLoad
 from policies.phase import PathPhase
+from policies.trajectory import GaussianTrajectory
 
 PERIOD = 0.01
 
@@ -19,7 +23,7 @@ PERIOD = 0.01
 def agent_of(skill, form=ProcessAdaptation, **config):
     return GaussianProcessAgent(
         policy=GriddedPolicy(skill, form, 100),
-        phases=PathPhase(skill),
+        phases=PathPhase(skill, skill.aligned),
         load=CarriedLoad(limit=20.0),
         profile=DEFAULT_PROFILE,
         dynamics=DEFAULT_DYNAMICS,
@@ -107,7 +111,7 @@ def test_via_points_are_weak_along_what_the_phase_leaves_open(skill, monkeypatch
     for angle in np.linspace(0.0, 0.8, 200):
         pose = handle_pose_on_arc(0.5, angle)
         if agent.act(observed(pose)).via_point:
-            estimates.append(agent.phases.rate(seen[-1].phase))
+            estimates.append(agent.phases.rate(np.float64(seen[-1].phase)))
     assert len(seen) > 10
     for via_point, rate in zip(seen, estimates, strict=True):
         # Least where the path does not run: y. Most where it runs fastest.
@@ -221,3 +225,41 @@ def test_via_points_are_spaced_in_phase(skill):
     taken = [step.observed_phase for step, _ in history if step.via_point]
     assert len(taken) > 20
     assert np.diff(taken).min() >= 0.02 - 1e-12
+
+
+class Curve:
+    """A movement that knows where to go and nothing about the spread."""
+
+    def __init__(self, skill):
+        self.aligned, self.duration, self._skill = skill.aligned, skill.duration, skill
+
+    def predict(self, times):
+        mean = self._skill.predict(times).mean
+        return GaussianTrajectory.from_moments(
+            times, mean, np.full_like(mean, np.nan), lambda: np.empty(0)
+        )
+
+
+def test_policy_without_uncertainty_is_followed_stiffly(skill):
+    curve = Curve(skill)
+    agent = GaussianProcessAgent(
+        policy=GriddedPolicy(curve, Demonstrated, 100),
+        phases=PathPhase(EmpiricalDistribution(curve.aligned), curve.aligned),
+        load=CarriedLoad(),
+        profile=DEFAULT_PROFILE,
+        dynamics=DEFAULT_DYNAMICS,
+    )
+    history = ideal_door(agent, 0.5, 300)
+    assert history[-1][1] > np.radians(20.0)
+    for step, _ in history:
+        np.testing.assert_array_equal(step.stiffness, DEFAULT_PROFILE.k_max)
+        for field in dataclasses.fields(step):
+            unknown = field.name in ("std", "std_rate", "predicted_std")
+            value = np.asarray(getattr(step, field.name))
+            assert np.isnan(value).all() if unknown else np.isfinite(value).all()
+
+
+def test_agents_cannot_be_recomposed_in_place(skill):
+    # Their parts are put together once: a change would go unnoticed.
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        agent_of(skill).load = CarriedLoad()

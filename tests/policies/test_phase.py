@@ -4,13 +4,25 @@ import numpy as np
 import pytest
 
 from gplfd_env.task import handle_pose_on_arc
+from policies.alignment import align
+from policies.empirical import EmpiricalDistribution
 from policies.phase import ClockPhase, PathPhase, PhaseNoise
+from policies.skill import fit_skill
+from policies.trajectory import GaussianTrajectory
 
 FINAL_ANGLE = np.radians(67.0)
 
 
-def follow(estimator, poses):
-    return np.array([estimator.update(pose, 0.0) for pose in poses]).T
+NOWHERE = np.float64(0.0)
+
+
+def follow(rule, poses, start=NOWHERE):
+    """Phases and their standard deviations along a path, each told from the last."""
+    found, previous = [], start
+    for pose in poses:
+        previous, std = rule.update(pose, previous, NOWHERE)
+        found.append((previous, std))
+    return np.array(found).T
 
 
 def true_phase(skill, angles):
@@ -22,7 +34,7 @@ def true_phase(skill, angles):
 def test_phase_does_not_depend_on_the_radius(skill, radius):
     angles = np.linspace(0.0, FINAL_ANGLE, 500)
     poses = [handle_pose_on_arc(radius, angle) for angle in angles]
-    phase, std = follow(PathPhase(skill), poses)
+    phase, std = follow(PathPhase(skill, skill.aligned), poses)
     error = np.abs(phase - true_phase(skill, angles))
     opened = angles > np.radians(10.0)
     assert error[opened].max() < 0.05
@@ -33,9 +45,9 @@ def test_phase_does_not_depend_on_the_radius(skill, radius):
 
 def test_clock_phase_is_the_command_s():
     clock = ClockPhase()
-    clock.reset()
-    assert clock.update(np.full(6, 9.0), 0.37) == (0.37, 0.0)
-    np.testing.assert_array_equal(clock.rate(0.37), np.zeros(6))
+    now = np.float64(0.37)
+    assert clock.update(np.full(6, 9.0), NOWHERE, now) == (0.37, 0.0)
+    np.testing.assert_array_equal(clock.rate(now), np.zeros(6))
 
 
 def test_phase_std_is_the_size_of_the_errors(skill):
@@ -44,9 +56,9 @@ def test_phase_std_is_the_size_of_the_errors(skill):
     errors = np.repeat([noise.position, noise.rotation], 3)
     angle, found = 0.4, []
     for _ in range(300):
-        estimator = PathPhase(skill, window=(1.0, 1.0))
+        estimator = PathPhase(skill, skill.aligned, window=(1.0, 1.0))
         pose = handle_pose_on_arc(rng.uniform(0.35, 0.65), angle)
-        found.append(estimator.update(pose + errors * rng.normal(size=6), 0.0))
+        found.append(follow(estimator, [pose + errors * rng.normal(size=6)])[:, 0])
     phases, stds = np.array(found).T
     actual = np.sqrt(np.mean((phases - true_phase(skill, angle)) ** 2))
     # The position counts twice, as pose and as direction: right to a factor only.
@@ -54,7 +66,7 @@ def test_phase_std_is_the_size_of_the_errors(skill):
 
 
 def test_phase_stands_still_when_only_the_hand_turns(skill):
-    estimator = PathPhase(skill)
+    estimator = PathPhase(skill, skill.aligned)
     poses = np.zeros((200, 6))
     poses[:, 4] = np.linspace(0.0, 0.3, 200)
     phase, _ = follow(estimator, poses)
@@ -62,11 +74,12 @@ def test_phase_stands_still_when_only_the_hand_turns(skill):
 
 
 def test_phase_follows_a_door_that_swings_back(skill):
-    estimator = PathPhase(skill)
+    estimator = PathPhase(skill, skill.aligned)
     angles = np.radians(np.concatenate([np.linspace(0, 40, 300), np.full(50, 40.0)]))
-    follow(estimator, [handle_pose_on_arc(0.5, angle) for angle in angles])
+    opened, _ = follow(estimator, [handle_pose_on_arc(0.5, a) for a in angles])
     back = np.radians(np.linspace(40, 25, 200))
-    phase, _ = follow(estimator, [handle_pose_on_arc(0.5, angle) for angle in back])
+    poses = [handle_pose_on_arc(0.5, angle) for angle in back]
+    phase, _ = follow(estimator, poses, start=opened[-1])
     assert phase[-1] == pytest.approx(true_phase(skill, back[-1]), abs=0.02)
 
 
@@ -75,21 +88,110 @@ def test_phase_is_independent_of_speed(skill):
     for samples in (60, 600):
         angles = np.linspace(0.0, np.radians(50.0), samples)
         poses = [handle_pose_on_arc(0.5, angle) for angle in angles]
-        ends.append(follow(PathPhase(skill), poses)[0][-1])
+        ends.append(follow(PathPhase(skill, skill.aligned), poses)[0][-1])
     assert ends[0] == pytest.approx(ends[1], abs=1e-3)
 
 
-def test_reset_returns_to_the_start(skill):
-    estimator = PathPhase(skill)
-    angles = np.linspace(0.0, 1.0, 300)
-    follow(estimator, [handle_pose_on_arc(0.5, angle) for angle in angles])
-    estimator.reset()
-    assert estimator.update(np.zeros(6), 0.0)[0] < 0.1
+def test_search_begins_where_it_is_told(skill):
+    estimator = PathPhase(skill, skill.aligned)
+    pose = handle_pose_on_arc(0.5, 1.0)
+    at_once, unsure = estimator.update(pose, NOWHERE, NOWHERE)
+    # Farther than the window: the end of the search, and nothing known about it.
+    assert 0.05 <= at_once < 0.06
+    assert unsure == 0.1
+    at_there = np.float64(true_phase(skill, 1.0))
+    near, sure = estimator.update(pose, at_there, NOWHERE)
+    assert near == pytest.approx(at_there, abs=0.03)
+    assert sure < 0.1
+
+
+def nearest_by_hand(skill, pose, previous):
+    """The search as its definition reads, one member, one point after the other."""
+    grid = np.linspace(0.0, 1.0, 201)
+    demonstrated, noise = skill.predict(grid), PhaseNoise()
+    floor = np.repeat([noise.position, noise.rotation], 3)
+    positions = np.stack(
+        [
+            [np.interp(grid, skill.aligned.times, axis) for axis in curve.T[:3]]
+            for curve in skill.aligned.poses
+        ]
+    )
+    length = np.linalg.norm(positions, axis=1)
+    unit = positions / np.maximum(length, 1e-3)[:, None]
+    mean = unit.mean(axis=0)
+    variance = ((unit - mean) ** 2).sum(axis=1).mean(axis=0) / 2.0
+    variance += (1e-3 / np.maximum(length.min(axis=0), 1e-3)) ** 2
+    reach = np.linalg.norm(pose[:3]) + 1e-9
+
+    def cost(index):
+        error = (demonstrated.mean[index] - pose) ** 2
+        turn = np.sum((mean[:, index] - pose[:3] / reach) ** 2)
+        return np.sum(error / (demonstrated.std[index] ** 2 + floor**2)) + turn / (
+            variance[index] + (noise.position / reach) ** 2
+        )
+
+    first = max(0, int(np.floor((previous - 0.02) * 200)) - 1)
+    last = min(200, int(np.ceil((previous + 0.05) * 200)) + 1)
+    costs = [cost(index) for index in range(first, last + 1)]
+    best = int(np.argmin(costs))
+    if best in (0, len(costs) - 1):
+        return grid[first + best]
+    before, here, after = costs[best - 1 : best + 2]
+    bend = before - 2.0 * here + after
+    return grid[first + best] + 0.5 * (before - after) / bend / 200
+
+
+@pytest.mark.parametrize("previous", [0.0, 0.0123, 0.3071, 0.7513, 0.9987, 1.0])
+def test_search_is_the_one_that_is_defined(skill, previous):
+    estimator = PathPhase(skill, skill.aligned)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        angle = FINAL_ANGLE * (previous + rng.uniform(-0.1, 0.1))
+        pose = handle_pose_on_arc(0.45, max(angle, 0.0)) + 1e-3 * rng.normal(size=6)
+        found, _ = estimator.update(pose, np.float64(previous), NOWHERE)
+        expected = nearest_by_hand(skill, pose, previous)
+        assert float(found) == pytest.approx(expected, abs=1e-9)
+
+
+def test_stacked_rules_tell_what_each_would(skill, demonstrations):
+    """Members that differ in skill, phase and pose, all of them or only some."""
+    other = fit_skill(align(demonstrations[:4]))
+    rules = [PathPhase(one, one.aligned) for one in (skill, other, skill)]
+    together = PathPhase.stacked(rules)
+    poses = np.stack([handle_pose_on_arc(0.5, angle) for angle in (0.01, 0.7, 1.16)])
+    previous = np.array([0.0, 0.6, 0.99])
+    alone = [
+        (*rule.update(pose, phase, NOWHERE), rule.rate(phase))
+        for rule, pose, phase in zip(rules, poses, previous, strict=True)
+    ]
+    for members in (np.arange(3), np.array([1]), np.array([2, 0])):
+        found = together.update(
+            poses[members], previous[members], previous[members], members
+        )
+        rates = together.rate(previous[members], members)
+        for row, member in enumerate(members):
+            assert (found[0][row], found[1][row]) == alone[member][:2]
+            np.testing.assert_array_equal(rates[row], alone[member][2])
+
+
+def test_distribution_without_spread_is_refused(skill):
+    class Curve:
+        def predict(self, times):
+            mean = skill.predict(times).mean
+            return GaussianTrajectory.from_moments(
+                times, mean, np.full_like(mean, np.nan), lambda: np.empty(0)
+            )
+
+    with pytest.raises(ValueError, match=r"Curve predicts NaN.*EmpiricalDistribution"):
+        PathPhase(Curve(), skill.aligned)
+    PathPhase(EmpiricalDistribution(skill.aligned), skill.aligned)
 
 
 def test_rate_is_the_derivative_of_the_mean(skill):
-    estimator = PathPhase(skill)
+    estimator = PathPhase(skill, skill.aligned)
     step = 1e-5
     around = skill.predict(np.array([0.5 - step, 0.5 + step])).mean
     numerical = (around[1] - around[0]) / (2 * step)
-    np.testing.assert_allclose(estimator.rate(0.5), numerical, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(
+        estimator.rate(np.float64(0.5)), numerical, rtol=1e-5, atol=1e-6
+    )

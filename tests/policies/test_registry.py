@@ -22,7 +22,7 @@ def test_every_policy_makes_a_finite_first_step(name, demonstrations):
 
 def parts(name, demonstrations):
     agent = make_agent(name, demonstrations)
-    noise = agent.policy.skill.processes.outputs[0].noise
+    noise = agent.policy.movement.processes.outputs[0].noise
     return {
         "form": type(agent.policy.distribution),
         "phase": type(agent.phases),
