@@ -1,6 +1,7 @@
 """Dynamic movement primitives: learning, rollout, goals, and the orientation's form."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -272,50 +273,53 @@ def test_other_units_give_the_same_movement(aligned, dmp, factor):
     )
 
 
-def library(dmp: DynamicMovementPrimitive, step: float):
-    """The same movement of positions in movement_primitives."""
-    peers = pytest.importorskip("movement_primitives.dmp")
-    peer = peers.DMP(
-        n_dims=3,
-        dt=step,
-        n_weights_per_dim=dmp.config.n_basis,
-        smooth_scaling=True,
-        alpha_y=dmp.config.alpha,
-        beta_y=0.25 * dmp.config.alpha,
-    )
-    peer.configure(start_y=np.array(dmp.start[:3]), goal_y=np.array(dmp.goal[:3]))
-    peer.forcing_term.weights_[:, :] = dmp.weights[:, :3].T
-    return peer
+@pytest.fixture(scope="module")
+def library() -> dict[str, np.ndarray]:
+    """Results of movement_primitives; data/make_movement_primitives.py tells which."""
+    path = Path(__file__).parent / "data" / "movement_primitives.npz"
+    with np.load(path) as stored:
+        return dict(stored)
 
 
 @pytest.fixture(scope="module")
-def as_in_the_library(aligned):
-    """With its phase variable, which ends at 0.01."""
-    return fit_dmp(aligned, DMPConfig(alpha_x=-np.log(0.01)))
+def as_in_the_library(library):
+    """Learned from its demonstrations, with its constants; its x ends at 0.01."""
+    config = DMPConfig(
+        n_basis=library["dmp_weights"].shape[1],
+        alpha=float(library["dmp_alpha"]),
+        alpha_x=float(library["dmp_alpha_x"]),
+        overlap=float(library["dmp_overlap"]),
+    )
+    assert np.exp(-config.alpha_x) == pytest.approx(0.01)
+    demonstrated = AlignedDemonstrations(
+        times=library["phases"], poses=library["poses"]
+    )
+    return fit_dmp(demonstrated, config)
 
 
-def test_rollout_tends_to_the_library_s_for_small_steps(as_in_the_library):
-    gaps = []
-    for step in (2e-3, 1e-3, 5e-4):
-        times, theirs = library(as_in_the_library, step).open_loop()
-        ours = as_in_the_library.predict(times).mean[:, :3]
-        gaps.append(np.abs(theirs - ours).max())
-    # Its forcing term is a step late: the gap halves with the step.
-    np.testing.assert_allclose(np.divide(gaps[1:], gaps[:-1]), 0.5, rtol=0.1)
+def test_rollout_tends_to_the_library_s_for_small_steps(as_in_the_library, library):
+    weights = np.zeros_like(as_in_the_library.weights)
+    weights[:, :3] = library["dmp_weights"].T
+    ours = replace(as_in_the_library, weights=weights)
+    gaps = [
+        np.abs(theirs - ours.predict(times).mean[:, :3]).max()
+        for times, theirs in zip(
+            library["dmp_times"], library["dmp_rollouts"], strict=True
+        )
+    ]
+    # Its forcing term is a step late: the gap shrinks with the step, by half here.
+    steps = library["dmp_steps"]
+    np.testing.assert_allclose(
+        np.divide(gaps[1:], gaps[:-1]), steps[1:] / steps[:-1], rtol=0.1
+    )
     assert gaps[-1] < 1e-3
 
 
-def test_reproduction_is_no_worse_than_the_library_s(aligned, as_in_the_library):
-    mean = aligned.poses.mean(axis=0)
-    peer = library(as_in_the_library, 0.005)
-    peer.imitate(aligned.times, mean[:, :3])
-    times, theirs = peer.open_loop()
-    gap = np.stack(
-        [np.interp(times, aligned.times, column) for column in mean[:, :3].T], axis=1
-    )
-    library_error = np.sqrt(np.mean((theirs - gap) ** 2))
-    ours = as_in_the_library.predict(times).mean[:, :3]
-    assert np.sqrt(np.mean((ours - gap) ** 2)) < 0.3 * library_error
+def test_reproduction_is_no_worse_than_the_library_s(as_in_the_library, library):
+    mean = library["poses"].mean(axis=0)[:, :3]
+    library_error = np.sqrt(np.mean((library["dmp_reproduction"] - mean) ** 2))
+    ours = as_in_the_library.predict(library["phases"]).mean[:, :3]
+    assert np.sqrt(np.mean((ours - mean) ** 2)) < 0.3 * library_error
 
 
 @pytest.mark.parametrize(

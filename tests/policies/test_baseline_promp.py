@@ -1,6 +1,7 @@
 """Probabilistic movement primitives: learning, prediction, conditioning."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,12 +43,31 @@ def via_point(phase=0.4, shift=0.01, std=1e-3, free=()) -> ViaPoint:
     return ViaPoint(phase=phase, pose=pose, std=std)
 
 
-def library(promp: ProbabilisticMovementPrimitive):
-    """The same distribution in movement_primitives."""
-    peers = pytest.importorskip("movement_primitives.promp")
-    peer = peers.ProMP(n_dims=6, n_weights_per_dim=promp.config.n_basis)
-    return peer.from_weight_distribution(
-        np.array(promp.weight_mean), np.array(promp.weight_covariance)
+@pytest.fixture(scope="module")
+def library() -> dict[str, np.ndarray]:
+    """Results of movement_primitives; data/make_movement_primitives.py tells which."""
+    path = Path(__file__).parent / "data" / "movement_primitives.npz"
+    with np.load(path) as stored:
+        return dict(stored)
+
+
+@pytest.fixture(scope="module")
+def learned_as_in_the_library(library):
+    """From its demonstrations, with its basis functions."""
+    demonstrated = AlignedDemonstrations(
+        times=library["phases"], poses=library["poses"]
+    )
+    return fit_promp(demonstrated, ProMPConfig(n_basis=20, overlap=0.7))
+
+
+@pytest.fixture(scope="module")
+def as_in_the_library(learned_as_in_the_library, library):
+    """With the distribution of the weights that the library was given."""
+    sample = library["promp_deviations"].T @ library["promp_deviations"]
+    return replace(
+        learned_as_in_the_library,
+        weight_mean=library["promp_mean"],
+        weight_covariance=sample + 0.5 * np.diag(np.diag(sample)),
     )
 
 
@@ -92,52 +112,58 @@ def test_learning_recovers_the_distribution_the_demonstrations_came_from():
     np.testing.assert_allclose(np.sqrt(learned.noise_variance), noise, rtol=5e-3)
 
 
-def test_distribution_equals_the_library_for_the_same_weights(promp):
-    peer = library(promp)
-    ours = promp.predict(GRID)
+def test_distribution_equals_the_library_for_the_same_weights(
+    as_in_the_library, library
+):
+    ours = as_in_the_library.predict(library["promp_phases"])
     np.testing.assert_allclose(
-        ours.mean, peer.mean_trajectory(GRID.copy()), rtol=1e-10, atol=1e-12
+        ours.mean, library["promp_positions"], rtol=1e-10, atol=1e-12
     )
     np.testing.assert_allclose(
-        ours.mean_rate, peer.mean_velocities(GRID.copy()), rtol=1e-9, atol=1e-9
+        ours.mean_rate, library["promp_rates"], rtol=1e-9, atol=1e-9
     )
-    theirs = peer.cov_trajectory(GRID.copy()).reshape(6, GRID.size, 6, GRID.size)
-    between = np.einsum("dmdn->dmn", theirs)
-    noise = promp.noise_variance[:, None, None] * np.eye(GRID.size)
-    np.testing.assert_allclose(ours.covariance, between + noise, atol=1e-12)
+    some = as_in_the_library.predict(library["promp_phases"][::2])
+    rows, columns = np.tril_indices(some.times.size)
+    noise = as_in_the_library.noise_variance[:, None] * (rows == columns)
+    np.testing.assert_allclose(
+        some.covariance[:, rows, columns],
+        library["promp_covariance"] + noise,
+        atol=1e-12,
+    )
 
 
-def test_learning_agrees_with_the_library(aligned, promp):
-    peers = pytest.importorskip("movement_primitives.promp")
-    peer = peers.ProMP(n_dims=6, n_weights_per_dim=promp.config.n_basis)
-    times = aligned.times
-    weights = [peer.weights(times.copy(), np.array(demo)) for demo in aligned.poses]
-    np.testing.assert_allclose(
-        peer.trajectory_from_weights(times.copy(), np.mean(weights, axis=0)),
-        promp.predict(times).mean,
-        atol=1e-6,
-    )
+def test_learning_agrees_with_the_library(learned_as_in_the_library, library):
+    times = library["phases"][::2]
+    ours = learned_as_in_the_library.predict(times)
+    np.testing.assert_allclose(library["promp_learned"], ours.mean, atol=1e-6)
     # Its own learning is another estimator, EM, whose covariance has divisor D.
-    peer.imitate(np.stack([times] * 6), np.array(aligned.poses))
-    ours = promp.predict(times)
-    np.testing.assert_allclose(peer.mean_trajectory(times.copy()), ours.mean, atol=2e-3)
+    np.testing.assert_allclose(library["promp_em_mean"], ours.mean, atol=2e-3)
     share = np.sqrt(5.0 / 6.0)
-    theirs = np.sqrt(peer.var_trajectory(times.copy()))
+    theirs = np.sqrt(library["promp_em_variance"])
     np.testing.assert_allclose(
-        theirs[20:, [0, 2, 4]], share * ours.std[20:, [0, 2, 4]], rtol=0.05
+        theirs[10:, [0, 2, 4]], share * ours.std[10:, [0, 2, 4]], rtol=0.05
     )
 
 
-def test_conditioning_equals_the_library(spread_out):
-    peer = library(spread_out)
-    points = [via_point(0.3, std=2e-3), via_point(0.7, shift=0.05, std=1e-2)]
-    for point in points:
-        peer = peer.condition_position(
-            np.array(point.pose), y_cov=np.diag(point.noise_variance), t=point.phase
+def test_conditioning_equals_the_library(as_in_the_library, library):
+    points = [
+        ViaPoint(phase=float(phase), pose=pose, std=float(std))
+        for phase, pose, std in zip(
+            library["via_phases"],
+            library["via_poses"],
+            library["via_stds"],
+            strict=True,
         )
-    adapted = spread_out.adapt(points)
-    np.testing.assert_allclose(adapted.weight_mean, peer.weight_mean, atol=1e-9)
-    np.testing.assert_allclose(adapted.weight_covariance, peer.weight_cov, atol=1e-10)
+    ]
+    adapted = as_in_the_library.adapt(points)
+    np.testing.assert_allclose(
+        adapted.weight_mean, library["conditioned_mean"], atol=1e-9
+    )
+    np.testing.assert_allclose(
+        adapted.weight_covariance[:, library["conditioned_columns"]],
+        library["conditioned_covariance"],
+        atol=1e-10,
+    )
 
 
 def test_conditioning_equals_that_of_a_joint_gaussian(promp):
