@@ -50,32 +50,27 @@ Form = Callable[[Any, np.ndarray], Adaptation]
 _GRID: Final = 100
 
 
+Follow = Callable[[Movement, Form], Agent]
+"""Makes an agent of its own that follows a movement; any number from one movement."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Policy:
     """An entry of the registry.
 
     Attributes:
         summary: One line for people.
-        learn: Learns a movement; None if nothing is learned.
+        make: Learns from the training input and returns an agent.
+        learn: The learning alone; None for an agent that learns no movement.
         form: How the movement adapts; `Demonstrated` for a method without via-points.
-        follow: Makes an agent of its own that follows the movement; from one movement
-            any number can be made.
+        follow: The rest; what makes an agent from the movement.
     """
 
     summary: str
-    learn: Learner | None
-    form: Form
-    follow: Callable[[Movement, Form], Agent]
-
-    def make(self, training: TrainingInput) -> Agent:
-        """Learn from the training input and return an agent.
-
-        Raises:
-            ValueError: The demonstrations are unusable, or the oracle has no radius.
-        """
-        if self.learn is None:
-            return _oracle(training)
-        return self.follow(self.learn(training), self.form)
+    make: Callable[[TrainingInput], Agent]
+    learn: Learner | None = None
+    form: Form = Demonstrated
+    follow: Follow | None = None
 
 
 def make_agent(
@@ -169,12 +164,15 @@ def _oracle(training: TrainingInput) -> Agent:
 
 
 def _policy(
-    summary: str,
-    learn: Learner | None,
-    form: Form = Demonstrated,
-    follow: Callable[[Movement, Form], Agent] = _follow,
+    summary: str, learn: Learner, form: Form = Demonstrated, follow: Follow = _follow
 ) -> Policy:
-    return Policy(summary=summary, learn=learn, form=form, follow=follow)
+    return Policy(
+        summary=summary,
+        make=lambda training: follow(learn(training), form),
+        learn=learn,
+        form=form,
+        follow=follow,
+    )
 
 
 TABLE_1: Final = (
@@ -268,6 +266,8 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
             learning.learn_gmm_gp,
             ReadaptedMovement,
         ),
-        "oracle": _policy("knows the door's radius; no policy, no compliance", None),
+        "oracle": Policy(
+            summary="knows the door's radius; no policy, no compliance", make=_oracle
+        ),
     }
 )
