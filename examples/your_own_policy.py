@@ -5,8 +5,6 @@ calls open-loop replay. It opens the door that is the demonstrations' mean and l
 handle of the others. Anything with `reset`, `act` and `forecast` will do.
 """
 
-import dataclasses
-
 import gymnasium as gym
 import numpy as np
 
@@ -15,7 +13,6 @@ from experiments.rollout import rollout
 from experiments.study import DEMONSTRATED_RADII
 from experiments.teacher import Teacher
 from gplfd_env import ENVIRONMENT_ID
-from gplfd_env.config import DOORS
 from policies import AgentStep, align, fit_skill
 
 
@@ -54,14 +51,7 @@ demonstrations = Teacher().demonstrate_doors(
 agent = Replay(demonstrations)
 for name in ("small", "medium", "large"):
     env = gym.make(ENVIRONMENT_ID, door=name)
-    log = rollout(
-        env,
-        agent,
-        policy="replay",
-        door=name,
-        door_config=dataclasses.asdict(DOORS[name]),
-        seed=0,
-    )
+    log = rollout(env, agent, policy="replay", door=name, seed=0)
     measured = episode_metrics(log)
     print(
         f"{name}: {measured.final_angle_deg:.1f} deg, "

@@ -15,10 +15,12 @@ from typing import Final, Protocol
 
 import tyro
 
-from experiments.commands.benchmark import Benchmark
+from experiments.commands.benchmark import Benchmark, benchmark_from
 from experiments.commands.catalogue import Catalogue
+from experiments.commands.complaint import complain
 from experiments.commands.demos import Demos
 from experiments.commands.figures import Figures
+from experiments.commands.report import Report
 from experiments.commands.run import Run
 from experiments.commands.speed import Speed
 from experiments.commands.view import View
@@ -43,6 +45,7 @@ matrices have about a hundred rows, and sharing them out costs ten times the wor
 COMMANDS: Final[dict[str, Callable[..., Command]]] = {
     "run": Run,
     "benchmark": Benchmark,
+    "report": Report,
     "figures": Figures,
     "demos": Demos,
     "view": View,
@@ -61,8 +64,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: From the parser, for ``--help`` (0) and wrong arguments (2).
     """
+    arguments = sys.argv[1:] if arguments is None else arguments
+    try:
+        saved = benchmark_from(arguments)
+    except (ValueError, OSError) as error:
+        return complain(error)
     command: Command = tyro.extras.subcommand_cli_from_dict(
-        COMMANDS,
+        COMMANDS | {"benchmark": saved},
         prog="gplfd",
         description="Open doors with policies learned from demonstrations.",
         args=arguments,

@@ -3,7 +3,8 @@
 The prediction error is that of Arduengo et al., *Gaussian-Process-based Robot Learning
 from Demonstration*, arXiv:2002.09979, Section IV-B; smoothness is the log
 dimensionless jerk of Balasubramanian et al., *On the analysis of movement smoothness*,
-Journal of NeuroEngineering and Rehabilitation 12:112, 2015.
+Journal of NeuroEngineering and Rehabilitation 12:112, 2015. Errors of forecasts are in
+`experiments.forecast_error`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from experiments.episode_log import EpisodeLog
+from experiments.forecast_error import PROGRESS, STANDARD_ANGLE, forecast_errors
 
 FloatArray = NDArray[np.float64]
 
@@ -91,6 +93,12 @@ class EpisodeMetrics:
     governed_share: float | None
     """Share of the decisions in which the stability bound limited the stiffness; None
     in policies without stiffness."""
+    forecast_progress: tuple[float, ...]
+    """Door angles at which forecasts are judged, as shares of the angle to which the
+    demonstrated doors were opened."""
+    forecast_error_mm: tuple[float | None, ...]
+    """Root mean square distance of the handle's remaining path from the path forecast
+    at each progress [mm]; None where there is no forecast."""
     latency_median_ms: float
     """Median CPU time of a decision [ms]."""
     latency_p95_ms: float
@@ -104,8 +112,16 @@ class EpisodeMetrics:
         }
 
 
-def episode_metrics(log: EpisodeLog) -> EpisodeMetrics:
-    """Compute all measures of one episode."""
+def episode_metrics(
+    log: EpisodeLog, *, demonstrated_angle: float = STANDARD_ANGLE
+) -> EpisodeMetrics:
+    """Compute all measures of one episode.
+
+    Args:
+        log: The episode.
+        demonstrated_angle: Angle to which the demonstrated doors were opened [rad]; the
+            standard teacher's mean by default.
+    """
     opening = opening_motion(log)
     errors = prediction_errors(log)[opening]
     return EpisodeMetrics(
@@ -134,6 +150,11 @@ def episode_metrics(log: EpisodeLog) -> EpisodeMetrics:
         stability_margin_translation=_finite(log.stability_margin[:, :3].min()),
         stability_margin_rotation=_finite(log.stability_margin[:, 3:].min()),
         governed_share=governed_share(log),
+        forecast_progress=PROGRESS,
+        forecast_error_mm=tuple(
+            None if error is None else 1e3 * error
+            for error in forecast_errors(log, demonstrated_angle)
+        ),
         latency_median_ms=1e3 * float(np.median(log.latency_s)),
         latency_p95_ms=1e3 * float(np.percentile(log.latency_s, 95)),
     )

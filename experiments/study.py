@@ -1,4 +1,4 @@
-"""A study: every policy on every door with every seed, one result file per task.
+"""A study: episodes and learning tests, one result file per task.
 
 A task is named by the hash of what defines it, so a study that was interrupted goes on
 where it stopped, and one that is finished can be given more seeds, doors or policies
@@ -12,21 +12,32 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
-import itertools
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from experiments.atomic_write import write_json
 from experiments.provenance import code_state
 
+if TYPE_CHECKING:
+    from experiments.engines import Engine
+
 DEMONSTRATED_RADII: Final = (0.35, 0.50, 0.65)
 """Doors that the synthetic human opens [m]."""
 
+Result = dict[str, Any]
+"""What a task came to: ``task``, the ``versions`` and ``git`` of the code that made it,
+and ``metrics`` or, where the task failed, ``error`` and ``traceback``."""
 
-def _standard_teacher() -> dict[str, float]:
+HeldOut = Literal["demonstration", "radius"]
+"""What a learning test leaves out: one demonstration of each door, or the middle
+door."""
+
+
+def standard_teacher() -> dict[str, float]:
+    """Return the fields of the standard `experiments.teacher.TeacherConfig`."""
     from experiments.teacher import TeacherConfig
 
     return dataclasses.asdict(TeacherConfig())
@@ -34,19 +45,15 @@ def _standard_teacher() -> dict[str, float]:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Task:
-    """One episode of a study."""
+    """The smallest part of a study; what all kinds of tasks have in common."""
 
     policy: str
     """Name of the policy."""
-    door: str
-    """Name of the door."""
-    door_config: Mapping[str, float]
-    """Fields of `gplfd_env.config.DoorConfig`."""
     seed: int
     """Seed of teacher, policy and environment."""
     demonstrations_per_door: int = 2
     """How often the teacher opens each of the three demonstrated doors."""
-    teacher: Mapping[str, float] = field(default_factory=_standard_teacher)
+    teacher: Mapping[str, float] = field(default_factory=standard_teacher)
     """Fields of `experiments.teacher.TeacherConfig`."""
 
     @property
@@ -56,116 +63,129 @@ class Task:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def tasks(
-    policies: Sequence[str],
-    doors: Mapping[str, Mapping[str, float]],
-    seeds: Sequence[int],
-    demonstrations_per_door: int = 2,
-) -> tuple[Task, ...]:
-    """Return policies × doors × seeds, the seed running slowest."""
-    return tuple(
-        Task(
-            policy=policy,
-            door=door,
-            door_config=dict(doors[door]),
-            seed=seed,
-            demonstrations_per_door=demonstrations_per_door,
-        )
-        for seed, policy, door in itertools.product(seeds, policies, doors)
-    )
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EpisodeTask(Task):
+    """One door opened once."""
+
+    door: str
+    """Name of the door."""
+    door_config: Mapping[str, float]
+    """Fields of `gplfd_env.config.DoorConfig`."""
+    randomization: str = "none"
+    """Name in `gplfd_env.randomization.RANDOMIZATIONS`."""
+    kind: Literal["episode"] = field(default="episode", init=False)
+    """What tells it from other tasks in a file."""
 
 
-def run_study(folder: Path, study: Sequence[Task]) -> Iterator[Mapping[str, Any]]:
-    """Run the tasks without a result or with an error; yield all results in order.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SkillTask(Task):
+    """What a policy learned, held against demonstrations it did not see; no robot."""
+
+    held_out: HeldOut
+    """What the policy does not see."""
+    kind: Literal["skill"] = field(default="skill", init=False)
+    """What tells it from other tasks in a file."""
+
+
+Job = tuple[Task, ...]
+"""Tasks that one worker runs together: episodes of one policy that learned once, or a
+single learning test."""
+
+_KINDS: Final[Mapping[str, type[Task]]] = {"episode": EpisodeTask, "skill": SkillTask}
+
+
+def task_from(record: Mapping[str, Any]) -> Task:
+    """Return the task of a result: the inverse of `dataclasses.asdict`.
+
+    Raises:
+        ValueError: The record is not that of a task.
+    """
+    fields = dict(record)
+    try:
+        return _KINDS[fields.pop("kind")](**fields)
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"not a task of a study: {error!r} in {record}") from error
+
+
+def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
+    """Group tasks by what they learn from, in the order in which they come.
+
+    What a task comes to does not depend on the others of its job.
+    """
+    groups: dict[str, dict[str, Task]] = {}
+    for task in study:
+        definition = dataclasses.asdict(task)
+        for name in ("door", "door_config"):
+            definition.pop(name, None)
+        group = groups.setdefault(json.dumps(definition, sort_keys=True), {})
+        group[task.key] = task
+    return tuple(tuple(group.values()) for group in groups.values())
+
+
+def run_study(
+    folder: Path, study: Sequence[Task], engine: Engine | None = None
+) -> Generator[Result, None, None]:
+    """Run the tasks without a result or with an error.
+
+    Only this process writes files; engines bring it the results as small records.
 
     Args:
         folder: Results are kept in ``folder/tasks/<key>.json``.
         study: What to run.
+        engine: Where to run it; in this process if None.
 
     Yields:
-        A result per task: ``task``, the ``versions`` and ``git`` of the code that made
-        it, and either ``metrics`` or, where the task itself failed, ``error``.
+        A result per task that ran, in the order in which they finish, when its file
+        is written.
     """
-    for task in study:
-        kept = _kept_result(folder, task)
-        if kept is None:
-            write_json(_path(folder, task), _result(task))
-            kept = _stored(folder, task)
-        yield kept
+    from experiments.engines import Lost
+    from experiments.engines.serial import Serial
+    from experiments.study_jobs import failed, run_job
+
+    missing = [task for task in study if not is_finished(stored_result(folder, task))]
+    finished = (engine or Serial()).run(run_job, jobs_of(missing))
+    # Closed at once when the reader stops, so that no worker outlives an interruption.
+    with contextlib.closing(finished):
+        for job, outcome in finished:
+            results = (
+                [failed(task, outcome.reason) for task in job]
+                if isinstance(outcome, Lost)
+                else outcome
+            )
+            for task, result in zip(job, results, strict=True):
+                write_json(result_path(folder, task), result)
+                yield result
 
 
-def made_by_other_code(folder: Path, study: Sequence[Task]) -> int:
+def made_by_other_code(folder: Path, study: Iterable[Task]) -> int:
     """Count the results that `run_study` would keep although other code made them.
 
     Other code is another git commit, a checkout with edits where this one has none or
     the reverse, or other package versions. Two different edits of one commit cannot be
     told apart.
     """
-    kept = (_kept_result(folder, task) for task in study)
+    stored = (stored_result(folder, task) for task in study)
     return sum(
         any(result.get(name) != state for name, state in code_state().items())
-        for result in kept
-        if result is not None
+        for result in stored
+        if result is not None and is_finished(result)
     )
 
 
-def _path(folder: Path, task: Task) -> Path:
+def is_finished(result: Mapping[str, Any] | None) -> bool:
+    """Tell whether a result stays: it is there, and no error."""
+    return result is not None and "error" not in result
+
+
+def result_path(folder: Path, task: Task) -> Path:
+    """Return where a task's result is kept."""
     return folder / "tasks" / f"{task.key}.json"
 
 
-def _stored(folder: Path, task: Task) -> dict[str, Any]:
-    result: dict[str, Any] = json.loads(_path(folder, task).read_text(encoding="utf-8"))
-    return result
-
-
-def _kept_result(folder: Path, task: Task) -> dict[str, Any] | None:
-    """Return the stored result unless it is missing or an error."""
-    if not _path(folder, task).is_file():
+def stored_result(folder: Path, task: Task) -> Result | None:
+    """Return the result of a task, which may be an error; None if there is none."""
+    path = result_path(folder, task)
+    if not path.is_file():
         return None
-    result = _stored(folder, task)
-    return None if "error" in result else result
-
-
-def _result(task: Task) -> dict[str, Any]:
-    origin = {"task": dataclasses.asdict(task), **code_state()}
-    try:
-        return {**origin, "metrics": run_task(task)}
-    except (ValueError, ArithmeticError) as error:
-        # A policy that cannot learn or act is a finding of the study, not its end.
-        return {**origin, "error": f"{type(error).__name__}: {error}"}
-
-
-def run_task(task: Task) -> dict[str, Any]:
-    """Learn, open the door once, and return the episode's metrics as plain data."""
-    import gymnasium as gym
-    import numpy as np
-
-    from experiments.metrics import episode_metrics
-    from experiments.rollout import rollout
-    from experiments.teacher import Teacher, TeacherConfig
-    from gplfd_env import ENVIRONMENT_ID
-    from policies.registry import make_agent
-
-    teacher = Teacher(TeacherConfig(**task.teacher))
-    demonstrations = teacher.demonstrate_doors(
-        DEMONSTRATED_RADII,
-        task.demonstrations_per_door,
-        rng=np.random.default_rng(task.seed),
-    )
-    agent = make_agent(
-        task.policy,
-        demonstrations,
-        seed=task.seed,
-        radius=task.door_config["radius"],
-    )
-    door_config = dict(task.door_config)
-    with contextlib.closing(gym.make(ENVIRONMENT_ID, door=door_config)) as env:
-        log = rollout(
-            env,
-            agent,
-            policy=task.policy,
-            door=task.door,
-            door_config=door_config,
-            seed=task.seed,
-        )
-    return episode_metrics(log).as_json()
+    result: Result = json.loads(path.read_text(encoding="utf-8"))
+    return result

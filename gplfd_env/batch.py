@@ -86,6 +86,8 @@ class DoorBatch:
             self._gains[row].write(self.rest[6:])
         self._batch.set_models(self.models)
         self._batch.reset(rows, keyframe=GRASP_KEY)
+        # A reset also sets its simulations' counts back to zero.
+        self._seen = self._counts.copy()
 
     def advance(self, commands: Array, rows: Rows | None) -> Mask | None:
         """Command simulations for one control period.

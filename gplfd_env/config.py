@@ -6,7 +6,7 @@ import dataclasses
 import difflib
 import math
 import numbers
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
@@ -134,7 +134,7 @@ def door_config(door: DoorSpec) -> DoorConfig:
         for name in fields:
             if name not in known:
                 raise ValueError(
-                    f"unknown door field {name!r}{_nearest(str(name), known)}; "
+                    f"unknown door field {name!r}{nearest_name(name, known)}; "
                     f"fields: {', '.join(sorted(known))}, preset"
                 )
         start = DoorConfig() if preset is None else _preset(preset)
@@ -151,12 +151,13 @@ def _preset(name: object) -> DoorConfig:
     if isinstance(name, str) and name in DOORS:
         return DOORS[name]
     raise ValueError(
-        f"unknown door {name!r}{_nearest(str(name), DOORS)}; presets: "
+        f"unknown door {name!r}{nearest_name(name, DOORS)}; presets: "
         f"{', '.join(DOORS)}; or give a radius in metres within "
         f"[{RADIUS_RANGE[0]:g}, {RADIUS_RANGE[1]:g}]"
     )
 
 
-def _nearest(name: str, known: Mapping[str, Any] | set[str]) -> str:
-    match = difflib.get_close_matches(name, list(known), n=1)
+def nearest_name(name: object, known: Iterable[str]) -> str:
+    """Return a hint at the known name that was probably meant; "" if none is near."""
+    match = difflib.get_close_matches(str(name), list(known), n=1)
     return f" (did you mean {match[0]!r}?)" if match else ""

@@ -148,7 +148,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
                 and what is drawn around it, from this episode on.
 
         Raises:
-            ValueError: An unknown option, door or randomisation.
+            ValueError: An unknown option, door or randomisation, or a drawn placement
+                from which the arm cannot hold the handle; the next reset draws anew.
         """
         super().reset(seed=seed)
         if options is not None and not isinstance(options, Mapping):
@@ -170,14 +171,15 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         return self._observation(), self._info()
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
-        """Command a hand pose for one control period.
+        """Give the servo a command for one control period.
 
         Args:
-            action: (6,) position [m] and rotation vector [rad] in the task frame;
+            action: (6,) position [m] and rotation vector [rad] in the task frame,
+                under impedance control followed by (6,) stiffness [N/m, N m/rad];
                 values beyond the action space are clamped to it.
 
         Raises:
-            ValueError: The action's shape is not (6,) or it is not finite.
+            ValueError: The action's shape is wrong or it is not finite.
         """
         episode = self._episode
         command = self.command.check(action, self.command.rest.shape)
@@ -197,8 +199,11 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
 
         Returns:
             ``"rgb_array"``: (height, width, 3) uint8; ``"depth_array"``: (height,
-            width) float32, OpenGL's depth buffer in [0, 1]; ``"rgbd_tuple"``: both;
-            ``"human"``: None.
+            width) float32, distance from the camera's plane [m]; ``"rgbd_tuple"``:
+            both; ``"human"``: None.
+
+        Raises:
+            RuntimeError: OpenGL is not to be had; the message says what to install.
         """
         if self.render_mode is None:
             gym.logger.warn(

@@ -29,7 +29,7 @@ GRASP_YAW: Final = math.radians(25.4)
 """Constant yaw of the hand on the round bar, counter-clockwise from above [rad]."""
 
 TORSO_BELOW_HANDLE: Final = 0.50
-"""Handle height minus torso lift [m]; the arm's posture depends on nothing else."""
+"""Height of the grasped point minus torso lift [m]."""
 
 CLOSED_POSTURE: Final = (2.183, -0.730, -2.699, 0.803, 0.995, 0.034, 0.900)
 """Arm joints that hold the closed handle, to 1 mrad [rad]; refined at build time."""
@@ -94,7 +94,10 @@ def grasp_in_door_frame(placement: Placement) -> tuple[Matrix, Matrix]:
 
 
 def solve_closed_posture(
-    model: mujoco.MjModel, data: mujoco.MjData, door: DoorConfig
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    door: DoorConfig,
+    placement: Placement,
 ) -> Matrix:
     """Return the configuration in which the hand site holds the closed handle.
 
@@ -105,7 +108,9 @@ def solve_closed_posture(
     Args:
         model: The compiled scene.
         data: Of the same model; left in the configuration found.
-        door: Its handle height sets the torso's lift.
+        door: Its handle height and
+        placement: its height of the grasp set the torso's lift, as far as that goes;
+            the rest is left to the arm.
 
     Returns:
         All joint positions, ``(nq,)`` [m, rad]; fingers and hinge at zero.
@@ -115,7 +120,9 @@ def solve_closed_posture(
     """
     mujoco.mj_resetData(model, data)
     arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
-    data.joint("torso_lift_joint").qpos = door.handle_height - TORSO_BELOW_HANDLE
+    lift = door.handle_height + placement.grasp_height - TORSO_BELOW_HANDLE
+    lowest, highest = model.joint("torso_lift_joint").range
+    data.joint("torso_lift_joint").qpos = min(max(lift, lowest), highest)
     data.qpos[arm] = CLOSED_POSTURE
     hand, target = model.site("hand").id, model.site("task_frame").id
     jacobian = np.zeros((6, model.nv))

@@ -8,7 +8,6 @@ values for all others.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 import numbers
 from collections.abc import Mapping
@@ -18,8 +17,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.variation import Placement, SensorNoise, Variation
+from gplfd_env.config import DoorConfig, nearest_name
+from gplfd_env.variation import LONGEST_DELAY, Placement, SensorNoise, Variation
 
 Range = tuple[float, float]
 
@@ -80,17 +79,23 @@ class DoorRandomization:
     """Commands take effect after 0 to this many control periods."""
 
     def __post_init__(self) -> None:
-        for name in (*_DOOR_FIELDS, "pose_noise", "wrench_noise"):
+        for name in (*_DOOR_FIELDS, *_NOISES):
             value = getattr(self, name)
-            if value is not None:
+            if value is not None or name in _NOISES:
                 object.__setattr__(self, name, _pair(name, value))
         for name in _DOOR_FIELDS:
             _check_order(name, getattr(self, name))
         for name in _SYMMETRIC:
             object.__setattr__(self, name, _half_width(name, getattr(self, name)))
+        _check_delay(self.longest_delay)
         # Both ends of every range make a valid episode, so all between do.
         for end in (0.0, 1.0):
-            self._variation(DoorConfig(), np.full(_DRAWS, end))
+            try:
+                self._variation(DoorConfig(), np.full(_DRAWS, end))
+            except ValueError as error:
+                raise ValueError(
+                    f"this DoorRandomization would draw impossible episodes: {error}"
+                ) from None
 
     @property
     def idle(self) -> bool:
@@ -143,6 +148,7 @@ _DOOR_FIELDS: Final = (
     *("closer_preload", "panel_mass", "handle_height"),
 )
 _SYMMETRIC: Final = ("base_position", "base_yaw", "grasp_height", "grasp_depth")
+_NOISES: Final = ("pose_noise", "wrench_noise")
 _DRAWS: Final = len(_DOOR_FIELDS) + 6
 
 RandomizationSpec = str | Mapping[str, Any] | DoorRandomization
@@ -174,11 +180,9 @@ def door_randomization(spec: RandomizationSpec) -> DoorRandomization:
     known = [field.name for field in dataclasses.fields(DoorRandomization)]
     for name in fields:
         if name not in known:
-            near = difflib.get_close_matches(str(name), known, n=1)
-            hint = f" (did you mean {near[0]!r}?)" if near else ""
             raise ValueError(
-                f"unknown randomization field {name!r}{hint}; fields: "
-                f"{', '.join(known)}, preset"
+                f"unknown randomization field {name!r}{nearest_name(name, known)}; "
+                f"fields: {', '.join(known)}, preset"
             )
     return dataclasses.replace(start, **fields)
 
@@ -187,16 +191,20 @@ def _preset(name: object) -> DoorRandomization:
     if isinstance(name, str) and name in RANDOMIZATIONS:
         return RANDOMIZATIONS[name]
     raise ValueError(
-        f"unknown randomization {name!r}; presets: {', '.join(RANDOMIZATIONS)}"
+        f"unknown randomization {name!r}{nearest_name(name, RANDOMIZATIONS)}; "
+        f"presets: {', '.join(RANDOMIZATIONS)}; or give a mapping of "
+        "DoorRandomization fields"
     )
 
 
 def _pair(name: str, value: Any) -> tuple[float, float]:
+    # A text of two digits would pass for a pair.
+    pair: Any = () if isinstance(value, str) else value
     try:
-        low, high = (float(number) for number in value)
+        low, high = map(float, pair)
     except (TypeError, ValueError):
         raise ValueError(
-            f"DoorRandomization.{name} must be a pair of numbers, got {value!r}"
+            f"DoorRandomization.{name} = {value!r} must be a pair of numbers"
         ) from None
     return low, high
 
@@ -216,6 +224,15 @@ def _half_width(name: str, value: object) -> float:
             "drawn within plus or minus it"
         )
     return float(value)  # type: ignore[arg-type]
+
+
+def _check_delay(value: object) -> None:
+    whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    if not whole or not 0 <= value <= LONGEST_DELAY:  # type: ignore[operator]
+        raise ValueError(
+            f"DoorRandomization.longest_delay = {value!r} must be a whole number of "
+            f"control periods from 0 to {LONGEST_DELAY}"
+        )
 
 
 RANDOMIZATIONS: Final[Mapping[str, DoorRandomization]] = MappingProxyType(

@@ -152,14 +152,14 @@ def _settled(
     """Compile a scene, settle the grasp and return its `SCENE_FIELDS`."""
     spec = build_spec(geometry, grasp, placement=placement, control=control)
     model = spec.compile()
-    _settle(model, geometry)
+    _settle(model, geometry, placement)
     return MappingProxyType({n: getattr(model, n).copy() for n in SCENE_FIELDS})
 
 
-def _settle(model: mujoco.MjModel, door: DoorConfig) -> None:
+def _settle(model: mujoco.MjModel, door: DoorConfig, placement: Placement) -> None:
     """Close the fingers on the bar and store the state at rest as the keyframe."""
     data = mujoco.MjData(model)
-    configuration = solve_closed_posture(model, data, door)
+    configuration = solve_closed_posture(model, data, door, placement)
     mujoco.mj_resetData(model, data)
     data.qpos[:] = configuration
     arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]

@@ -115,6 +115,7 @@ class Variation:
 
 
 LONGEST_DELAY: Final = 10
+"""Most control periods from a command to its effect."""
 
 _PLACEMENT_RANGES: Final[Mapping[str, tuple[float, float, str]]] = MappingProxyType(
     {

@@ -23,9 +23,15 @@ Seeds = int | Sequence[int | None] | None
 def masked(values: Mapping[str, Any], rows: Mask) -> dict[str, Any]:
     """Return values with a mask ``"_key"`` beside each: the rows that are meant.
 
-    All of them share one mask.
+    All of them share one mask, nested values and their masks included.
     """
-    return {**values, **dict.fromkeys(_mask_names(tuple(values)), rows.copy())}
+    nested = {
+        name: masked(unmasked(value), rows)
+        for name, value in values.items()
+        if isinstance(value, dict)
+    }
+    masks = dict.fromkeys(_mask_names(tuple(values)), rows.copy())
+    return {**values, **nested, **masks}
 
 
 @lru_cache(maxsize=64)

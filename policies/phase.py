@@ -208,24 +208,28 @@ class PathPhase:
             command: Not used: the path tells, not the clock.
             members: Whose they are.
         """
-        backward, forward = self._window
-        first = np.floor((previous - backward) / _SPACING).astype(np.int64) - 1
-        count = np.ceil((previous + forward) / _SPACING) + 2.0 - first
-        cost = self._cost(poses, first, members).reshape(-1, self._stretch.size)
         # A few numbers per member: Python's floats cost no more than NumPy's calls.
+        windows = [self._search(phase) for phase in np.ravel(previous).tolist()]
+        first = np.array([window[0] for window in windows], dtype=np.int64)
+        first = first.reshape(previous.shape)
+        costs = self._cost(poses, first, members).reshape(-1, self._stretch.size)
         found = [
-            _nearest(row[: int(size)], start)
-            for row, start, size in zip(
-                cost, first.ravel().tolist(), count.ravel().tolist(), strict=True
-            )
+            _nearest(cost[:size], start)
+            for cost, (start, size) in zip(costs, windows, strict=True)
         ]
-        phases, stds = np.array(found).T.reshape(2, *first.shape)
+        phases, stds = np.array(found).T.reshape(2, *previous.shape)
         return phases, stds
 
     def rate(self, phases: Phases, members: Members = EVERY_MEMBER) -> Poses:
         """Return dμ/ds of these members' demonstrations at phases, (A, 6)."""
         nearest = np.rint(phases / _SPACING).astype(np.int64)
         return self._rates.take(self._numbers[members] * _GRID.size + nearest, axis=0)
+
+    def _search(self, previous: float) -> tuple[int, int]:
+        """Return where on the grid a search begins, and of how many points it is."""
+        backward, forward = self._window
+        first = math.floor((previous - backward) / _SPACING) - 1
+        return first, math.ceil((previous + forward) / _SPACING) + 2 - first
 
     def _cost(
         self, poses: Poses, first: Int[Numbers, "*N"], members: Members

@@ -58,9 +58,13 @@ class AgentStep:
 
     @classmethod
     def of(cls, fields: Mapping[str, Any]) -> AgentStep:
-        """Make the record from NumPy's numbers, which come without a leading axis."""
-        numbers = {name: float(fields[name]) for name in _PHASES}
-        return cls(**{**fields, **numbers, "via_point": bool(fields["via_point"])})
+        """Make the record from fields without leading axis: numbers of NumPy."""
+        return cls(
+            **{name: fields[name] for name in _POSES},
+            phase=float(fields["phase"]),
+            observed_phase=float(fields["observed_phase"]),
+            via_point=bool(fields["via_point"]),
+        )
 
     def __post_init__(self) -> None:
         poses = np.array([getattr(self, name) for name in _POSES], dtype=np.float64)

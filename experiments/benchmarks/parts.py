@@ -9,11 +9,16 @@ from typing import Final
 from experiments.benchmarks.aligning import measure_alignment
 from experiments.benchmarks.calibration import calibrate
 from experiments.benchmarks.doors import forecast_doors
+from experiments.benchmarks.elsewhere import quote_elsewhere
 from experiments.benchmarks.fitting import compare_fits
+from experiments.benchmarks.loops import measure_loops
 from experiments.benchmarks.prediction import measure_prediction
+from experiments.benchmarks.recording_cost import measure_recording
 from experiments.benchmarks.report import Result
+from experiments.benchmarks.resetting import measure_resets
 from experiments.benchmarks.scaling import measure_scaling
 from experiments.benchmarks.stepping import measure_stepping
+from experiments.benchmarks.vectors import measure_vectors
 from experiments.benchmarks.via_points import measure_via_points
 
 __all__ = ["PARTS", "Part"]
@@ -40,7 +45,16 @@ PARTS: Final[dict[str, Part]] = {
     "predict": Part(measures={"predict": measure_prediction}),
     "adapt": Part(measures={"adapt": measure_via_points}),
     "align": Part(measures={"align": measure_alignment}, needs=("dtw",)),
-    "environment": Part(measures={"environment": measure_stepping}),
+    "environment": Part(
+        measures={
+            "steps": measure_stepping,
+            "resets": measure_resets,
+            "vectors": measure_vectors,
+            "loops": measure_loops,
+            "recording": measure_recording,
+            "elsewhere": quote_elsewhere,
+        }
+    ),
     "accuracy": Part(measures={"calibration": calibrate, "doors": _doors}),
 }
 """In the order of the report."""

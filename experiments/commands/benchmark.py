@@ -2,110 +2,212 @@
 
 from __future__ import annotations
 
+import argparse
+import contextlib
 import dataclasses
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from experiments.commands.complaint import complain
-from experiments.commands.run import named_doors
+from experiments.engines import EngineName
+from experiments.study_settings import StudySettings
 
 if TYPE_CHECKING:
+    from experiments.engines import Engine
     from experiments.study import Task
+
+_SHOWN_ERRORS = 3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Benchmark:
-    """Run policies × doors × seeds and print a table; resumable.
+    """Compare policies on doors and seeds and print a table; resumable.
 
-    Writes DIR/tasks/<hash>.json (one per episode), DIR/study.json (versions, command,
-    settings) and DIR/table.md. Started again with the same folder, it skips what is
+    Writes DIR/tasks/<hash>.json (one per episode or test of what is learned),
+    DIR/study.json (versions, command, settings), DIR/study.toml (the settings, for
+    --config) and DIR/table.md. Started again with the same folder, it skips what is
     done and tries again what failed; more seeds, doors or policies add to it.
     """
 
-    policies: tuple[str, ...] = ("gp", "gp-fixed")
-    """Policies to compare; see `gplfd list`."""
+    config: Annotated[
+        str,
+        tyro.conf.arg(metavar="{table-1,small}|FILE.toml"),
+    ] = "table-1"
+    """The study to run: the whole comparison, one of two minutes, or a saved
+    study.toml. Options given here win over it."""
 
-    doors: tuple[str, ...] = ("small", "medium", "large")
-    """Doors to open: names (see `gplfd list`) or radii in metres."""
-
-    seeds: int = 20
-    """Number of seeds: 0, 1, ... Each has demonstrations of its own."""
-
-    demonstrations_per_door: int = 2
-    """How often the synthetic human opens each of the three demonstrated doors."""
+    study: Annotated[StudySettings, tyro.conf.arg(name="")] = field(
+        default_factory=StudySettings
+    )
+    """What to compare."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/benchmark")
     """Folder to write to, or to go on in."""
 
+    engine: EngineName = "loky"
+    """Where to run: in processes of this machine, here in order, or on a Dask cluster
+    (`pip install 'gplfd[dask]'`)."""
+
+    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Number of loky's processes; one per core by default."""
+
+    address: Annotated[str | None, tyro.conf.arg(metavar="tcp://HOST:PORT")] = None
+    """Scheduler of the Dask cluster."""
+
+    record: bool = False
+    """Also record the best, the median and the worst episode of every policy."""
+
     def execute(self) -> int:
         """Run the command and return the exit status."""
-        from tqdm import tqdm
-
-        from experiments.atomic_write import complete_or_absent, write_json
-        from experiments.provenance import provenance
-        from experiments.study import run_study, tasks
-        from experiments.summary import summary_table
+        from experiments.study import made_by_other_code
+        from experiments.study_settings import checked, tasks
 
         try:
-            doors = {
-                name: dataclasses.asdict(config)
-                for name, config in named_doors(self.doors).items()
-            }
-            self._check()
-            settings = dataclasses.asdict(self) | {"out": str(self.out)}
-            write_json(self.out / "study.json", provenance(settings))
+            settings = checked(self.study)
+            study = tasks(settings)
+            engine = self._engine()
+            self._write_settings(settings)
+            others = made_by_other_code(self.out, study)
+            self._warn_of_other_code(others, len(study))
+            self._run(study, engine)
         except (ValueError, OSError) as error:
             return complain(error)
-        study = tasks(
-            self.policies, doors, range(self.seeds), self.demonstrations_per_door
-        )
-        self._warn_of_other_code(study)
-        # Where nobody watches, a line now and then is enough.
-        pause = 0.5 if sys.stderr.isatty() else 30.0
-        episodes = tqdm(
-            run_study(self.out, study),
-            total=len(study),
-            unit="episode",
-            mininterval=pause,
-            maxinterval=pause,
-        )
-        table = summary_table(episodes)
-        with complete_or_absent(self.out / "table.md") as path:
-            path.write_text(table + "\n", encoding="utf-8")
-        print(table)
+        # Workers elsewhere may have another version of this package.
+        if (others_now := made_by_other_code(self.out, study)) > others:
+            self._warn_of_other_code(others_now, len(study))
+        self._tell_errors(study)
+        self._print_tables(settings)
+        if self.record:
+            from experiments.extremes import record_extremes
+
+            record_extremes(self.out)
+        print(f"\nresults are in {self.out}; compare them:  gplfd report {self.out}")
         return 0
 
-    def _check(self) -> None:
-        from policies.registry import policy_entry
+    def _engine(self) -> Engine:
+        from experiments.engines import engine_named
 
-        for name in self.policies:
-            policy_entry(name)
-            if self.policies.count(name) > 1:
-                raise ValueError(f"policy {name} is given twice in --policies")
-        for option, value in (
-            ("--seeds", self.seeds),
-            ("--demonstrations-per-door", self.demonstrations_per_door),
-        ):
-            if value < 1:
-                raise ValueError(f"{option} {value} must be 1 or more")
-        if not self.policies:
-            raise ValueError("--policies needs at least one policy; see gplfd list")
         if self.out.exists() and not self.out.is_dir():
             raise ValueError(f"--out {self.out} is a file; give a folder")
+        return engine_named(self.engine, workers=self.workers, address=self.address)
 
-    def _warn_of_other_code(self, study: Sequence[Task]) -> None:
-        from experiments.study import made_by_other_code
+    def _write_settings(self, settings: StudySettings) -> None:
+        from experiments.atomic_write import write_json
+        from experiments.provenance import provenance
+        from experiments.study_file import write_settings
 
-        others = made_by_other_code(self.out, study)
-        if others:
-            print(
-                f"gplfd: warning: {others} of {len(study)} results were made by other "
-                "code (another git state or other package versions); use another --out "
-                f"or delete {self.out} to have one version",
-                file=sys.stderr,
+        how = {
+            one.name: getattr(self, one.name)
+            for one in dataclasses.fields(self)
+            if one.name != "study"
+        }
+        config = dataclasses.asdict(settings) | how | {"out": str(self.out)}
+        write_json(self.out / "study.json", provenance(config))
+        write_settings(self.out / "study.toml", settings)
+
+    def _run(self, study: Sequence[Task], engine: Engine) -> None:
+        """Run what is missing behind a progress bar that counts tasks."""
+        from tqdm import tqdm
+
+        from experiments.study import is_finished, run_study, stored_result
+
+        done = sum(is_finished(stored_result(self.out, task)) for task in study)
+        # Where nobody watches, a line now and then is enough.
+        pause = 0.5 if sys.stderr.isatty() else 30.0
+        with (
+            contextlib.closing(run_study(self.out, study, engine)) as results,
+            tqdm(
+                total=len(study),
+                initial=done,
+                unit="task",
+                mininterval=pause,
+                maxinterval=pause,
+                # Policies differ by the time they take: the mean tells most.
+                smoothing=0.0,
+            ) as bar,
+        ):
+            for _ in results:
+                bar.update()
+
+    def _print_tables(self, settings: StudySettings) -> None:
+        from experiments.atomic_write import complete_or_absent
+
+        text = "\n\n".join(_tables(self.out, settings))
+        with complete_or_absent(self.out / "table.md") as path:
+            path.write_text(text + "\n", encoding="utf-8")
+        print(text)
+
+    def _tell_errors(self, study: Iterable[Task]) -> None:
+        from experiments.study import stored_result
+
+        failed = [
+            result
+            for task in study
+            if "error" in (result := stored_result(self.out, task) or {})
+        ]
+        for result in failed[:_SHOWN_ERRORS]:
+            _say(f"{_named(result['task'])}: {result['error']}")
+        if failed:
+            _say(
+                f"{len(failed)} tasks ended with an error, kept in "
+                f"{self.out / 'tasks'}; the same command tries them again"
             )
+
+    def _warn_of_other_code(self, others: int, total: int) -> None:
+        if others:
+            _say(
+                f"warning: {others} of {total} results were made by other code "
+                "(another git state or other package versions); use another --out or "
+                f"delete {self.out} to have one version"
+            )
+
+
+def benchmark_from(arguments: Sequence[str]) -> Callable[..., Benchmark]:
+    """Return `Benchmark` with the options of ``--config`` as its defaults.
+
+    Args:
+        arguments: Of the command ``gplfd``, of any subcommand.
+
+    Raises:
+        ValueError: The study is unknown or its file wrong.
+        OSError: The file cannot be read.
+    """
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--config", nargs="?")
+    given, _ = parser.parse_known_args(arguments)
+    if list(arguments[:1]) != ["benchmark"] or given.config is None:
+        return Benchmark
+    from experiments.study_file import settings_named
+
+    return partial(Benchmark, study=settings_named(given.config))
+
+
+def _tables(folder: Path, settings: StudySettings) -> Iterator[str]:
+    """Yield a table per condition of the study."""
+    from experiments.study import stored_result
+    from experiments.study_settings import conditions, episodes
+    from experiments.summary import summary_table
+
+    several = list(conditions(settings))
+    for condition in several:
+        stored = (
+            stored_result(folder, task)
+            for task in episodes(settings, condition, range(settings.seeds))
+        )
+        table = summary_table(result for result in stored if result is not None)
+        yield table if len(several) == 1 else f"{condition}:\n\n{table}"
+
+
+def _named(task: Mapping[str, Any]) -> str:
+    what = task["door"] if task["kind"] == "episode" else f"{task['held_out']} left out"
+    return f"{task['policy']}, {what}, seed {task['seed']}"
+
+
+def _say(text: str) -> None:
+    print(f"gplfd: {text}", file=sys.stderr)

@@ -10,14 +10,17 @@ import pytest
 import gplfd_env
 from gplfd_env.door_opening import CONTROL_PERIOD, DoorOpeningEnv
 from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.vector import DoorOpeningVectorEnv
 
 
 @pytest.fixture
 def make_env() -> Iterator[Callable[..., DoorOpeningEnv]]:
     opened: list[gym.Env] = []
 
-    def make(door: Any = "medium", **arguments: Any) -> DoorOpeningEnv:
-        env = gym.make(gplfd_env.ENVIRONMENT_ID, door=door, **arguments)
+    def make(
+        door: Any = "medium", *, id: str = gplfd_env.ENVIRONMENT_ID, **arguments: Any
+    ) -> DoorOpeningEnv:
+        env = gym.make(id, door=door, **arguments)
         opened.append(env)
         assert isinstance(env.unwrapped, DoorOpeningEnv)
         return env.unwrapped
@@ -25,6 +28,23 @@ def make_env() -> Iterator[Callable[..., DoorOpeningEnv]]:
     yield make
     for env in opened:
         env.close()
+
+
+@pytest.fixture
+def make_vec() -> Iterator[Callable[..., DoorOpeningVectorEnv]]:
+    opened: list[gym.vector.VectorEnv] = []
+
+    def make(
+        n: int, *, id: str = gplfd_env.ENVIRONMENT_ID, **arguments: Any
+    ) -> DoorOpeningVectorEnv:
+        envs = gym.make_vec(id, n, **arguments)
+        opened.append(envs)
+        assert isinstance(envs, DoorOpeningVectorEnv)
+        return envs
+
+    yield make
+    for envs in opened:
+        envs.close()
 
 
 @pytest.fixture

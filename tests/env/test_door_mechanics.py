@@ -16,6 +16,8 @@ from gplfd_env.observation import Reader
 from gplfd_env.scene import GRASP_KEY, build_scene
 from gplfd_env.task import handle_pose_on_arc
 
+READER = Reader.of("contact", "pose")
+
 
 def door_alone(**fields: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """A scene whose hand and bar pass through each other."""
@@ -49,8 +51,9 @@ def test_handle_moves_on_the_closed_form_arc(radius: float, angle: float) -> Non
     assert_allclose(
         rotation, Rotation.from_rotvec(expected[3:]).as_matrix(), atol=1e-12
     )
-    reading = Reader.of(model).door(data.sensordata)
-    assert_allclose(reading.handle_pose, expected, atol=1e-12)
+    reading = READER.door_reading(data.sensordata.tolist())
+    assert_allclose(reading.handle_position, expected[:3], atol=1e-12)
+    assert reading.angle == angle
 
 
 def test_hinge_inertia_is_that_of_leaf_and_handle() -> None:
@@ -182,15 +185,16 @@ def test_work_at_the_handle_is_what_the_door_takes(
         }
     )
     env.reset(seed=0)
-    data, reader = env.data, Reader.of(env.model)
+    data = env.data
     torque, speed, angle = [], [], [data.joint("hinge").qpos[0]]
     for command in arc_commands(radius, degrees=45.0, duration=4.0)[:400]:
         data.ctrl[:6] = command
         for _ in range(5):
             mujoco.mj_step(env.model, data)
-            moment = -reader.wrench(data.sensordata)[4]
-            force = reader.door(data.sensordata).force_tangential
-            torque.append(radius * force + moment)
+            values = data.sensordata.tolist()
+            moment = -READER.wrench(values)[4]
+            tangential, _, _ = READER.door_reading(values).forces
+            torque.append(radius * tangential + moment)
             speed.append(data.joint("hinge").qvel[0])
             angle.append(data.joint("hinge").qpos[0])
     advance = np.diff(angle)

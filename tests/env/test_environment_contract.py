@@ -109,10 +109,9 @@ def test_model_and_data_are_the_simulation(make_env: Callable) -> None:
     model = env.model
     env.step(np.zeros(6))
     assert env.data.time == pytest.approx(CONTROL_PERIOD)
-    env.reset(options={"door": "small"})
-    assert env.model is model, "the same door is not compiled again"
     env.reset(options={"door": "large"})
-    assert env.model is not model
+    assert env.model is model, "views into model and data stay valid across doors"
+    assert model.body("door").pos[2] == pytest.approx(-0.65)
     assert env.dt == CONTROL_PERIOD
     assert env.metadata["render_fps"] == 100
 
@@ -186,6 +185,27 @@ def test_rewards_are_the_sum_of_their_terms_and_tell_the_opening(
     assert progress == pytest.approx((info["door_angle"] - start) / SUCCESS_ANGLE)
     assert progress > 1.0
     assert bonus == 1.0
+
+
+def test_sparse_reward_is_one_in_success_and_nothing_else(
+    make_env: Callable, arc_commands: Callable
+) -> None:
+    sparse, dense = make_env("small", reward="sparse"), make_env("small")
+    _, info = sparse.reset(seed=0)
+    dense.reset(seed=0)
+    assert info["reward_terms"] == {"success": 0.0}
+    rewards = []
+    for command in arc_commands(0.35, duration=5.0):
+        observation, reward, terminated, _, info = sparse.step(command)
+        expected, dense_reward, *_ = dense.step(command)
+        assert_identical(observation, expected)
+        assert info["reward_terms"] == {"success": reward}
+        assert type(reward) is float
+        rewards.append(reward)
+        if terminated:
+            break
+    assert dense_reward > 0.9
+    assert rewards == [*(len(rewards) - 1) * [0.0], 1.0]
 
 
 def test_success_takes_half_a_second_beyond_sixty_degrees(

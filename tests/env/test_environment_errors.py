@@ -15,6 +15,10 @@ def test_unknown_arguments_name_the_choices(make_env: Callable) -> None:
         make_env(grasp="glue")
     with pytest.raises(ValueError, match="camera_name = 'side' is not one of 'overvi"):
         make_env(camera_name="side")
+    with pytest.raises(ValueError, match="reward = 'dens' is not one of 'dense', 'sp"):
+        make_env(reward="dens")
+    with pytest.raises(ValueError, match="unknown randomization 'easy'; presets: none"):
+        make_env(randomization="easy")
 
 
 def test_unknown_render_mode_names_the_choices() -> None:

@@ -205,5 +205,6 @@ def test_grasped_means_both_pads(right: int, left: int, make_env: Callable) -> N
     env.reset(seed=0)
     env.data.sensor("right_pad_contact").data[:] = right
     env.data.sensor("left_pad_contact").data[:] = left
-    reading = Reader.of(env.model).door(env.data.sensordata)
+    reader = Reader.of("contact", "pose")
+    reading = reader.door_reading(env.data.sensordata.tolist())
     assert reading.grasped is (right == left == 1)

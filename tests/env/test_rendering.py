@@ -63,8 +63,7 @@ def test_pictures_follow_a_change_of_door(make_env: Callable) -> None:
     assert np.array_equal(picture(env), picture(large))
 
 
-def test_depth_picture_is_the_depth_buffer(make_env: Callable) -> None:
-    """Values in [0, 1] as Gymnasium has them; near and far planes make them metres."""
+def test_depth_picture_is_in_metres(make_env: Callable) -> None:
     env = make_env(
         "medium", render_mode="depth_array", camera_name="top", width=160, height=120
     )
@@ -72,13 +71,9 @@ def test_depth_picture_is_the_depth_buffer(make_env: Callable) -> None:
     depth = picture(env)
     assert depth.shape == (120, 160)
     assert depth.dtype == np.float32
-    assert 0.0 <= depth.min() < depth.max() <= 1.0
-    near = env.model.vis.map.znear * env.model.stat.extent
-    far = env.model.vis.map.zfar * env.model.stat.extent
-    metres = near / (1.0 - depth * (1.0 - near / far))
-    # The camera hangs 3.6 m above the floor and sees the door's top at 2.05 m.
-    assert metres.max() == pytest.approx(3.6, abs=0.02)
-    assert metres.min() < 1.7
+    # The camera hangs 3.6 m above the floor and sees the lintel's top at 2.05 m.
+    assert depth.max() == pytest.approx(3.6, abs=0.02)
+    assert depth.min() == pytest.approx(3.6 - 2.05, abs=0.02)
 
 
 def test_default_size_and_a_size_beyond_the_offscreen_buffer(
@@ -184,7 +179,7 @@ def test_window_and_the_checker_s_render_check(
         for _ in range(3):
             env.step(np.zeros(6))
         assert env.render() is None
-        window = env.unwrapped._renderer.viewer.window
+        window = env.unwrapped._camera._window.viewer.window
         assert glfw.get_window_size(window) == (640, 480)
         env.reset(options={"door": "large"})
         env.step(np.zeros(6))

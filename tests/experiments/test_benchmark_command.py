@@ -1,21 +1,301 @@
-"""`gplfd benchmark` refuses what would make its table wrong."""
+"""`gplfd benchmark`: what it runs, what it keeps, and what it refuses."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import types
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+from experiments import study, study_jobs
 from experiments.cli import main
+from experiments.study import task_from
+from experiments.study_file import read_settings, write_settings
+from experiments.study_settings import StudySettings
+
+METRICS = dict.fromkeys(
+    (
+        *("time_to_60_deg", "force_radial_peak", "force_tangential_peak"),
+        *("slip_max_mm", "prediction_error_position", "governed_share"),
+        "latency_median_ms",
+    ),
+    1.0,
+) | {"success": True}
+
+
+@pytest.fixture
+def ran(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Replace what a worker does; remember the tasks."""
+    tasks = []
+
+    def run_job(job: Any) -> list[Any]:
+        tasks.extend(job)
+        return [
+            study_jobs.failed(task, "ValueError: cannot learn")
+            if (task.policy, task.seed) == ("oracle", 1)
+            else {**study_jobs.failed(task, ""), "metrics": METRICS}
+            for task in job
+        ]
+
+    def without_error(job: Any) -> list[Any]:
+        results = run_job(job)
+        for result in results:
+            if "metrics" in result:
+                del result["error"]
+        return results
+
+    monkeypatch.setattr(study_jobs, "run_job", without_error)
+    return tasks
+
+
+def benchmark(out: Path, *arguments: str) -> int:
+    try:
+        return main(["benchmark", "--engine", "serial", "--out", str(out), *arguments])
+    except SystemExit as error:
+        return int(error.code or 0)
+
+
+def test_writes_table_and_settings_and_says_where(
+    tmp_path: Path, ran: list[Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--policies", "gp", "oracle", "--doors", "small", "--seeds", "2"]
+    assert benchmark(tmp_path, *options) == 0
+    printed = capsys.readouterr()
+    table = (tmp_path / "table.md").read_text()
+    assert table.strip() in printed.out
+    assert "| gp | small | 2/2 |" in table
+    assert "| oracle | small | 1/2 |" in table
+    assert f"gplfd report {tmp_path}" in printed.out
+    assert "gplfd: oracle, small, seed 1: ValueError: cannot learn" in printed.err
+    assert "1 tasks ended with an error" in printed.err
+    settings = read_settings(tmp_path / "study.toml")
+    assert settings == StudySettings(
+        policies=("gp", "oracle"), doors=("small",), seeds=2
+    )
+    config = json.loads((tmp_path / "study.json").read_text())["config"]
+    assert (config["seeds"], config["engine"]) == (2, "serial")
+    # Two episodes per policy, and two learning tests per seed of the one that learns.
+    assert len(ran) == 4 + 4
+    assert len(list((tmp_path / "tasks").iterdir())) == 8
+    assert benchmark(tmp_path, *options) == 0
+    assert [(task.policy, task.seed) for task in ran[8:]] == [("oracle", 1)]
+
+
+def test_every_condition_has_a_table(
+    tmp_path: Path, ran: list[Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--policies", "gp", "--doors", "small", "--seeds", "1", "--no-skill"]
+    options += ["--teacher-noise", "1", "2", "--randomizations", "none", "hard"]
+    assert benchmark(tmp_path, *options) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("| gp | small | 1/1 |") == 4
+    assert (
+        "2 demonstrations per door, teacher noise × 2, randomization hard:" in printed
+    )
+
+
+def test_options_win_over_the_saved_study(tmp_path: Path, ran: list[Any]) -> None:
+    saved = tmp_path / "study.toml"
+    write_settings(
+        saved,
+        StudySettings(
+            policies=("gp",), doors=("small",), seeds=3, randomizations=("mild",)
+        ),
+    )
+    options = ["--config", str(saved), "--seeds", "1", "--no-skill"]
+    assert benchmark(tmp_path / "out", *options) == 0
+    (task,) = ran
+    assert (task.policy, task.door, task.seed) == ("gp", "small", 0)
+    assert task.randomization == "mild"
+    assert read_settings(tmp_path / "out" / "study.toml") == StudySettings(
+        policies=("gp",),
+        doors=("small",),
+        seeds=1,
+        randomizations=("mild",),
+        skill=False,
+    )
+
+
+def test_what_a_study_wrote_runs_it_again(tmp_path: Path, ran: list[Any]) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    assert benchmark(first, "--config", "small", "--seeds", "1") == 0
+    assert benchmark(second, "--config", str(first / "study.toml")) == 0
+    assert len(ran) % 2 == 0
+    assert ran[: len(ran) // 2] == ran[len(ran) // 2 :]
+    assert read_settings(first / "study.toml") == read_settings(second / "study.toml")
+
+
+def test_recordings_are_made_when_asked_for(
+    tmp_path: Path, ran: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded: list[Path] = []
+    module = types.SimpleNamespace(record_extremes=recorded.append)
+    monkeypatch.setitem(sys.modules, "experiments.extremes", module)
+    options = ["--policies", "gp", "--doors", "small", "--seeds", "1", "--no-skill"]
+    assert benchmark(tmp_path, *options) == 0
+    assert recorded == []
+    assert benchmark(tmp_path, *options, "--record") == 0
+    assert recorded == [tmp_path]
+
+
+def test_warns_of_results_of_other_code(
+    tmp_path: Path,
+    ran: list[Any],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    state = {"versions": {"numpy": "2.0"}, "git": {"commit": "a", "dirty": False}}
+    for module in (study, study_jobs):
+        monkeypatch.setattr(module, "code_state", lambda: state)
+    out = tmp_path / "study"
+    options = ["--policies", "gp", "--doors", "small", "--no-skill", "--seeds"]
+    assert benchmark(out, *options, "2") == 0
+    assert benchmark(out, *options, "2") == 0
+    assert "warning" not in capsys.readouterr().err
+    state["git"] = {"commit": "b", "dirty": False}
+    assert benchmark(out, *options, "3") == 0
+    (warning,) = (
+        line for line in capsys.readouterr().err.splitlines() if "warning" in line
+    )
+    assert warning == (
+        "gplfd: warning: 2 of 3 results were made by other code (another git state or "
+        f"other package versions); use another --out or delete {out} to have one "
+        "version"
+    )
+
+
+def test_warns_of_workers_with_other_code(
+    tmp_path: Path,
+    ran: list[Any],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    theirs = {"versions": {"numpy": "1.0"}, "git": None}
+    monkeypatch.setattr(study_jobs, "code_state", lambda: theirs)
+    options = ["--policies", "gp", "--doors", "small", "--no-skill", "--seeds", "1"]
+    assert benchmark(tmp_path, *options) == 0
+    assert "1 of 1 results were made by other code" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--policies", "gp", "gp"], "policy gp is given twice"),
+        (["--policies", "gp", "gp"], "gp is given twice in --policies"),
+        (["--policies", "table-1", "gp"], "gp is given twice in --policies"),
         (["--policies", "gp-fixd"], "did you mean 'gp-fixed'"),
+        (["--policies"], "--policies needs at least one value"),
         (["--doors", "small", "small"], "door small is given twice"),
+        (["--doors", "smal"], "did you mean 'small'"),
+        (["--doors", "0.95"], "DoorConfig.radius = 0.95 is outside [0.3, 0.65]"),
         (["--seeds", "0"], "--seeds 0 must be 1 or more"),
+        (["--demonstrations-per-door", "0"], "--demonstrations-per-door 0 must be 1"),
+        (["--teacher-noise", "-1"], "--teacher-noise -1.0 must be 0 to 20"),
+        (["--randomizations", "mid"], "did you mean 'mild'"),
+        (["--config", "smal"], "--config smal: there is no such file"),
+        (["--workers", "2"], "--workers 2 is for --engine loky"),
+        (["--engine", "dask"], "--engine dask needs the scheduler"),
+        (["--out", "taken"], "--out taken is a file; give a folder"),
     ],
 )
-def test_wrong_arguments_end_with_status_2(arguments, message, tmp_path, capsys):
-    out = tmp_path / "study"
-    assert main(["benchmark", "--out", str(out), *arguments]) == 2
-    assert message in capsys.readouterr().err
-    assert not out.exists()
+def test_wrong_arguments_end_with_status_2(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("taken").write_text("")
+    assert benchmark(tmp_path / "study", *arguments) == 2
+    printed = capsys.readouterr().err
+    assert message in printed
+    assert "Traceback" not in printed
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
+def test_a_wrong_file_ends_with_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "study.toml"
+    file.write_text("polices = ['gp']")
+    assert benchmark(tmp_path / "out", "--config", str(file)) == 2
+    printed = capsys.readouterr().err
+    assert "unknown key 'polices' (did you mean 'policies'?)" in printed
+
+
+def test_a_folder_that_cannot_be_written_ends_with_status_2(
+    tmp_path: Path, ran: list[Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "taken").write_text("")
+    assert benchmark(tmp_path / "taken" / "below", "--config", "small") == 2
+    assert "taken" in capsys.readouterr().err
+
+
+STUDY = ["--policies", "gp-fixed", "oracle", "--doors", "small", "--no-skill"]
+STUDY += ["--seeds", "3"]
+
+
+def stopped_by(sent: signal.Signals, out: Path, results: int) -> tuple[int, str]:
+    """Run the study, stop it when it has some results; return status and stderr."""
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "experiments.cli", "benchmark", *STUDY),
+            *("--out", str(out), "--workers", "1"),
+        ],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 120.0
+    while len(files(out)) < results and process.poll() is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    if sent is signal.SIGINT:
+        os.killpg(process.pid, sent)  # what a terminal does
+    else:
+        process.send_signal(sent)
+    _, printed = process.communicate(timeout=60)
+    return process.returncode, printed
+
+
+def files(out: Path) -> list[Path]:
+    return sorted((out / "tasks").glob("[!.]*.json"))
+
+
+def timeless(path: Path) -> Any:
+    result = json.loads(path.read_text())
+    task_from(result["task"])
+    return result | {
+        "metrics": {
+            name: value
+            for name, value in result["metrics"].items()
+            if not name.startswith("latency_")
+        }
+    }
+
+
+def test_a_study_that_was_stopped_twice_is_as_one_that_was_not(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    out, whole = tmp_path / "stopped", tmp_path / "whole"
+    status, printed = stopped_by(signal.SIGINT, out, 1)
+    assert status == 130
+    assert "gplfd: interrupted; files already written are complete" in printed
+    assert "Traceback" not in printed
+    interrupted = {path: path.read_bytes() for path in files(out)}
+    assert 1 <= len(interrupted) < 6
+    status, _ = stopped_by(signal.SIGKILL, out, len(interrupted) + 1)
+    assert status == -signal.SIGKILL
+    assert len(files(out)) < 6
+    assert main(["benchmark", *STUDY, "--out", str(out), "--workers", "2"]) == 0
+    assert benchmark(whole, *STUDY) == 0
+    assert [path.name for path in files(out)] == [path.name for path in files(whole)]
+    for path, other in zip(files(out), files(whole), strict=True):
+        assert timeless(path) == timeless(other)
+    # What was finished was not done again.
+    assert all(path.read_bytes() == content for path, content in interrupted.items())

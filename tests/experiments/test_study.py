@@ -3,123 +3,188 @@
 import dataclasses
 import json
 
-import gymnasium
 import pytest
 
-from experiments import cli, provenance, rollout, teacher
+from experiments import provenance, study_jobs, teacher
 from experiments import study as studies
-from experiments.study import made_by_other_code, run_study, tasks
+from experiments.engines import Lost
+from experiments.study import (
+    EpisodeTask,
+    SkillTask,
+    jobs_of,
+    made_by_other_code,
+    run_study,
+    task_from,
+)
 
 DOORS = {"small": {"radius": 0.35}, "large": {"radius": 0.65}}
 
 
+def episode(policy="gp", door="small", seed=0, **fields):
+    return EpisodeTask(
+        policy=policy, door=door, door_config=DOORS[door], seed=seed, **fields
+    )
+
+
+def episodes(policies, seeds):
+    return [
+        episode(p, door, seed) for seed in seeds for p in policies for door in DOORS
+    ]
+
+
 @pytest.fixture
 def runs(monkeypatch):
-    """Replace the episode by a record of which tasks ran."""
+    """Replace what a worker does by a record of which jobs ran."""
     done = []
 
-    def fake(task):
-        done.append(task)
-        if task.policy == "broken":
-            raise ValueError("cannot learn from this")
-        return {"success": True, "seed": task.seed}
+    def fake(job):
+        done.append(job)
+        return [
+            study_jobs.failed(task, "ValueError: cannot learn from this")
+            if task.policy == "broken"
+            else {"task": dataclasses.asdict(task)}
+            | {**studies.code_state(), "metrics": {"success": True}}
+            for task in job
+        ]
 
-    monkeypatch.setattr(studies, "run_task", fake)
+    monkeypatch.setattr(study_jobs, "run_job", fake)
     return done
 
 
-def test_a_study_is_policies_times_doors_times_seeds():
-    study = tasks(("gp", "oracle"), DOORS, range(3))
-    assert len(study) == len({task.key for task in study}) == 2 * 2 * 3
-    assert [task.seed for task in study[:4]] == [0, 0, 0, 0]
+CHANGES = {
+    "policy": "oracle",
+    "door": "tiny",
+    "door_config": {"radius": 0.36},
+    "seed": 1,
+    "demonstrations_per_door": 3,
+    "teacher": {"noise_bandwidth": 2.0},
+    "randomization": "mild",
+    "held_out": "radius",
+}
 
 
-def test_key_depends_on_every_field():
-    (task,) = tasks(("gp",), {"small": DOORS["small"]}, (0,))
-    changes = {
-        "policy": "oracle",
-        "door": "tiny",
-        "door_config": {"radius": 0.36},
-        "seed": 1,
-        "demonstrations_per_door": 3,
-        "teacher": {**task.teacher, "noise_bandwidth": 2.0},
-    }
-    assert changes.keys() == {field.name for field in dataclasses.fields(task)}
+@pytest.mark.parametrize(
+    "task", [episode(), SkillTask(policy="gp", seed=0, held_out="demonstration")]
+)
+def test_key_depends_on_every_field(task):
+    names = {field.name for field in dataclasses.fields(task)} - {"kind"}
     keys = {
-        dataclasses.replace(task, **{name: value}).key
-        for name, value in changes.items()
+        dataclasses.replace(task, **{name: CHANGES[name]}).key
+        for name in sorted(names & CHANGES.keys())
     }
-    assert len(keys | {task.key}) == len(changes) + 1
+    assert len(keys | {task.key}) == len(names) + 1
 
 
-def test_key_is_the_same_in_every_process():
-    (task,) = tasks(("gp",), {"small": {"radius": 0.35}}, (0,))
-    # Changes with the fields of a task and with the standard teacher: then no stored
-    # result is of the same task any more.
-    assert task.key == "68ce6a52accb6d5c"
+def test_keys_are_the_same_in_every_process():
+    # They change with the fields of a task and with the standard teacher: then no
+    # stored result is of the same task any more.
+    assert episode().key == "729ae4581ec21027"
+    assert SkillTask(policy="gp", seed=0, held_out="radius").key == "a69b9f69a16b398d"
 
 
 def test_another_standard_teacher_makes_another_task(monkeypatch):
-    (task,) = tasks(("gp",), {"small": DOORS["small"]}, (0,))
+    task = episode()
     slower = teacher.TeacherConfig(duration_mean=9.0)
     monkeypatch.setattr(teacher, "TeacherConfig", lambda: slower)
-    (other,) = tasks(("gp",), {"small": DOORS["small"]}, (0,))
+    other = episode()
     assert other.teacher == {**task.teacher, "duration_mean": 9.0}
     assert other.key != task.key
 
 
-def test_the_teacher_of_the_task_demonstrates(monkeypatch):
-    (task,) = tasks(("gp",), {"small": DOORS["small"]}, (0,))
-    task = dataclasses.replace(task, teacher={**task.teacher, "duration_mean": 9.0})
-    configs = []
+@pytest.mark.parametrize(
+    "task",
+    [episode(randomization="hard"), SkillTask(policy="gp", seed=3, held_out="radius")],
+)
+def test_a_file_tells_its_task(task):
+    stored = json.loads(json.dumps(dataclasses.asdict(task)))
+    assert task_from(stored) == task
+    assert task_from(stored).key == task.key
 
-    def stop(self, *_, **__):
-        configs.append(self.config)
-        raise ArithmeticError
 
-    monkeypatch.setattr(teacher.Teacher, "demonstrate_doors", stop)
-    with pytest.raises(ArithmeticError):
-        studies.run_task(task)
-    assert configs == [teacher.TeacherConfig(duration_mean=9.0)]
+@pytest.mark.parametrize("record", [{}, {"kind": "dance"}, {"kind": "skill", "x": 1}])
+def test_what_is_no_task_is_refused(record):
+    with pytest.raises(ValueError, match="not a task of a study"):
+        task_from(record)
+
+
+def test_a_job_learns_from_one_set_of_demonstrations():
+    both = [episode(door=door) for door in DOORS]
+    others = [
+        episode(policy="oracle"),
+        episode(seed=1),
+        episode(demonstrations_per_door=3),
+        episode(teacher={"noise_bandwidth": 2.0}),
+        episode(randomization="mild"),
+        SkillTask(policy="gp", seed=0, held_out="radius"),
+        SkillTask(policy="gp", seed=0, held_out="demonstration"),
+    ]
+    jobs = jobs_of([both[0], *others, both[1], both[0]])
+    assert jobs == (tuple(both), *((task,) for task in others))
 
 
 def test_interrupted_study_goes_on_where_it_stopped(tmp_path, runs):
-    study = tasks(("gp",), DOORS, range(4))
+    study = episodes(("gp",), range(4))
     results = run_study(tmp_path, study)
     for _ in range(3):
         next(results)
     results.close()
-    assert len(list(run_study(tmp_path, study))) == 8
-    assert runs == list(study)
+    # The job of seed 1 had one of its two files written.
+    assert len(list(run_study(tmp_path, study))) == 5
+    assert runs[2:] == [(study[3],), tuple(study[4:6]), tuple(study[6:])]
+    assert list(run_study(tmp_path, study)) == []
 
 
 def test_more_seeds_repeat_nothing(tmp_path, runs):
-    list(run_study(tmp_path, tasks(("gp",), DOORS, range(2))))
-    list(run_study(tmp_path, tasks(("gp",), DOORS, range(3))))
-    assert [task.seed for task in runs] == [0, 0, 1, 1, 2, 2]
-
-
-def test_a_task_that_fails_is_a_result(tmp_path, runs):
-    study = tasks(("broken", "gp"), {"small": DOORS["small"]}, (0,))
-    failed, fine = run_study(tmp_path, study)
-    assert failed["error"] == "ValueError: cannot learn from this"
-    assert fine["metrics"]["success"]
+    list(run_study(tmp_path, episodes(("gp",), range(2))))
+    list(run_study(tmp_path, episodes(("gp",), range(3))))
+    assert [job[0].seed for job in runs] == [0, 1, 2]
 
 
 def test_a_task_that_failed_is_run_again(tmp_path, runs, monkeypatch):
-    study = tasks(("broken", "gp"), {"small": DOORS["small"]}, (0,))
-    list(run_study(tmp_path, study))
-    assert [task.policy for task in runs] == ["broken", "gp"]
-    monkeypatch.setattr(studies, "run_task", lambda _: {"success": True})
-    repaired, _ = run_study(tmp_path, study)
-    assert repaired["metrics"] == {"success": True}
-    assert "error" not in repaired
-    list(run_study(tmp_path, study))
-    assert [task.policy for task in runs] == ["broken", "gp"]
+    study = episodes(("broken", "gp"), range(1))
+    first = list(run_study(tmp_path, study))
+    assert [result.get("error") for result in first] == [
+        *["ValueError: cannot learn from this"] * 2,
+        *[None] * 2,
+    ]
+    monkeypatch.setattr(
+        study_jobs, "run_job", lambda job: [{"metrics": {"success": True}} for _ in job]
+    )
+    assert list(run_study(tmp_path, study)) == [{"metrics": {"success": True}}] * 2
+    assert list(run_study(tmp_path, study)) == []
+
+
+def test_what_no_worker_finished_is_an_error_of_its_tasks(tmp_path):
+    class Deadly:
+        def run(self, work, items):
+            for item in items:
+                yield item, Lost(reason="its worker died")
+
+    study = episodes(("gp",), range(1))
+    results = list(run_study(tmp_path, study, Deadly()))
+    assert [result["error"] for result in results] == ["its worker died"] * 2
+    assert [result["task"]["door"] for result in results] == list(DOORS)
+
+
+def test_an_engine_is_stopped_when_nobody_reads_on(tmp_path, runs):
+    stopped = []
+
+    class Patient:
+        def run(self, work, items):
+            try:
+                for item in items:
+                    yield item, work(item)
+            finally:
+                stopped.append(True)
+
+    results = run_study(tmp_path, episodes(("gp",), range(2)), Patient())
+    next(results)
+    results.close()
+    assert stopped == [True]
 
 
 def test_result_file_says_what_made_it(tmp_path, runs):
-    study = tasks(("gp", "broken"), {"small": DOORS["small"]}, (7,))
+    study = episodes(("gp", "broken"), (7,))
     list(run_study(tmp_path, study))
     for task in study:
         stored = json.loads((tmp_path / "tasks" / f"{task.key}.json").read_text())
@@ -146,68 +211,19 @@ def code(monkeypatch):
     ],
 )
 def test_results_of_other_code_are_counted(tmp_path, runs, code, change):
-    old = tasks(("gp", "broken"), DOORS, range(2))
+    old = episodes(("gp", "broken"), range(2))
     list(run_study(tmp_path, old))
     assert made_by_other_code(tmp_path, old) == 0
     code.update(change)
     # Neither what failed nor what is still missing will be another code's result.
-    assert made_by_other_code(tmp_path, tasks(("gp", "broken"), DOORS, range(3))) == 4
+    assert made_by_other_code(tmp_path, episodes(("gp", "broken"), range(3))) == 4
 
 
 def test_results_of_unknown_code_are_other_code(tmp_path, runs):
-    (task,) = tasks(("gp",), {"small": DOORS["small"]}, (0,))
+    task = episode()
     list(run_study(tmp_path, [task]))
-    path = tmp_path / "tasks" / f"{task.key}.json"
+    path = studies.result_path(tmp_path, task)
     stored = json.loads(path.read_text())
     del stored["versions"], stored["git"]
     path.write_text(json.dumps(stored))
     assert made_by_other_code(tmp_path, [task]) == 1
-
-
-def test_benchmark_warns_of_results_of_other_code(tmp_path, monkeypatch, code, capsys):
-    fields = ("stability_margin_translation", "prediction_error_position")
-    metrics = dict.fromkeys((*fields, "governed_share", "latency_median_ms"), 1.0) | {
-        "success": False
-    }
-    monkeypatch.setattr(studies, "run_task", lambda _: metrics)
-    out = tmp_path / "study"
-    command = ["benchmark", "--policies", "oracle", "--doors", "small"]
-    command += ["--out", str(out), "--seeds"]
-    assert cli.main([*command, "2"]) == 0
-    assert cli.main([*command, "2"]) == 0
-    assert "warning" not in capsys.readouterr().err
-    code["git"] = {"commit": "b", "dirty": False}
-    assert cli.main([*command, "3"]) == 0
-    (warning,) = (
-        line for line in capsys.readouterr().err.splitlines() if "warning" in line
-    )
-    assert warning == (
-        "gplfd: warning: 2 of 3 results were made by other code (another git state or "
-        f"other package versions); use another --out or delete {out} to have one "
-        "version"
-    )
-
-
-def test_environment_is_closed_when_the_rollout_fails(tmp_path, monkeypatch):
-    class Door:
-        closed = False
-
-        def close(self):
-            self.closed = True
-
-    def fail(*_, **__):
-        raise ArithmeticError("the simulation diverged")
-
-    door = Door()
-    monkeypatch.setattr(gymnasium, "make", lambda *_, **__: door)
-    monkeypatch.setattr(rollout, "rollout", fail)
-    (task,) = tasks(("oracle",), {"small": DOORS["small"]}, (0,))
-    with pytest.raises(ArithmeticError, match="diverged"):
-        studies.run_task(task)
-    assert door.closed
-    # `gplfd run` opens doors by itself.
-    door.closed = False
-    command = ["run", "--policy", "oracle", "--doors", "small", "--out", str(tmp_path)]
-    with pytest.raises(ArithmeticError, match="diverged"):
-        cli.main(command)
-    assert door.closed

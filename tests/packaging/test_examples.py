@@ -9,8 +9,18 @@ import pytest
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
 
 
-def test_there_are_examples():
-    assert {"random_agent", "your_own_policy"} <= {path.stem for path in EXAMPLES}
+SAYS = {
+    "random_agent": "failure:",
+    "your_own_policy": "medium: 6",
+    "vectorised_evaluation": "5/5 opened",
+    "rl_smoke": "16/16 opened",
+    "plot_episode": "opened: True",
+}
+"""A part of what each of them prints."""
+
+
+def test_every_example_is_known():
+    assert set(SAYS) == {path.stem for path in EXAMPLES}
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
@@ -24,4 +34,7 @@ def test_example_runs(path, tmp_path):
         timeout=120,
     )
     assert ran.returncode == 0, ran.stderr
-    assert ran.stdout.strip()
+    assert SAYS[path.stem] in ran.stdout
+    pictures = {"episode.png"} if path.stem == "plot_episode" else set()
+    assert {written.name for written in tmp_path.iterdir()} == pictures
+    assert all(written.stat().st_size > 10_000 for written in tmp_path.iterdir())

@@ -144,3 +144,30 @@ def test_returned_displacement_is_the_callers():
 def test_a_period_that_is_not_positive_is_refused(dt):
     with pytest.raises(ValueError, match="dt must be positive"):
         Admittance(PAPER_DYNAMICS).step(STIFF, WRENCH, dt)
+
+
+def test_members_are_displaced_as_each_alone():
+    """Members are reset and left out at different times; the others go on."""
+    rng = np.random.default_rng(0)
+    together = Admittance(DEFAULT_DYNAMICS, (3,))
+    alone = [Admittance(DEFAULT_DYNAMICS) for _ in range(3)]
+    for step in range(30):
+        members = np.array([2, 0]) if 10 < step < 20 else np.arange(3)
+        if step == 25:
+            together.reset(np.array([1]))
+            alone[1].reset()
+        stiffness = rng.uniform(0.2, 1.0, (3, 6)) * DEFAULT_PROFILE.k_max
+        wrenches = rng.normal(size=(3, 6))
+        found = together.step(stiffness[members], wrenches[members], 0.01, members)
+        for row, member in enumerate(members):
+            expected = alone[member].step(stiffness[member], wrenches[member], 0.01)
+            np.testing.assert_array_equal(found[row], expected)
+    np.testing.assert_array_equal(together.velocity[1], alone[1].velocity)
+
+
+def test_what_a_step_returns_may_be_changed():
+    admittance = Admittance(DEFAULT_DYNAMICS)
+    found = admittance.step(STIFF, WRENCH, 0.01)
+    kept = found.copy()
+    found += 1.0
+    np.testing.assert_array_equal(admittance.displacement, kept)

@@ -13,7 +13,7 @@ from policies.controllers.stability import stability_margin
 from policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
 from policies.empirical import EmpiricalDistribution
 from policies.gridded import Demonstrated, GriddedPolicy
-from policies.load import CarriedLoad
+from policies.load import CarriedLoad, YieldToAll
 from policies.phase import PathPhase
 from policies.trajectory import GaussianTrajectory
 
@@ -225,6 +225,24 @@ def test_via_points_are_spaced_in_phase(skill):
     taken = [step.observed_phase for step, _ in history if step.via_point]
     assert len(taken) > 20
     assert np.diff(taken).min() >= 0.02 - 1e-12
+
+
+def test_direction_is_that_of_the_path_as_just_adapted(skill):
+    directions = []
+
+    class Watching(YieldToAll):
+        def share(self, wrench, direction):
+            directions.append(direction)
+            return super().share(wrench, direction)
+
+    agent = dataclasses.replace(agent_of(skill), load=Watching())
+    agent.reset(observed(np.zeros(6)))
+    for angle in np.linspace(0.0, 0.9, 150):
+        step = agent.act(observed(handle_pose_on_arc(0.42, angle)))
+        ahead = min(step.observed_phase + 0.05, 1.0)
+        chord = (agent.policy.at(ahead)[0] - agent.policy.at(ahead - 0.05)[0])[:3]
+        expected = chord / np.linalg.norm(chord)
+        np.testing.assert_allclose(directions[-1], expected, atol=1e-6)
 
 
 class Curve:

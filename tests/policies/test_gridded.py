@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from policies.adaptation import ProcessAdaptation
-from policies.gridded import Demonstrated, GriddedPolicy
+from policies.alignment import align
+from policies.gridded import Demonstrated, GriddedPolicies, GriddedPolicy
+from policies.movement import ReadaptedMovement
+from policies.skill import fit_skill
 from policies.trajectory import ViaPoint
 
 
@@ -46,3 +49,63 @@ def test_answers_may_be_changed_by_the_caller(skill):
 def test_a_grid_of_one_point_is_refused(skill):
     with pytest.raises(ValueError, match="n_grid must be at least 2, got 1"):
         GriddedPolicy(skill, Demonstrated, 1)
+
+
+def test_looking_does_not_forget_via_points(skill):
+    policy = GriddedPolicy(skill, ProcessAdaptation, 50)
+    policy.observe(ViaPoint(phase=0.6, pose=skill.predict(np.array([0.6])).mean[0] + 1))
+    np.testing.assert_array_equal(policy.at(0.6), policy.at(0.6))
+    assert policy.at(0.6)[0][0] > 0.5
+
+
+def test_any_movement_that_adapts_is_a_policy(skill):
+    """Readapted to all via-points at once, it is what online adaptation makes of it."""
+    via_points = [
+        ViaPoint(phase=phase, pose=skill.predict(np.array([phase])).mean[0] + 0.02)
+        for phase in (0.2, 0.4)
+    ]
+    policies = [
+        GriddedPolicy(skill, form, 50)
+        for form in (ReadaptedMovement, ProcessAdaptation)
+    ]
+    for policy in policies:
+        for via_point in via_points:
+            policy.observe(via_point)
+    readapted, online = (np.stack(policy.at(0.7)) for policy in policies)
+    np.testing.assert_allclose(readapted, online, atol=1e-12)
+
+
+def test_members_are_looked_up_as_each_alone(skill, demonstrations):
+    other = fit_skill(align(demonstrations[:4]))
+    alone = [GriddedPolicy(one, ProcessAdaptation, 50) for one in (skill, other, skill)]
+    together = GriddedPolicies(
+        [GriddedPolicy(one, ProcessAdaptation, 50) for one in (skill, other, skill)]
+    )
+    via_point = ViaPoint(phase=0.6, pose=other.predict(np.array([0.6])).mean[0] + 0.05)
+    alone[1].observe(via_point)
+    together.observe(1, via_point)
+    phases = np.array([[0.0, 0.31, 1.0], [0.5, 0.77, 0.98]])
+    for members in (np.arange(3), np.array([2, 1])):
+        means, stds = together.at(phases[:, members], members)
+        for row, column in np.ndindex(means.shape[:2]):
+            member = members[column]
+            mean, std = alone[member].at(phases[row, member])
+            np.testing.assert_array_equal(means[row, column], mean)
+            np.testing.assert_array_equal(stds[row, column], std)
+
+
+def test_members_are_reset_alone(skill):
+    together = GriddedPolicies(
+        [GriddedPolicy(skill, ProcessAdaptation, 50) for _ in range(3)]
+    )
+    phases = np.full(3, 0.6)
+    before = together.at(phases)[0]
+    pose = skill.predict(np.array([0.6])).mean[0] + 0.05
+    for member in range(3):
+        together.observe(member, ViaPoint(phase=0.6, pose=pose))
+    adapted = together.at(phases)[0]
+    together.reset(np.array([1]))
+    after = together.at(phases)[0]
+    np.testing.assert_array_equal(after[1], before[1])
+    np.testing.assert_array_equal(after[[0, 2]], adapted[[0, 2]])
+    assert np.abs(adapted - before).min(axis=1).max() > 0.0

@@ -51,3 +51,15 @@ def test_yield_to_all_changes_nothing():
     left, pace = YieldToAll().share(given, FORWARD)
     np.testing.assert_array_equal(left, given)
     assert pace == 1.0
+
+
+@pytest.mark.parametrize("rule", [CarriedLoad(limit=20.0), YieldToAll()])
+def test_members_share_as_each_alone(rule):
+    rng = np.random.default_rng(0)
+    wrenches, directions = 15.0 * rng.normal(size=(50, 6)), rng.normal(size=(50, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    left, pace = rule.share(wrenches, directions)
+    for row, (one, direction) in enumerate(zip(wrenches, directions, strict=True)):
+        left_alone, pace_alone = rule.share(one, direction)
+        np.testing.assert_array_equal(left[row], left_alone)
+        assert pace[row] == pace_alone

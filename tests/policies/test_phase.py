@@ -158,8 +158,9 @@ def test_stacked_rules_tell_what_each_would(skill, demonstrations):
     other = fit_skill(align(demonstrations[:4]))
     rules = [PathPhase(one, one.aligned) for one in (skill, other, skill)]
     together = PathPhase.stacked(rules)
-    poses = np.stack([handle_pose_on_arc(0.5, angle) for angle in (0.01, 0.7, 1.16)])
-    previous = np.array([0.0, 0.6, 0.99])
+    angles = (0.01, 0.7, 1.16)
+    poses = np.stack([handle_pose_on_arc(0.5, angle) for angle in angles])
+    previous = true_phase(skill, angles)
     alone = [
         (*rule.update(pose, phase, NOWHERE), rule.rate(phase))
         for rule, pose, phase in zip(rules, poses, previous, strict=True)

@@ -255,3 +255,22 @@ def test_governor_refuses_a_period_that_is_not_positive(dt):
     governor = StiffnessGovernor(PAPER_PROFILE, PAPER_DYNAMICS)
     with pytest.raises(ValueError, match="dt must be positive"):
         governor.step(np.full(6, 100.0), dt)
+
+
+def test_governor_governs_each_member_as_if_alone():
+    """Members are reset and left out at different times; the others go on."""
+    rng = np.random.default_rng(0)
+    together = StiffnessGovernor(DEFAULT_PROFILE, DEFAULT_DYNAMICS, (3,))
+    alone = [StiffnessGovernor(DEFAULT_PROFILE, DEFAULT_DYNAMICS) for _ in range(3)]
+    for step in range(40):
+        members = np.array([0, 2]) if step == 0 or 10 < step < 20 else np.arange(3)
+        if step in (5, 25):
+            together.reset(np.array([2]))
+            alone[2].reset()
+        targets = rng.uniform(0.0, 1.0, (3, 6)) * DEFAULT_PROFILE.k_max
+        found = together.step(targets[members], DT, members)
+        for row, member in enumerate(members):
+            expected = alone[member].step(targets[member], DT)
+            np.testing.assert_array_equal(found.stiffness[row], expected.stiffness)
+            np.testing.assert_array_equal(found.rate[row], expected.rate)
+            np.testing.assert_array_equal(found.margin[row], expected.margin)

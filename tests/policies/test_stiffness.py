@@ -149,3 +149,13 @@ def test_printed_eq25_refuses_a_constant_stiffness():
 def test_unusable_dynamics_are_refused(mass, ratio, message):
     with pytest.raises(ValueError, match=message):
         VirtualDynamics(mass=mass, damping_ratio=ratio)
+
+
+@pytest.mark.parametrize("law", PROFILES)
+def test_unknown_spread_gets_the_greatest_stiffness(law):
+    std = np.array([np.nan, 0.0, 0.01, np.nan, 0.05, np.nan])
+    stiffness = law.stiffness(std)
+    unknown = np.isnan(std)
+    np.testing.assert_array_equal(stiffness[unknown], law.k_max[unknown])
+    known = np.where(unknown, 0.0, std)
+    np.testing.assert_array_equal(stiffness[~unknown], law.stiffness(known)[~unknown])

@@ -1,0 +1,53 @@
+"""From a log to a picture: door angle, forces and stiffness of one episode.
+
+Makes a log first, as `gplfd run` does; to plot one of yours, load that instead.
+"""
+
+import tempfile
+from pathlib import Path
+
+import gymnasium as gym
+import matplotlib.pyplot as plt
+import numpy as np
+
+from experiments.episode_log import EpisodeLog
+from experiments.rollout import rollout
+from experiments.study import DEMONSTRATED_RADII
+from experiments.teacher import Teacher
+from gplfd_env import ENVIRONMENT_ID
+from policies import make_agent
+
+PICTURE = Path("episode.png")
+
+demonstrations = Teacher().demonstrate_doors(
+    DEMONSTRATED_RADII, per_radius=2, rng=np.random.default_rng(0)
+)
+env = gym.make(ENVIRONMENT_ID, door="large")
+made = rollout(env, make_agent("gp", demonstrations), policy="gp", door="large", seed=0)
+env.close()
+with tempfile.TemporaryDirectory() as folder:
+    path = Path(folder) / "large.npz"
+    made.save(path)
+    log = EpisodeLog.load(path)  # everything of every control step, as arrays
+
+figure, (angle, force, stiffness) = plt.subplots(
+    3, sharex=True, figsize=(7, 7), layout="constrained"
+)
+angle.plot(log.times, np.degrees(log.door_angle), color="black")
+angle.axhline(60.0, color="grey", linestyle=":", label="task")
+angle.set_ylabel("door angle [deg]")
+angle.set_title(f"{log.policy} opens the {log.door} door, radius {log.radius} m")
+
+force.plot(log.times, log.force_tangential, label="tangential: opens the door")
+force.plot(log.times, log.force_radial, label="radial: the path does not fit")
+force.set_ylabel("hand on handle [N]")
+
+for axis, name in ((0, "x, pull"), (1, "y, up"), (2, "z, sideways")):
+    stiffness.plot(log.times, log.stiffness[:, axis], label=name)
+stiffness.set_ylabel("stiffness [N/m]")
+stiffness.set_xlabel("time [s]")
+for axes in (angle, force, stiffness):
+    axes.grid(alpha=0.3)
+    axes.legend(loc="best", frameon=False)
+figure.savefig(PICTURE, dpi=120)
+print(f"{PICTURE}: {log.times.size} control steps, opened: {log.success}")

@@ -1,0 +1,57 @@
+"""Success rate per radius: twenty doors at once, each before a robot that stands askew.
+
+The simulations step on all cores and the agents decide in lockstep, so this takes a
+few seconds. Every episode is bit for bit the one that its seed gives alone.
+"""
+
+import copy
+import time
+
+import gymnasium as gym
+import numpy as np
+
+from experiments.study import DEMONSTRATED_RADII
+from experiments.teacher import Teacher
+from gplfd_env import ENVIRONMENT_ID
+from policies import make_agent
+from policies.lockstep import batch_agents
+
+RADII, EPISODES = (0.32, 0.41, 0.50, 0.59), 5
+
+# One policy, learned from six demonstrations of 0.35, 0.50 and 0.65 m.
+demonstrations = Teacher().demonstrate_doors(
+    DEMONSTRATED_RADII, per_radius=2, rng=np.random.default_rng(0)
+)
+agent = make_agent("gp", demonstrations)
+
+doors = np.repeat(RADII, EPISODES)
+envs = gym.make_vec(
+    ENVIRONMENT_ID,
+    num_envs=doors.size,
+    door=doors.tolist(),
+    randomization="mild",  # friction, mass, placement, grasp, noise, delay
+    max_episode_steps=900,
+    autoreset_mode="Disabled",  # an ended episode stands still and keeps its info
+)
+# An agent remembers the door it is opening: every door needs a copy of its own.
+agents = batch_agents([copy.deepcopy(agent) for _ in doors])
+
+started = time.perf_counter()
+observations, infos = envs.reset(seed=0)  # simulation i is seeded with 0 + i
+agents.reset(observations)
+acting, steps = np.ones(doors.size, dtype=bool), 0
+while acting.any():
+    steps += np.count_nonzero(acting)
+    actions = agents.act(observations, acting).action
+    observations, rewards, terminated, truncated, infos = envs.step(actions)
+    acting = ~(terminated | truncated)
+envs.close()
+
+for radius in RADII:
+    here = doors == radius
+    angle = np.degrees(infos["door_angle"][here])
+    print(
+        f"radius {radius:.2f} m: {infos['success'][here].sum()}/{EPISODES} opened, "
+        f"door at {angle.min():.0f} to {angle.max():.0f} deg"
+    )
+print(f"{steps / (time.perf_counter() - started):.0f} control steps per second")

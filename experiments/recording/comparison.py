@@ -1,0 +1,205 @@
+"""Several policies at the same door, side by side in one recording.
+
+Every robot stands at a door of its own, in a row, and all move on the same clock. Each
+policy has a colour, the same for its robot's label, the path of its hand and its
+curves.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+import mujoco
+import numpy as np
+import rerun as rr
+from rerun.chunk import Chunk
+
+from experiments.episode_log import EpisodeLog
+from experiments.recording import colours, motion, scene
+from experiments.recording.colours import Colour
+from experiments.recording.comparison_layout import (
+    ABOUT,
+    ANGLE,
+    FORCE,
+    OVERLAY,
+    ROW,
+    SPACING,
+    comparison_layout,
+    robot_entity,
+)
+from experiments.recording.part import Part
+from experiments.recording.stream import moving, recording_file, seconds, static
+from gplfd_env.task import SUCCESS_ANGLE
+from policies.demonstrations import Demonstration
+
+COLOURS: Final[tuple[Colour, ...]] = (
+    colours.ADAPTED,
+    colours.HAND,
+    colours.AXIS_Z,
+    colours.AXIS_X,
+    (120, 230, 90),
+    (255, 120, 150),
+    (60, 210, 200),
+    (235, 235, 240),
+    (150, 140, 255),
+    (190, 150, 110),
+)
+"""A colour per policy, in order; no more policies than these."""
+
+_TRAIL: Final = f"{motion.ROOT}/hand/trail"
+_LABEL: Final = (1.15, -0.8, -0.2)
+"""Where a robot's name stands, behind it, in its task frame [m]."""
+
+
+def record_comparison(
+    path: str | Path,
+    logs: Sequence[EpisodeLog],
+    model: mujoco.MjModel,
+    demonstrations: Sequence[Demonstration],
+) -> None:
+    """Write an .rrd in which policies open the same door, complete or not at all.
+
+    Args:
+        path: File to write; an existing one is replaced.
+        logs: An episode per policy, on the same door; the first stands leftmost.
+        model: Model that the episodes ran in.
+        demonstrations: What the policies learned from, poses in the task frame.
+
+    Raises:
+        ValueError: No log or too many, a policy twice, different doors, or a log that
+            does not fit the model.
+        OSError: The file cannot be written.
+    """
+    _check(logs, model)
+    with recording_file(path, comparison_layout(logs, model)) as stream:
+        stream.send_recording_name(f"{logs[0].door} door, {len(logs)} policies")
+        stream.send_chunks(_everything(logs, model, demonstrations))
+
+
+def _check(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> None:
+    if not 1 <= len(logs) <= len(COLOURS):
+        raise ValueError(
+            f"a comparison shows 1 to {len(COLOURS)} episodes, got {len(logs)}"
+        )
+    names = [log.policy for log in logs]
+    for log in logs:
+        if names.count(log.policy) > 1:
+            raise ValueError(f"policy {log.policy} is given twice in a comparison")
+        if dict(log.door_config) != dict(logs[0].door_config):
+            raise ValueError(
+                f"{log.policy} opened another door than {logs[0].policy}; a comparison "
+                "shows one door"
+            )
+        if log.qpos.shape[1] != model.nq:
+            raise ValueError(
+                f"the log of {log.policy} has {log.qpos.shape[1]} generalised "
+                f"positions per step and the model has {model.nq}"
+            )
+
+
+def _everything(
+    logs: Sequence[EpisodeLog],
+    model: mujoco.MjModel,
+    demonstrations: Sequence[Demonstration],
+) -> Iterator[Chunk]:
+    yield static(ABOUT, rr.TextDocument(_about(logs), media_type="text/markdown"))
+    radius = logs[0].radius
+    yield from _moved_to(OVERLAY, motion.door_frame(model, radius, demonstrations))
+    yield from _success_line(logs)
+    for number, (log, colour) in enumerate(zip(logs, COLOURS, strict=False)):
+        yield from _robot(number, log, colour, model)
+        yield from _curves(log, colour)
+
+
+def _robot(
+    number: int, log: EpisodeLog, colour: Colour, model: mujoco.MjModel
+) -> Iterator[Chunk]:
+    """A robot at its door, and its path again on the common door."""
+    # Without uncertainty the tube is as thin as a line.
+    std = np.nan_to_num(log.forecast_std)
+    root, part = (
+        robot_entity(log.policy),
+        Part(log=dataclasses.replace(log, forecast_std=std)),
+    )
+    place = rr.Transform3D(translation=SPACING * number * ROW)
+    yield static(f"{root}/world", place)
+    yield from _moved_to(root, scene.drawn_scene(model))
+    yield from _moved_to(root, motion.door_frame(model, log.radius, []))
+    yield from _moved_to(root, scene.moved_scene(model, part))
+    yield from _moved_to(root, motion.policy_motion(part))
+    hand = motion.hand_motion(part)
+    yield from _moved_to(root, hand)
+    trails = [chunk for chunk in hand if chunk.entity_path == _TRAIL]
+    overlay = f"{OVERLAY}{motion.ROOT}/paths/{log.policy}"
+    for chunk in trails:
+        yield chunk.with_entity_path(overlay)
+    for entity in (f"{root}{_TRAIL}", overlay):
+        yield static(entity, rr.LineStrips3D.from_fields(colors=colour, radii=0.007))
+    label = rr.Points3D(
+        [_LABEL],
+        radii=0.012,
+        colors=colour,
+        labels=[_label(log)],
+        show_labels=True,
+    )
+    yield static(f"{root}{motion.ROOT}/label", label)
+
+
+def _curves(log: EpisodeLog, colour: Colour) -> Iterator[Chunk]:
+    index = seconds(log.times)
+    for panel, values in (
+        (ANGLE, np.degrees(log.door_angle)),
+        (FORCE, np.abs(log.force_radial)),
+    ):
+        entity = f"{panel}/{log.policy}"
+        yield static(
+            entity, rr.SeriesLines(colors=colour, widths=1.5, names=log.policy)
+        )
+        yield moving(entity, index, rr.Scalars.columns(scalars=values))
+
+
+def _success_line(logs: Sequence[EpisodeLog]) -> Iterator[Chunk]:
+    """The angle from which on a door counts as opened."""
+    entity, angle = f"{ANGLE}/opened", math.degrees(SUCCESS_ANGLE)
+    look = rr.SeriesLines(colors=colours.MARK, widths=1.0, names=f"opened: {angle:.0f}")
+    yield static(entity, look)
+    ends = np.array([0.0, max(log.times[-1] for log in logs)])
+    yield moving(entity, seconds(ends), rr.Scalars.columns(scalars=[angle] * 2))
+
+
+def _moved_to(root: str, chunks: Sequence[Chunk]) -> Iterator[Chunk]:
+    """The same chunks below another entity."""
+    for chunk in chunks:
+        yield chunk.with_entity_path(f"{root}{chunk.entity_path}")
+
+
+def _label(log: EpisodeLog) -> str:
+    angle = math.degrees(float(log.door_angle.max()))
+    return f"{log.policy}: {'opened' if log.success else f'stuck at {angle:.0f}°'}"
+
+
+def _about(logs: Sequence[EpisodeLog]) -> str:
+    first = logs[0]
+    rows = "\n".join(
+        f"| {log.policy} | "
+        f"{'opened' if log.success else log.failure.replace('_', ' ')} | "
+        f"{math.degrees(float(log.door_angle.max())):.0f}° | "
+        f"{float(np.abs(log.force_radial).max()):.1f} N |"
+        for log in logs
+    )
+    return f"""\
+### {len(logs)} policies at the {first.door} door
+
+| policy | outcome | widest | radial peak |
+|---|---|---|---|
+{rows}
+
+All learned from the same demonstrations and are at the same door (handle at \
+{first.radius:g} m, seed {first.seed}), on one clock. **Radial force** does no work: \
+it tells that the path does not fit the door. The tube is what a policy believes the \
+rest of the motion to be, ±1.96 σ; green is the handle's true arc.
+"""

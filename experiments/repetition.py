@@ -1,0 +1,118 @@
+"""Episodes of a study run again, for their logs, and held against the stored numbers.
+
+A study keeps numbers, no logs. Its episodes are deterministic: the same task gives the
+same numbers but for the times that it takes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, cast
+
+from experiments.report.results import Episode
+from experiments.study import DEMONSTRATED_RADII, EpisodeTask, task_from
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from experiments.episode_log import EpisodeLog
+    from policies.demonstrations import Demonstration
+
+_FORECAST_PERIOD: Final = 0.2
+"""Least time between forecasts in a recording [s]; the study takes more of them."""
+_TIMED: Final = ("latency_", "cpu_")
+"""Metrics that start so differ from run to run."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Repeated:
+    """An episode that was run again."""
+
+    log: EpisodeLog
+    """What happened, with as many forecasts as can be seen."""
+    model: mujoco.MjModel
+    """Model that it ran in."""
+    demonstrations: tuple[Demonstration, ...]
+    """What the policy learned from."""
+    different: Mapping[str, Any]
+    """Stored and repeated value of every metric in which they differ."""
+
+
+def repeat(episode: Episode) -> Repeated:
+    """Run an episode again as the study did, and hold it against what is stored.
+
+    Raises:
+        ValueError: The policy cannot learn or act any more.
+    """
+    from experiments.metrics import episode_metrics
+    from experiments.study_jobs import episode_logs
+
+    record = {"kind": "episode", **episode.task}
+    task = cast("EpisodeTask", task_from(record))
+    (log,) = episode_logs([task])
+    angle = task.teacher["angle_mean"]
+    metrics = episode_metrics(log, demonstrated_angle=angle).as_json()
+    return Repeated(
+        log=_thinned(log),
+        model=_model(task),
+        demonstrations=_demonstrations(task),
+        different=differences(episode.metrics or {}, metrics),
+    )
+
+
+def differences(
+    stored: Mapping[str, Any], repeated: Mapping[str, Any]
+) -> dict[str, list[Any]]:
+    """Return the metrics of the same name that differ, times aside."""
+    return {
+        name: [stored[name], repeated[name]]
+        for name in sorted(stored.keys() & repeated.keys())
+        if not name.startswith(_TIMED) and stored[name] != repeated[name]
+    }
+
+
+def _model(task: EpisodeTask) -> mujoco.MjModel:
+    """Return the model that the task's episode runs in."""
+    import gymnasium as gym
+
+    from gplfd_env import ENVIRONMENT_ID
+
+    door = dict(task.door_config)
+    env = gym.make(ENVIRONMENT_ID, door=door, randomization=task.randomization)
+    with contextlib.closing(env):
+        env.reset(seed=task.seed)
+        return env.unwrapped.model  # type: ignore[attr-defined]
+
+
+def _demonstrations(task: EpisodeTask) -> tuple[Demonstration, ...]:
+    import numpy as np
+
+    from experiments.teacher import Teacher, TeacherConfig
+
+    return tuple(
+        Teacher(TeacherConfig(**task.teacher)).demonstrate_doors(
+            DEMONSTRATED_RADII,
+            task.demonstrations_per_door,
+            rng=np.random.default_rng(task.seed),
+        )
+    )
+
+
+def _thinned(log: EpisodeLog) -> EpisodeLog:
+    """Keep as many forecasts as can be seen."""
+    import numpy as np
+
+    times = log.forecast_times
+    if times.size < 2:
+        return log
+    every = max(1, round(_FORECAST_PERIOD / float(np.median(np.diff(times)))))
+    kept = np.unique(np.append(np.arange(0, times.size, every), times.size - 1))
+    return dataclasses.replace(
+        log,
+        forecast_times=times[kept],
+        forecast_mean=log.forecast_mean[kept],
+        forecast_std=log.forecast_std[kept],
+    )

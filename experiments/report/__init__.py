@@ -1,0 +1,1 @@
+"""A study told on one page: numbers, their intervals, paired tests and plots."""

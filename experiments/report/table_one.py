@@ -1,0 +1,138 @@
+"""Table 1 of the paper with a measured number behind every mark.
+
+The paper is Arduengo et al., *Gaussian-Process-based Robot Learning from
+Demonstration*, arXiv:2002.09979. What is measured, and what it must be for a mark, is
+said in `experiments.skill.criteria`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from experiments.report.document import Block, Items, Paragraph, Section, Table
+from experiments.report.grouping import by_condition, by_policy, named
+from experiments.report.results import LearningTest
+from experiments.skill_scores import CRITERIA, Criterion, Mark, mark
+from policies.registry import TABLE_1
+
+_SIGN: Final = {True: "✓", False: "✗", None: "?"}
+_TINY: Final = 1e-3
+"""Smaller numbers are shown as being so."""
+
+
+def table_one_section(tests: Sequence[LearningTest]) -> Section:
+    """The paper's rows and methods, our marks, and where the two disagree."""
+    return Section(
+        title="Table 1 of the paper, measured",
+        anchor="table-1",
+        blocks=tuple(_blocks(tests)),
+    )
+
+
+def _blocks(tests: Sequence[LearningTest]) -> list[Block]:
+    measured = _measured(tests)
+    if not measured:
+        return [
+            Paragraph(
+                text="No policy of the paper's Table 1 has a learning test with a "
+                "result in this study, so there is no number behind any mark."
+            )
+        ]
+    marks = {
+        row: {policy: mark(row, own) for policy, own in measured.items()}
+        for row in CRITERIA
+    }
+    rows = tuple(
+        (
+            f"{row}\n{_limit(criterion)}",
+            *(_cell(criterion, policy, marks[row][policy]) for policy in measured),
+        )
+        for row, criterion in CRITERIA.items()
+    )
+    missing = [policy for policy in TABLE_1 if policy not in measured]
+    note = (
+        "✓ and ✗: whether the number earns the mark by the limits below; where the "
+        "paper says otherwise, its own mark is given. Means over "
+        f"{max(map(len, measured.values()))} learning tests. "
+        "The paper's column GP is `local-gp` and `wishart-gp`, its last one `gp-paper` "
+        "to the letter and `gp` as developed here."
+    )
+    if missing:
+        note += f" Not in this study, or only with errors: {named(missing)}."
+    columns = ("", *(f"`{policy}`" for policy in measured))
+    return [
+        Table(columns=columns, rows=rows, note=note),
+        Paragraph(text=_summary(marks)),
+        Items(texts=tuple(_explained(CRITERIA[row], marks[row]) for row in CRITERIA)),
+    ]
+
+
+def _measured(tests: Sequence[LearningTest]) -> dict[str, list[Mapping[str, Any]]]:
+    """Metrics of the table's policies under the standard condition."""
+    of_table = [one for one in tests if one.metrics and one.policy in TABLE_1]
+    if not of_table:
+        return {}
+    standard = by_policy(next(iter(by_condition(of_table).values())))
+    return {
+        policy: [one.metrics for one in standard[policy] if one.metrics]
+        for policy in TABLE_1
+        if policy in standard
+    }
+
+
+def _cell(criterion: Criterion, policy: str, found: Mark) -> str:
+    number = "" if found.value is None else f" {_number(found.value)}"
+    text = f"{_SIGN[found.passed]}{number}"
+    if _disagrees(criterion, policy, found):
+        text = f"**{text}**\n(paper {_SIGN[policy in criterion.paper]})"
+    return text
+
+
+def _number(value: float) -> str:
+    if 0.0 < abs(value) < _TINY:
+        return f"< {_TINY:g}" if value > 0.0 else f"> −{_TINY:g}"
+    return f"{value:.3g}".replace("-", "−")
+
+
+def _limit(criterion: Criterion) -> str:
+    """What the number of a row is, and what it must be."""
+    limit = criterion.limits[0]
+    if limit.high < math.inf:
+        return f"{limit.symbol} ≤ {limit.high:g}"
+    return f"{limit.symbol} ≥ {limit.low:g}"
+
+
+def _disagrees(criterion: Criterion, policy: str, found: Mark) -> bool:
+    return found.passed is not None and found.passed != (policy in criterion.paper)
+
+
+def _summary(marks: Mapping[str, Mapping[str, Mark]]) -> str:
+    judged = [
+        _disagrees(CRITERIA[row], policy, found)
+        for row, own in marks.items()
+        for policy, found in own.items()
+        if found.passed is not None
+    ]
+    return (
+        f"Measurement and paper disagree in {sum(judged)} of {len(judged)} marks. The "
+        "paper judges what was published about a method; here one implementation of it "
+        "is measured on one task."
+    )
+
+
+def _explained(criterion: Criterion, marks: Mapping[str, Mark]) -> str:
+    """The criterion, and the numbers where the paper says otherwise."""
+    text = f"**{criterion.row}.** {criterion.sentence}"
+    others: dict[tuple[bool | None, str], list[str]] = {}
+    for policy, found in marks.items():
+        if _disagrees(criterion, policy, found):
+            others.setdefault((found.passed, found.text), []).append(policy)
+    if not others:
+        return f"{text} As in the paper."
+    told = "; ".join(
+        f"{named(policies)} {_SIGN[passed]}, the paper {_SIGN[not passed]} ({numbers})"
+        for (passed, numbers), policies in others.items()
+    )
+    return f"{text} Otherwise than in the paper: {told}."

@@ -1,0 +1,1 @@
+"""How well a policy learns a skill, measured without a simulator."""

@@ -1,0 +1,152 @@
+"""How near a prediction is to what was left out, and how honest its spread."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from gplfd_env.se3 import rotation_distance
+from policies.trajectory import GaussianTrajectory
+
+__all__ = [
+    "accuracy",
+    "averaged",
+    "density",
+    "inside",
+    "rms_distance",
+    "rms_rotation",
+    "root_mean_square",
+    "spread_followed",
+]
+
+FloatArray = NDArray[np.float64]
+
+_LEVELS: Final = (0.50, 0.90, 0.95)
+_SMALLEST_STD: Final = 1e-6
+"""No pose is known more finely than a micrometre or a microradian."""
+
+
+def rms_distance(poses: FloatArray, truth: FloatArray) -> float:
+    """Root mean square of the distances between positions [m]; poses (M, 6)."""
+    return root_mean_square(np.linalg.norm(poses[:, :3] - truth[:, :3], axis=1))
+
+
+def rms_rotation(poses: FloatArray, truth: FloatArray) -> float:
+    """Root mean square of the angles between orientations [rad], Eq. (18)."""
+    return root_mean_square(rotation_distance(poses[:, 3:], truth[:, 3:]))
+
+
+def root_mean_square(values: FloatArray | Sequence[float]) -> float:
+    """Return the root of the mean of the squares."""
+    return math.sqrt(float(np.mean(np.square(values))))
+
+
+def density(mean: FloatArray, std: FloatArray, truth: FloatArray) -> float | None:
+    """Negative log predictive density per number, outputs and phases apart.
+
+    Args:
+        mean: Predicted, (M, d).
+        std: Predicted, (M, d); NaN for a method without any.
+        truth: What was left out, (M, d).
+
+    Returns:
+        Its mean over all numbers, in natural units of metres and radians; None for a
+        method without standard deviations.
+    """
+    if not np.isfinite(std).all():
+        return None
+    std = np.maximum(std, _SMALLEST_STD)
+    error = (truth - mean) / std
+    terms = 0.5 * math.log(2.0 * math.pi) + np.log(std) + 0.5 * error**2
+    return float(np.mean(terms))
+
+
+def inside(
+    mean: FloatArray, std: FloatArray, truth: FloatArray, level: float = 0.95
+) -> float | None:
+    """Share of the numbers within the central interval of a normal distribution.
+
+    Args:
+        mean: Predicted, (M, d).
+        std: Predicted, (M, d); NaN for a method without any.
+        truth: What was left out, (M, d).
+        level: What the interval is meant to hold.
+
+    Returns:
+        The share; None for a method without standard deviations.
+    """
+    if not np.isfinite(std).all():
+        return None
+    width = float(ndtri(0.5 * (1.0 + level))) * np.maximum(std, _SMALLEST_STD)
+    return float(np.mean(np.abs(truth - mean) <= width))
+
+
+def spread_followed(std: FloatArray, poses: FloatArray) -> float | None:
+    """Tell how closely a standard deviation follows the demonstrations' spread.
+
+    Args:
+        std: Predicted at the phases of the demonstrations, (M, 6); NaN for a method
+            without any.
+        poses: The demonstrations, (K, M, 6), at least two.
+
+    Returns:
+        Correlation over the phases of their logarithms, mean of the outputs whose
+        spread varies: 1 for a copy, 0 for one level throughout; None for a method
+        without standard deviations, or where no spread varies.
+    """
+    spread = poses.std(axis=0, ddof=1)
+    if not np.isfinite(std).all():
+        return None
+    logs = [np.log(np.maximum(each, _SMALLEST_STD)) for each in (std, spread)]
+    got, true = (each - each.mean(axis=0) for each in logs)
+    varies = np.sum(true**2, axis=0) > 0.0
+    if not varies.any():
+        return None
+    scale = np.sqrt(np.sum(got**2, axis=0) * np.sum(true**2, axis=0))
+    followed = np.sum(got * true, axis=0) / np.where(scale > 0.0, scale, 1.0)
+    return float(np.mean(followed[varies]))
+
+
+def accuracy(
+    predicted: GaussianTrajectory, truth: FloatArray
+) -> Mapping[str, float | None]:
+    """Score a prediction.
+
+    The quantiles are those of a normal distribution for every method alike. Where a
+    method states intervals of its own, which know of few demonstrations, what they
+    hold is given beside.
+
+    Args:
+        predicted: At the phases of the truth.
+        truth: Poses that were left out, (M, 6) [m, rad].
+    """
+    mean, std = predicted.mean, predicted.std
+    stated = None
+    if predicted.degrees_of_freedom is not None:
+        low, high = predicted.interval(0.95)
+        stated = float(np.mean((truth >= low) & (truth <= high)))
+    return {
+        "rmse_position_m": rms_distance(mean, truth),
+        "rmse_rotation_rad": rms_rotation(mean, truth),
+        "nlpd": density(mean, std, truth),
+        **{f"coverage_{100 * p:.0f}": inside(mean, std, truth, p) for p in _LEVELS},
+        "coverage_95_stated": stated,
+    }
+
+
+def averaged(scores: Sequence[Mapping[str, float | None]]) -> dict[str, float | None]:
+    """Average scores of the same names; None where there is none at all.
+
+    Errors, named ``rmse_...``, are averaged as squares.
+    """
+    means: dict[str, float | None] = {}
+    for name in scores[0]:
+        values = [value for each in scores if (value := each[name]) is not None]
+        mean = root_mean_square if name.startswith("rmse_") else np.mean
+        means[name] = float(mean(values)) if values else None
+    return means

@@ -1,0 +1,207 @@
+"""When a method earns a mark in Table 1: a number, a limit and a sentence per row.
+
+The rows are those of Table 1 in Arduengo et al., *Gaussian-Process-based Robot Learning
+from Demonstration*, arXiv:2002.09979, whose marks say what publications claim. These
+say what was measured, of the methods as this project has them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+__all__ = ["CRITERIA", "Criterion", "Limit", "Mark", "mark"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Limit:
+    """What one number must be."""
+
+    metric: str
+    """Name in the metrics of a skill task."""
+    symbol: str
+    """Name and unit in text."""
+    low: float = -math.inf
+    """Least value."""
+    high: float = math.inf
+    """Greatest value."""
+
+    def holds(self, value: float) -> bool:
+        """Tell whether a value is within."""
+        return self.low <= value <= self.high
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Criterion:
+    """A row of Table 1."""
+
+    row: str
+    """Its name in the paper."""
+    limits: tuple[Limit, ...]
+    """All must hold; the first is the number of the row."""
+    sentence: str
+    """What is measured, and what it must be."""
+    absent: str
+    """What it means to have no number."""
+    paper: frozenset[str]
+    """Policies whose methods have the paper's mark."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Mark:
+    """What a method has in a row."""
+
+    value: float | None
+    """Mean of the row's number over the tasks; None where there is none."""
+    passed: bool | None
+    """Whether all limits hold; None where nothing was measured."""
+    text: str
+    """The numbers, or why there are none."""
+
+
+_GAUSSIAN_PROCESSES: Final = frozenset({"local-gp", "wishart-gp"})
+_OURS: Final = frozenset({"gp-paper", "gp"})
+
+CRITERIA: Final[Mapping[str, Criterion]] = {
+    criterion.row: criterion
+    for criterion in (
+        Criterion(
+            row="High-dimensional Learning",
+            limits=(
+                Limit(
+                    metric="outputs_nlpd_change",
+                    symbol="NLPD of z with six outputs less that with two",
+                    high=0.3,
+                ),
+            ),
+            sentence="Learning six outputs instead of two makes the density of one of "
+            "them worse by at most 0.3 per number, what a standard deviation twice too "
+            "large costs. The paper's mark is about high-dimensional inputs, too; "
+            "every method here has one input, the phase.",
+            absent="predicts no density",
+            paper=_OURS | _GAUSSIAN_PROCESSES | {"gmr", "kmp", "gmm-gp"},
+        ),
+        Criterion(
+            row="Via-point Adaptation",
+            limits=(
+                Limit(
+                    metric="via_error_strict_position_m",
+                    symbol="missed by [m]",
+                    high=0.002,
+                ),
+                Limit(
+                    metric="via_error_strict_rotation_rad", symbol="by [rad]", high=0.02
+                ),
+                Limit(metric="via_far_change", symbol="far change [std]", high=0.5),
+            ),
+            sentence="Three poses of a demonstration that was not learned from, "
+            "demanded to 0.1 mm and 0.1 mrad, are met within 2 mm and 0.02 rad, and "
+            "one of them changes the mean farther away than 0.3 of the task by at most "
+            "half a standard deviation. A weaker demand would judge what else the "
+            "method believes.",
+            absent="has no via-points",
+            paper=_OURS | {"promp", "kmp", "gmm-gp"},
+        ),
+        Criterion(
+            row="Task Variability",
+            limits=(
+                Limit(
+                    metric="spread_followed",
+                    symbol="correlation of std and spread",
+                    low=0.5,
+                ),
+            ),
+            sentence="Along the task the standard deviation rises and falls with the "
+            "spread of the demonstrations: their logarithms correlate by at least 0.5, "
+            "where one level throughout has 0 and a copy 1.",
+            absent="predicts no spread",
+            paper=_OURS | _GAUSSIAN_PROCESSES | {"promp", "gmr", "kmp", "gmm-gp"},
+        ),
+        Criterion(
+            row="Prediction Uncertainty",
+            limits=(
+                Limit(
+                    metric="uncertainty_growth",
+                    symbol="growth of the std beyond the demonstrations",
+                    low=1.5,
+                ),
+            ),
+            sentence="Half as far beyond the end of the demonstrations as they are "
+            "long, the standard deviation of what moves is at least 1.5 times that at "
+            "their end; a method that only knows their spread holds it, and has 1.",
+            absent="predicts no standard deviation",
+            paper=_OURS | _GAUSSIAN_PROCESSES | {"kmp", "gmm-gp"},
+        ),
+        Criterion(
+            row="Prior Information",
+            limits=(
+                Limit(
+                    metric="prior_mean_used",
+                    symbol="share of the prior mean beyond the demonstrations",
+                    low=0.5,
+                ),
+            ),
+            sentence="Beyond the demonstrations the prediction follows a prior mean "
+            "that was given, by at least half.",
+            absent="cannot be given a prior mean here",
+            paper=_OURS | _GAUSSIAN_PROCESSES | {"gmm-gp"},
+        ),
+        Criterion(
+            row="Task Space Rotations",
+            limits=(
+                Limit(
+                    metric="tumbling_error",
+                    symbol="error of the mean orientation [std of a demonstration]",
+                    high=1.0,
+                ),
+            ),
+            sentence="The mean orientation of demonstrations that turn by more than π "
+            "about changing axes is no farther from the true one than a single "
+            "demonstration is. All methods are given unwrapped rotation vectors here, "
+            "which the publications without the paper's mark do not mention.",
+            absent="predicts no orientation",
+            paper=_OURS | {"dmp", "promp", "gmr", "kmp"},
+        ),
+    )
+}
+"""Rows of Table 1 in the paper's order."""
+
+
+def mark(criterion: str | Criterion, metrics: Sequence[Mapping[str, Any]]) -> Mark:
+    """Judge one method in one row.
+
+    Args:
+        criterion: A criterion, or the name of its row in `CRITERIA`.
+        metrics: Metrics of the method's skill tasks, of both kinds. Names that are
+            missing were not measured in that task.
+
+    Raises:
+        ValueError: An unknown row.
+    """
+    if isinstance(criterion, str):
+        if criterion not in CRITERIA:
+            raise ValueError(f"no criterion {criterion!r}; rows: {', '.join(CRITERIA)}")
+        criterion = CRITERIA[criterion]
+    found = {limit: _values(limit.metric, metrics) for limit in criterion.limits}
+    if any(values is None for values in found.values()):
+        return Mark(value=None, passed=None, text="not measured")
+    means = {
+        limit: sum(values) / len(values) for limit, values in found.items() if values
+    }
+    if len(means) < len(found):
+        return Mark(value=None, passed=False, text=criterion.absent)
+    return Mark(
+        value=means[criterion.limits[0]],
+        passed=all(limit.holds(mean) for limit, mean in means.items()),
+        text=", ".join(f"{limit.symbol} {mean:.3g}" for limit, mean in means.items()),
+    )
+
+
+def _values(name: str, metrics: Sequence[Mapping[str, Any]]) -> list[float] | None:
+    """All numbers of a name; None if no task measured it."""
+    measured = [task[name] for task in metrics if name in task]
+    if not measured:
+        return None
+    return [float(value) for value in measured if value is not None]

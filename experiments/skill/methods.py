@@ -1,0 +1,97 @@
+"""What is measured of a policy: how it learns, and how it takes via-points."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from policies.adaptation import Adaptation
+from policies.demonstrations import Demonstration
+from policies.gridded import Demonstrated
+from policies.movement import Movement
+from policies.registry import TrainingInput, policy_entry
+
+__all__ = ["Learned", "Method", "cpu_seconds", "learn", "method_named"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Method:
+    """A way to learn movements, as the registry has it."""
+
+    learn: Callable[[TrainingInput], Movement]
+    """Aligns and learns, as its author would."""
+    form: Callable[[Any, Any], Adaptation]
+    """Makes an adaptation to via-points from a movement and a grid of phases;
+    `policies.gridded.Demonstrated` if the method has none."""
+
+    @property
+    def adapts(self) -> bool:
+        """Whether the method takes via-points."""
+        return self.form is not Demonstrated
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Learned:
+    """A movement, and what learning it took."""
+
+    movement: Movement
+    """What was learned."""
+    cpu_s: float
+    """CPU time of this thread until it could predict, alignment included [s]."""
+
+
+def method_named(policy: str) -> Method:
+    """Return the method of a policy.
+
+    Raises:
+        ValueError: An unknown policy, or one that learns nothing.
+    """
+    entry = policy_entry(policy)
+    if entry.learn is None:
+        raise ValueError(
+            f"policy {policy!r} learns nothing from demonstrations, so there is no "
+            "skill to measure; choose one of policies.registry.TABLE_1"
+        )
+    return Method(learn=entry.learn, form=entry.form)
+
+
+def learn(
+    method: Method, demonstrations: Sequence[Demonstration], seed: int
+) -> Learned:
+    """Learn, and predict once.
+
+    Some methods put work off until they are first asked; it belongs to learning.
+    Warnings of few or noisy demonstrations are not passed on: they are what is
+    measured here.
+
+    Args:
+        method: How.
+        demonstrations: From what.
+        seed: Seeds whatever is random in the learning.
+    """
+    training = TrainingInput(demonstrations=tuple(demonstrations), seed=seed)
+
+    def able_to_predict() -> Movement:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            movement = method.learn(training)
+            movement.predict(np.array([0.0, 1.0]))
+        return movement
+
+    movement, cpu_s = cpu_seconds(able_to_predict)
+    return Learned(movement=movement, cpu_s=cpu_s)
+
+
+ResultT = TypeVar("ResultT")
+
+
+def cpu_seconds(action: Callable[[], ResultT]) -> tuple[ResultT, float]:
+    """Return what an action returns and the CPU time it took of this thread [s]."""
+    started = time.thread_time()
+    result = action()
+    return result, time.thread_time() - started

@@ -1,0 +1,202 @@
+"""Commanded stiffness: the servo's law, its gains, its statics, its stability."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import data_equivalence
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import gplfd_env
+from gplfd_env.command import servo_gains
+from gplfd_env.door_opening import DoorOpeningImpedanceEnv
+from gplfd_env.placement import ARM_JOINTS, task_rotation_w
+from gplfd_env.task import handle_pose_on_arc
+
+IMPEDANCE = gplfd_env.IMPEDANCE_ENVIRONMENT_ID
+SOFTEST = np.repeat([20.0, 1.0], 3)
+STIFFEST = np.repeat([2000.0, 100.0], 3)
+DAMPING = np.repeat([179.0, 7.7], 3)
+MASS = np.repeat([4.0, 0.15], 3)
+MIDDLE = handle_pose_on_arc(0.5, np.radians(35.0))
+
+stiffnesses = st.lists(st.floats(0.0, 1.0), min_size=6, max_size=6).map(
+    lambda shares: SOFTEST * (STIFFEST / SOFTEST) ** np.array(shares)
+)
+# The fixture only remembers what to close.
+many_examples = settings(
+    max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+def command(pose: Any, stiffness: Any = STIFFEST) -> np.ndarray:
+    return np.concatenate([pose, np.broadcast_to(stiffness, 6)])
+
+
+def gains(env: DoorOpeningImpedanceEnv) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    model = env.model
+    bias = model.actuator_biasprm[:6]
+    return model.actuator_gainprm[:6, 0], bias[:, 1], bias[:, 2]
+
+
+def test_action_space_and_its_message(make_env: Callable) -> None:
+    env = make_env(id=IMPEDANCE)
+    assert_allclose(env.action_space.low[6:], SOFTEST)
+    assert_allclose(env.action_space.high[6:], STIFFEST)
+    assert_allclose(env.action_space.low[:6], make_env().action_space.low)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"shape \(12,\).*stiffness.*got shape \(6,\)"):
+        env.step(np.zeros(6))
+
+
+@many_examples
+@given(stiffness=stiffnesses)
+def test_gains_are_those_commanded_and_keep_the_damping_ratio(
+    stiffness: np.ndarray, make_env: Callable
+) -> None:
+    """Critical damping of the arm's apparent mass, 2 √(m k), within 1 %."""
+    env = make_env(id=IMPEDANCE)
+    env.reset(seed=0)
+    env.step(command(np.zeros(6), stiffness))
+    gain, spring, damper = gains(env)
+    assert_allclose(gain, stiffness, rtol=1e-12)
+    assert_allclose(spring, -stiffness, rtol=1e-12)
+    assert_allclose(damper, -2.0 * np.sqrt(MASS * stiffness), rtol=0.01)
+    assert_allclose(gains(make_env(id=IMPEDANCE))[2], -DAMPING)
+
+
+def test_stiffness_beyond_the_range_is_clamped(make_env: Callable) -> None:
+    pose = np.array([0.01, 0.0, -0.01, 0.02, 0.0, 0.01])
+    for beyond, end in ((1e9, STIFFEST), (0.0, SOFTEST), (-5.0, SOFTEST)):
+        env, twin = make_env(id=IMPEDANCE), make_env(id=IMPEDANCE)
+        env.reset(seed=0)
+        twin.reset(seed=0)
+        for _ in range(5):
+            result = env.step(command(pose, beyond))
+            assert data_equivalence(result, twin.step(command(pose, end)), exact=True)
+
+
+def test_gains_of_many_are_the_gains_of_each() -> None:
+    rows = np.random.default_rng(0).uniform(-10.0, 3000.0, (5, 6))
+    for part, parts in zip(
+        servo_gains(rows), zip(*map(servo_gains, rows), strict=True), strict=True
+    ):
+        assert np.array_equal(part, np.array(parts))
+
+
+@many_examples
+@given(stiffness=stiffnesses)
+def test_force_is_stiffness_times_error_minus_damping(
+    stiffness: np.ndarray, make_env: Callable
+) -> None:
+    """The law of each servo, in motion: force_i = k_i (c - x)_i - d_i v_i."""
+    env = make_env(id=IMPEDANCE)
+    env.reset(seed=0)
+    env.model.geom("handle_bar").conaffinity = 0
+    target = 0.2 * MIDDLE
+    for _ in range(8):
+        observation, *_ = env.step(command(target, stiffness))
+    assert np.abs(observation["ee_twist"][:3]).max() > 0.01
+    damping = 2.0 * np.sqrt(MASS * stiffness)
+    expected = stiffness * (target - observation["ee_pose"])
+    expected -= damping * observation["ee_twist"]
+    scale = np.abs(stiffness * target).max() + 0.1
+    assert_allclose(env.data.actuator_force[:6], expected, atol=0.01 * scale)
+
+
+def push(env: DoorOpeningImpedanceEnv, wrench_d: np.ndarray) -> None:
+    """Apply a wrench, given in the task frame [N, N m], at the hand point."""
+    rotation, gripper = task_rotation_w(), env.data.body("gripper_link")
+    force, moment = rotation @ wrench_d[:3], rotation @ wrench_d[3:]
+    lever = env.data.site("hand").xpos - gripper.xipos
+    gripper.xfrc_applied[:] = [*force, *(np.cross(lever, force) + moment)]
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("share", [1.0, 0.1])
+def test_deflection_under_a_known_load_is_load_over_stiffness(
+    share: float, axis: int, make_env: Callable, release_handle: Callable
+) -> None:
+    """In the middle of the opening, without the springs that settle self-motion."""
+    env = make_env(id=IMPEDANCE)
+    env.reset(seed=0)
+    release_handle(env)
+    for name in ARM_JOINTS:
+        env.model.jnt_stiffness[env.model.joint(name).id] = 0.0
+    for step in range(200):
+        env.step(command(MIDDLE * min(1.0, step / 150)))
+    stiffness = share * STIFFEST
+    load = np.zeros(6)
+    load[axis] = stiffness[axis] * (0.004 if axis < 3 else 0.01)
+    for _ in range(800):
+        push(env, load)
+        observation, *_ = env.step(command(MIDDLE, stiffness))
+    deflection = observation["ee_pose"] - MIDDLE
+    assert_allclose(deflection, load / stiffness, atol=1e-4)
+
+
+def test_greatest_stiffness_follows_the_pose_environment(
+    make_env: Callable, arc_commands: Callable
+) -> None:
+    """To 1 µm and 0.2 mrad along an arc.
+
+    Not bit for bit: here each component of the rotation vector has a servo of its own,
+    there one servo turns the hand along the geodesic to the commanded orientation.
+    """
+    pose_env, env = make_env("medium"), make_env("medium", id=IMPEDANCE)
+    pose_env.reset(seed=0)
+    env.reset(seed=0)
+    for pose in arc_commands(0.5, duration=6.0):
+        expected, _, ended, _, expected_info = pose_env.step(pose)
+        observation, *_, info = env.step(command(pose))
+        assert_allclose(observation["ee_pose"][:3], expected["ee_pose"][:3], atol=2e-6)
+        assert_allclose(observation["ee_pose"][3:], expected["ee_pose"][3:], atol=4e-4)
+        assert_allclose(observation["wrench"], expected["wrench"], atol=0.15)
+        assert info["success"] == expected_info["success"]
+        if ended:
+            break
+    assert info["success"]
+
+
+@pytest.mark.parametrize("share", [1.0, 0.25])
+def test_a_wrong_radius_costs_force_in_proportion_to_stiffness(
+    share: float, make_env: Callable, arc_commands: Callable
+) -> None:
+    radius = 0.5
+    env = make_env(radius, id=IMPEDANCE)
+    env.reset(seed=0)
+    stiffness = share * STIFFEST
+    for pose in arc_commands(1.2 * radius, degrees=25.0, duration=4.0):
+        *_, info = env.step(command(pose, stiffness))
+    off_circle = np.hypot(pose[0], pose[2] + radius) - radius
+    assert info["force_radial"] == pytest.approx(stiffness[0] * off_circle, rel=0.2)
+
+
+@many_examples
+@given(stiffness=stiffnesses, seed=st.integers(0, 1000))
+def test_any_stiffness_is_stable(
+    stiffness: np.ndarray, seed: int, make_env: Callable, release_handle: Callable
+) -> None:
+    """Steps of the command, and stiffness that jumps, then rest: motion dies out.
+
+    The hand is free: friction of a held door would hide an undamped servo.
+    """
+    env = make_env("small", id=IMPEDANCE)
+    env.reset(seed=seed)
+    release_handle(env)
+    rng = np.random.default_rng(seed)
+    speed = []
+    for step in range(400):
+        if step % 40 == 0:
+            pose = rng.uniform(-0.02, 0.02, 6) if step < 100 else np.zeros(6)
+        jump = rng.uniform(size=6) if step < 100 else 0.0
+        action = command(pose, SOFTEST * (stiffness / SOFTEST) ** (1.0 - jump))
+        observation, *_, truncated, _ = env.step(action)
+        assert observation in env.observation_space
+        assert not truncated
+        speed.append(np.abs(observation["ee_twist"]).max())
+    assert max(speed) < 2.0
+    assert speed[-1] < 0.05 * max(speed)

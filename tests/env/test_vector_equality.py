@@ -1,0 +1,178 @@
+"""The vector environment against Gymnasium's SyncVectorEnv of single ones, bit for bit.
+
+Both follow Gymnasium's conventions independently: time limits, masks of infos, what a
+reset in the same or the next step returns.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import data_equivalence
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from numpy.testing import assert_array_equal
+
+import gplfd_env
+
+IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
+DOORS = ["small", 0.42, {"preset": "heavy", "panel_mass": 20.0}, "large"]
+LIMIT = 45
+
+
+@pytest.fixture
+def make_pair(make_vec: Callable) -> Any:
+    """Return a function that makes a vector environment and its model."""
+    opened = []
+
+    def make(
+        id: str, mode: AutoresetMode = AutoresetMode.NEXT_STEP, **arguments: Any
+    ) -> tuple[Any, Any]:
+        def single(door: Any) -> Callable[[], gym.Env]:
+            return lambda: gym.make(id, door=door, max_episode_steps=LIMIT, **arguments)
+
+        model = SyncVectorEnv([single(door) for door in DOORS], autoreset_mode=mode)
+        opened.append(model)
+        ours = make_vec(
+            len(DOORS),
+            id=id,
+            door=DOORS,
+            autoreset_mode=mode,
+            max_episode_steps=LIMIT,
+            **arguments,
+        )
+        return ours, model
+
+    yield make
+    for model in opened:
+        model.close()
+
+
+def assert_same(ours: Any, model: Any) -> None:
+    """Compare what reset or step returned."""
+    *ours, ours_info = ours
+    *model, model_info = model
+    assert data_equivalence(ours, model, exact=True)
+    assert_same_info(ours_info, model_info)
+
+
+def assert_same_info(ours: dict[str, Any], model: dict[str, Any]) -> None:
+    """Compare masks, and values where the masks say that there are any."""
+    assert ours.keys() == model.keys()
+    for key, value in model.items():
+        if key.startswith("_"):
+            assert_array_equal(ours[key], value)
+        elif isinstance(value, dict):
+            assert_same_info(ours[key], value)
+        else:
+            mask = model[f"_{key}"]
+            assert ours[key].dtype == value.dtype
+            assert data_equivalence(ours[key][mask], value[mask], exact=True), key
+
+
+def drawn_actions(envs: Any, rng: np.random.Generator) -> np.ndarray:
+    """Return actions that pull the first hand off its handle and spare the others."""
+    space = envs.single_action_space
+    actions = rng.uniform(space.low, space.high, (len(DOORS), *space.shape))
+    actions[:, :6] *= 0.05
+    actions[0, [0, *range(6, *space.shape)]] = space.high[[0, *range(6, *space.shape)]]
+    return actions
+
+
+@pytest.mark.parametrize("randomization", ["none", "hard"])
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+@pytest.mark.parametrize("id", IDS)
+def test_every_number_is_that_of_single_environments(
+    id: str, mode: AutoresetMode, randomization: str, make_pair: Callable
+) -> None:
+    ours, model = make_pair(id, mode, randomization=randomization)
+    assert_same(ours.reset(seed=5), model.reset(seed=5))
+    rng = np.random.default_rng(1)
+    alone = together = 0
+    for _ in range(2 * LIMIT + 5):
+        actions = drawn_actions(ours, rng)
+        result = ours.step(actions)
+        assert_same(result, model.step(actions))
+        ended = result[2] | result[3]
+        alone += 0 < ended.sum() < len(DOORS)
+        together += ended.sum() > 1
+        if mode is AutoresetMode.DISABLED and ended.any():
+            # SyncVectorEnv takes the mask out of the options it is given.
+            masks = ({"reset_mask": ended.copy()} for _ in range(2))
+            assert_same(
+                ours.reset(options=next(masks)), model.reset(options=next(masks))
+            )
+    assert alone > 0, "some must be reset while others go on"
+    assert together > 0, "some must reach the time limit"
+    if randomization == "hard":
+        assert len({one.delay for one in ours.variations}) > 1
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+@pytest.mark.parametrize("value", [1e8, np.nan])
+def test_a_diverged_simulation_ends_alone_and_starts_anew(
+    value: float,
+    mode: AutoresetMode,
+    make_pair: Callable,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Any,
+) -> None:
+    """Twice in a row: what MuJoCo counts must not be taken for another divergence."""
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes MUJOCO_LOG.TXT there
+    ours, model = make_pair(IDS[0], mode)
+    assert_same(ours.reset(seed=0), model.reset(seed=0))
+    rng = np.random.default_rng(2)
+    ends = []
+    for step in range(12):
+        if step in (3, 7):
+            ours._batch.qpos[1] = value
+            model.envs[1].unwrapped.data.qpos[:] = value
+        actions = 0.02 * drawn_actions(ours, rng)
+        result = ours.step(actions)
+        assert_same(result, model.step(actions))
+        ends.append(result[3].tolist())
+        if mode is AutoresetMode.DISABLED and result[3].any():
+            masks = ({"reset_mask": result[3].copy()} for _ in range(2))
+            assert_same(
+                ours.reset(options=next(masks)), model.reset(options=next(masks))
+            )
+    alone = [False, True, False, False]
+    assert ends == [alone if step in (3, 7) else 4 * [False] for step in range(12)]
+
+
+def test_a_second_reset_continues_the_generators(make_pair: Callable) -> None:
+    ours, model = make_pair(IDS[0], randomization="mild")
+    assert_same(ours.reset(seed=[8, 3, 99, 3]), model.reset(seed=[8, 3, 99, 3]))
+    assert_same(ours.reset(), model.reset())
+    assert ours.np_random_seed == model.np_random_seed == (8, 3, 99, 3)
+    for one, other in zip(ours.np_random, model.np_random, strict=True):
+        assert one.bit_generator.state == other.bit_generator.state
+
+
+def test_options_reach_every_simulation(make_pair: Callable) -> None:
+    ours, model = make_pair(IDS[0])
+    options = {"door": {"radius": 0.45, "hinge_friction": 3.0}, "randomization": "mild"}
+    assert_same(
+        ours.reset(seed=1, options=options), model.reset(seed=1, options=dict(options))
+    )
+    assert list(options) == ["door", "randomization"], "the caller's own is kept"
+    assert_same(ours.reset(), model.reset())
+
+
+@pytest.mark.parametrize("id", IDS)
+def test_any_number_of_threads_gives_the_same_numbers(
+    id: str, make_vec: Callable
+) -> None:
+    n = 7
+    results = []
+    for threads in (1, 2, 3, 0):
+        envs = make_vec(n, id=id, randomization="hard", num_threads=threads)
+        rng = np.random.default_rng(0)
+        seen = [envs.reset(seed=0)]
+        for _ in range(20):
+            actions = rng.uniform(envs.action_space.low, envs.action_space.high)
+            seen.append(envs.step(0.3 * actions))
+        results.append(seen)
+    for other in results[1:]:
+        assert data_equivalence(results[0], other, exact=True)

@@ -1,0 +1,191 @@
+"""Engines: every item comes back once, whatever happens to the workers."""
+
+import contextlib
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from experiments.engines import ATTEMPTS, Lost, engine_named
+from experiments.engines.processes import Processes
+from experiments.engines.serial import Serial
+
+# The work of these tests are local functions, which travel to workers by value.
+
+
+@pytest.mark.parametrize("engine", [Serial(), Processes(workers=2)])
+def test_every_item_comes_back_with_its_result(engine: Any) -> None:
+    assert dict(engine.run(lambda item: item**2, range(5))) == {
+        item: item**2 for item in range(5)
+    }
+    assert list(engine.run(lambda item: item**2, [])) == []
+
+
+def test_workers_are_processes_with_one_thread_deaf_to_ctrl_c() -> None:
+    def look(_: int) -> tuple[int, str | None, bool]:
+        import signal
+
+        return (
+            os.getpid(),
+            os.environ.get("OPENBLAS_NUM_THREADS"),
+            signal.getsignal(signal.SIGINT) is signal.SIG_IGN,
+        )
+
+    ((_, (process, threads, deaf)),) = Processes(workers=1).run(look, [0])
+    assert process != os.getpid()
+    assert (threads, deaf) == ("1", True)
+
+
+def test_items_whose_worker_died_once_are_run_again(tmp_path: Path) -> None:
+    killer = tmp_path / "killed"
+
+    def work(item: int) -> int:
+        if item == 2 and not killer.exists():
+            killer.touch()
+            os._exit(1)
+        return item
+
+    finished = list(Processes(workers=2).run(work, range(6)))
+    assert sorted(finished) == [(item, item) for item in range(6)]
+
+
+def test_only_the_item_that_kills_its_workers_is_lost(tmp_path: Path) -> None:
+    def work(item: int) -> int:
+        if item == 1:
+            (tmp_path / f"{time.time_ns()}").touch()
+            os._exit(1)
+        time.sleep(0.1)  # so that something else runs when it happens
+        return item
+
+    finished = dict(Processes(workers=2).run(work, range(4)))
+    lost = finished.pop(1)
+    assert isinstance(lost, Lost)
+    assert f"died in each of {ATTEMPTS} attempts" in lost.reason
+    assert finished == {0: 0, 2: 2, 3: 3}
+    assert len(list(tmp_path.iterdir())) == ATTEMPTS
+
+
+def test_closing_ends_the_workers(tmp_path: Path) -> None:
+    def work(item: int) -> int:
+        if item == 1:
+            (tmp_path / str(os.getpid())).touch()
+            time.sleep(60)
+        return item
+
+    finished = Processes(workers=2).run(work, [0, 1])
+    next(finished)
+    deadline = time.monotonic() + 30.0
+    while not list(tmp_path.iterdir()) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    finished.close()
+    (process,) = tmp_path.iterdir()
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(process.name), 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("serial", {"workers": 2}, "--workers 2 is for --engine loky"),
+        ("loky", {"workers": 0}, "--workers 0 must be 1 or more"),
+        ("loky", {"address": "tcp://a:1"}, "--address tcp://a:1 is for --engine dask"),
+        ("dask", {}, "--engine dask needs the scheduler of a running cluster"),
+    ],
+)
+def test_options_an_engine_does_not_have_are_refused(
+    name: Any, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        engine_named(name, **options)
+
+
+def test_without_dask_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    monkeypatch.delitem(sys.modules, "experiments.engines.cluster", raising=False)
+    with pytest.raises(ValueError, match=r"pip install 'gplfd\[dask\]'"):
+        engine_named("dask", address="tcp://127.0.0.1:1")
+
+
+@contextlib.contextmanager
+def started(*arguments: str, folder: Path) -> Iterator[str]:
+    """Start a program of Dask and give what it has printed once it is ready."""
+    log = folder / "log.txt"
+    with log.open("w") as printed:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "distributed.cli." + arguments[0], *arguments[1:]],
+            stderr=printed,
+            cwd=folder,
+        )
+    try:
+        for _ in range(600):
+            text = log.read_text()
+            if "Scheduler at" in text or "Registered to" in text:
+                break
+            assert process.poll() is None, text
+            time.sleep(0.05)
+        yield text
+    finally:
+        process.terminate()
+        process.wait(timeout=20)
+
+
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A cluster of two workers on this machine, as a user would start it."""
+    pytest.importorskip("distributed")
+    folders = [tmp_path_factory.mktemp(name) for name in ("head", "one", "two")]
+    quiet = ("--no-dashboard", "--host", "127.0.0.1")
+    with contextlib.ExitStack() as cluster:
+        printed = cluster.enter_context(
+            started("dask_scheduler", *quiet, "--port", "0", folder=folders[0])
+        )
+        found = re.search(r"tcp://127\.0\.0\.1:\d+", printed)
+        assert found is not None, printed
+        for folder in folders[1:]:
+            cluster.enter_context(
+                started(
+                    *("dask_worker", found[0], *quiet, "--nthreads", "1"),
+                    *("--memory-limit", "0"),
+                    folder=folder,
+                )
+            )
+        yield found[0]
+
+
+def test_a_dask_cluster_brings_every_item_back(scheduler: str, tmp_path: Path) -> None:
+    killer = tmp_path / "killed"
+
+    def work(item: int) -> tuple[int, int]:
+        if item == 2 and not killer.exists():
+            killer.write_text(str(os.getpid()))
+            os._exit(1)
+        if item == 4:
+            raise ModuleNotFoundError("No module named 'experiments'")
+        return item**2, os.getpid()
+
+    engine = engine_named("dask", address=scheduler)
+    finished = dict(engine.run(work, range(8)))
+    lost = finished.pop(4)
+    assert isinstance(lost, Lost)
+    assert "could not run it (ModuleNotFoundError" in lost.reason
+    assert {item: square for item, (square, _) in finished.items()} == {
+        item: item**2 for item in range(8) if item != 4
+    }
+    processes = {process for _, process in finished.values()}
+    assert not processes & {os.getpid(), int(killer.read_text())}
+
+
+def test_a_scheduler_that_does_not_answer_is_an_os_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cluster = pytest.importorskip("experiments.engines.cluster")
+    monkeypatch.setattr(cluster, "_PATIENCE", "0.5s")
+    engine = engine_named("dask", address="tcp://127.0.0.1:9")
+    with pytest.raises(OSError, match=r"tcp://127\.0\.0\.1:9"):
+        list(engine.run(abs, [1]))

@@ -1,0 +1,99 @@
+"""Marks of Table 1 follow from numbers."""
+
+import math
+from typing import Any
+
+import pytest
+
+from experiments.skill.criteria import CRITERIA, Criterion, Limit, mark
+from policies.registry import TABLE_1
+
+ROW = Criterion(
+    row="Made up",
+    limits=(
+        Limit(metric="error", symbol="error", high=2.0),
+        Limit(metric="share", symbol="share", low=0.5),
+    ),
+    sentence="Small errors and a large share.",
+    absent="has no errors",
+    paper=frozenset(),
+)
+
+
+@pytest.mark.parametrize(
+    ("tasks", "passed", "value"),
+    [
+        ([{"error": 1.0, "share": 0.5}, {"error": 3.0, "share": 0.5}], True, 2.0),
+        ([{"error": 1.0, "share": 0.5}, {"error": 3.1, "share": 0.5}], False, 2.05),
+        ([{"error": 1.0, "share": 0.49}], False, 1.0),
+        ([{"error": None, "share": 0.9}, {"error": 1.0, "share": 0.9}], True, 1.0),
+        ([{"error": None, "share": 0.9}], False, None),
+        ([{"share": 0.9}], None, None),
+        ([], None, None),
+    ],
+)
+def test_mark_is_the_mean_held_against_all_limits(
+    tasks: list[dict[str, Any]], passed: bool | None, value: float | None
+) -> None:
+    result = mark(ROW, tasks)
+    assert result.passed is passed
+    assert result.value == (None if value is None else pytest.approx(value))
+
+
+def test_text_of_a_mark_has_its_numbers_or_why_there_are_none() -> None:
+    assert mark(ROW, [{"error": 1.2345, "share": 0.5}]).text == "error 1.23, share 0.5"
+    assert mark(ROW, [{"error": None, "share": 0.5}]).text == "has no errors"
+    assert mark(ROW, [{"share": 0.5}]).text == "not measured"
+
+
+def test_rows_are_those_of_the_paper_in_its_order() -> None:
+    assert list(CRITERIA) == [
+        "High-dimensional Learning",
+        "Via-point Adaptation",
+        "Task Variability",
+        "Prediction Uncertainty",
+        "Prior Information",
+        "Task Space Rotations",
+    ]
+    assert all(row == criterion.row for row, criterion in CRITERIA.items())
+
+
+@pytest.mark.parametrize(
+    ("policies", "marks"),
+    [
+        (("dmp",), "-----x"),
+        (("promp",), "-xx--x"),
+        (("gmr",), "x-x--x"),
+        (("local-gp", "wishart-gp"), "x-xxx-"),
+        (("kmp",), "xxxx-x"),
+        (("gmm-gp",), "xxxxx-"),
+        (("gp-paper", "gp"), "xxxxxx"),
+    ],
+)
+def test_columns_are_those_of_the_paper(policies: tuple[str, ...], marks: str) -> None:
+    for policy in policies:
+        assert policy in TABLE_1
+        column = ["x" if policy in c.paper else "-" for c in CRITERIA.values()]
+        assert "".join(column) == marks
+
+
+def test_every_criterion_can_be_passed_and_failed() -> None:
+    for criterion in CRITERIA.values():
+        for limit in criterion.limits:
+            assert limit.low > -math.inf or limit.high < math.inf
+        good = {
+            limit.metric: limit.low if limit.low > -math.inf else limit.high
+            for limit in criterion.limits
+        }
+        bad = {
+            name: value + (-1e-6 if limit.low > -math.inf else 1e-6)
+            for limit, (name, value) in zip(criterion.limits, good.items(), strict=True)
+        }
+        assert mark(criterion.row, [good]).passed is True
+        for name in good:
+            assert mark(criterion.row, [{**good, name: bad[name]}]).passed is False
+
+
+def test_unknown_row_names_the_rows() -> None:
+    with pytest.raises(ValueError, match="no criterion 'Speed'; rows: High-dim"):
+        mark("Speed", [])

@@ -1,0 +1,203 @@
+"""Jobs: learned once, opened together, and each task as if it were alone."""
+
+import dataclasses
+import json
+import math
+import sys
+import types
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pytest
+
+from experiments import rollouts, study_jobs, teacher
+from experiments.engines.processes import Processes
+from experiments.metrics import EpisodeMetrics
+from experiments.study import EpisodeTask, SkillTask, jobs_of, run_study, stored_result
+from experiments.study_jobs import episode_logs, run_job
+from gplfd_env.config import door_config
+from policies import registry
+
+MakeLog = Callable[..., Any]
+
+
+def task(policy: str = "gp", door: float = 0.35, **fields: Any) -> EpisodeTask:
+    return EpisodeTask(
+        policy=policy,
+        door=str(door),
+        door_config=dataclasses.asdict(door_config(door)),
+        seed=fields.pop("seed", 0),
+        **fields,
+    )
+
+
+def timeless(result: Mapping[str, Any] | None) -> dict[str, Any]:
+    assert result is not None
+    assert "error" not in result, result["traceback"]
+    metrics = {
+        name: value
+        for name, value in result["metrics"].items()
+        if not name.startswith(("latency_", "cpu_"))
+    }
+    return {**result, "metrics": metrics}
+
+
+def test_a_study_is_the_same_on_every_engine_and_in_any_grouping(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = [task(policy, door) for policy in ("gp", "oracle") for door in (0.35, 0.6)]
+    assert len(jobs_of(study)) == 2
+    list(run_study(tmp_path / "loky", study, Processes(workers=2)))
+    for one in study:
+        list(run_study(tmp_path / "alone", [one]))
+    for one in study:
+        together = timeless(stored_result(tmp_path / "loky", one))
+        assert together == timeless(stored_result(tmp_path / "alone", one))
+        assert together["metrics"]["success"]
+        assert together["metrics"]["radius"] == one.door_config["radius"]
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch, make_log: MakeLog) -> list[dict[str, Any]]:
+    """Replace the rollouts by logs by formula; remember what was asked of them."""
+    asked = []
+
+    def fake(envs: Any, agents: Any, **options: Any) -> tuple[Any, ...]:
+        envs.reset(seed=options["seeds"])
+        asked.append({"envs": envs, **options})
+        if "0.65" in options["doors"]:
+            raise FloatingPointError("the door of 0.65 m came off")
+        return tuple(make_log(door=door) for door in options["doors"])
+
+    monkeypatch.setattr(rollouts, "rollouts", fake)
+    return asked
+
+
+def test_what_is_learned_once_opens_all_doors(
+    opened: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    learned = []
+    entry = registry.policy_entry("gp")
+    assert entry.learn is not None
+
+    def learn(training: Any) -> Any:
+        learned.append(training)
+        return entry.learn(training)
+
+    changed = {"gp": dataclasses.replace(entry, learn=learn)}
+    monkeypatch.setattr(registry, "POLICIES", changed)
+    slow = {**task().teacher, "duration_mean": 9.0}
+    doors = (0.35, 0.42, 0.5)
+    job = tuple(
+        task(door=door, seed=3, teacher=slow, randomization="mild") for door in doors
+    )
+    results = run_job(job)
+    assert [result["metrics"]["door"] for result in results] == [
+        *("0.35", "0.42", "0.5")
+    ]
+    ((training,), (call,)) = learned, opened
+    durations = [one.times[-1] for one in training.demonstrations]
+    assert (training.seed, len(durations)) == (3, 6)
+    assert min(durations) > 6.0
+    assert call["seeds"] == [3, 3, 3]
+    assert call["forecast_period"] == study_jobs.FORECAST_PERIOD
+    varied = [variation.door for variation in call["envs"].variations]
+    assert [door.radius for door in varied] == list(doors)
+    assert varied[0].hinge_friction != door_config(0.35).hinge_friction
+
+
+def test_progress_is_counted_to_the_angle_that_the_teacher_shows(
+    opened: list[dict[str, Any]],
+) -> None:
+    far = {**task("oracle").teacher, "angle_mean": 2.0}
+    near, wide = run_job((task("oracle"), task("oracle", teacher=far)))
+    assert wide["metrics"]["forecast_error_mm"] != near["metrics"]["forecast_error_mm"]
+
+
+def test_one_doors_error_leaves_the_others_alone(
+    opened: list[dict[str, Any]],
+) -> None:
+    results = run_job(tuple(task("oracle", door) for door in (0.35, 0.65, 0.5)))
+    assert [result.get("error") for result in results] == [
+        *(None, "FloatingPointError: the door of 0.65 m came off", None)
+    ]
+    assert "in fake" in results[1]["traceback"]
+    assert [call["doors"] for call in opened] == [
+        *(["0.35", "0.65", "0.5"], ["0.35"], ["0.65"], ["0.5"])
+    ]
+
+
+def test_a_policy_that_cannot_learn_is_asked_once(
+    opened: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+
+    def fail(self: Any, *_: Any, **__: Any) -> None:
+        calls.append(self.config)
+        raise KeyError("a mistake in the code")
+
+    monkeypatch.setattr(teacher.Teacher, "demonstrate_doors", fail)
+    results = run_job((task(door=0.35), task(door=0.5)))
+    assert [result["error"] for result in results] == [
+        "KeyError: 'a mistake in the code'"
+    ] * 2
+    assert len(calls) == 1
+    assert opened == []
+
+
+def test_simulations_are_closed_when_an_episode_fails(
+    opened: list[dict[str, Any]],
+) -> None:
+    (result,) = run_job((task("oracle", 0.65),))
+    assert "error" in result
+    assert opened[0]["envs"].closed
+
+
+def test_a_learning_test_is_measured_without_a_robot(
+    opened: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def skill_metrics(**options: Any) -> dict[str, Any]:
+        asked.append(options)
+        return {"nlpd": -2.0, "far": math.nan, "cpu": {"2": math.inf, "6": (1.0, 2)}}
+
+    module = types.SimpleNamespace(skill_metrics=skill_metrics)
+    monkeypatch.setitem(sys.modules, "experiments.skill_scores", module)
+    one = SkillTask(policy="gp", seed=4, held_out="radius", demonstrations_per_door=3)
+    (result,) = run_job((one,))
+    assert asked == [
+        {
+            "policy": "gp",
+            "seed": 4,
+            "demonstrations_per_door": 3,
+            "teacher": one.teacher,
+            "held_out": "radius",
+        }
+    ]
+    assert opened == []
+    # JSON knows neither NaN nor infinity.
+    assert result["metrics"] == {
+        "nlpd": -2.0,
+        "far": None,
+        "cpu": {"2": None, "6": [1.0, 2]},
+    }
+
+
+def test_metrics_that_json_cannot_express_are_an_error(
+    opened: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(EpisodeMetrics, "as_json", lambda _: {"bad": {1, 2}})
+    (result,) = run_job((task("oracle"),))
+    assert result["error"].startswith("TypeError: Object of type set")
+    json.dumps(result)
+
+
+def test_logs_are_those_that_the_metrics_come_from() -> None:
+    one = task("oracle")
+    (log,) = episode_logs([one])
+    (result,) = run_job((one,))
+    assert log.door_angle[-1] == pytest.approx(
+        math.radians(result["metrics"]["final_angle_deg"])
+    )
+    assert log.seed == one.seed

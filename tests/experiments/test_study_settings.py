@@ -1,0 +1,132 @@
+"""What a person may write about a study, on the command line and in a file."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiments.study import EpisodeTask, SkillTask, standard_teacher
+from experiments.study_file import read_settings, settings_named, write_settings
+from experiments.study_settings import (
+    PRESETS,
+    StudySettings,
+    checked,
+    noisy_teacher,
+    tasks,
+)
+from experiments.teacher import TeacherConfig
+from policies.registry import TABLE_1
+
+NAMES = st.lists(st.text(st.characters(exclude_categories=["Cs"])), max_size=3)
+
+
+@given(
+    st.builds(
+        StudySettings,
+        policies=NAMES.map(tuple),
+        doors=NAMES.map(tuple),
+        seeds=st.integers(-9, 2**62),
+        demonstrations_per_door=st.lists(st.integers(0, 9)).map(tuple),
+        teacher_noise=st.lists(st.floats(allow_nan=False, allow_infinity=False)).map(
+            tuple
+        ),
+        randomizations=NAMES.map(tuple),
+        skill=st.booleans(),
+    )
+)
+def test_settings_come_back_from_their_file(
+    tmp_path_factory: pytest.TempPathFactory, settings: StudySettings
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "study.toml"
+    write_settings(path, settings)
+    assert read_settings(path) == settings
+
+
+def test_a_file_need_not_say_everything(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text('doors = ["small", 0.42]\nteacher_noise = [2]\n')
+    assert settings_named(str(path)) == StudySettings(
+        doors=("small", "0.42"), teacher_noise=(2.0,)
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("sedes = 3", "unknown key 'sedes' (did you mean 'seeds'?); keys: policies"),
+        ("seeds = ", "is not a TOML file"),
+        ("seeds = 2.5", "seeds = 2.5 must be a whole number"),
+        ("seeds = true", "seeds = True must be a whole number"),
+        ('policies = "gp"', "policies = 'gp' must be a list, in [brackets]"),
+        ("policies = [3]", "policies = [3] must be a list, each of it a text"),
+        ("teacher_noise = [true]", "must be a list, each of it a number"),
+        ("skill = 1", "skill = 1 must be true or false"),
+        ("seeds = 3\n[more]", "unknown key 'more'"),
+    ],
+)
+def test_a_wrong_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    with pytest.raises(ValueError) as raised:  # noqa: PT011 - compared below
+        read_settings(path)
+    assert message in str(raised.value)
+    assert str(path) in str(raised.value)
+
+
+def test_a_study_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"no such study \(did you mean 'small'\?\)"):
+        settings_named("smal")
+
+
+def test_the_whole_comparison_is_table_1_on_known_and_new_doors() -> None:
+    study = tasks(checked(PRESETS["table-1"]))
+    opened = [task for task in study if isinstance(task, EpisodeTask)]
+    tested = [task for task in study if isinstance(task, SkillTask)]
+    assert len(opened) == 9 * 7 * 20
+    assert len(tested) == 9 * 2 * 20
+    assert len({task.key for task in study}) == len(study)
+    assert {task.policy for task in study} == set(TABLE_1)
+    assert sorted({task.door_config["radius"] for task in opened}) == [
+        *(0.30, 0.35, 0.42, 0.50, 0.58, 0.62, 0.65)
+    ]
+
+
+def test_the_small_study_is_small() -> None:
+    study = tasks(checked(PRESETS["small"]))
+    assert sum(isinstance(task, EpisodeTask) for task in study) == 3 * 3 * 3
+
+
+def test_everything_is_crossed_with_everything() -> None:
+    settings = StudySettings(
+        policies=("gp", "oracle"),
+        doors=("small", "0.42"),
+        seeds=2,
+        demonstrations_per_door=(1, 2),
+        teacher_noise=(1.0, 3.0),
+        randomizations=("none", "mild", "hard"),
+    )
+    study = tasks(checked(settings))
+    opened = [task for task in study if isinstance(task, EpisodeTask)]
+    tested = [task for task in study if isinstance(task, SkillTask)]
+    assert len(opened) == len({task.key for task in opened}) == 2 * 2 * 2 * 2 * 2 * 3
+    # The oracle learns nothing, and doors at random matter to robots only.
+    assert {task.policy for task in tested} == {"gp"}
+    assert len(tested) == len({task.key for task in tested}) == 2 * 2 * 2 * 2
+    assert [task.seed for task in study] == sorted(task.seed for task in study)
+    without = tasks(checked(dataclasses.replace(settings, skill=False)))
+    assert set(map(type, without)) == {EpisodeTask}
+
+
+def test_noise_makes_demonstrations_of_one_door_differ() -> None:
+    standard, noisy = standard_teacher(), noisy_teacher(2.0)
+    changed = {name for name in standard if noisy[name] != standard[name]}
+    assert changed == {
+        *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),
+        *("vertical_drift_std", "noise_position_std", "noise_rotation_std"),
+    }
+    assert all(noisy[name] == 2.0 * standard[name] for name in changed)
+    assert noisy_teacher(1.0) == standard
+    TeacherConfig(**noisy_teacher(0.0))
+    TeacherConfig(**noisy_teacher(20.0))

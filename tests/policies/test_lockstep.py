@@ -1,0 +1,202 @@
+"""Agents in lockstep decide bit for bit as they would alone."""
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+from gplfd_env.task import handle_pose_on_arc
+from policies import POLICIES, make_agent
+from policies.agent import AgentStep
+from policies.baselines.oracle import OracleAgent
+from policies.load import YieldToAll
+from policies.lockstep import AgentBatch, batch_agents
+
+RADII = (0.38, 0.50, 0.62)
+COMPOSITIONS = {
+    (one.form, one.follow, one.learn is None): name
+    for name, one in reversed(POLICIES.items())
+}.values()
+"""One policy of every composition in the registry; the others learn differently."""
+FIELDS = [field.name for field in dataclasses.fields(AgentStep)]
+
+
+@pytest.fixture(scope="module")
+def agents_of(demonstrations):
+    """One agent per door, each learned from demonstrations of its own, by name.
+
+    Learned once: a reset makes them as new.
+    """
+    lessons = (demonstrations[:4], demonstrations, demonstrations[1:])
+
+    @cache
+    def make(name):
+        return tuple(
+            make_agent(name, lesson, radius=radius)
+            for lesson, radius in zip(lessons, RADII, strict=True)
+        )
+
+    return make
+
+
+class Doors:
+    """Doors that are opened step by step, whatever is commanded, and pull and shake."""
+
+    def __init__(self):
+        self.angles, self.rng = np.zeros(len(RADII)), np.random.default_rng(0)
+
+    def observe(self):
+        poses = [
+            handle_pose_on_arc(radius, angle)
+            for radius, angle in zip(RADII, self.angles, strict=True)
+        ]
+        shape = (len(RADII), 6)
+        return {
+            "ee_pose": np.array(poses) + 1e-4 * self.rng.normal(size=shape),
+            "wrench": self.rng.normal(size=shape) * [9.0, 3.0, 3.0, 0.1, 0.1, 0.1],
+        }
+
+
+def row(observations, member):
+    return {name: rows[member] for name, rows in observations.items()}
+
+
+def assert_same_row(steps, member, step):
+    for name in FIELDS:
+        found, expected = getattr(steps.row(member), name), getattr(step, name)
+        np.testing.assert_array_equal(found, expected, err_msg=name)
+        np.testing.assert_array_equal(getattr(steps, name)[member], expected)
+
+
+def steps_of(batch, closing=None, active=lambda time: np.ones(3, dtype=bool)):
+    """Open doors with a batch; return observations, steps and who acted, by time."""
+    doors, history = Doors(), []
+    observations = doors.observe()
+    batch.reset(observations)
+    for time in range(60):
+        if time == closing:
+            doors.angles[1] = 0.0
+        observations, acting = doors.observe(), active(time)
+        if time == closing:
+            batch.reset(observations, np.arange(3) == 1)
+        steps = batch.act(observations, None if acting.all() else acting)
+        history.append((observations, steps, acting))
+        doors.angles += 0.006 * acting
+    return history
+
+
+@pytest.mark.parametrize("name", COMPOSITIONS)
+@pytest.mark.filterwarnings("ignore:sensor noise")
+def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
+    """Member 0 ends early; 1 pauses and then begins anew; 2 starts late and goes on."""
+
+    def active(time):
+        return np.array([time < 20, not 24 < time < 30, time > 0])
+
+    batch = batch_agents(agents_of(name))
+    assert isinstance(batch, AgentBatch)
+    history = steps_of(batch, closing=30, active=active)
+    forecasts = [batch.forecast(member) for member in range(3)]
+    for member, agent in enumerate(agents_of(name)):
+        agent.reset(row(history[0][0], member))
+        for time, (observations, steps, acting) in enumerate(history):
+            if time == 30 and member == 1:
+                agent.reset(row(observations, member))
+            if acting[member]:
+                assert_same_row(steps, member, agent.act(row(observations, member)))
+        expected = agent.forecast()
+        assert (forecasts[member] is None) == (expected is None)
+        if expected is not None:
+            np.testing.assert_array_equal(forecasts[member].mean, expected.mean)
+            np.testing.assert_array_equal(forecasts[member].std, expected.std)
+
+
+def test_every_member_takes_via_points(agents_of):
+    history = steps_of(batch_agents(agents_of("gp")))
+    assert np.sum([steps.via_point for _, steps, _ in history], axis=0).min() > 10
+
+
+@pytest.mark.parametrize("name", ["gp-fixed", "oracle"])
+def test_members_that_do_not_act_hold_still(name, agents_of):
+    batch, doors = batch_agents(agents_of(name)), Doors()
+    batch.reset(doors.observe())
+    before = batch.act(doors.observe())
+    observations = doors.observe()
+    for rows in observations.values():
+        rows[1] = np.nan  # not looked at
+    steps = batch.act(observations, np.array([True, False, True]))
+    np.testing.assert_array_equal(steps.action[1], before.action[1])
+    assert not steps.via_point[1]
+    for name in set(FIELDS) - {"action", "via_point"}:
+        assert np.isnan(getattr(steps, name)[1]).all()
+    again = batch.act(observations, np.zeros(3, dtype=bool))
+    np.testing.assert_array_equal(again.action, steps.action)
+
+
+def test_batches_of_one_composition_decide_at_once(agents_of):
+    """The load rule is asked once, not once per member."""
+    calls = []
+
+    class Counting(YieldToAll):
+        def share(self, wrench, direction):
+            calls.append(len(wrench))
+            return super().share(wrench, direction)
+
+    rule = Counting()
+    agents = [dataclasses.replace(agent, load=rule) for agent in agents_of("gp-fixed")]
+    batch, doors = batch_agents(agents), Doors()
+    batch.reset(doors.observe())
+    batch.act(doors.observe())
+    batch.act(doors.observe(), np.array([True, False, True]))
+    assert calls == [3, 2]
+
+
+@pytest.mark.parametrize("other", ["gp-clock", "gp-constant-stiffness", "oracle"])
+def test_agents_of_any_composition_act_together(other, agents_of):
+    members = [*agents_of("gp")[:2], agents_of(other)[2]]
+    history = steps_of(batch_agents(members))
+    for member, agent in enumerate(members):
+        agent.reset(row(history[0][0], member))
+        for observations, steps, _ in history:
+            assert_same_row(steps, member, agent.act(row(observations, member)))
+
+
+def test_steps_are_records_of_their_own(agents_of):
+    batch, doors = batch_agents(agents_of("gp-fixed")), Doors()
+    batch.reset(doors.observe())
+    first = batch.act(doors.observe())
+    kept = {name: getattr(first, name).copy() for name in FIELDS}
+    for _ in range(5):
+        batch.act(doors.observe())
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(first, name), kept[name])
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(first, name)[0] = 0
+
+
+def test_observations_are_not_changed(agents_of):
+    batch, doors = batch_agents(agents_of("gp-fixed")), Doors()
+    observations = doors.observe()
+    given = {name: rows.copy() for name, rows in observations.items()}
+    batch.reset(observations)
+    batch.act(observations)
+    for name, rows in given.items():
+        np.testing.assert_array_equal(observations[name], rows)
+        assert observations[name].flags.writeable
+
+
+def test_a_batch_needs_agents_that_differ():
+    with pytest.raises(ValueError, match="at least one"):
+        batch_agents([])
+    agent = OracleAgent(0.5)
+    with pytest.raises(ValueError, match="given twice"):
+        batch_agents([agent, agent])
+
+
+@pytest.mark.parametrize("mask", [np.ones(3), np.ones(2, dtype=bool), [True]])
+@pytest.mark.parametrize("name", ["gp-fixed", "oracle"])
+def test_masks_name_every_member(name, mask, agents_of):
+    batch, doors = batch_agents(agents_of(name)), Doors()
+    with pytest.raises(ValueError, match=r"boolean of shape \(3,\)"):
+        batch.reset(doors.observe(), np.array(mask))
