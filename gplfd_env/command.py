@@ -21,7 +21,7 @@ STIFFNESS_RANGES: Final = ((20.0, SERVO_STIFFNESS[0]), (1.0, SERVO_STIFFNESS[1])
 _POSE_LIMIT: Final = np.repeat(COMMAND_LIMITS, 3)
 _SOFTEST: Final = np.repeat([low for low, _ in STIFFNESS_RANGES], 3)
 _STIFFEST: Final = np.repeat([high for _, high in STIFFNESS_RANGES], 3)
-_DAMPING: Final = np.repeat(SERVO_DAMPING, 3)
+_DAMPING_OF_ROOT: Final = -np.repeat(SERVO_DAMPING, 3) / np.sqrt(_STIFFEST)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -109,6 +109,7 @@ class ServoGains:
         self._gain = model.actuator_gainprm[:6, 0]
         self._spring = model.actuator_biasprm[:6, 1]
         self._damper = model.actuator_biasprm[:6, 2]
+        self._root = np.empty(6)
 
     def write(self, stiffness: Array) -> None:
         """Set stiffness and damping, clamped to `STIFFNESS_RANGES`.
@@ -116,7 +117,13 @@ class ServoGains:
         Args:
             stiffness: (6,) [N/m, N m/rad].
         """
-        self.set(*servo_gains(stiffness))
+        # The arithmetic of `servo_gains`, straight into the model.
+        gain = self._gain
+        np.maximum(stiffness, _SOFTEST, out=gain)
+        np.minimum(gain, _STIFFEST, out=gain)
+        np.negative(gain, out=self._spring)
+        np.sqrt(gain, out=self._root)
+        np.multiply(self._root, _DAMPING_OF_ROOT, out=self._damper)
 
     def set(self, gain: Array, spring: Array, damper: Array) -> None:
         """Set what `servo_gains` gave, each (6,)."""
@@ -132,4 +139,4 @@ def servo_gains(stiffness: Array) -> tuple[Array, Array, Array]:
         stiffness: (..., 6) [N/m, N m/rad], clamped to `STIFFNESS_RANGES`.
     """
     clamped = np.minimum(np.maximum(stiffness, _SOFTEST), _STIFFEST)
-    return clamped, -clamped, -_DAMPING * np.sqrt(clamped / _STIFFEST)
+    return clamped, -clamped, np.sqrt(clamped) * _DAMPING_OF_ROOT

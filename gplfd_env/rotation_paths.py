@@ -143,7 +143,7 @@ def rotvec_from_quaternion(w: Array, vec: Array) -> Array:
     Returns:
         Rotation vectors [rad] with angle at most π, (..., 3).
     """
-    length = np.linalg.norm(vec, axis=-1)
+    length = np.sqrt(np.add.reduce(vec * vec, axis=-1))
     angle = 2.0 * np.arctan2(length, np.abs(w))
     # angle / length tends to 2 at the identity.
     ratio = np.divide(
