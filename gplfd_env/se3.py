@@ -192,7 +192,7 @@ def _quaternion(rotvec: npt.ArrayLike) -> tuple[Array, Array]:
     """Return scalar (...) and vector part (..., 3) of exp(rotvec)."""
     rotvec = np.asarray(rotvec, dtype=np.float64)
     angle = np.sqrt(np.add.reduce(rotvec * rotvec, axis=-1))
-    # sin(θ/2)/θ through sinc, which is smooth at θ = 0; `numpy.sinc` itself costs twice.
+    # sin(θ/2)/θ through sinc, smooth at θ = 0; `numpy.sinc` itself costs twice.
     half = np.pi * np.maximum(angle / (2 * np.pi), 1e-20)
     scale = 0.5 * (np.sin(half) / half)
     return np.cos(angle / 2), rotvec * scale[..., None]
