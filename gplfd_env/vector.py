@@ -104,6 +104,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         check_choice("render_mode", render_mode, (None, "rgb_array"))
         check_count("num_envs", num_envs, 1)
         check_count("num_threads", num_threads, 0)
+        if max_episode_steps not in (None, -1):
+            check_count("max_episode_steps", max_episode_steps, 1)
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.autoreset_mode = chosen_autoreset_mode(autoreset_mode)
@@ -321,7 +323,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         infos["failure"] = np.array([one.failure for one in episodes], dtype=object)
         *terms, rewards = columns[flags_end:]
         named = dict(zip(episodes[0].terms, terms, strict=True))
-        infos["reward_terms"] = masked(named, rows)
+        infos["reward_terms"] = named
         truncations = infos["simulation_error"] | late
         return rewards, terminations, truncations, masked(infos, rows)
 

@@ -2,13 +2,16 @@
 
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.utils.env_match import check_environments_match
 
+import gplfd_env
 from gplfd_env.config import DoorConfig
 from gplfd_env.door_opening import CONTROL_PERIOD, DoorOpeningEnv
 from gplfd_env.task import SUCCESS_ANGLE, handle_pose_on_arc
@@ -47,12 +50,18 @@ def assert_identical(first: Any, second: Any) -> None:
     assert data_equivalence(first, second, exact=True)
 
 
-@pytest.mark.parametrize("grasp", ["contact", "weld"])
+IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
+
+
+@pytest.mark.parametrize("id", IDS)
+@pytest.mark.parametrize(
+    "arguments", [{}, {"grasp": "weld"}, {"randomization": "hard", "reward": "sparse"}]
+)
 def test_checker_has_one_declined_recommendation_and_no_other_warning(
-    grasp: str, make_env: Callable
+    arguments: dict[str, str], id: str, make_env: Callable
 ) -> None:
     """Rendering, human mode included, is checked in test_rendering.py."""
-    env = make_env("medium", grasp=grasp)
+    env = make_env("medium", id=id, **arguments)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         check_env(env, skip_render_check=True)
@@ -61,10 +70,44 @@ def test_checker_has_one_declined_recommendation_and_no_other_warning(
     assert DECLINED in messages[0]
 
 
-@pytest.mark.parametrize("door", ["small", 0.42, {"preset": "large", "panel_mass": 30}])
-def test_two_copies_match(door: Any, make_env: Callable) -> None:
-    first, second = make_env(door), make_env(door)
+@pytest.mark.parametrize("id", IDS)
+@pytest.mark.parametrize("randomization", ["none", "mild", "hard"])
+@pytest.mark.parametrize("door", [0.42, {"preset": "large", "panel_mass": 30}])
+def test_two_copies_match(
+    door: Any, randomization: str, id: str, make_env: Callable
+) -> None:
+    first, second = (
+        make_env(door, id=id, randomization=randomization) for _ in range(2)
+    )
     check_environments_match(first, second, num_steps=50, info_comparison="equivalence")
+
+
+@pytest.mark.parametrize("id", IDS)
+def test_flat_and_normalised_it_passes_without_a_remark(
+    id: str, make_env: Callable
+) -> None:
+    """Two wrappers of Gymnasium give learners a Box in and a Box of ±1 out."""
+    flat = gym.wrappers.FlattenObservation(make_env(id=id, randomization="mild"))
+    env = gym.wrappers.RescaleAction(flat, -1.0, 1.0)
+    assert env.observation_space.shape == (33,)
+    assert np.all(env.action_space.high == 1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # It is wrapped, and that is the point.
+        warnings.filterwarnings("ignore", message=".*different from the unwrapped")
+        check_env(env, skip_render_check=True)
+
+
+def test_a_video_can_be_recorded(make_env: Callable, tmp_path: Path) -> None:
+    env = gym.wrappers.RecordVideo(
+        make_env(render_mode="rgb_array", width=64, height=48), str(tmp_path / "films")
+    )
+    env.reset(seed=0)
+    for _ in range(10):
+        env.step(np.zeros(6))
+    env.close()
+    (video,) = tmp_path.glob("films/*.mp4")
+    assert video.stat().st_size > 1000
 
 
 def test_two_copies_are_bit_for_bit_equal(make_env: Callable) -> None:

@@ -1,6 +1,7 @@
 """docs/environment.md says what the spaces, the info and the configuration say."""
 
 import dataclasses
+import inspect
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -8,13 +9,20 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode as AR
+from scipy.spatial.transform import Rotation
 
+import gplfd_env
 from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.door import HINGE_RANGE
 from gplfd_env.door_opening import CONTROL_PERIOD, DoorOpeningEnv
+from gplfd_env.randomization import RANDOMIZATIONS, DoorRandomization
 from gplfd_env.robot import HAND_BODIES, SERVO_DAMPING, SERVO_STIFFNESS
+from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.vector import DoorOpeningVectorEnv
 
 PAGE = (Path(__file__).parents[2] / "docs" / "environment.md").read_text("utf-8")
+IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
 
 Rows = list[dict[str, str]]
 
@@ -31,7 +39,7 @@ def table(section: str, number: int = 0) -> Rows:
 
 
 def bounds(text: str) -> tuple[float, float]:
-    """Read "[low, high]", where π and π/2 may stand for numbers."""
+    """Read "[low, high]", where π and π/2 may stand for numbers; ∞ for no bound."""
     named = {"π": np.pi, "π/2": np.pi / 2, "∞": np.inf}
     low, high = text.strip("[]()").split(", ")
     values = []
@@ -58,10 +66,14 @@ def assert_rows_are(rows: Rows, space: gym.Space) -> None:
     assert covered == list(range(space.shape[0]))
 
 
-def test_action_table_is_the_action_space(make_env: Callable) -> None:
-    rows = table("Action")
-    assert_rows_are(rows, make_env().action_space)
-    assert [row["unit"] for row in rows] == ["m"] * 3 + ["rad"] * 3
+@pytest.mark.parametrize(("number", "id"), [*enumerate(IDS)])
+def test_action_table_is_the_action_space(
+    number: int, id: str, make_env: Callable
+) -> None:
+    rows = table("Action", number)
+    assert_rows_are(rows, make_env(id=id).action_space)
+    units = ["m"] * 3 + ["rad"] * 3 + ["N/m"] * 3 + ["N m/rad"] * 3
+    assert [row["unit"] for row in rows] == units[: len(rows)]
 
 
 def test_observation_table_is_the_observation_space(make_env: Callable) -> None:
@@ -108,6 +120,55 @@ def test_preset_table_is_the_presets() -> None:
     assert stated == dict(DOORS)
 
 
+def drawn(cell: str, unit: str) -> object:
+    """Read a cell of the randomization table as `DoorRandomization` has it."""
+    scale = np.radians(1.0) if unit == "°" else 1.0
+    if cell == "-":
+        return None
+    if cell.startswith("["):
+        return bounds(cell)
+    if cell.startswith("±"):
+        return pytest.approx(scale * float(cell[2:]), rel=1e-3)
+    if " to " in cell:
+        return int(cell.split(" to ")[1])
+    return tuple(float(number) for number in cell.split(", "))
+
+
+def test_randomization_table_is_the_presets_and_the_widest_ranges() -> None:
+    rows = table("Randomization")
+    names = [field.name for field in dataclasses.fields(DoorRandomization)]
+    assert [row["parameter"] for row in rows] == names
+    for row in rows:
+        name, unit = row["parameter"], row["unit"]
+        for preset in ("mild", "hard"):
+            value = getattr(RANDOMIZATIONS[preset], name)
+            assert value == drawn(row[preset], unit), (name, preset)
+        widest = drawn(row["widest"], unit)
+        number = getattr(widest, "expected", widest)
+        if unit == "°":
+            number = float(f"{number:.4f}")
+        DoorRandomization(**{name: number})
+        wider = np.array(number) + 1 if unit == "periods" else 1.01 * np.array(number)
+        beyond = tuple(wider.tolist()) if wider.ndim else wider.item()
+        with pytest.raises(ValueError, match=r"outside|whole number"):
+            DoorRandomization(**{name: beyond})
+
+
+def test_turned_arc_is_the_one_stated() -> None:
+    """The closed form under Randomization, against a rotation by -ψ about y."""
+    radius, psi, phi = 0.47, 0.08, 0.9
+    c, s = np.cos, np.sin
+    x = radius * (c(psi) * s(phi) + s(psi) * (1 - c(phi)))
+    z = radius * (s(psi) * s(phi) - c(psi) * (1 - c(phi)))
+    stated = re.search(r"x = R \((.*?)\), {4}z = R \((.*?)\),\n\nwith the rot", PAGE)
+    assert stated is not None
+    assert stated[1] == "cos ψ sin φ + sin ψ (1 - cos φ)"
+    assert stated[2] == "sin ψ sin φ - cos ψ (1 - cos φ)"
+    arc = handle_pose_on_arc(radius, phi)[:3]
+    turned = Rotation.from_rotvec([0.0, -psi, 0.0]).apply(arc)
+    assert turned == pytest.approx([x, 0.0, z])
+
+
 def test_stated_numbers_are_the_code_s(make_env: Callable) -> None:
     env = make_env()
     translation, rotation = table("Servo")
@@ -122,8 +183,8 @@ def test_stated_numbers_are_the_code_s(make_env: Callable) -> None:
     assert f"({hand:.2f} kg)" in PAGE
     assert f"{1000 * CONTROL_PERIOD:g} ms: five physics steps of 2 ms" in PAGE
     assert env.model.opt.timestep == 0.002
-    spec = gym.spec("gplfd/DoorOpening-v0")
-    assert f"truncated after {spec.max_episode_steps} steps" in PAGE
+    for id in IDS:
+        assert f"truncated after {gym.spec(id).max_episode_steps} steps" in PAGE
 
 
 def test_reward_table_is_the_reward(make_env: Callable) -> None:
@@ -135,26 +196,76 @@ def test_camera_table_is_the_cameras(make_env: Callable) -> None:
     model = make_env().model
     cameras = {model.camera(index).name for index in range(model.ncam)}
     assert {row["camera"] for row in table("Rendering")} == cameras
+    modes = [row["render mode"].strip('"') for row in table("Rendering", 1)]
+    assert sorted(modes) == sorted(DoorOpeningEnv.metadata["render_modes"])
+
+
+def defaults(text: str) -> dict[str, str]:
+    """Return what the table of arguments in a text gives as their defaults."""
+    rows = re.findall(r"^\| (`.*?) \| (.*?) \|", text, flags=re.MULTILINE)
+    return {
+        name: default.strip('`" ')
+        for names, values in rows
+        for name, default in zip(
+            re.findall(r"`(\w+)`", names), values.split(", "), strict=True
+        )
+    }
 
 
 def test_arguments_and_their_defaults() -> None:
-    import inspect
-
     parameters = inspect.signature(DoorOpeningEnv).parameters
-    body = PAGE.split("## Frames")[0]
-    rows = re.findall(r"^\| (`.*?) \| (.*?) \|", body, flags=re.MULTILINE)
-    stated = {
-        name: default.strip('`" ')
-        for names, defaults in rows
-        for name, default in zip(
-            re.findall(r"`(\w+)`", names), defaults.split(", "), strict=True
-        )
-    }
-    assert stated == {name: str(p.default) for name, p in parameters.items()}
+    text = PAGE.split("| argument of `gym.make` |")[1].split("## Frames")[0]
+    expected = {name: str(p.default) for name, p in parameters.items()}
+    assert defaults(text) == expected
+
+
+def test_vector_environment_s_arguments_and_their_defaults() -> None:
+    """Those of the page, and those of the single environment, are all there are."""
+    parameters = inspect.signature(DoorOpeningVectorEnv).parameters
+    text = PAGE.split("| argument of `gym.make_vec` |")[1].split("| autoreset mode |")[
+        0
+    ]
+    stated = defaults(text)
+    single = inspect.signature(DoorOpeningEnv).parameters
+    assert stated.keys() | single.keys() == parameters.keys()
+    for name, parameter in parameters.items():
+        default = getattr(parameter.default, "value", parameter.default)
+        if name == "max_episode_steps":
+            default = gplfd_env.TIME_LIMIT
+        expected = stated.get(name, str(single[name].default) if name in single else "")
+        assert str(default) == expected, name
+
+
+def test_autoreset_table_is_gymnasium_s_modes() -> None:
+    modes = [row["autoreset mode"] for row in table("Many doors at once", 1)]
+    assert modes == [mode.value for mode in (AR.NEXT_STEP, AR.SAME_STEP, AR.DISABLED)]
+    assert len(modes) == len(AR)
+
+
+def test_reset_options_are_those_the_message_allows(make_env: Callable) -> None:
+    stated = [row["option"] for row in table("Reset")]
+    with pytest.raises(ValueError, match="unknown reset option") as error:
+        make_env().reset(options={"": 0})
+    assert re.findall(r'"(\w+)" ', str(error.value)) == stated
+
+
+def test_every_id_has_a_version() -> None:
+    assert [row["id"] for row in table("Version history")] == list(IDS)
+    registered = {id for id in gym.registry if id.startswith("gplfd/")}
+    assert registered == set(IDS)
+
+
+@pytest.mark.parametrize("code", re.findall(r"```python\n(.*?)```", PAGE, re.S))
+def test_code_on_the_page_runs(code: str) -> None:
+    env = gym.make(IDS[0])
+    names = {"gym": gym, "env": env, "action": np.zeros(6)}
+    exec(code, names)
+    names["env"].close()
+    env.close()
 
 
 def test_seed_changes_nothing(make_env: Callable) -> None:
-    """As the page says: the environment draws no random numbers."""
+    """As the page says: without randomization nothing is drawn."""
     env = make_env("small")
     first, _ = env.reset(seed=1)
     second, _ = env.reset(seed=2)

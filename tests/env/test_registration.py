@@ -59,9 +59,17 @@ def test_make_by_module_and_id_needs_no_import(tmp_path: Path) -> None:
     assert result.stdout.split() == ["gplfd/DoorOpening-v0", "0.65"]
 
 
-def test_spec_of_the_registered_id() -> None:
-    spec = gym.spec("gplfd/DoorOpening-v0")
-    assert spec.entry_point == "gplfd_env.door_opening:DoorOpeningEnv"
+@pytest.mark.parametrize(
+    ("id", "name"),
+    [
+        ("gplfd/DoorOpening-v0", "DoorOpening"),
+        ("gplfd/DoorOpeningImpedance-v0", "DoorOpeningImpedance"),
+    ],
+)
+def test_specs_of_the_registered_ids(id: str, name: str) -> None:
+    spec = gym.spec(id)
+    assert spec.entry_point == f"gplfd_env.door_opening:{name}Env"
+    assert spec.vector_entry_point == f"gplfd_env.vector:{name}VectorEnv"
     assert spec.max_episode_steps == 1500
     assert not spec.nondeterministic
 

@@ -10,10 +10,13 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable, Iterator
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mujoco import mjtRndFlag as RenderFlag
+from mujoco.batch import MODEL_FIELDS
 
 from gplfd_env.task import handle_pose_on_arc
 
@@ -74,6 +77,89 @@ def test_depth_picture_is_in_metres(make_env: Callable) -> None:
     # The camera hangs 3.6 m above the floor and sees the lintel's top at 2.05 m.
     assert depth.max() == pytest.approx(3.6, abs=0.02)
     assert depth.min() == pytest.approx(3.6 - 2.05, abs=0.02)
+
+
+def test_colour_and_depth_together(make_env: Callable) -> None:
+    size = {"width": 64, "height": 48}
+    both = make_env(render_mode="rgbd_tuple", **size)
+    colour = make_env(render_mode="rgb_array", **size)
+    depth = make_env(render_mode="depth_array", **size)
+    for env in (both, colour, depth):
+        env.reset(seed=0)
+    pictures = both.render()
+    assert isinstance(pictures, tuple)
+    for one, env in zip(pictures, (colour, depth), strict=True):
+        assert np.array_equal(one, picture(env))
+
+
+@pytest.mark.parametrize("effects", [False, True])
+def test_pictures_leave_the_model_as_it_is(effects: bool, make_env: Callable) -> None:
+    """Size and quality are the renderer's; the simulation goes on as if unseen."""
+    env = make_env(render_mode="rgb_array", width=1400, height=8, effects=effects)
+    unseen = make_env()
+    env.reset(seed=0)
+    unseen.reset(seed=0)
+    for _ in range(3):
+        picture(env)
+        observation, *_ = env.step(np.full(6, 0.01))
+        expected, *_ = unseen.step(np.full(6, 0.01))
+        for key in expected:
+            assert np.array_equal(observation[key], expected[key])
+    for name in sorted(MODEL_FIELDS):
+        read = attrgetter(name)
+        assert np.array_equal(read(env.model), read(unseen.model)), name
+    for one in (env, unseen):
+        visual = one.model.vis
+        assert (visual.global_.offwidth, visual.global_.offheight) == (1280, 960)
+        assert visual.quality.offsamples == 4
+
+
+def test_effects_are_off_unless_asked_for(make_env: Callable) -> None:
+    """Without a graphics card they cost ten times the rest of the picture."""
+    images = []
+    for effects in (False, True):
+        env = make_env(render_mode="rgb_array", width=320, height=240, effects=effects)
+        env.reset(seed=0)
+        images.append(picture(env).astype(int))
+        renderer = env._camera._renderer
+        for flag in (RenderFlag.mjRND_SHADOW, RenderFlag.mjRND_REFLECTION):
+            assert bool(renderer.scene.flags[flag]) is effects
+        assert (renderer._mjr_context.offSamples > 0) is effects
+    difference = np.abs(images[1] - images[0]).max(axis=2)
+    assert (difference > 10).mean() > 0.01, "shadows must be seen"
+    assert (difference > 60).mean() < 0.2, "and little else"
+
+
+def test_without_opengl_the_message_says_what_to_install(tmp_path: Path) -> None:
+    """In a process of its own: MuJoCo chooses its OpenGL once."""
+    program = textwrap.dedent(
+        """
+        import gymnasium as gym
+        import gplfd_env
+
+        env = gym.make(gplfd_env.ENVIRONMENT_ID, render_mode="rgb_array")
+        env.reset(seed=0)
+        try:
+            env.render()
+        except RuntimeError as error:
+            print(error)
+        env.step(env.action_space.sample())
+        env.close()
+        """
+    )
+    environment = {key: v for key, v in os.environ.items() if "DISPLAY" not in key}
+    result = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+        env={**environment, "MUJOCO_GL": "glfw"},
+        timeout=60,
+    )
+    assert result.returncode == 0, result.stderr
+    for part in ("no picture without OpenGL", "MUJOCO_GL=egl", "libegl1", "libosmesa6"):
+        assert part in result.stdout
 
 
 def test_default_size_and_a_size_beyond_the_offscreen_buffer(
