@@ -16,9 +16,9 @@ same for every method, by name.
 ``cpu_fit_s``               to align, learn and predict once
 ``cpu_predict_s``           200 phases
 ``cpu_adapt_s``             one via-point of those of the first 30 %
-``prior_mean_used``         see below
 ``uncertainty_growth``      see `experiments.skill.beyond.beyond`
 ``coverage_95_beyond``      the same
+``prior_mean_used``         see `experiments.skill.prior.prior_mean_used`
 ``outputs_...``             see `experiments.skill.tumbling.tumbling`
 ``tumbling_error``          the same
 =========================== ==========================================================
@@ -27,8 +27,6 @@ A number is None where a method has no such thing. Two tests need movements of t
 own, and are made with one kind of left-out demonstrations each, for time: beyond the
 demonstrations with "demonstration", tumbling with "radius". In the other kind their
 names are missing.
-
-``prior_mean_used`` is None for all: no policy can be given a prior mean when it learns.
 """
 
 from __future__ import annotations
@@ -118,7 +116,6 @@ def method_metrics(
     metrics: dict[str, Any] = averaged(
         [score for fold in apart for score in _scores(method, fold, seed)]
     )
-    metrics["prior_mean_used"] = None
     if held_out == "demonstration":
         return {**metrics, **beyond(method, apart[0], seed)}
     return {**metrics, **tumbling(method, seed)}

@@ -159,10 +159,11 @@ def _learned(task: EpisodeTask) -> Callable[[float], Agent]:
         ),
         seed=task.seed,
     )
-    if entry.learn is None:
+    learn, follow = entry.learn, entry.follow
+    if learn is None or follow is None:
         return lambda radius: entry.make(dataclasses.replace(training, radius=radius))
-    movement = entry.learn(training)
-    return lambda radius: entry.follow(movement, entry.form)
+    movement = learn(training)
+    return lambda radius: follow(movement, entry.form)
 
 
 def _open(
@@ -204,7 +205,9 @@ def _plain(value: Any) -> Any:
         return {str(name): _plain(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(part) for part in value]
-    if isinstance(value, numbers.Real) and not isinstance(value, numbers.Integral):
+    if isinstance(value, numbers.Integral) and not isinstance(value, bool):
+        return int(value)
+    if isinstance(value, numbers.Real) and not isinstance(value, bool):
         return float(value) if math.isfinite(value) else None
     json.dumps(value)
     return value

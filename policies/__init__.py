@@ -12,6 +12,7 @@ from policies.agent import Agent, AgentStep
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
 from policies.demonstrations import Demonstration
+from policies.prior_mean import PosePath, PriorMean
 from policies.registry import POLICIES, make_agent
 from policies.skill import Skill, fit_skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
@@ -23,6 +24,8 @@ __all__ = [
     "AlignedDemonstrations",
     "Demonstration",
     "GaussianTrajectory",
+    "PosePath",
+    "PriorMean",
     "Skill",
     "ViaPoint",
     "align",

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from policies import learning
 from policies.adaptation import (
@@ -34,6 +35,8 @@ from policies.learning import Learner, TrainingInput
 from policies.load import CarriedLoad, YieldToAll
 from policies.movement import Movement, Predictor, ReadaptedMovement
 from policies.phase import ClockPhase, PathPhase
+from policies.prior_mean import PriorMean
+from policies.residual import residual_form
 
 __all__ = [
     "POLICIES",
@@ -79,6 +82,7 @@ def make_agent(
     *,
     seed: int = 0,
     radius: float | None = None,
+    prior_mean: PriorMean | None = None,
 ) -> Agent:
     """Learn a policy by name and return an agent that follows it.
 
@@ -87,14 +91,22 @@ def make_agent(
         demonstrations: What to learn from, task frame.
         seed: Seeds whatever is random in the learning.
         radius: True radius of the door to open [m]; only the oracle reads it.
+        prior_mean: What is expected where nothing was demonstrated.
 
     Raises:
-        ValueError: An unknown name, no demonstrations, or the oracle without radius.
+        ValueError: An unknown name, no demonstrations, the oracle without radius, or a
+            prior mean for a method that cannot be given one.
     """
     training = TrainingInput(
-        demonstrations=tuple(demonstrations), seed=seed, radius=radius
+        demonstrations=tuple(demonstrations),
+        seed=seed,
+        radius=radius,
+        prior_mean=prior_mean,
     )
-    return policy_entry(name).make(training)
+    # Matrices of a hundred rows: sharing them out among threads costs ten times the
+    # work itself.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return policy_entry(name).make(training)
 
 
 def policy_entry(name: str) -> Policy:
@@ -155,6 +167,7 @@ def _follow_the_paper(movement: Movement, form: Form) -> GaussianProcessAgent:
 
 
 def _oracle(training: TrainingInput) -> Agent:
+    learning.refuse_prior_mean(training, "oracle")
     if training.radius is None:
         raise ValueError(
             "the oracle needs the door's true radius: make_agent('oracle', ..., "
@@ -175,6 +188,8 @@ def _policy(
     )
 
 
+_PROCESS: Final = residual_form(ProcessAdaptation)
+
 TABLE_1: Final = (
     *("dmp", "promp", "gmr", "local-gp", "wishart-gp", "kmp", "gmm-gp"),
     *("gp-paper", "gp"),
@@ -186,17 +201,17 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp": _policy(
             "heteroscedastic GP, adapted while opening, variable stiffness",
             learning.learn_gp,
-            ProcessAdaptation,
+            _PROCESS,
         ),
         "gp-product": _policy(
             "gp with the paper's adaptation, a product of Gaussians",
             learning.learn_gp,
-            ProductAdaptation,
+            residual_form(ProductAdaptation),
         ),
         "gp-exact": _policy(
             "gp conditioned on demonstrations and via-points, white spread",
             learning.learn_gp,
-            ExactAdaptation,
+            residual_form(ExactAdaptation),
         ),
         "gp-fixed": _policy(
             "the same GP without adaptation: the demonstrations' mean",
@@ -205,29 +220,29 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-homoscedastic": _policy(
             "gp with one noise level for the whole task",
             learning.learn_homoscedastic_gp,
-            ProcessAdaptation,
+            _PROCESS,
         ),
         "gp-dtw-euclidean": _policy(
             "gp aligned by distance of poses instead of task completion",
             learning.learn_euclidean_gp,
-            ProcessAdaptation,
+            _PROCESS,
         ),
         "gp-clock": _policy(
             "gp that dates its observations by the clock: learns its own lag",
             learning.learn_gp,
-            ProcessAdaptation,
+            _PROCESS,
             _follow_by_the_clock,
         ),
         "gp-paper": _policy(
             "what the paper states: Kersting, product, one stiffness law",
             learning.learn_paper_gp,
-            partial(ProductAdaptation, prior_mean="zero"),
+            residual_form(partial(ProductAdaptation, prior_mean="zero")),
             _follow_the_paper,
         ),
         "gp-constant-stiffness": _policy(
             "the adapted GP, always at the greatest stiffness",
             learning.learn_gp,
-            ProcessAdaptation,
+            _PROCESS,
             _follow_stiffly,
         ),
         "dmp": _policy(

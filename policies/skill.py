@@ -120,7 +120,8 @@ class Skill:
 
         Args:
             times: phases, shape (M,). Outside the demonstrated range the mean returns
-                to the demonstrations' average and the uncertainty grows.
+                to the prior mean, the demonstrations' average unless `fit_skill` was
+                told otherwise, and the uncertainty grows.
 
         Raises:
             ValueError: if there are no times, or one is not finite.
@@ -192,13 +193,20 @@ class Skill:
         )
 
 
-def fit_skill(aligned: AlignedDemonstrations, noise: str | NoiseModel = "map") -> Skill:
+def fit_skill(
+    aligned: AlignedDemonstrations,
+    noise: str | NoiseModel = "map",
+    *,
+    centred: bool = True,
+) -> Skill:
     """Learn a skill from aligned demonstrations.
 
     Args:
         aligned: D demonstrations on common phases.
         noise: how the spread r(t) is estimated: a name in `NOISE_MODELS` or a noise
             model object, such as ``KerstingNoise(n_iterations=30)``.
+        centred: whether the prior mean is the demonstrations' average, or zero; for
+            any other see `policies.residual.fit_residual`.
 
     Raises:
         ValueError: for an unknown name, poses or times that are not finite, or too few
@@ -220,7 +228,7 @@ def fit_skill(aligned: AlignedDemonstrations, noise: str | NoiseModel = "map") -
     # Matrices of fifty rows: sharing them out among threads costs ten times the work.
     with threadpool_limits(limits=1, user_api="blas"):
         outputs = tuple(
-            HeteroscedasticGP.fit(times, poses[:, :, output], noise)
+            HeteroscedasticGP.fit(times, poses[:, :, output], noise, centred=centred)
             for output in range(poses.shape[2])
         )
     if len(poses) <= _FEW:

@@ -6,12 +6,15 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
-from distributed import Client, KilledWorker, as_completed
+import distributed
 
 from experiments.engines import Lost
 
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
+
+_dask: Any = distributed
+"""Only partly annotated, hence not checked."""
 
 _PATIENCE: Final = "10s"
 """How long to wait for an answer of the scheduler."""
@@ -38,10 +41,10 @@ class Cluster:
         Raises:
             OSError: The scheduler does not answer, or not any more.
         """
-        client = Client(self.address, timeout=_PATIENCE, set_as_default=False)
+        client = _dask.Client(self.address, timeout=_PATIENCE, set_as_default=False)
         try:
             running = {client.submit(work, item, pure=False): item for item in items}
-            for future in as_completed(list(running), loop=client.loop):
+            for future in _dask.as_completed(list(running), loop=client.loop):
                 if future.cancelled():
                     raise ConnectionError(
                         f"the Dask scheduler at {self.address} went away"
@@ -57,7 +60,7 @@ class Cluster:
 def _outcome(future: Any) -> Any:
     try:
         return future.result()
-    except KilledWorker as error:
+    except distributed.KilledWorker as error:
         return Lost(reason=f"its worker died in each attempt: {error}")
     # The work raises nothing by itself: the worker could not even load it.
     except Exception as error:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
+import threading
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
@@ -25,9 +28,8 @@ _ENVIRONMENT: Final = {
 }
 """One thread per worker: the cores are shared out among the workers already."""
 
-_IDLE_TIME: Final = 60.0
-"""A worker with nothing to do ends after this time [s], also one whose parent is
-gone."""
+_PULSE: Final = 1.0
+"""How often a worker looks whether its parent is still there [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -93,7 +95,7 @@ def _alone(work: Callable[[ItemT], ResultT], item: ItemT) -> ResultT | Lost:
 @contextlib.contextmanager
 def _pool(workers: int) -> Iterator[loky.ProcessPoolExecutor]:
     pool = loky.ProcessPoolExecutor(
-        workers, timeout=_IDLE_TIME, initializer=_prepare, env=_ENVIRONMENT
+        workers, initializer=_prepare, initargs=(os.getpid(),), env=_ENVIRONMENT
     )
     try:
         yield pool
@@ -101,6 +103,14 @@ def _pool(workers: int) -> Iterator[loky.ProcessPoolExecutor]:
         pool.shutdown(wait=True, kill_workers=True)
 
 
-def _prepare() -> None:
+def _prepare(parent: int) -> None:
     """Leave Ctrl-C, which the terminal sends to all processes, to the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent was killed; nobody would take its results."""
+    while os.getppid() == parent:
+        time.sleep(_PULSE)
+    os._exit(1)

@@ -10,6 +10,7 @@ import numpy as np
 from experiments.skill.accuracy import inside
 from experiments.skill.held_out import Fold
 from experiments.skill.methods import Method, learn
+from experiments.skill.prior import prior_mean_used
 from policies.completion import task_completion_index
 from policies.demonstrations import Demonstration
 
@@ -34,7 +35,8 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     x, z and θu_y. That of the end, not of all phases, because demonstrations of
     different doors spread more and more: a method that just holds the last spread
     has 1. What was left out goes on in its own time, and tells how much of it was
-    within the normal 95 % interval there.
+    within the normal 95 % interval there. What becomes of a prior mean is asked much
+    farther beyond (`experiments.skill.prior.prior_mean_used`).
 
     Args:
         method: How to learn.
@@ -45,8 +47,13 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     movement = learn(method, starts, seed).movement
     border = movement.predict(_BORDER).std[:, _MOVING]
     outside = movement.predict(_BEYOND).std[:, _MOVING]
+    used = prior_mean_used(method, starts, seed, movement)
     if not np.isfinite(border).all():
-        return {"uncertainty_growth": None, "coverage_95_beyond": None}
+        return {
+            "uncertainty_growth": None,
+            "coverage_95_beyond": None,
+            "prior_mean_used": used,
+        }
     ratios = outside.mean(axis=0) / border.mean(axis=0)
     shares: list[float] = []
     for demonstration in fold.left_out:
@@ -61,6 +68,7 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     return {
         "uncertainty_growth": float(np.exp(np.mean(np.log(ratios)))),
         "coverage_95_beyond": float(np.mean(shares)),
+        "prior_mean_used": used,
     }
 
 

@@ -14,6 +14,7 @@ from policies.adaptation import Adaptation
 from policies.demonstrations import Demonstration
 from policies.gridded import Demonstrated
 from policies.movement import Movement
+from policies.prior_mean import PriorMean
 from policies.registry import TrainingInput, policy_entry
 
 __all__ = ["Learned", "Method", "cpu_seconds", "learn", "method_named"]
@@ -61,7 +62,10 @@ def method_named(policy: str) -> Method:
 
 
 def learn(
-    method: Method, demonstrations: Sequence[Demonstration], seed: int
+    method: Method,
+    demonstrations: Sequence[Demonstration],
+    seed: int,
+    prior_mean: PriorMean | None = None,
 ) -> Learned:
     """Learn, and predict once.
 
@@ -73,8 +77,14 @@ def learn(
         method: How.
         demonstrations: From what.
         seed: Seeds whatever is random in the learning.
+        prior_mean: What is expected where nothing was demonstrated.
+
+    Raises:
+        ValueError: The method cannot learn from them, or be given a prior mean.
     """
-    training = TrainingInput(demonstrations=tuple(demonstrations), seed=seed)
+    training = TrainingInput(
+        demonstrations=tuple(demonstrations), seed=seed, prior_mean=prior_mean
+    )
 
     def able_to_predict() -> Movement:
         with warnings.catch_warnings():

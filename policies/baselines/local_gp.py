@@ -35,7 +35,7 @@ from scipy.special import softmax
 from threadpoolctl import threadpool_limits
 
 from policies.aligned import AlignedDemonstrations
-from policies.gp.heteroscedastic import HeteroscedasticGP
+from policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
 from policies.gp.hyperparameters import fit_kernel_and_noise
 from policies.gp.noise_profile import NoiseProfile
 from policies.gp.replicates import Replicates
@@ -43,8 +43,6 @@ from policies.trajectory import GaussianTrajectory
 
 __all__ = ["LocalGPConfig", "LocalGaussianProcesses", "fit_local_gp"]
 
-_SMALLEST_STD = 1e-6
-"""No output is known, or scaled, more finely than a micrometre or a microradian."""
 _FEWEST_SAMPLES = 4
 """A cluster needs more samples than its process has hyper-parameters."""
 
@@ -180,7 +178,7 @@ class LocalGaussianProcesses:
 
 
 def fit_local_gp(
-    aligned: AlignedDemonstrations, config: LocalGPConfig
+    aligned: AlignedDemonstrations, config: LocalGPConfig, *, centred: bool = True
 ) -> LocalGaussianProcesses:
     """Learn local Gaussian processes from aligned demonstrations.
 
@@ -191,6 +189,8 @@ def fit_local_gp(
     Args:
         aligned: D demonstrations on common phases.
         config: clusters and weights.
+        centred: whether the prior mean of a cluster's processes is the average of their
+            samples, or zero.
 
     Raises:
         ValueError: if a cluster has too few samples for its processes.
@@ -210,7 +210,7 @@ def fit_local_gp(
     with threadpool_limits(limits=1, user_api="blas"):
         processes = tuple(
             tuple(
-                _local_process(times[member], poses[:, member, output])
+                _local_process(times[member], poses[:, member, output], centred)
                 for output in range(6)
             )
             for member in members
@@ -224,11 +224,10 @@ def fit_local_gp(
 
 
 def _local_process(
-    times: Float[np.ndarray, " M"], samples: Float[np.ndarray, "D M"]
+    times: Float[np.ndarray, " M"], samples: Float[np.ndarray, "D M"], centred: bool
 ) -> HeteroscedasticGP:
     """The process of one output in one cluster: (l, σ_f, σ_n) most likely together."""
-    offset = float(np.mean(samples))
-    scale = max(float(np.std(samples)), _SMALLEST_STD)
+    offset, scale = offset_and_scale(samples, centred)
     replicates = Replicates.from_samples(times, (samples - offset) / scale)
     fitted = fit_kernel_and_noise(replicates)
     return HeteroscedasticGP(

@@ -127,7 +127,7 @@ class WishartProcessMovement:
 
         Args:
             times: phases, shape (M,). Outside the demonstrated range the mean returns
-                to the demonstrations' average and its uncertainty grows.
+                to its prior mean and its uncertainty grows.
 
         Raises:
             ValueError: if there are no times, or one is not finite.
@@ -155,7 +155,11 @@ class WishartProcessMovement:
 
 
 def fit_wishart_gp(
-    aligned: AlignedDemonstrations, config: WishartGPConfig, seed: int
+    aligned: AlignedDemonstrations,
+    config: WishartGPConfig,
+    seed: int,
+    *,
+    centred: bool = True,
 ) -> WishartProcessMovement:
     """Learn mean and variability from aligned demonstrations.
 
@@ -163,6 +167,7 @@ def fit_wishart_gp(
         aligned: D ≥ 2 demonstrations on common phases.
         config: prior and sampler.
         seed: of the sampler; the same seed gives the same movement.
+        centred: whether the prior mean is the demonstrations' average, or zero.
 
     Raises:
         ValueError: for a single demonstration.
@@ -180,7 +185,9 @@ def fit_wishart_gp(
     with threadpool_limits(limits=1, user_api="blas"):
         processes = MultiOutputGP(
             outputs=tuple(
-                HeteroscedasticGP.fit(times, poses[:, :, output], noise)
+                HeteroscedasticGP.fit(
+                    times, poses[:, :, output], noise, centred=centred
+                )
                 for output in range(6)
             )
         )

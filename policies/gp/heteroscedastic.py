@@ -19,10 +19,26 @@ from policies.gp.noise_profile import NoiseModel, NoiseProfile
 from policies.gp.replicates import Replicates
 from policies.gp.spectral import SpectralPosterior
 
-__all__ = ["HeteroscedasticGP"]
+__all__ = ["HeteroscedasticGP", "offset_and_scale"]
 
 _SMALLEST_STD = 1e-6
 """No output is known, or scaled, more finely than a micrometre or a microradian."""
+
+
+def offset_and_scale(
+    samples: Float[np.ndarray, "D M"], centred: bool
+) -> tuple[float, float]:
+    """Where an output is, and its size around that.
+
+    Args:
+        samples: the output in every demonstration, shape (D, M).
+        centred: whether it is where its average is, or at zero.
+    """
+    if centred:
+        offset, size = float(np.mean(samples)), float(np.std(samples))
+    else:
+        offset, size = 0.0, float(np.sqrt(np.mean(samples**2)))
+    return offset, max(size, _SMALLEST_STD)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,11 +47,12 @@ class HeteroscedasticGP:
 
     Inside, the output is centred and scaled to order one; `offset` and `scale` map
     back. The prior mean is therefore the average of the demonstrations, where the
-    paper's is zero: it only matters outside the demonstrated interval.
+    paper's is zero: it only matters outside the demonstrated interval. What is left
+    over by a prior mean (`policies.residual`) is not centred: its prior mean is zero.
     """
 
     offset: float
-    """Average of the output over time, in its unit."""
+    """The prior mean: average of the output, or zero, in its unit."""
     scale: float
     """Size of the output, in its unit."""
     replicates: Replicates
@@ -51,6 +68,8 @@ class HeteroscedasticGP:
         times: Float[np.ndarray, " M"],
         samples: Float[np.ndarray, "D M"],
         noise: NoiseModel,
+        *,
+        centred: bool = True,
     ) -> "HeteroscedasticGP":
         """Learn one output from D curves on M common times.
 
@@ -58,12 +77,12 @@ class HeteroscedasticGP:
             times: common times, strictly increasing, shape (M,).
             samples: the output in every demonstration, shape (D, M).
             noise: how r(t) is estimated.
+            centred: whether the prior mean is the output's average, or zero.
 
         Raises:
             ValueError: if the noise model cannot use so few demonstrations.
         """
-        offset = float(np.mean(samples))
-        scale = max(float(np.std(samples)), _SMALLEST_STD)
+        offset, scale = offset_and_scale(samples, centred)
         scaled = (samples - offset) / scale
         profile = noise.fit(times, scaled)
         replicates = Replicates.from_samples(times, scaled)

@@ -160,7 +160,11 @@ def test_growth_is_the_std_beyond_over_that_at_the_end() -> None:
     assert held["uncertainty_growth"] == pytest.approx(1.0)
     assert held["coverage_95_beyond"] == pytest.approx(0.0, abs=0.02)
     none = beyond(knowing(std=lambda times: np.nan * ones(times)), fold, 0)
-    assert none == {"uncertainty_growth": None, "coverage_95_beyond": None}
+    assert none == {
+        "uncertainty_growth": None,
+        "coverage_95_beyond": None,
+        "prior_mean_used": 0.0,
+    }
 
 
 def test_beyond_is_not_learned() -> None:
@@ -172,7 +176,8 @@ def test_beyond_is_not_learned() -> None:
 
     fold = folds(demonstrated(), "demonstration", 0)[0]
     beyond(Method(learn=learn_and_tell, form=Demonstrated), fold, 0)
-    whole = [one.poses[-1, 4] for one in fold.given]
+    # Learned twice, without and with a prior mean.
+    whole = 2 * [one.poses[-1, 4] for one in fold.given]
     np.testing.assert_allclose(ends, 0.7 * np.array(whole), rtol=0.1)
 
 

@@ -119,13 +119,17 @@ def test_every_method_of_table_1_is_measured(policy: str) -> None:
     assert (metrics["nlpd"] is None) == (policy == "dmp")
     adapts = policy in ("promp", "kmp", "gmm-gp", "gp-paper", "gp")
     assert (metrics["via_error_position_m"] is not None) == adapts
+    informed = policy in ("local-gp", "wishart-gp", "gp-paper", "gp")
+    assert (metrics["prior_mean_used"] is not None) == informed
     assert (metrics["coverage_95_stated"] is not None) == (policy in ("gp", "gp-paper"))
 
 
 @pytest.mark.parametrize("policy", ["dmp", "gmr", "gmm-gp"])
 def test_kinds_of_tasks_share_their_names_but_for_the_extra_tests(policy: str) -> None:
     one, other = (set(metrics_of(policy, kind)) for kind in ("demonstration", "radius"))
-    assert one - other == {"uncertainty_growth", "coverage_95_beyond"}
+    assert one - other == {
+        *("uncertainty_growth", "coverage_95_beyond", "prior_mean_used")
+    }
     assert other - one == {
         *("outputs_cpu_s", "outputs_nlpd", "outputs_nlpd_change", "tumbling_error")
     }

@@ -1,0 +1,170 @@
+"""Learning around a prior mean: processes of what it leaves over.
+
+A Gaussian process with the prior mean m(t) of Eq. (1) in Arduengo et al.,
+*Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979, is m(t)
+plus a process of prior mean zero, learned from y − m(t). Far from the demonstrations it
+returns to m(t); variances do not depend on m(t). Via-points are shifted likewise
+(``test_adaptation_is_that_of_the_residual_plus_the_prior_mean``).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from policies.adaptation import Adaptation
+from policies.aligned import AlignedDemonstrations
+from policies.movement import Movement, Predictor, adapted
+from policies.prior_mean import PriorMean
+from policies.trajectory import GaussianTrajectory, ViaPoint
+
+__all__ = ["ResidualAdaptation", "ResidualMovement", "fit_residual", "residual_form"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ResidualMovement:
+    """A prior mean and a movement learned from the rest; made by `fit_residual`."""
+
+    aligned: AlignedDemonstrations
+    """The demonstrations it was learned from, prior mean included."""
+    prior_mean: PriorMean
+    """m(t)."""
+    residual: Movement
+    """Learned from the demonstrations less m(t), with a prior mean of zero."""
+
+    @property
+    def duration(self) -> float:
+        """Nominal duration of phases 0 to 1 [s]."""
+        return self.aligned.duration
+
+    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
+        """The distribution of the pose at ``times``.
+
+        Args:
+            times: phases, shape (M,). Far outside the demonstrated range the mean is
+                the prior mean.
+        """
+        return _raised(self.residual.predict(times), self.prior_mean)
+
+    def adapt(self, via_points: Sequence[ViaPoint]) -> "_AdaptedResidual":
+        """The movement conditioned on ``via_points``, all of them at once.
+
+        Raises:
+            ValueError: The residual's method has no via-points.
+        """
+        lowered = tuple(_lowered(point, self.prior_mean) for point in via_points)
+        return _AdaptedResidual(
+            residual=adapted(self.residual, lowered), prior_mean=self.prior_mean
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _AdaptedResidual:
+    """A prior mean and a residual conditioned on via-points."""
+
+    residual: Predictor
+    prior_mean: PriorMean
+
+    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
+        """The conditioned distribution at ``times``."""
+        return _raised(self.residual.predict(times), self.prior_mean)
+
+
+def fit_residual(
+    aligned: AlignedDemonstrations,
+    prior_mean: PriorMean,
+    fit: Callable[[AlignedDemonstrations], Movement],
+) -> ResidualMovement:
+    """Learn a movement around a prior mean.
+
+    Args:
+        aligned: D demonstrations on common phases.
+        prior_mean: m(t).
+        fit: learns the residual with a prior mean of zero, such as
+            ``partial(fit_skill, centred=False)``.
+
+    Raises:
+        ValueError: if the prior mean is not a finite pose at every phase.
+    """
+    expected = np.asarray(prior_mean.mean(aligned.times))
+    if expected.shape != aligned.poses.shape[1:] or not np.isfinite(expected).all():
+        raise ValueError(
+            f"a prior mean must give a finite pose at each of {len(aligned.times)} "
+            f"phases, an array of shape {aligned.poses.shape[1:]}; got {expected}"
+        )
+    rest = replace(aligned, poses=aligned.poses - expected)
+    return ResidualMovement(aligned=aligned, prior_mean=prior_mean, residual=fit(rest))
+
+
+class ResidualAdaptation:
+    """Online adaptation of a residual, reported with its prior mean.
+
+    Args:
+        form: adapts the residual.
+        movement: what was learned.
+        grid: phases at which the distribution is reported, shape (M,).
+    """
+
+    def __init__(
+        self,
+        form: Callable[[Any, np.ndarray], Adaptation],
+        movement: ResidualMovement,
+        grid: Float[np.ndarray, " M"],
+    ) -> None:
+        self._prior_mean = movement.prior_mean
+        self._expected = movement.prior_mean.mean(grid)
+        self._residual = form(movement.residual, grid)
+
+    def observe(self, via_point: ViaPoint) -> None:
+        """Take one more via-point, in place."""
+        self._residual.observe(_lowered(via_point, self._prior_mean))
+
+    @property
+    def mean(self) -> Float[np.ndarray, "M 6"]:
+        """Current mean on the grid [m, rad], read-only."""
+        mean: np.ndarray = self._expected + self._residual.mean
+        mean.setflags(write=False)
+        return mean
+
+    @property
+    def std(self) -> Float[np.ndarray, "M 6"]:
+        """Current standard deviation on the grid [m, rad]."""
+        return self._residual.std
+
+    def trajectory(self) -> GaussianTrajectory:
+        """The current distribution on the grid."""
+        return _raised(self._residual.trajectory(), self._prior_mean)
+
+
+def residual_form(
+    form: Callable[[Any, np.ndarray], Adaptation],
+) -> Callable[[Any, np.ndarray], Adaptation]:
+    """Make a form of adaptation take movements with and without a prior mean.
+
+    Args:
+        form: takes a movement without, and a grid of phases.
+    """
+
+    def build(movement: Any, grid: np.ndarray) -> Adaptation:
+        if isinstance(movement, ResidualMovement):
+            return ResidualAdaptation(form, movement, grid)
+        return form(movement, grid)
+
+    return build
+
+
+def _raised(rest: GaussianTrajectory, prior_mean: PriorMean) -> GaussianTrajectory:
+    """Add the prior mean to the distribution of a residual."""
+    return replace(
+        rest,
+        mean=rest.mean + prior_mean.mean(rest.times),
+        mean_rate=rest.mean_rate + prior_mean.rate(rest.times),
+    )
+
+
+def _lowered(via_point: ViaPoint, prior_mean: PriorMean) -> ViaPoint:
+    """Subtract the prior mean from a via-point; outputs left free stay so."""
+    expected = prior_mean.mean(np.array([via_point.phase]))[0]
+    return replace(via_point, pose=via_point.pose - expected)

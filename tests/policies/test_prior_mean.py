@@ -1,0 +1,237 @@
+"""Prior means: what is known before, and what is learned around it."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from policies import POLICIES, PosePath, PriorMean, Skill, align, fit_skill, make_agent
+from policies.adaptation import (
+    ExactAdaptation,
+    ProcessAdaptation,
+    ProductAdaptation,
+)
+from policies.aligned import AlignedDemonstrations
+from policies.baselines.local_gp import LocalGPConfig, fit_local_gp
+from policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
+from policies.gp.exact import ExactGP
+from policies.learning import TrainingInput
+from policies.residual import ResidualMovement, fit_residual, residual_form
+from policies.trajectory import ViaPoint
+
+BESIDE = np.array([0.1, 0.02, -0.1, 0.05, 0.3, -0.05])
+GRID = np.linspace(0.0, 1.0, 31)
+FAR = np.array([-40.0, -30.0, 30.0, 40.0])
+TAKES_ONE = (
+    *("gp", "gp-paper", "gp-product", "gp-exact", "gp-fixed", "gp-homoscedastic"),
+    *("gp-dtw-euclidean", "gp-clock", "gp-constant-stiffness"),
+    *("local-gp", "wishart-gp"),
+)
+SHORT_CHAIN = WishartGPConfig(steps=20, discarded=5, times=15, degrees=6)
+FITS = {
+    "map": partial(fit_skill, noise="map"),
+    "kersting": partial(fit_skill, noise="kersting"),
+    "homoscedastic": partial(fit_skill, noise="homoscedastic"),
+    "local": partial(fit_local_gp, config=LocalGPConfig()),
+    "wishart": partial(fit_wishart_gp, config=SHORT_CHAIN, seed=0),
+}
+FORMS = {
+    "process": ProcessAdaptation,
+    "product": ProductAdaptation,
+    "paper": partial(ProductAdaptation, prior_mean="zero"),
+    "exact": ExactAdaptation,
+}
+VIA_POINTS = (
+    ViaPoint(phase=0.3, pose=np.full(6, 0.02)),
+    ViaPoint(phase=0.8, pose=np.array([0.1, np.nan, -0.1, np.nan, 0.2, 0.0])),
+)
+
+
+class Line:
+    """A prior mean that goes on straight."""
+
+    slope = np.array([0.4, 0.0, -0.2, 0.0, 0.8, 0.1])
+
+    def mean(self, times: np.ndarray) -> np.ndarray:
+        return BESIDE + np.outer(times, self.slope)
+
+    def rate(self, times: np.ndarray) -> np.ndarray:
+        return np.tile(self.slope, (len(times), 1))
+
+
+@pytest.fixture(scope="module")
+def doors(demonstrations) -> AlignedDemonstrations:
+    return align(demonstrations)
+
+
+@pytest.fixture(scope="module")
+def movement(doors) -> ResidualMovement:
+    return fit_residual(doors, Line(), partial(fit_skill, centred=False))
+
+
+def moved(via_point: ViaPoint, prior_mean: PriorMean) -> ViaPoint:
+    expected = prior_mean.mean(np.array([via_point.phase]))[0]
+    return replace(via_point, pose=via_point.pose + expected)
+
+
+@pytest.mark.parametrize("fit", FITS)
+def test_far_from_the_demonstrations_the_mean_is_the_prior_mean(fit, doors):
+    learned = fit_residual(doors, Line(), partial(FITS[fit], centred=False))
+    np.testing.assert_allclose(
+        learned.predict(FAR).mean, Line().mean(FAR), rtol=0.0, atol=1e-6
+    )
+    own, plain = learned.predict(GRID), FITS[fit](doors).predict(GRID)
+    # Where there are demonstrations they say where to go.
+    assert np.sqrt(np.mean(((own.mean - plain.mean) / plain.std) ** 2)) < 0.2
+
+
+@pytest.mark.parametrize("output", [0, 4])
+def test_prediction_is_that_of_a_process_with_a_prior_mean(movement, doors, output):
+    """Against the naive process of Eq. (1) on all D·M observations of one output."""
+    fitted = movement.residual.processes.outputs[output]
+    scale, times, count = fitted.scale, doors.times, len(doors.poses)
+    naive = ExactGP(
+        kernel=replace(fitted.kernel, signal_std=scale * fitted.kernel.signal_std),
+        times=np.tile(times, count),
+        values=doors.poses[:, :, output].ravel(),
+        noise_variance=np.tile(scale**2 * fitted.noise.variance(times), count),
+        prior_mean=lambda asked: Line().mean(asked)[:, output],
+    )
+    asked = np.linspace(-0.5, 2.0, 21)
+    np.testing.assert_allclose(
+        movement.predict(asked).mean[:, output], naive.mean(asked), atol=1e-6
+    )
+
+
+def test_rates_equal_finite_differences(movement):
+    step = 1e-5
+    times = np.array([-0.4, 0.1, 0.5, 0.9, 1.6])
+    ahead, behind = movement.predict(times + step), movement.predict(times - step)
+    predicted = movement.predict(times)
+    for name in ("mean", "std"):
+        difference = (getattr(ahead, name) - getattr(behind, name)) / (2.0 * step)
+        np.testing.assert_allclose(
+            getattr(predicted, f"{name}_rate"), difference, rtol=1e-4, atol=1e-5
+        )
+
+
+def test_deviations_and_spread_do_not_depend_on_the_prior_mean(movement, doors):
+    plain = fit_skill(doors)
+    assert movement.residual.smoothness == pytest.approx(plain.smoothness, rel=1e-4)
+    # The least spread is relative to an output's size, which the prior mean changes.
+    for own, other in zip(movement.residual.deviations, plain.deviations, strict=True):
+        assert own.short_scale == pytest.approx(other.short_scale, rel=0.2)
+    inside = np.linspace(0.1, 1.0, 10)
+    np.testing.assert_allclose(
+        movement.predict(inside).std, plain.predict(inside).std, rtol=0.03
+    )
+    assert movement.aligned is doors
+    assert movement.duration == doors.duration
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_adaptation_is_that_of_the_residual_plus_the_prior_mean(form, doors):
+    """Demonstrations and via-points moved together move the answer, and no more."""
+    prior_mean = Line()
+    raised = replace(doors, poses=doors.poses + prior_mean.mean(doors.times))
+    fit = partial(fit_skill, centred=False)
+    whole = residual_form(FORMS[form])(fit_residual(raised, prior_mean, fit), GRID)
+    rest = FORMS[form](fit(doors), GRID)
+    for via_point in VIA_POINTS:
+        whole.observe(moved(via_point, prior_mean))
+        rest.observe(via_point)
+    np.testing.assert_allclose(whole.mean, rest.mean + Line().mean(GRID), atol=1e-5)
+    np.testing.assert_allclose(whole.std, rest.std, rtol=1e-3, atol=1e-7)
+    trajectory, other = whole.trajectory(), rest.trajectory()
+    np.testing.assert_array_equal(trajectory.mean, whole.mean)
+    np.testing.assert_allclose(
+        trajectory.mean_rate, other.mean_rate + Line().slope, atol=1e-3
+    )
+
+
+def test_adapting_at_once_equals_adapting_online(movement):
+    via_points = [moved(point, Line()) for point in VIA_POINTS]
+    online = residual_form(ProcessAdaptation)(movement, GRID)
+    for via_point in via_points:
+        online.observe(via_point)
+    at_once = movement.adapt(via_points).predict(GRID)
+    np.testing.assert_array_equal(at_once.mean, online.mean)
+    np.testing.assert_array_equal(at_once.covariance, online.trajectory().covariance)
+
+
+def test_method_without_via_points_has_none_around_a_prior_mean_either(doors):
+    fit = partial(fit_local_gp, config=LocalGPConfig(), centred=False)
+    learned = fit_residual(doors, Line(), fit)
+    with pytest.raises(ValueError, match="LocalGaussianProcesses has no via-points"):
+        learned.adapt(VIA_POINTS)
+
+
+def test_without_a_prior_mean_nothing_changes(demonstrations, doors):
+    learned = POLICIES["gp"].learn(TrainingInput(demonstrations=demonstrations))
+    plain = fit_skill(doors)
+    assert type(learned) is Skill
+    for name in ("mean", "std", "mean_rate", "std_rate", "covariance"):
+        own, other = learned.predict(GRID), plain.predict(GRID)
+        np.testing.assert_array_equal(getattr(own, name), getattr(other, name))
+    process = plain.processes.outputs[0]
+    assert process.offset == float(np.mean(doors.poses[:, :, 0]))
+    assert process.scale == float(np.std(doors.poses[:, :, 0]))
+    assert type(POLICIES["gp"].form(plain, GRID)) is ProcessAdaptation
+
+
+@pytest.mark.parametrize("name", sorted(set(POLICIES) - set(TAKES_ONE)))
+def test_methods_that_cannot_be_given_a_prior_mean_say_so(name, demonstrations):
+    with pytest.raises(ValueError, match=f"^{name} has no prior mean"):
+        make_agent(name, demonstrations, radius=0.5, prior_mean=Line())
+
+
+@pytest.mark.parametrize("name", TAKES_ONE)
+@pytest.mark.filterwarnings("ignore:sensor noise")
+def test_policies_act_and_adapt_around_a_prior_mean(name, demonstrations):
+    agent = make_agent(name, demonstrations, prior_mean=Line())
+    assert isinstance(agent.policy.movement, ResidualMovement)
+    observation = {"ee_pose": np.zeros(6), "wrench": np.zeros(6)}
+    agent.reset(observation)
+    step = agent.act(observation)
+    assert np.abs(step.action[:3]).max() < 0.01
+    agent.policy.observe(ViaPoint(phase=0.5, pose=np.full(6, 0.01)))
+    assert np.isfinite(agent.policy.trajectory().mean).all()
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_prior_mean_that_is_not_finite_is_refused(doors, wrong):
+    class Broken(Line):
+        def mean(self, times: np.ndarray) -> np.ndarray:
+            return np.where(times[:, None] > 0.5, wrong, super().mean(times))
+
+    with pytest.raises(ValueError, match="finite pose at each of 200 phases"):
+        fit_residual(doors, Broken(), partial(fit_skill, centred=False))
+
+
+def test_path_passes_its_poses_without_overshoot_and_rests_at_its_ends():
+    phases = np.array([0.0, 0.2, 0.5, 1.4])
+    poses = np.outer([0.0, 1.0, 1.0, 3.0], np.arange(1.0, 7.0))
+    path = PosePath(phases=phases, poses=poses)
+    assert isinstance(path, PriorMean)
+    np.testing.assert_allclose(path.mean(phases), poses, atol=1e-12)
+    np.testing.assert_allclose(path.mean(np.array([0.3, 0.4])), poses[[1, 1]])
+    ends = np.array([-5.0, 9.0])
+    np.testing.assert_array_equal(path.mean(ends), poses[[0, -1]])
+    np.testing.assert_array_equal(path.rate(ends), np.zeros((2, 6)))
+    times, step = np.array([-0.1, 0.1, 0.37, 0.8, 1.5]), 1e-6
+    difference = (path.mean(times + step) - path.mean(times - step)) / (2.0 * step)
+    np.testing.assert_allclose(path.rate(times), difference, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("phases", "poses", "message"),
+    [
+        (np.zeros(1), np.zeros((1, 6)), "N at least 2"),
+        (np.arange(2.0), np.full((2, 6), np.nan), "finite"),
+        (np.array([0.0, 1.0, 1.0]), np.zeros((3, 6)), "increase strictly"),
+    ],
+)
+def test_path_refuses_what_is_none(phases, poses, message):
+    with pytest.raises(ValueError, match=message):
+        PosePath(phases=phases, poses=poses)
