@@ -51,6 +51,8 @@ COLOURS: Final[tuple[Colour, ...]] = (
 """A colour per policy, in order; no more policies than these."""
 
 _TRAIL: Final = f"{motion.ROOT}/hand/trail"
+_ENDED: Final = {"stalled": "stuck", "grasp_lost": "let go"}
+"""What a failure is called where there is little room."""
 _LABEL: Final = (1.15, -0.8, -0.2)
 """Where a robot's name stands, behind it, in its task frame [m]."""
 
@@ -179,7 +181,8 @@ def _moved_to(root: str, chunks: Sequence[Chunk]) -> Iterator[Chunk]:
 
 def _label(log: EpisodeLog) -> str:
     angle = math.degrees(float(log.door_angle.max()))
-    return f"{log.policy}: {'opened' if log.success else f'stuck at {angle:.0f}°'}"
+    ended = _ENDED.get(log.failure, log.failure.replace("_", " "))
+    return f"{log.policy}: {'opened' if log.success else f'{ended} at {angle:.0f}°'}"
 
 
 def _about(logs: Sequence[EpisodeLog]) -> str:

@@ -113,15 +113,12 @@ def ranked(episodes: Iterable[Episode]) -> dict[str, list[Episode]]:
 
 
 def failures(episodes: Iterable[Episode]) -> dict[str, int]:
-    """Count the reasons why doors were not opened to 60 degrees, the commonest first.
-
-    A door that was open by 60 degrees and could not be held there is opened.
-    """
+    """Count the reasons why the task was not solved, the commonest first."""
     reasons: Counter[str] = Counter()
     for one in episodes:
         if one.error:
             reasons["error"] += 1
-        elif not one.opened():
+        elif not one.solved:
             told = (one.metrics or {}).get("failure") or "no reason given"
             reasons[str(told).replace("_", " ")] += 1
     return dict(sorted(reasons.items(), key=lambda item: (-item[1], item[0])))

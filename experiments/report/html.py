@@ -24,7 +24,7 @@ _STYLE: Final = """\
   --band: #f4f6f9; --accent: #7b2fb5; }
 * { box-sizing: border-box; }
 html { -webkit-text-size-adjust: 100%; scroll-behavior: smooth; }
-body { margin: 0 auto; max-width: 70rem; padding: 1rem 1rem 4rem; color: var(--ink);
+body { margin: 0 auto; max-width: 74rem; padding: 1rem 1rem 4rem; color: var(--ink);
   background: #fff; font: 1rem/1.55 system-ui, "Segoe UI", Roboto, sans-serif; }
 h1 { font-size: 1.7rem; line-height: 1.2; margin: 1rem 0 .5rem; }
 h2 { font-size: 1.25rem; margin: 2.6rem 0 .6rem; padding-top: .6rem;
@@ -43,9 +43,9 @@ pre { overflow-x: auto; background: var(--band); padding: .7rem .8rem;
 .wide { overflow-x: auto; margin: .8rem 0; }
 table { border-collapse: collapse; font-size: .88rem;
   font-variant-numeric: tabular-nums; }
-th, td { padding: .28rem .65rem; border-bottom: 1px solid var(--line);
+th, td { padding: .28rem .55rem; border-bottom: 1px solid var(--line);
   text-align: right; vertical-align: top; white-space: nowrap; }
-th { font-weight: 600; vertical-align: bottom; white-space: normal; min-width: 4.2rem; }
+th { font-weight: 600; vertical-align: bottom; white-space: normal; min-width: 3.6rem; }
 .text td, .text th { text-align: left; white-space: normal; }
 th:first-child, td:first-child { text-align: left; position: sticky; left: 0;
   background: #fff; white-space: normal; min-width: 6.5rem; max-width: 12rem; }

@@ -125,8 +125,8 @@ def _plots(tests: Sequence[LearningTest]) -> list[Block]:
             name="skill",
             draw=lambda: skill_scores(tests),
             caption="**Errors and likelihood of predictions.** A dot per seed, a bar "
-            "at the median; left is better. The policy with the least position error on "
-            "top.",
+            "at the median; left is better. The policy with the least position error "
+            "is on top.",
             alternative="Dot plot of NLPD, position and rotation error by policy",
         )
     ]
@@ -137,8 +137,8 @@ def _plots(tests: Sequence[LearningTest]) -> list[Block]:
                 name="coverage",
                 draw=lambda: coverage(runs),
                 caption="**Are stated uncertainties honest?** Share of left-out "
-                "numbers inside intervals that state 50, 90 and 95 %. On the grey line they "
-                "are; below it they promise too much. Violet: `gp`.",
+                "numbers inside intervals that state 50, 90 and 95 %. On the grey line "
+                "they are; below it they promise too much. Violet: `gp`.",
                 alternative="Measured against nominal coverage, a panel per policy",
             ),
         )

@@ -157,7 +157,8 @@ def _errors(results: StudyResults) -> list[Block]:
     return [
         Paragraph(
             text=f"{len(failed)} tasks ended in an error, of "
-            f"{named(by_policy(failed))}. An episode that ended in an error counts as a door not opened.",
+            f"{named(by_policy(failed))}. An episode that ended in an error counts as "
+            "a door not opened.",
             warning=True,
         ),
         Verbatim(text=told),

@@ -66,7 +66,8 @@ def _cell(
     if "door" in entry:
         text += f" {entry['door']}, seed {entry['seed']}"
     if entry.get("repeated") is False:
-        text += " (**the repetition differs from the stored result**)"
+        names = ", ".join(entry.get("different", ())).replace("_", " ")
+        text += f" (**differs from the stored result:** {names})"
     return text
 
 

@@ -76,6 +76,12 @@ class Episode(Outcome):
         """Tell whether the door was ever open by 15, 30 or 60 degrees."""
         return self.number(f"time_to_{angle}_deg") is not None
 
+    @property
+    def solved(self) -> bool:
+        """Whether the door was held open by 60 degrees, the handle in the hand."""
+        told = (self.metrics or {}).get("success")
+        return self.opened() if told is None and self.metrics else bool(told)
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LearningTest(Outcome):

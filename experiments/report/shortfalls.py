@@ -46,8 +46,9 @@ def shortfall_section(episodes: Sequence[Episode]) -> Section:
             Table(
                 columns=("policy", *reasons, "median angle", "largest angle"),
                 rows=rows,
-                note="Episodes that did not open their door to 60°, by the reason that "
-                f"the environment gives, and final angles of all episodes. {note}.",
+                note="Episodes that did not solve the task, 60° held for 0.5 s with "
+                "the handle in the hand, by the reason that the environment gives, and "
+                f"final angles of all episodes. {note}.",
             )
         )
     return Section(

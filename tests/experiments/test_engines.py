@@ -84,6 +84,7 @@ def test_closing_ends_the_workers(tmp_path: Path) -> None:
     while not list(tmp_path.iterdir()) and time.monotonic() < deadline:
         time.sleep(0.01)
     finished.close()
+    assert time.monotonic() < deadline
     (process,) = tmp_path.iterdir()
     with pytest.raises(ProcessLookupError):
         os.kill(int(process.name), 0)

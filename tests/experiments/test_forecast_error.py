@@ -134,15 +134,14 @@ def test_metrics_have_the_errors_in_millimetres(make_log: MakeLog) -> None:
 
 def test_the_arc_lies_as_the_handle_does(make_log: MakeLog) -> None:
     """A robot that stands askew by 3 degrees, with the bar off the hand's middle."""
-    log = make_log()
     turn = math.radians(3.0)
-    pose = np.array(log.handle_pose)
+    angle = 0.1 + make_log().door_angle
+    pose = np.array([handle_pose_on_arc(0.5, phi) for phi in angle])
     x, z = pose[:, 0].copy(), pose[:, 2].copy()
     pose[:, 0] = math.cos(turn) * x + math.sin(turn) * z + 0.004
     pose[:, 2] = math.cos(turn) * z - math.sin(turn) * x - 0.002
     pose[:, 1] = 0.01
-    askew = make_log(handle_pose=pose)
-    path = handle_path(askew, np.asarray(log.door_angle))
+    path = handle_path(make_log(door_angle=angle, handle_pose=pose), angle)
     np.testing.assert_allclose(path, pose[:, :3], atol=1e-12)
 
 

@@ -39,7 +39,7 @@ def timeless(result: Mapping[str, Any] | None) -> dict[str, Any]:
         for name, value in result["metrics"].items()
         if not name.startswith(("latency_", "cpu_"))
     }
-    return {**result, "metrics": metrics}
+    return {"task": result["task"], "metrics": metrics}
 
 
 def test_a_study_is_the_same_on_every_engine_and_in_any_grouping(

@@ -1,0 +1,156 @@
+"""Several policies in one recording: each in its place, in its colour, at its time."""
+
+import dataclasses
+import math
+
+import mujoco
+import numpy as np
+import pyarrow as pa
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+
+from experiments.recording.comparison import COLOURS, record_comparison
+from experiments.recording.comparison_layout import ROW, SPACING
+from experiments.teacher import Teacher
+
+
+@pytest.fixture(autouse=True)
+def strict_rerun(monkeypatch):
+    monkeypatch.setenv("RERUN_STRICT", "1")
+    rr.set_strict_mode(True)
+
+
+@pytest.fixture
+def record(tmp_path, door_model):
+    demonstrations = Teacher().demonstrate_doors([0.5], 1, rng=np.random.default_rng(0))
+
+    def record(*logs):
+        path = tmp_path / "comparison.rrd"
+        record_comparison(path, logs, door_model, demonstrations)
+        return list(RrdReader(path).stream())
+
+    return record
+
+
+def column(chunks, entity, component):
+    """Times [s] (None when static) and values of one component."""
+    for chunk in chunks:
+        batch = chunk.to_record_batch()
+        if chunk.entity_path == entity and component in batch.schema.names:
+            values = batch.column(component).to_pylist()
+            if chunk.is_static:
+                return None, values
+            times = batch.column("sim_time").cast(pa.int64()).to_numpy() / 1e9
+            return times, values
+    raise AssertionError(f"{entity} has no {component}")
+
+
+def packed(colour):
+    red, green, blue = colour
+    return (red << 24) + (green << 16) + (blue << 8) + 255
+
+
+def test_robots_stand_in_a_row_and_the_same_scene_moves_in_each(record, make_log):
+    chunks = record(make_log(), make_log(policy="kmp", qpos=np.zeros((601, 1))))
+    for number, policy in enumerate(("gp", "kmp")):
+        _, places = column(chunks, f"/robots/{policy}/world", "Transform3D:translation")
+        np.testing.assert_allclose(places[0], [SPACING * number * ROW], atol=1e-6)
+    leaf = "world/scene/leaf"
+    _, moving = column(chunks, f"/robots/gp/{leaf}", "Transform3D:quaternion")
+    _, still = column(chunks, f"/robots/kmp/{leaf}", "Transform3D:quaternion")
+    turn = 2.0 * math.acos(abs(np.dot(moving[0][0], moving[-1][0])))
+    assert turn == pytest.approx(math.radians(66.0), abs=1e-3)
+    np.testing.assert_allclose(still[0], still[-1])
+
+
+def test_curves_are_the_logs_in_the_policys_colour_and_name(record, make_log):
+    log, other = make_log(), make_log(policy="kmp", force_radial=np.full(601, -7.0))
+    chunks = record(log, other)
+    times, values = column(chunks, "/plots/angle/gp", "Scalars:scalars")
+    np.testing.assert_allclose(times, log.times, atol=1e-9)
+    np.testing.assert_allclose(np.ravel(values), np.degrees(log.door_angle))
+    _, values = column(chunks, "/plots/radial/kmp", "Scalars:scalars")
+    assert np.ravel(values).tolist() == [7.0] * 601
+    for policy, colour in zip(("gp", "kmp"), COLOURS, strict=False):
+        for panel in ("angle", "radial"):
+            entity = f"/plots/{panel}/{policy}"
+            assert column(chunks, entity, "SeriesLines:names")[1] == [[policy]]
+            tints = column(chunks, entity, "SeriesLines:colors")[1]
+            assert tints == [[packed(colour)]]
+        overlay = f"/overlay/world/task/paths/{policy}"
+        assert column(chunks, overlay, "LineStrips3D:colors")[1] == [[packed(colour)]]
+
+
+def test_labels_say_how_it_ended(record, make_log):
+    half = np.minimum(make_log().door_angle, math.radians(40.0))
+    stuck = make_log(
+        policy="dmp",
+        success=False,
+        failure="stalled",
+        door_angle=half,
+        solved=np.full(601, False),
+    )
+    lost = dataclasses.replace(stuck, policy="gmr", failure="grasp_lost")
+    chunks = record(make_log(), stuck, lost)
+    label = "world/task/label"
+    assert column(chunks, f"/robots/gp/{label}", "Points3D:labels")[1] == [
+        ["gp: opened"]
+    ]
+    assert column(chunks, f"/robots/dmp/{label}", "Points3D:labels")[1] == [
+        ["dmp: stuck at 40°"]
+    ]
+    assert column(chunks, f"/robots/gmr/{label}", "Points3D:labels")[1] == [
+        ["gmr: let go at 40°"]
+    ]
+    text = column(chunks, "/about", "TextDocument:text")[1][0][0]
+    assert "| dmp | stalled | 40° | 3.0 N |" in text
+
+
+def test_a_policy_without_uncertainty_has_a_tube_that_can_be_drawn(record, make_log):
+    log = make_log(policy="dmp")
+    unknown = np.full_like(log.forecast_std, math.nan)
+    chunks = record(make_log(policy="dmp", forecast_std=unknown))
+    _, tubes = column(
+        chunks, "/robots/dmp/world/task/policy_now", "Mesh3D:vertex_positions"
+    )
+    assert np.isfinite(np.array(tubes)).all()
+
+
+def test_episodes_without_forecasts_are_shown(record, make_log):
+    bare = make_log(
+        policy="oracle",
+        forecast_times=np.empty(0),
+        forecast_phase=np.empty(0),
+        forecast_mean=np.empty((0, 0, 6)),
+        forecast_std=np.empty((0, 0, 6)),
+    )
+    assert any("/robots/oracle" in chunk.entity_path for chunk in record(bare))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ([], "shows 1 to 10 episodes, got 0"),
+        ([{}, {}], "policy gp is given twice"),
+        ([{}, {"policy": "kmp", "door_config": {"radius": 0.6}}], "another door"),
+        ([{"qpos": np.zeros((601, 3))}], "3 generalised positions per step"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(changes, message, record, make_log):
+    with pytest.raises(ValueError, match=message):
+        record(*(make_log(**change) for change in changes))
+
+
+def test_an_existing_recording_stays_when_writing_fails(
+    tmp_path, door_model, make_log, monkeypatch
+):
+    path = tmp_path / "comparison.rrd"
+    path.write_bytes(b"before")
+    monkeypatch.setattr(
+        mujoco, "mj_kinematics", lambda *_: (_ for _ in ()).throw(OSError("full"))
+    )
+    with pytest.raises(OSError, match="full"):
+        record_comparison(path, [make_log()], door_model, [])
+    assert path.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [path]
