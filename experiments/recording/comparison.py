@@ -7,7 +7,6 @@ curves.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -121,12 +120,7 @@ def _robot(
     number: int, log: EpisodeLog, colour: Colour, model: mujoco.MjModel
 ) -> Iterator[Chunk]:
     """A robot at its door, and its path again on the common door."""
-    # Without uncertainty the tube is as thin as a line.
-    std = np.nan_to_num(log.forecast_std)
-    root, part = (
-        robot_entity(log.policy),
-        Part(log=dataclasses.replace(log, forecast_std=std)),
-    )
+    root, part = robot_entity(log.policy), Part(log=log)
     place = rr.Transform3D(translation=SPACING * number * ROW)
     yield static(f"{root}/world", place)
     yield from _moved_to(root, scene.drawn_scene(model))

@@ -78,7 +78,9 @@ def policy_motion(part: Part) -> list[Chunk]:
     log, first = part.log, part.first_forecast
     if log.forecast_times.size == first:
         return []
-    paths, stds = log.forecast_mean[first:, :, :3], log.forecast_std[first:, :, :3]
+    paths = log.forecast_mean[first:, :, :3]
+    # Without uncertainty the tube is as thin as a line.
+    stds = np.nan_to_num(log.forecast_std[first:, :, :3])
     vertices, normals = tube_vertices(paths, stds)
     means = paths.astype(np.float32)
     tubes = rr.Mesh3D.columns(

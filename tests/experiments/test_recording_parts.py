@@ -15,6 +15,7 @@ from experiments.episode_log import EpisodeLog
 from experiments.recording.episode import happening
 from experiments.recording.geoms import visual_geoms
 from experiments.recording.kinematics import body_poses, task_frame
+from experiments.recording.motion import policy_motion
 from experiments.recording.part import Part
 from experiments.recording.scene import drawn_scene, entity_of_body, moved_scene
 
@@ -164,3 +165,19 @@ def so_far(log: EpisodeLog, end: int) -> EpisodeLog:
     for name in ("forecast_times", "forecast_mean", "forecast_std"):
         fields[name] = fields[name][asked]
     return EpisodeLog(**fields)
+
+
+def test_policy_without_uncertainty_is_drawn_as_its_mean(make_log: MakeLog) -> None:
+    """Its tube has no width, and no corner that a viewer could not draw."""
+    log = make_log()
+    unsure = dataclasses.replace(
+        log, forecast_std=np.full_like(log.forecast_std, np.nan)
+    )
+    name, seen = "Mesh3D:vertex_positions", 0
+    for chunk in policy_motion(Part(log=unsure)):
+        batch = chunk.to_record_batch()
+        if name in batch.schema.names:
+            for tube in batch.column(name).to_pylist():
+                assert np.isfinite(tube).all()
+                seen += 1
+    assert seen > 1
