@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Catalogue:
-    """List doors, policies and environments with a line about each."""
+    """List doors, policies, environments and randomisations, a line about each."""
 
     def execute(self) -> int:
         """Run the command and return the exit status."""
-        from gplfd_env import ENVIRONMENT_ID
+        from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
         from gplfd_env.config import DOORS, RADIUS_RANGE
         from policies.registry import POLICIES
 
@@ -27,7 +27,13 @@ class Catalogue:
             },
             "policies": {name: POLICIES[name].summary for name in sorted(POLICIES)},
             "environments": {
-                ENVIRONMENT_ID: "command the hand's pose in the task frame"
+                ENVIRONMENT_ID: "command the hand's pose in the task frame",
+                IMPEDANCE_ENVIRONMENT_ID: "command its pose and its stiffness",
+            },
+            "randomizations (of doors, placement, grasp, sensors and delay)": {
+                "none": "every episode the same door",
+                "mild": "what a careful laboratory leaves over",
+                "hard": "another door every time, also of another radius",
             },
         }
         print("\n\n".join(_section(*section) for section in sections.items()))

@@ -95,7 +95,8 @@ class Record:
                     print(f"{name}, seed {seed}: {result}", file=sys.stderr)
         except (ValueError, OSError) as error:
             return complain(error)
-        print(f"{len(plan)} episodes in {folder}")
+        episodes = "1 episode" if len(plan) == 1 else f"{len(plan)} episodes"
+        print(f"{episodes} in {folder}")
         print(f"run them again:  gplfd demos replay {folder}")
         return 0
 
