@@ -91,11 +91,7 @@ def rollout(
         door=door,
         door_config=_door_config(env) if door_config is None else door_config,
         seed=seed,
-        dt=float(np.median(np.diff(arrays["times"]))),
-        success=bool(info["success"]),
-        failure=failure_of(
-            str(info["failure"]), truncated, success=bool(info["success"])
-        ),
+        **ending(arrays, str(info["failure"]), truncated),
         **arrays,
     )
 
@@ -109,17 +105,23 @@ def _timed_decision(agent: Agent, observation: Any) -> tuple[AgentStep, float]:
     return decision, 1e-9 * (time.thread_time_ns() - started)
 
 
-def failure_of(told: str, truncated: bool, *, success: bool) -> str:
-    """Return why an episode failed, or "".
+def ending(
+    arrays: Mapping[str, NDArray[Any]], told: str, truncated: bool
+) -> dict[str, Any]:
+    """Return ``dt``, ``success`` and ``failure`` of an episode's log.
 
     Args:
-        told: The environment's ``failure``.
+        arrays: The log's arrays by name.
+        told: The environment's last ``failure``.
         truncated: Whether the episode was cut off.
-        success: Whether the task was solved.
     """
-    if truncated and not told and not success:
-        return "time_limit"
-    return told
+    success = bool(arrays["solved"][-1])
+    late = truncated and not told and not success
+    return {
+        "dt": float(np.median(np.diff(arrays["times"]))),
+        "success": success,
+        "failure": "time_limit" if late else told,
+    }
 
 
 def _door_config(env: gym.Env[Any, Any]) -> dict[str, float]:

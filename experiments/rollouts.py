@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from experiments.episode_log import EpisodeLog
-from experiments.rollout import DECISIONS, INFOS, OBSERVATIONS, Forecasts, failure_of
+from experiments.rollout import DECISIONS, INFOS, OBSERVATIONS, Forecasts, ending
 
 if TYPE_CHECKING:
     from gplfd_env.vector import DoorOpeningVectorEnv
@@ -75,14 +75,7 @@ def rollouts(
             door=door,
             door_config=dataclasses.asdict(envs.variations[row].door),
             seed=seed,
-            dt=float(np.median(np.diff(arrays["times"]))),
-            success=bool(arrays["solved"][-1]),
-            failure=failure_of(
-                str(infos["failure"][row]),
-                bool(truncated[row]),
-                success=bool(arrays["solved"][-1]),
-            ),
-            **arrays,
+            **arrays | ending(arrays, str(infos["failure"][row]), bool(truncated[row])),
         )
         for row, (door, seed, arrays) in enumerate(
             zip(doors, seeds, table.episodes(), strict=True)

@@ -143,7 +143,6 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
     But its scheduler gives up soon, for time.
     """
-    pytest.importorskip("distributed")
     folders = [tmp_path_factory.mktemp(name) for name in ("head", "one", "two")]
     quiet = ("--no-dashboard", "--host", "127.0.0.1")
     with contextlib.ExitStack() as cluster:
@@ -190,7 +189,8 @@ def test_a_dask_cluster_brings_every_item_back(scheduler: str, tmp_path: Path) -
 def test_a_scheduler_that_does_not_answer_is_an_os_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    cluster = pytest.importorskip("experiments.engines.cluster")
+    from experiments.engines import cluster
+
     monkeypatch.setattr(cluster, "_PATIENCE", "0.5s")
     engine = engine_named("dask", address="tcp://127.0.0.1:9")
     with pytest.raises(OSError, match=r"tcp://127\.0\.0\.1:9"):
