@@ -22,7 +22,7 @@ from policies.gp.kersting import KerstingNoise
 from policies.gp.multi_output import MultiOutputGP, OutputMoments
 from policies.gp.noise import HomoscedasticNoise, MapNoise
 from policies.gp.noise_profile import NoiseModel
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
 
 if TYPE_CHECKING:
     from policies.adaptation import AdaptationForm, AdaptedSkill
@@ -126,11 +126,7 @@ class Skill:
         Raises:
             ValueError: if there are no times, or one is not finite.
         """
-        times = np.asarray(times, dtype=np.float64)
-        if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
-            raise ValueError(
-                f"predict needs a list of finite times, at least one; got {times}."
-            )
+        times = checked_times(times)
         moments = self.processes.moments(times)
         share = self.smoothness / self.count * moments.noise
         smooth = moments.latent >= share

@@ -8,13 +8,27 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtri, stdtrit
 
-__all__ = ["GaussianTrajectory", "ViaPoint"]
+__all__ = ["GaussianTrajectory", "ViaPoint", "checked_times"]
 
 
 def _read_only(array: np.ndarray) -> np.ndarray:
     copy = np.array(array, dtype=np.float64)
     copy.setflags(write=False)
     return copy
+
+
+def checked_times(times: np.ndarray) -> Float[np.ndarray, " M"]:
+    """Return the phases of a prediction as floats.
+
+    Raises:
+        ValueError: if there are none, or one is not finite.
+    """
+    times = np.asarray(times, dtype=np.float64)
+    if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
+        raise ValueError(
+            f"predict needs a list of finite times, at least one; got {times}."
+        )
+    return times
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -48,7 +48,7 @@ from scipy.signal import lsim
 from gplfd_env.rotation_paths import unwrap_rotvecs
 from gplfd_env.se3 import compose_rotvecs
 from policies.aligned import AlignedDemonstrations
-from policies.trajectory import GaussianTrajectory
+from policies.trajectory import GaussianTrajectory, checked_times
 
 __all__ = ["DMPConfig", "DynamicMovementPrimitive", "fit_dmp"]
 
@@ -145,11 +145,7 @@ class DynamicMovementPrimitive:
         Raises:
             ValueError: if there are no times, or one is not finite.
         """
-        times = np.asarray(times, dtype=np.float64)
-        if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
-            raise ValueError(
-                f"predict needs a list of finite times, at least one; got {times}."
-            )
+        times = checked_times(times)
         within = np.clip(times, self._rollout.x[0], self._rollout.x[-1])
         moving = (within == times)[:, None]
         unknown = np.full((times.size, 6), np.nan)

@@ -39,7 +39,7 @@ from policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
 from policies.gp.hyperparameters import fit_kernel_and_noise
 from policies.gp.noise_profile import NoiseProfile
 from policies.gp.replicates import Replicates
-from policies.trajectory import GaussianTrajectory
+from policies.trajectory import GaussianTrajectory, checked_times
 
 __all__ = ["LocalGPConfig", "LocalGaussianProcesses", "fit_local_gp"]
 
@@ -118,11 +118,7 @@ class LocalGaussianProcesses:
         Raises:
             ValueError: if there are no times, or one is not finite.
         """
-        times = np.asarray(times, dtype=np.float64)
-        if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
-            raise ValueError(
-                f"predict needs a list of finite times, at least one; got {times}."
-            )
+        times = checked_times(times)
         # Small matrices: sharing them out among threads costs ten times the work.
         with threadpool_limits(limits=1, user_api="blas"):
             product = self._product(times)

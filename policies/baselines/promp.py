@@ -32,7 +32,7 @@ from scipy.linalg import pinvh
 from threadpoolctl import threadpool_limits
 
 from policies.aligned import AlignedDemonstrations
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
 
 __all__ = ["ProMPConfig", "ProbabilisticMovementPrimitive", "fit_promp"]
 
@@ -98,11 +98,7 @@ class ProbabilisticMovementPrimitive:
         Raises:
             ValueError: if there are no times, or one is not finite.
         """
-        times = np.asarray(times, dtype=np.float64)
-        if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
-            raise ValueError(
-                f"predict needs a list of finite times, at least one; got {times}."
-            )
+        times = checked_times(times)
         basis, slope = _basis(times, self.config), _basis_rate(times, self.config)
         mean = self.weight_mean.reshape(6, -1)
         blocks = self._output_covariances()

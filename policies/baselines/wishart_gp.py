@@ -42,7 +42,7 @@ from policies.baselines.wishart_process import (
 from policies.gp.heteroscedastic import HeteroscedasticGP
 from policies.gp.multi_output import MultiOutputGP
 from policies.gp.noise import HomoscedasticNoise
-from policies.trajectory import GaussianTrajectory
+from policies.trajectory import GaussianTrajectory, checked_times
 
 __all__ = ["WishartGPConfig", "WishartProcessMovement", "fit_wishart_gp"]
 
@@ -132,11 +132,7 @@ class WishartProcessMovement:
         Raises:
             ValueError: if there are no times, or one is not finite.
         """
-        times = np.asarray(times, dtype=np.float64)
-        if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
-            raise ValueError(
-                f"predict needs a list of finite times, at least one; got {times}."
-            )
+        times = checked_times(times)
         # Small matrices: sharing them out among threads costs more than the work.
         with threadpool_limits(limits=1, user_api="blas"):
             moments = self.processes.moments(times)
