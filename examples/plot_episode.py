@@ -10,10 +10,9 @@ import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
 
-from experiments.episode_log import EpisodeLog
-from experiments.rollout import rollout
-from experiments.study import DEMONSTRATED_RADII
-from experiments.teacher import Teacher
+from experiments.episodes.log import EpisodeLog
+from experiments.episodes.rollout import rollout
+from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_env import ENVIRONMENT_ID
 from policies import make_agent
 

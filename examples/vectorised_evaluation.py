@@ -10,8 +10,7 @@ import time
 import gymnasium as gym
 import numpy as np
 
-from experiments.study import DEMONSTRATED_RADII
-from experiments.teacher import Teacher
+from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_env import ENVIRONMENT_ID
 from policies import make_agent
 from policies.lockstep import batch_agents

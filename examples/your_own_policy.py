@@ -8,10 +8,9 @@ handle of the others. Anything with `reset`, `act` and `forecast` will do.
 import gymnasium as gym
 import numpy as np
 
-from experiments.metrics import episode_metrics
-from experiments.rollout import rollout
-from experiments.study import DEMONSTRATED_RADII
-from experiments.teacher import Teacher
+from experiments.episodes.metrics import episode_metrics
+from experiments.episodes.rollout import rollout
+from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_env import ENVIRONMENT_ID
 from policies import AgentStep, align, fit_skill
 

@@ -14,11 +14,11 @@ from typing import Any, Final
 
 from experiments.atomic_write import write_json
 from experiments.repetition import Repeated, repeat
-from experiments.report.grouping import by_condition, by_policy, ranked
 from experiments.report.recordings import COMPARISONS, FOLDER, INDEX, RANKS
-from experiments.report.results import Episode, read_results
 from experiments.report.verdicts import CHAMPION
-from experiments.study import DEMONSTRATED_RADII
+from experiments.results.grouping import by_condition, by_policy, ranked
+from experiments.results.records import Episode, read_results
+from experiments.teacher import DEMONSTRATED_RADII
 
 COMPARED: Final = 6
 """Policies in the comparison: more would be too small to see."""

@@ -12,13 +12,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from experiments.report.results import Episode
-from experiments.study import DEMONSTRATED_RADII, EpisodeTask, task_from
+from experiments.results.records import Episode
+from experiments.study.tasks import EpisodeTask, task_from
+from experiments.teacher import DEMONSTRATED_RADII
 
 if TYPE_CHECKING:
     import mujoco
 
-    from experiments.episode_log import EpisodeLog
+    from experiments.episodes.log import EpisodeLog
     from policies.demonstrations import Demonstration
 
 _FORECAST_PERIOD: Final = 0.2
@@ -47,8 +48,8 @@ def repeat(episode: Episode) -> Repeated:
     Raises:
         ValueError: The policy cannot learn or act any more.
     """
-    from experiments.metrics import episode_metrics
-    from experiments.study_jobs import episode_logs
+    from experiments.episodes.metrics import episode_metrics
+    from experiments.study.jobs import episode_logs
 
     record = {"kind": "episode", **episode.task}
     task = cast("EpisodeTask", task_from(record))

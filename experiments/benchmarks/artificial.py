@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.random_motion import minimum_jerk, smooth_functions
+from experiments.teacher.random_motion import minimum_jerk, smooth_functions
 from gplfd_env.task import handle_pose_on_arc
 from policies.aligned import AlignedDemonstrations
 

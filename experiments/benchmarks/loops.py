@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from experiments.benchmarks.report import Table, Target
 from experiments.benchmarks.throughput import Entrant, Load, Pace, measure_paces
-from experiments.study import DEMONSTRATED_RADII
-from experiments.teacher import Teacher
+from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_env import ENVIRONMENT_ID
 from policies.agent import Agent
 from policies.lockstep import batch_agents

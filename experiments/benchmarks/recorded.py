@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from experiments.benchmarks.report import Table, Target, number
 from experiments.benchmarks.scores import Score, score
-from experiments.demonstration_files.npz import load_demonstrations
+from experiments.datasets.npz import load_demonstrations
 from gplfd_env.se3 import relative_poses
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align

@@ -12,10 +12,9 @@ import numpy as np
 
 from experiments.benchmarks.report import Table, Target
 from experiments.benchmarks.throughput import Entrant, Pace, measure_paces
+from experiments.episodes.rollout import rollout
 from experiments.recording import record_episode
-from experiments.rollout import rollout
-from experiments.study import DEMONSTRATED_RADII
-from experiments.teacher import Teacher
+from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_env import ENVIRONMENT_ID
 from policies.registry import make_agent
 

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from experiments.commands.complaint import complain
-from experiments.engines import EngineName
-from experiments.study_settings import StudySettings
+from experiments.study.engines import EngineName
+from experiments.study.settings import StudySettings
 
 if TYPE_CHECKING:
-    from experiments.engines import Engine
-    from experiments.study import Task
+    from experiments.study.engines import Engine
+    from experiments.study.tasks import Task
 
 _SHOWN_ERRORS = 3
 
@@ -65,8 +65,8 @@ class Benchmark:
 
     def execute(self) -> int:
         """Run the command and return the exit status."""
-        from experiments.study import made_by_other_code
-        from experiments.study_settings import checked, tasks
+        from experiments.study.plan import checked, tasks
+        from experiments.study.store import made_by_other_code
 
         try:
             settings = checked(self.study)
@@ -91,7 +91,7 @@ class Benchmark:
         return 0
 
     def _engine(self) -> Engine:
-        from experiments.engines import engine_named
+        from experiments.study.engines import engine_named
 
         if self.out.exists() and not self.out.is_dir():
             raise ValueError(f"--out {self.out} is a file; give a folder")
@@ -99,8 +99,8 @@ class Benchmark:
 
     def _write_settings(self, settings: StudySettings) -> None:
         from experiments.atomic_write import write_json
-        from experiments.provenance import provenance
-        from experiments.study_file import write_settings
+        from experiments.files.provenance import provenance
+        from experiments.study.settings_file import write_settings
 
         how = {
             one.name: getattr(self, one.name)
@@ -115,7 +115,8 @@ class Benchmark:
         """Run what is missing behind a progress bar that counts tasks."""
         from tqdm import tqdm
 
-        from experiments.study import is_finished, run_study, stored_result
+        from experiments.study.runner import run_study
+        from experiments.study.store import is_finished, stored_result
 
         done = sum(is_finished(stored_result(self.out, task)) for task in study)
         # Where nobody watches, a line now and then is enough.
@@ -144,7 +145,7 @@ class Benchmark:
         print(text)
 
     def _tell_errors(self, study: Iterable[Task]) -> None:
-        from experiments.study import stored_result
+        from experiments.study.store import stored_result
 
         failed = [
             result
@@ -183,16 +184,16 @@ def benchmark_from(arguments: Sequence[str]) -> Callable[..., Benchmark]:
     given, _ = parser.parse_known_args(arguments)
     if list(arguments[:1]) != ["benchmark"] or given.config is None:
         return Benchmark
-    from experiments.study_file import settings_named
+    from experiments.study.settings_file import settings_named
 
     return partial(Benchmark, study=settings_named(given.config))
 
 
 def _tables(folder: Path, settings: StudySettings) -> Iterator[str]:
     """Yield a table per condition of the study."""
-    from experiments.study import stored_result
-    from experiments.study_settings import conditions, episodes
-    from experiments.summary import summary_table
+    from experiments.results.table import summary_table
+    from experiments.study.plan import conditions, episodes
+    from experiments.study.store import stored_result
 
     several = list(conditions(settings))
     for condition in several:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import tyro
 
 from experiments.commands.complaint import complain
-from experiments.commands.run import named_doors
+from experiments.study.doors import named_doors
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -65,8 +65,8 @@ class Record:
 
     def execute(self) -> int:
         """Run the command and return the exit status."""
-        from experiments.demonstration_files.minari import Recorder, new_dataset
-        from experiments.demonstration_files.minari.contents import outcome
+        from experiments.datasets.minari import Recorder, new_dataset
+        from experiments.datasets.minari.contents import outcome
 
         folder = self.out or Path("results/demos") / f"{self.policy}-v0"
         try:
@@ -138,8 +138,7 @@ class Record:
     def _agent(self, radius: float, seed: int) -> Agent:
         import numpy as np
 
-        from experiments.study import DEMONSTRATED_RADII
-        from experiments.teacher import Teacher
+        from experiments.teacher import DEMONSTRATED_RADII, Teacher
         from policies.registry import make_agent
 
         demonstrations = Teacher().demonstrate_doors(
@@ -186,9 +185,9 @@ class Replay:
 
     def execute(self) -> int:
         """Run the command and return the exit status."""
-        from experiments.demonstration_files.minari import open_dataset
-        from experiments.demonstration_files.minari.contents import title
-        from experiments.replay import changes_since, compare, replay
+        from experiments.datasets.minari import open_dataset
+        from experiments.datasets.minari.contents import title
+        from experiments.datasets.replay import changes_since, compare, replay
 
         exact = 0
         try:
@@ -219,8 +218,8 @@ class Inspect:
 
     def execute(self) -> int:
         """Run the command and return the exit status."""
-        from experiments.demonstration_files.minari import open_dataset
-        from experiments.demonstration_files.minari.contents import contents
+        from experiments.datasets.minari import open_dataset
+        from experiments.datasets.minari.contents import contents
 
         try:
             print(contents(open_dataset(self.dataset)))

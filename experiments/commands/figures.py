@@ -40,7 +40,7 @@ class Figures:
         """Run the command and return the exit status."""
         from experiments.atomic_write import write_json
         from experiments.figures.catalogue import chosen
-        from experiments.provenance import provenance
+        from experiments.files.provenance import provenance
 
         try:
             entries = chosen(self.only)

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
-from experiments.commands.run import named_doors
-from experiments.commands.view import View, has_display, viewer
+from experiments.commands.view import View
+from experiments.recording.viewer import has_display, viewer
+from experiments.study.doors import named_doors
 
 if TYPE_CHECKING:
     from gplfd_env.config import DoorConfig
@@ -93,8 +94,7 @@ def _prepare(view: View) -> _Episode:
     """
     import numpy as np
 
-    from experiments.study import DEMONSTRATED_RADII
-    from experiments.teacher import Teacher
+    from experiments.teacher import DEMONSTRATED_RADII, Teacher
     from policies.registry import make_agent, policy_entry
 
     policy_entry(view.policy)

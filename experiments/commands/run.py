@@ -7,7 +7,6 @@ import dataclasses
 import math
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
@@ -16,13 +15,14 @@ import tyro
 
 from experiments.commands.complaint import complain
 from experiments.commands.table import table
+from experiments.study.doors import named_doors
 
 if TYPE_CHECKING:
     import gymnasium as gym
 
-    from experiments.demonstration_files.npz import LabelledDemonstrations
-    from experiments.episode_log import EpisodeLog
-    from experiments.metrics import EpisodeMetrics
+    from experiments.datasets.npz import LabelledDemonstrations
+    from experiments.episodes.log import EpisodeLog
+    from experiments.episodes.metrics import EpisodeMetrics
     from experiments.recording.tiago_meshes import TiagoLooks
     from gplfd_env.config import DoorConfig
     from policies.agent import Agent
@@ -151,39 +151,14 @@ def _looks(run: Run) -> TiagoLooks | None:
     return tiago_looks([robot.body(index).name for index in range(robot.nbody)])
 
 
-def named_doors(doors: Sequence[str]) -> dict[str, DoorConfig]:
-    """Configurations by name, for names of doors and for radii as text.
-
-    Raises:
-        ValueError: No door, an unknown one, one out of reach, or one given twice.
-    """
-    from gplfd_env.config import door_config
-
-    if not doors:
-        raise ValueError("--doors needs at least one door: a name or a radius [m]")
-    configs: dict[str, DoorConfig] = {}
-    for given in doors:
-        try:
-            radius = float(given)
-        except ValueError:
-            name, config = given, door_config(given)
-        else:
-            name, config = f"{radius:g}", door_config(radius)
-        if name in configs:
-            raise ValueError(f"door {name} is given twice in --doors")
-        configs[name] = config
-    return configs
-
-
 def _demonstrations(run: Run) -> LabelledDemonstrations:
     import numpy as np
 
-    from experiments.demonstration_files.npz import (
+    from experiments.datasets.npz import (
         LabelledDemonstrations,
         load_demonstrations,
     )
-    from experiments.study import DEMONSTRATED_RADII
-    from experiments.teacher import Teacher
+    from experiments.teacher import DEMONSTRATED_RADII, Teacher
 
     if run.demonstrations is not None:
         return load_demonstrations(run.demonstrations)
@@ -198,8 +173,8 @@ def _demonstrations(run: Run) -> LabelledDemonstrations:
 
 def _write_inputs(run: Run, plan: _Plan) -> None:
     from experiments.atomic_write import write_json
-    from experiments.demonstration_files.npz import save_demonstrations
-    from experiments.provenance import provenance
+    from experiments.datasets.npz import save_demonstrations
+    from experiments.files.provenance import provenance
 
     given = plan.demonstrations
     save_demonstrations(plan.folder / DEMONSTRATIONS, given.demonstrations, given.radii)
@@ -225,7 +200,7 @@ def _open_door(run: Run, plan: _Plan, door: _Door) -> EpisodeMetrics:
     """Open one door, write its log and recording, and return its metrics."""
     import gymnasium as gym
 
-    from experiments.metrics import episode_metrics
+    from experiments.episodes.metrics import episode_metrics
     from experiments.recording import record_episode
     from gplfd_env import ENVIRONMENT_ID
 
@@ -253,7 +228,7 @@ def _watched_rollout(env: gym.Env[Any, Any], run: Run, door: _Door) -> EpisodeLo
     """Run the episode behind a progress bar and return its log."""
     from tqdm import tqdm
 
-    from experiments.rollout import rollout
+    from experiments.episodes.rollout import rollout
 
     # disable=None: no bar when stderr is not a terminal.
     with tqdm(desc=door.name, unit=" s simulated", leave=False, disable=None) as bar:

@@ -125,7 +125,7 @@ def _show(result: Result) -> None:
 def _record(speed: Speed, results: Mapping[str, Result]) -> dict[str, Any]:
     """Everything measured, and where; JSON-able."""
     from experiments.benchmarks.machine import machine
-    from experiments.provenance import provenance
+    from experiments.files.provenance import provenance
 
     settings = dataclasses.asdict(speed) | {
         "out": str(speed.out),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from experiments.metrics import EpisodeMetrics
+    from experiments.episodes.metrics import EpisodeMetrics
 
 
 def table(metrics: Sequence[EpisodeMetrics]) -> str:

@@ -18,17 +18,16 @@ import numpy as np
 import gplfd_env
 import policies
 from experiments.atomic_write import write_json
-from experiments.demonstration_files.npz import (
+from experiments.datasets.npz import (
     LabelledDemonstrations,
     load_demonstrations,
     save_demonstrations,
 )
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
+from experiments.episodes.rollout import rollout
 from experiments.figures.material import Material
-from experiments.provenance import versions
-from experiments.rollout import rollout
-from experiments.study import DEMONSTRATED_RADII
-from experiments.teacher import Teacher
+from experiments.files.provenance import versions
+from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DoorConfig, door_config
 from policies.registry import make_agent

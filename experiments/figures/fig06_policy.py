@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from experiments.demonstration_files.npz import LabelledDemonstrations
+from experiments.datasets.npz import LabelledDemonstrations
 from experiments.figures import style
 from experiments.figures.material import Drawing, Material
 from policies.alignment import align

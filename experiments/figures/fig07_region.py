@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri
 
-from experiments.demonstration_files.npz import LabelledDemonstrations
+from experiments.datasets.npz import LabelledDemonstrations
 from experiments.figures import style
 from experiments.figures.fig06_policy import door_colours
 from experiments.figures.material import Drawing, Material

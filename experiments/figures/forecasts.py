@@ -20,11 +20,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
 from experiments.figures import style
 from experiments.figures.fig07_region import PLANE, arc, shade_region
+from experiments.figures.hindsight import expectation, replay
 from experiments.figures.material import Drawing, Material
-from experiments.figures.replay import expectation, replay
 from policies.agent import Agent
 from policies.registry import make_agent
 from policies.trajectory import GaussianTrajectory

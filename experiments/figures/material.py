@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from experiments.demonstration_files.npz import LabelledDemonstrations
-    from experiments.episode_log import EpisodeLog
+    from experiments.datasets.npz import LabelledDemonstrations
+    from experiments.episodes.log import EpisodeLog
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.episode_log import EpisodeLog
-from experiments.figures.replay import expectation, replay
-from experiments.metrics import opening_motion, prediction_errors
+from experiments.episodes.log import EpisodeLog
+from experiments.episodes.metrics import opening_motion, prediction_errors
+from experiments.figures.hindsight import expectation, replay
 from policies.agent import Agent
 from policies.trajectory import GaussianTrajectory
 

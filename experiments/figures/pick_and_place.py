@@ -14,7 +14,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.random_motion import minimum_jerk, smooth_functions, uneven_timing
+from experiments.teacher.random_motion import (
+    minimum_jerk,
+    smooth_functions,
+    uneven_timing,
+)
 from policies import AlignedDemonstrations, Demonstration
 
 FloatArray = NDArray[np.float64]

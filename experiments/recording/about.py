@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
 
 
 def about(

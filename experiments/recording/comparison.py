@@ -17,7 +17,7 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
 from experiments.recording import colours, motion, scene
 from experiments.recording.colours import Colour
 from experiments.recording.comparison_layout import (

@@ -13,7 +13,7 @@ import numpy as np
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
 from experiments.recording import colours, motion
 from experiments.recording.kinematics import task_frame
 from experiments.recording.stream import APPLICATION, TIMELINE

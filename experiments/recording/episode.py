@@ -10,8 +10,8 @@ import mujoco
 import rerun as rr
 from rerun.chunk import Chunk
 
-from experiments.episode_log import EpisodeLog
-from experiments.provenance import versions
+from experiments.episodes.log import EpisodeLog
+from experiments.files.provenance import versions
 from experiments.recording.about import about
 from experiments.recording.layout import TEXT, layout_chunks
 from experiments.recording.motion import door_frame, hand_motion, policy_motion

@@ -11,6 +11,9 @@ from scipy.spatial.transform import Rotation
 
 FloatArray = NDArray[np.float64]
 
+ROOT: Final = "/world/scene"
+"""Entity above all bodies; the axes are MuJoCo's world axes, z up."""
+
 TASK_SITE: Final = "task_frame"
 """Site of the model that carries the task frame."""
 
@@ -45,6 +48,18 @@ def poses_on_carriers(model: mujoco.MjModel) -> tuple[FloatArray, FloatArray]:
                 poses[body], (position, quaternion)
             )
     return positions, quaternions
+
+
+def entity_of_body(model: mujoco.MjModel, body: int) -> str:
+    """Path of a body's entity, below that of the moving body that carries it.
+
+    Of a body that moves on its own, the entity's transform is its pose in the world.
+    """
+    name = model.body(body).name or f"body_{body}"
+    top = carrier(model, body)
+    if top in (0, body):
+        return f"{ROOT}/{name}"
+    return f"{entity_of_body(model, top)}/{name}"
 
 
 def carrier(model: mujoco.MjModel, body: int) -> int:

@@ -13,7 +13,8 @@ import mujoco
 import numpy as np
 import rerun as rr
 
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
+from experiments.episodes.rollout import rollout
 from experiments.recording.episode import (
     happening,
     page,
@@ -22,7 +23,6 @@ from experiments.recording.episode import (
 )
 from experiments.recording.part import Part
 from experiments.recording.stages import stage_lane, stages
-from experiments.rollout import rollout
 from policies.agent import Agent, AgentStep
 from policies.demonstrations import Demonstration
 from policies.trajectory import GaussianTrajectory

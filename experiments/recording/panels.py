@@ -11,7 +11,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import Chunk
 
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
 from experiments.recording import colours
 from experiments.recording.colours import Colour
 from experiments.recording.part import Part

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
 
 FloatArray = NDArray[np.float64]
 

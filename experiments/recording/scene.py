@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
-
 import mujoco
 import rerun as rr
 from rerun.chunk import Chunk
 
 from experiments.recording.geoms import drawn_geoms, visual_geoms, xyzw
-from experiments.recording.kinematics import body_poses, carrier
+from experiments.recording.kinematics import ROOT, body_poses, entity_of_body
 from experiments.recording.part import Part
 from experiments.recording.stream import moving, seconds, static, stretch
-
-if TYPE_CHECKING:
-    # It imports this module.
-    from experiments.recording.tiago_meshes import TiagoLooks
-
-ROOT: Final = "/world/scene"
-"""Entity above all bodies; the axes are MuJoCo's world axes, z up."""
+from experiments.recording.tiago_meshes import TiagoLooks
 
 
 def drawn_scene(model: mujoco.MjModel, looks: TiagoLooks | None = None) -> list[Chunk]:
@@ -57,15 +49,3 @@ def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
         )
         for number, body in enumerate(bodies)
     ]
-
-
-def entity_of_body(model: mujoco.MjModel, body: int) -> str:
-    """Path of a body's entity, below that of the moving body that carries it.
-
-    Of a body that moves on its own, the entity's transform is its pose in the world.
-    """
-    name = model.body(body).name or f"body_{body}"
-    top = carrier(model, body)
-    if top in (0, body):
-        return f"{ROOT}/{name}"
-    return f"{entity_of_body(model, top)}/{name}"

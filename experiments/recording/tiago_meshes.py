@@ -20,7 +20,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import Chunk
 
-from experiments.recording.scene import entity_of_body
+from experiments.recording.kinematics import entity_of_body
 from experiments.recording.stream import static
 
 FloatArray = NDArray[np.float64]

@@ -6,7 +6,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final
 
 from experiments.report.document import Block, Items, Paragraph, Table
-from experiments.report.grouping import (
+from experiments.report.verdicts import (
+    CHAMPION,
+    PRIVILEGED,
+    rate_verdict,
+    shifts_to,
+    value_verdict,
+)
+from experiments.results.grouping import (
     UNDEMONSTRATED,
     by_pair,
     by_policy,
@@ -14,7 +21,7 @@ from experiments.report.grouping import (
     places,
     ranked,
 )
-from experiments.report.measures import (
+from experiments.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
     HEADLINES,
@@ -23,16 +30,9 @@ from experiments.report.measures import (
     median,
     number_text,
 )
-from experiments.report.results import Episode
-from experiments.report.statistics import PairedTest, holm, mcnemar, signed_rank
-from experiments.report.verdicts import (
-    CHAMPION,
-    PRIVILEGED,
-    rate_verdict,
-    shifts_to,
-    value_verdict,
-)
-from experiments.summary import wilson_interval
+from experiments.results.records import Episode
+from experiments.results.statistics import PairedTest, holm, mcnemar, signed_rank
+from experiments.results.table import wilson_interval
 
 ANGLES: Final = (60, 30, 15)
 """Angles that count as opened [deg], the task's own first."""

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from experiments.report.document import Block, Items, Paragraph, Picture, Section, Table
-from experiments.report.grouping import by_condition, by_pair, by_policy
-from experiments.report.measures import SKILL_HEADLINES, SKILL_MEASURES, median
 from experiments.report.plots import coverage, skill_scores
-from experiments.report.results import LearningTest
 from experiments.report.verdicts import value_verdict
+from experiments.results.grouping import by_condition, by_pair, by_policy
+from experiments.results.measures import SKILL_HEADLINES, SKILL_MEASURES, median
+from experiments.results.records import LearningTest
 
 _LEFT_OUT: Final = {
     "demonstration": "one demonstration left out",

@@ -15,8 +15,8 @@ from experiments.report.document import (
     Table,
     Verbatim,
 )
-from experiments.report.grouping import by_condition, by_policy, named
-from experiments.report.results import Outcome, StudyResults
+from experiments.results.grouping import by_condition, by_policy, named
+from experiments.results.records import Outcome, StudyResults
 
 
 def header(results: StudyResults) -> tuple[Block, ...]:

@@ -14,7 +14,6 @@ from experiments.report.doors import (
     rate_tables,
     verdicts,
 )
-from experiments.report.grouping import by_condition, difference, ranked
 from experiments.report.html import html_page
 from experiments.report.learning import learning_section
 from experiments.report.markdown import FIGURES, markdown_page
@@ -25,10 +24,11 @@ from experiments.report.plots import (
     success_by_radius,
 )
 from experiments.report.recordings import recording_section
-from experiments.report.results import Episode, StudyResults, read_results
 from experiments.report.shortfalls import shortfall_section
 from experiments.report.table_one import table_one_section
-from experiments.study_settings import Condition
+from experiments.results.grouping import by_condition, difference, ranked
+from experiments.results.records import Episode, StudyResults, read_results
+from experiments.study.settings import Condition
 
 HTML, MARKDOWN = "report.html", "report.md"
 

@@ -9,13 +9,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from experiments.figures import style
-from experiments.report.grouping import by_policy, places
-from experiments.report.measures import (
-    ADA_FORCE,
-    EPISODE_MEASURES,
-    SKILL_MEASURES,
-    median,
-)
 from experiments.report.panels import (
     bar,
     colour,
@@ -25,9 +18,16 @@ from experiments.report.panels import (
     say,
     small_multiples,
 )
-from experiments.report.results import Episode, LearningTest, Outcome
-from experiments.study import DEMONSTRATED_RADII
-from experiments.summary import wilson_interval
+from experiments.results.grouping import by_policy, places
+from experiments.results.measures import (
+    ADA_FORCE,
+    EPISODE_MEASURES,
+    SKILL_MEASURES,
+    median,
+)
+from experiments.results.records import Episode, LearningTest, Outcome
+from experiments.results.table import wilson_interval
+from experiments.teacher import DEMONSTRATED_RADII
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

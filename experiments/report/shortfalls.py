@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from experiments.report.document import Block, Paragraph, Section, Table
-from experiments.report.grouping import failures, ranked
-from experiments.report.measures import EPISODE_MEASURES, median
-from experiments.report.results import Episode
+from experiments.results.grouping import failures, ranked
+from experiments.results.measures import EPISODE_MEASURES, median
+from experiments.results.records import Episode
 
 _MEANING: Final = {
     "stalled": "the hand held on and the door gained no more angle",

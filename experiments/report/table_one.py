@@ -2,7 +2,7 @@
 
 The paper is Arduengo et al., *Gaussian-Process-based Robot Learning from
 Demonstration*, arXiv:2002.09979. What is measured, and what it must be for a mark, is
-said in `experiments.skill.criteria`.
+said in `experiments.learning_tests.criteria`.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from experiments.learning_tests.scores import CRITERIA, Criterion, Mark, mark
 from experiments.report.document import Block, Items, Paragraph, Section, Table
-from experiments.report.grouping import by_condition, by_policy, named
-from experiments.report.results import LearningTest
-from experiments.skill_scores import CRITERIA, Criterion, Mark, mark
+from experiments.results.grouping import by_condition, by_policy, named
+from experiments.results.records import LearningTest
 from policies.registry import TABLE_1
 
 _SIGN: Final = {True: "✓", False: "✗", None: "?"}

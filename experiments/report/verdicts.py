@@ -13,9 +13,9 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from experiments.report.measures import Measure, median
-from experiments.report.statistics import Shift, shift
-from experiments.summary import wilson_interval
+from experiments.results.measures import Measure, median
+from experiments.results.statistics import Shift, shift
+from experiments.results.table import wilson_interval
 
 CHAMPION: Final = "gp"
 """The policy that the sentences are about."""

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
 from gplfd_env.task import handle_pose_on_arc
 
 RADIUS = 0.5

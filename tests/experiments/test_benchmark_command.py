@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from experiments import study, study_jobs
 from experiments.cli import main
-from experiments.study_file import read_settings, write_settings
-from experiments.study_settings import StudySettings
+from experiments.study import jobs, runner, store
+from experiments.study.settings import StudySettings
+from experiments.study.settings_file import read_settings, write_settings
 
 METRICS = dict.fromkeys(
     (
@@ -35,9 +35,9 @@ def ran(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     def run_job(job: Any) -> list[Any]:
         tasks.extend(job)
         return [
-            study_jobs.failed(task, "ValueError: cannot learn")
+            jobs.failed(task, "ValueError: cannot learn")
             if (task.policy, task.seed) == ("oracle", 1)
-            else {**study_jobs.failed(task, ""), "metrics": METRICS}
+            else {**jobs.failed(task, ""), "metrics": METRICS}
             for task in job
         ]
 
@@ -48,7 +48,7 @@ def ran(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
                 del result["error"]
         return results
 
-    monkeypatch.setattr(study_jobs, "run_job", without_error)
+    monkeypatch.setattr(runner, "run_job", without_error)
     return tasks
 
 
@@ -149,7 +149,7 @@ def test_warns_of_results_of_other_code(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     state = {"versions": {"numpy": "2.0"}, "git": {"commit": "a", "dirty": False}}
-    for module in (study, study_jobs):
+    for module in (store, jobs):
         monkeypatch.setattr(module, "code_state", lambda: state)
     out = tmp_path / "study"
     options = ["--policies", "gp", "--doors", "small", "--no-skill", "--seeds"]
@@ -175,7 +175,7 @@ def test_warns_of_workers_with_other_code(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     theirs = {"versions": {"numpy": "1.0"}, "git": None}
-    monkeypatch.setattr(study_jobs, "code_state", lambda: theirs)
+    monkeypatch.setattr(jobs, "code_state", lambda: theirs)
     options = ["--policies", "gp", "--doors", "small", "--no-skill", "--seeds", "1"]
     assert benchmark(tmp_path, *options) == 0
     assert "1 of 1 results were made by other code" in capsys.readouterr().err

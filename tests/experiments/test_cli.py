@@ -11,10 +11,11 @@ import pytest
 
 from experiments import cli
 from experiments.commands import view
-from experiments.commands.run import named_doors
-from experiments.demonstration_files.npz import load_demonstrations
-from experiments.episode_log import EpisodeLog
-from experiments.metrics import episode_metrics
+from experiments.recording.viewer import viewer
+from experiments.datasets.npz import load_demonstrations
+from experiments.episodes.log import EpisodeLog
+from experiments.episodes.metrics import episode_metrics
+from experiments.study.doors import named_doors
 
 Gplfd = Callable[..., int]
 
@@ -188,9 +189,9 @@ def test_view_starts_the_viewer_itself(
     monkeypatch.setattr(view.subprocess, "call", call)
     (tmp_path / "a.rrd").write_bytes(b"RRF2")
     assert gplfd("view", "a.rrd") == 0
-    assert started == [[view.viewer(), "a.rrd"]]
+    assert started == [[viewer(), "a.rrd"]]
     # Not the Python script of the same name, which would outlive its viewer.
-    with open(view.viewer(), "rb") as executable:
+    with open(viewer(), "rb") as executable:
         assert executable.read(2) != b"#!"
 
 

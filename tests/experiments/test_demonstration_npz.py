@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.demonstration_files.npz import (
+from experiments.datasets.npz import (
     KIND,
     VERSION,
     load_demonstrations,

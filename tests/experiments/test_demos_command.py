@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from experiments import cli
-from experiments.demonstration_files.minari import open_dataset
+from experiments.datasets.minari import open_dataset
 
 Gplfd = Callable[..., int]
 

@@ -16,19 +16,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.demonstration_files.minari import (
+from experiments.datasets.minari import (
     Episode,
     Recorder,
     new_dataset,
     open_dataset,
 )
-from experiments.demonstration_files.minari.physics import (
+from experiments.datasets.minari.physics import (
     model_digests,
     model_hash,
     physics_state,
     state_layout,
 )
-from experiments.replay import compare, replay
+from experiments.datasets.replay import compare, replay
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DoorConfig
 from gplfd_env.randomization import DoorRandomization

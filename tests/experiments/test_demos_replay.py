@@ -10,9 +10,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from experiments.demonstration_files.minari import Episode, Recorder, open_dataset
-from experiments.provenance import versions
-from experiments.replay import Comparison, changes_since, compare, replay
+from experiments.datasets.minari import Episode, Recorder, open_dataset
+from experiments.datasets.replay import Comparison, changes_since, compare, replay
+from experiments.files.provenance import versions
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.task import handle_pose_on_arc
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from experiments.engines import ATTEMPTS, Lost, engine_named
-from experiments.engines.processes import Processes
-from experiments.engines.serial import Serial
+from experiments.study.engines import ATTEMPTS, Lost, engine_named
+from experiments.study.engines.processes import Processes
+from experiments.study.engines.serial import Serial
 
 # The work of these tests are local functions, which travel to workers by value.
 
@@ -108,7 +108,7 @@ def test_options_an_engine_does_not_have_are_refused(
 
 def test_without_dask_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    monkeypatch.delitem(sys.modules, "experiments.engines.cluster", raising=False)
+    monkeypatch.delitem(sys.modules, "experiments.study.engines.cluster", raising=False)
     with pytest.raises(ValueError, match=r"pip install 'gplfd\[dask\]'"):
         engine_named("dask", address="tcp://127.0.0.1:1")
 
@@ -189,7 +189,7 @@ def test_a_dask_cluster_brings_every_item_back(scheduler: str, tmp_path: Path) -
 def test_a_scheduler_that_does_not_answer_is_an_os_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from experiments.engines import cluster
+    from experiments.study.engines import cluster
 
     monkeypatch.setattr(cluster, "_PATIENCE", "0.5s")
     engine = engine_named("dask", address="tcp://127.0.0.1:9")

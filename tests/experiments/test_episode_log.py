@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.episode_log import KIND, VERSION, EpisodeLog
+from experiments.episodes.log import KIND, VERSION, EpisodeLog
 from experiments.npz_archive import read_archive, write_archive
 
 MakeLog = Callable[..., EpisodeLog]

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from experiments.episode_log import EpisodeLog
-from experiments.metrics import (
+from experiments.episodes.log import EpisodeLog
+from experiments.episodes.metrics import (
     episode_metrics,
     log_dimensionless_jerk,
     opening_motion,

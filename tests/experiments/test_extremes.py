@@ -7,8 +7,10 @@ import pytest
 from experiments import extremes as module
 from experiments.extremes import COMPARED, extremes, record_extremes, same_door
 from experiments.repetition import differences
-from experiments.report.results import read_results
-from experiments.study import EpisodeTask, run_study, standard_teacher
+from experiments.results.records import read_results
+from experiments.study.runner import run_study
+from experiments.study.tasks import EpisodeTask
+from experiments.teacher import standard_teacher
 from gplfd_env.config import DoorConfig
 
 CONFIG = {name: getattr(DoorConfig(), name) for name in DoorConfig.__slots__}

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from experiments.demonstration_files.npz import (
+from experiments.datasets.npz import (
     load_demonstrations,
     save_demonstrations,
 )
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
 from experiments.figures import (
     episodes,
     fig02_heteroscedastic,
@@ -24,8 +24,8 @@ from experiments.figures import (
 )
 from experiments.figures.captions import section, update_captions
 from experiments.figures.catalogue import FIGURES, chosen
+from experiments.figures.hindsight import expectation, replay
 from experiments.figures.material import Material
-from experiments.figures.replay import expectation, replay
 from experiments.teacher import Teacher
 from policies.registry import make_agent
 
@@ -46,7 +46,7 @@ def small(tmp_path: Path, make_log: Log, monkeypatch: pytest.MonkeyPatch) -> Mat
         raise AssertionError("a figure has simulated")
 
     monkeypatch.setattr("gymnasium.make", simulate)
-    monkeypatch.setattr("experiments.rollout.rollout", simulate)
+    monkeypatch.setattr("experiments.episodes.rollout.rollout", simulate)
     monkeypatch.setattr(episodes, "rollout", simulate)
     monkeypatch.setattr(fig02_heteroscedastic, "_SETS", 2)
     monkeypatch.setattr(forecasts, "DOORS", ("large", "0.42"))

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from experiments import cli
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
 from experiments.figures import episodes, fig02_heteroscedastic, forecasts, style
 from experiments.figures.catalogue import FIGURES
 

@@ -10,10 +10,11 @@ from matplotlib.collections import FillBetweenPolyCollection
 from matplotlib.figure import Figure
 from scipy.stats import f as fisher
 
-from experiments.demonstration_files.npz import (
+from experiments.datasets.npz import (
     LabelledDemonstrations,
 )
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
+from experiments.episodes.metrics import prediction_errors
 from experiments.figures import (
     episodes,
     fig02_heteroscedastic,
@@ -28,7 +29,6 @@ from experiments.figures import (
 from experiments.figures.material import Material
 from experiments.figures.opening import measure
 from experiments.figures.pick_and_place import HEIGHT, PHASES
-from experiments.metrics import prediction_errors
 from experiments.teacher import Teacher
 from policies.agent import GaussianProcessAgent
 from policies.registry import make_agent

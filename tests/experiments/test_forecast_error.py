@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.episode_log import EpisodeLog
-from experiments.forecast_error import (
+from experiments.episodes.forecast_error import (
     PROGRESS,
     STANDARD_ANGLE,
     forecast_errors,
     handle_path,
     squared_distances,
 )
-from experiments.metrics import episode_metrics
+from experiments.episodes.log import EpisodeLog
+from experiments.episodes.metrics import episode_metrics
 from experiments.teacher import TeacherConfig
 from gplfd_env.task import handle_pose_on_arc
 

@@ -18,7 +18,7 @@ from rerun.chunk import Chunk, RrdReader
 
 from experiments import cli
 from experiments.commands import live as live_command
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
 from experiments.recording import live, record_episode
 from experiments.recording.layout import layout
 from experiments.recording.live import LiveRecording, watched_rollout

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import mujoco
 
-from experiments.provenance import git_state, provenance
+from experiments.files.provenance import git_state, provenance
 
 
 def git(folder: Path, *arguments: str) -> None:

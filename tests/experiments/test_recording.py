@@ -13,7 +13,7 @@ import rerun as rr
 from rerun.chunk import Chunk, RrdReader
 from scipy.spatial.transform import Rotation
 
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
 from experiments.recording import record_episode
 from experiments.recording.geoms import visual_geoms
 from experiments.recording.layout import _policy_views, layout

@@ -11,7 +11,7 @@ import pytest
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
-from experiments.episode_log import EpisodeLog
+from experiments.episodes.log import EpisodeLog
 from experiments.recording.episode import happening
 from experiments.recording.geoms import visual_geoms
 from experiments.recording.kinematics import body_poses, task_frame

@@ -10,14 +10,14 @@ import pytest
 
 from experiments import cli
 from experiments.figures import style
+from experiments.learning_tests.scores import CRITERIA
 from experiments.report.document import Document, Items, Paragraph, Section, Table
 from experiments.report.html import html_page, inline
 from experiments.report.markdown import markdown_page
 from experiments.report.page import report, write_report
-from experiments.report.results import read_results
-from experiments.skill_scores import CRITERIA
-from experiments.study import standard_teacher
-from experiments.summary import wilson_interval
+from experiments.results.records import read_results
+from experiments.results.table import wilson_interval
+from experiments.teacher import standard_teacher
 from gplfd_env.config import DoorConfig
 
 VOID = {"meta", "img", "br", "link", "hr"}

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from experiments.report.statistics import (
+from experiments.results.statistics import (
     FEWEST_PAIRS,
     _signed_rank_quantile,
     holm,
@@ -17,7 +17,7 @@ from experiments.report.statistics import (
     shift,
     signed_rank,
 )
-from experiments.summary import wilson_interval
+from experiments.results.table import wilson_interval
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from experiments.report.measures import EPISODE_MEASURES, number_text
 from experiments.report.verdicts import rate_verdict, value_verdict
+from experiments.results.measures import EPISODE_MEASURES, number_text
 
 FORCE = EPISODE_MEASURES["radial"]
 

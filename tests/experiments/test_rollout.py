@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.episode_log import EpisodeLog
-from experiments.rollout import rollout
+from experiments.episodes.log import EpisodeLog
+from experiments.episodes.rollout import rollout
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from experiments.episode_log import EpisodeLog
-from experiments.rollout import rollout
-from experiments.rollouts import rollouts
+from experiments.episodes.log import EpisodeLog
+from experiments.episodes.rollout import rollout
+from experiments.episodes.rollouts import rollouts
 from experiments.teacher import Teacher
 from gplfd_env import ENVIRONMENT_ID
 from policies.demonstrations import Demonstration

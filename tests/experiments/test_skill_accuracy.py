@@ -6,7 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from experiments.skill.accuracy import accuracy, averaged, inside, spread_followed
+from experiments.learning_tests.accuracy import (
+    accuracy,
+    averaged,
+    inside,
+    spread_followed,
+)
 from policies.trajectory import GaussianTrajectory
 
 

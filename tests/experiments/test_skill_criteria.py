@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from experiments.skill.criteria import CRITERIA, Criterion, Limit, mark
+from experiments.learning_tests.criteria import CRITERIA, Criterion, Limit, mark
 from policies.registry import TABLE_1
 
 ROW = Criterion(

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from experiments.skill.held_out import folds, lay
+from experiments.learning_tests.folds import folds, lay
 from experiments.teacher import Teacher, TeacherConfig
 from policies.alignment import align
 from policies.demonstrations import Demonstration

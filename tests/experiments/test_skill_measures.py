@@ -10,12 +10,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from experiments.skill import tumbling as tumbling_module
-from experiments.skill.beyond import beyond
-from experiments.skill.held_out import Laid, folds
-from experiments.skill.methods import Learned, Method
-from experiments.skill.tumbling import TUMBLE_STD, tumble, tumbled_rotations, tumbling
-from experiments.skill.via_points import GRID, adaptation
+from experiments.learning_tests import tumbling as tumbling_module
+from experiments.learning_tests.extrapolation import beyond
+from experiments.learning_tests.folds import Laid, folds
+from experiments.learning_tests.methods import Learned, Method
+from experiments.learning_tests.tumbling import (
+    TUMBLE_STD,
+    tumble,
+    tumbled_rotations,
+    tumbling,
+)
+from experiments.learning_tests.via_points import GRID, adaptation
 from experiments.teacher import Teacher
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from experiments.skill.methods import Method, learn, method_named
-from experiments.skill.prior import prior_mean_used
+from experiments.learning_tests.methods import Method, learn, method_named
+from experiments.learning_tests.prior_mean import prior_mean_used
 from experiments.teacher import Teacher
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align

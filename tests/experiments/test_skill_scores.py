@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.skill.held_out import folds
-from experiments.skill.methods import Method, learn
-from experiments.skill_scores import method_metrics, skill_metrics
+from experiments.learning_tests.folds import folds
+from experiments.learning_tests.methods import Method, learn
+from experiments.learning_tests.scores import method_metrics, skill_metrics
 from experiments.teacher import Teacher, TeacherConfig
 from policies import learning
 from policies.aligned import AlignedDemonstrations

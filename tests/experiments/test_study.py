@@ -5,17 +5,13 @@ import json
 
 import pytest
 
-from experiments import provenance, study_jobs, teacher
-from experiments import study as studies
-from experiments.engines import Lost
-from experiments.study import (
-    EpisodeTask,
-    SkillTask,
-    jobs_of,
-    made_by_other_code,
-    run_study,
-    task_from,
-)
+from experiments.files import provenance
+from experiments.study import jobs, runner, store
+from experiments.study.engines import Lost
+from experiments.study.runner import run_study
+from experiments.study.store import made_by_other_code
+from experiments.study.tasks import EpisodeTask, SkillTask, jobs_of, task_from
+from experiments.teacher import synthetic_human
 
 DOORS = {"small": {"radius": 0.35}, "large": {"radius": 0.65}}
 
@@ -40,14 +36,14 @@ def runs(monkeypatch):
     def fake(job):
         done.append(job)
         return [
-            study_jobs.failed(task, "ValueError: cannot learn from this")
+            jobs.failed(task, "ValueError: cannot learn from this")
             if task.policy == "broken"
             else {"task": dataclasses.asdict(task)}
-            | {**studies.code_state(), "metrics": {"success": True}}
+            | {**store.code_state(), "metrics": {"success": True}}
             for task in job
         ]
 
-    monkeypatch.setattr(study_jobs, "run_job", fake)
+    monkeypatch.setattr(runner, "run_job", fake)
     return done
 
 
@@ -84,8 +80,8 @@ def test_keys_are_the_same_in_every_process():
 
 def test_another_standard_teacher_makes_another_task(monkeypatch):
     task = episode()
-    slower = teacher.TeacherConfig(duration_mean=9.0)
-    monkeypatch.setattr(teacher, "TeacherConfig", lambda: slower)
+    slower = synthetic_human.TeacherConfig(duration_mean=9.0)
+    monkeypatch.setattr(synthetic_human, "TeacherConfig", lambda: slower)
     other = episode()
     assert other.teacher == {**task.teacher, "duration_mean": 9.0}
     assert other.key != task.key
@@ -148,7 +144,7 @@ def test_a_task_that_failed_is_run_again(tmp_path, runs, monkeypatch):
         *[None] * 2,
     ]
     monkeypatch.setattr(
-        study_jobs, "run_job", lambda job: [{"metrics": {"success": True}} for _ in job]
+        runner, "run_job", lambda job: [{"metrics": {"success": True}} for _ in job]
     )
     assert list(run_study(tmp_path, study)) == [{"metrics": {"success": True}}] * 2
     assert list(run_study(tmp_path, study)) == []
@@ -197,7 +193,7 @@ def test_result_file_says_what_made_it(tmp_path, runs):
 def code(monkeypatch):
     """Replace the state of the code by one that a test may change."""
     state = {"versions": {"numpy": "2.0"}, "git": {"commit": "a", "dirty": False}}
-    monkeypatch.setattr(studies, "code_state", lambda: state)
+    monkeypatch.setattr(store, "code_state", lambda: state)
     return state
 
 
@@ -222,7 +218,7 @@ def test_results_of_other_code_are_counted(tmp_path, runs, code, change):
 def test_results_of_unknown_code_are_other_code(tmp_path, runs):
     task = episode()
     list(run_study(tmp_path, [task]))
-    path = studies.result_path(tmp_path, task)
+    path = store.result_path(tmp_path, task)
     stored = json.loads(path.read_text())
     del stored["versions"], stored["git"]
     path.write_text(json.dumps(stored))

@@ -3,18 +3,18 @@
 import dataclasses
 import json
 import math
-import sys
-import types
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import pytest
 
-from experiments import rollouts, study_jobs, teacher
-from experiments.engines.processes import Processes
-from experiments.metrics import EpisodeMetrics
-from experiments.study import EpisodeTask, SkillTask, jobs_of, run_study, stored_result
-from experiments.study_jobs import episode_logs, run_job
+from experiments.episodes.metrics import EpisodeMetrics
+from experiments.study import jobs
+from experiments.study.engines.processes import Processes
+from experiments.study.jobs import episode_logs, run_job
+from experiments.study.runner import run_study
+from experiments.study.store import stored_result
+from experiments.study.tasks import EpisodeTask, SkillTask, jobs_of
 from gplfd_env.config import door_config
 from policies import registry
 
@@ -69,7 +69,7 @@ def opened(monkeypatch: pytest.MonkeyPatch, make_log: MakeLog) -> list[dict[str,
             raise FloatingPointError("the door of 0.65 m came off")
         return tuple(make_log(door=door) for door in options["doors"])
 
-    monkeypatch.setattr(rollouts, "rollouts", fake)
+    monkeypatch.setattr(jobs, "rollouts", fake)
     return asked
 
 
@@ -100,7 +100,7 @@ def test_what_is_learned_once_opens_all_doors(
     assert (training.seed, len(durations)) == (3, 6)
     assert min(durations) > 6.0
     assert call["seeds"] == [3, 3, 3]
-    assert call["forecast_period"] == study_jobs.FORECAST_PERIOD
+    assert call["forecast_period"] == jobs.FORECAST_PERIOD
     varied = [variation.door for variation in call["envs"].variations]
     assert [door.radius for door in varied] == list(doors)
     assert varied[0].hinge_friction != door_config(0.35).hinge_friction
@@ -136,7 +136,7 @@ def test_a_policy_that_cannot_learn_is_asked_once(
         calls.append(self.config)
         raise KeyError("a mistake in the code")
 
-    monkeypatch.setattr(teacher.Teacher, "demonstrate_doors", fail)
+    monkeypatch.setattr(jobs.Teacher, "demonstrate_doors", fail)
     results = run_job((task(door=0.35), task(door=0.5)))
     assert [result["error"] for result in results] == [
         "KeyError: 'a mistake in the code'"
@@ -162,8 +162,7 @@ def test_a_learning_test_is_measured_without_a_robot(
         asked.append(options)
         return {"nlpd": -2.0, "far": math.nan, "cpu": {"2": math.inf, "6": (1.0, 2)}}
 
-    module = types.SimpleNamespace(skill_metrics=skill_metrics)
-    monkeypatch.setitem(sys.modules, "experiments.skill_scores", module)
+    monkeypatch.setattr(jobs, "skill_metrics", skill_metrics)
     one = SkillTask(policy="gp", seed=4, held_out="radius", demonstrations_per_door=3)
     (result,) = run_job((one,))
     assert asked == [

@@ -7,16 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.study import EpisodeTask, SkillTask, standard_teacher
-from experiments.study_file import read_settings, settings_named, write_settings
-from experiments.study_settings import (
-    PRESETS,
-    StudySettings,
-    checked,
-    noisy_teacher,
-    tasks,
+from experiments.study.plan import checked, noisy_teacher, tasks
+from experiments.study.settings import PRESETS, StudySettings
+from experiments.study.settings_file import (
+    read_settings,
+    settings_named,
+    write_settings,
 )
-from experiments.teacher import TeacherConfig
+from experiments.study.tasks import EpisodeTask, SkillTask
+from experiments.teacher import TeacherConfig, standard_teacher
 from policies.registry import TABLE_1
 
 NAMES = st.lists(st.text(st.characters(exclude_categories=["Cs"])), max_size=3)

@@ -3,7 +3,7 @@
 import pytest
 from scipy.stats import binomtest
 
-from experiments.summary import COLUMNS, summary_table, wilson_interval
+from experiments.results.table import COLUMNS, summary_table, wilson_interval
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from experiments.random_motion import coloured_noise, minimum_jerk, smooth_functions
 from experiments.teacher import Teacher, TeacherConfig
+from experiments.teacher.random_motion import (
+    coloured_noise,
+    minimum_jerk,
+    smooth_functions,
+)
 
 QUIET = TeacherConfig(
     duration_std=0.0,

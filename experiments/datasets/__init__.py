@@ -1,0 +1,1 @@
+"""Demonstrations and episodes in files: .npz archives and Minari data sets."""

@@ -1,1 +1,0 @@
-"""Demonstrations on disk, one module per file format."""

@@ -1,0 +1,1 @@
+"""One episode, or many in lockstep: the loop, its log and its metrics."""

@@ -1,0 +1,47 @@
+"""What an agent would have thought, shown a logged episode."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from experiments.episodes.log import EpisodeLog
+from policies.agent import Agent, AgentStep, Observation
+from policies.trajectory import GaussianTrajectory
+
+
+def replay(log: EpisodeLog, agent: Agent) -> Iterator[AgentStep]:
+    """Show an agent the observations of a logged episode, row by row.
+
+    Nothing is simulated: the door has moved as it has moved, whatever this agent
+    decides. The agent of the log repeats its decisions; another one tells what it
+    would have made of the same observations.
+
+    Returns:
+        The decision at each row. The agent is reset at once and acts when asked for
+        its next decision: in between, `expectation` is what it expects.
+    """
+    agent.reset(_observation(log, 0))
+    return (agent.act(_observation(log, row)) for row in range(log.times.size))
+
+
+def _observation(log: EpisodeLog, row: int) -> Observation:
+    return {
+        "ee_pose": log.ee_pose[row],
+        "ee_twist": log.ee_twist[row],
+        "wrench": log.wrench[row],
+        "joint_pos": log.joint_pos[row],
+        "joint_vel": log.joint_vel[row],
+        "time": log.times[row : row + 1],
+    }
+
+
+def expectation(agent: Agent) -> GaussianTrajectory:
+    """Return what an agent now expects of the whole task.
+
+    Raises:
+        ValueError: The agent expects nothing: its policy has no uncertainty.
+    """
+    forecast = agent.forecast()
+    if forecast is None:
+        raise ValueError("the agent makes no forecasts; use a Gaussian-process policy")
+    return forecast

@@ -1,0 +1,1 @@
+"""Files that say what made them, written complete or not at all."""

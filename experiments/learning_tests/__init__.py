@@ -1,0 +1,1 @@
+"""How well a method learns, measured on demonstrations it did not see; no robot."""

@@ -1,0 +1,144 @@
+"""What via-points do to a movement: where they are, far away, and after them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiments.learning_tests.accuracy import (
+    averaged,
+    inside,
+    rms_distance,
+    rms_rotation,
+)
+from experiments.learning_tests.folds import Laid
+from experiments.learning_tests.methods import Learned, Method, cpu_seconds
+from policies.agent import AgentConfig
+from policies.trajectory import ViaPoint
+
+__all__ = ["GRID", "adaptation"]
+
+FloatArray = NDArray[np.float64]
+
+GRID: Final = np.linspace(0.0, 1.0, 100)
+"""Phases of an adaptation, as many as the agents have."""
+_PLACES: Final = (25, 50, 74)
+"""Where on the grid single via-points are demanded."""
+_STD: Final = 1e-3
+"""How strongly [m, rad]."""
+_STRICT_STD: Final = 1e-4
+"""And ten times as strongly, where what was learned has less of a say."""
+_FAR: Final = 0.3
+"""What is farther from a via-point than this is far [phase]."""
+_SEEN: Final = 0.3
+"""How much of a demonstration is seen before the rest is predicted [phase]."""
+
+
+def adaptation(
+    method: Method, learned: Learned, left_out: Sequence[Laid]
+) -> dict[str, float | None]:
+    """Adapt to demonstrations that were left out.
+
+    * Three via-points in one adaptation: how far from them its mean passes, for
+      demands of 1 mm and 1 mrad, and ("strict") of a tenth of it.
+    * Each of them alone, strict: how much mean and standard deviation change farther
+      away than 0.3 of the task, in units of the standard deviation before.
+    * The first 30 % of the demonstration as the agents observe it, a via-point for
+      every hundredth of it: how far the mean is from the rest.
+
+    Args:
+        method: How to adapt.
+        learned: What is adapted.
+        left_out: Demonstrations on its phases.
+
+    Returns:
+        Averages by name. Without via-points all are None, but for the errors over the
+        rest of the demonstration, which are those of the movement as learned.
+    """
+    scores = [
+        {
+            **_hits(method, learned, laid),
+            **_far_changes(method, learned, laid),
+            **_rest(method, learned, laid),
+        }
+        for laid in left_out
+    ]
+    return averaged(scores)
+
+
+def _hits(method: Method, learned: Learned, laid: Laid) -> Mapping[str, float | None]:
+    errors: dict[str, float | None] = {}
+    demanded = laid.at(GRID[list(_PLACES)])
+    for name, std in (("via_error", _STD), ("via_error_strict", _STRICT_STD)):
+        names = (f"{name}_position_m", f"{name}_rotation_rad")
+        if not method.adapts:
+            errors |= dict.fromkeys(names)
+            continue
+        adapted = method.form(learned.movement, GRID)
+        for place, pose in zip(_PLACES, demanded, strict=True):
+            adapted.observe(ViaPoint(phase=float(GRID[place]), pose=pose, std=std))
+        passed = adapted.mean[list(_PLACES)]
+        errors[names[0]] = rms_distance(passed, demanded)
+        errors[names[1]] = rms_rotation(passed, demanded)
+    return errors
+
+
+def _far_changes(
+    method: Method, learned: Learned, laid: Laid
+) -> Mapping[str, float | None]:
+    names = ("via_far_change", "via_far_std_change")
+    if not method.adapts:
+        return dict.fromkeys(names)
+    before = learned.movement.predict(GRID)
+    changes: list[FloatArray] = []
+    for place in _PLACES:
+        phase = float(GRID[place])
+        adapted = method.form(learned.movement, GRID)
+        pose = laid.at(GRID[[place]])[0]
+        adapted.observe(ViaPoint(phase=phase, pose=pose, std=_STRICT_STD))
+        far = np.abs(GRID - phase) > _FAR
+        both = np.abs(adapted.mean - before.mean), np.abs(adapted.std - before.std)
+        changes.append(np.stack([(each / before.std)[far].ravel() for each in both]))
+    mean, std = np.concatenate(changes, axis=1)
+    return dict(zip(names, (float(mean.mean()), float(std.mean())), strict=True))
+
+
+def _rest(method: Method, learned: Learned, laid: Laid) -> Mapping[str, float | None]:
+    truth, ahead = laid.at(GRID), GRID > _SEEN
+    before = learned.movement.predict(GRID)
+    adapted = method.form(learned.movement, GRID)
+    cpu_s = None
+    if method.adapts:
+        seen = _observations(laid)
+
+        def observe() -> None:
+            for via_point in seen:
+                adapted.observe(via_point)
+                _ = adapted.mean, adapted.std
+
+        _, total = cpu_seconds(observe)
+        cpu_s = total / len(seen)
+    mean, std = adapted.mean[ahead], adapted.std[ahead]
+    return {
+        "rmse_rest_position_m": rms_distance(mean, truth[ahead]),
+        "rmse_rest_rotation_rad": rms_rotation(mean, truth[ahead]),
+        "rmse_rest_unadapted_position_m": rms_distance(
+            before.mean[ahead], truth[ahead]
+        ),
+        "rest_coverage_95": inside(mean, std, truth[ahead]),
+        "cpu_adapt_s": cpu_s,
+    }
+
+
+def _observations(laid: Laid) -> tuple[ViaPoint, ...]:
+    """Via-points as an agent takes them while it opens a door."""
+    config = AgentConfig()
+    count = round(_SEEN / config.via_spacing)
+    phases: FloatArray = config.via_spacing * np.arange(1.0, count + 1.0)
+    return tuple(
+        ViaPoint(phase=float(phase), pose=pose, std=np.repeat(config.via_std, 3))
+        for phase, pose in zip(phases, laid.at(phases), strict=True)
+    )

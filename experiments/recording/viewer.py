@@ -1,0 +1,67 @@
+"""The Rerun viewer on this machine, and whether there is a screen for it."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+
+def viewer() -> str:
+    """Path of the viewer's own executable.
+
+    The ``rerun`` script is a Python program that waits for the viewer; ending it would
+    leave the viewer running.
+
+    Raises:
+        FileNotFoundError: The viewer is not installed.
+    """
+    package = importlib.util.find_spec("rerun_cli")
+    if package is None or package.origin is None:
+        raise FileNotFoundError(
+            "the Rerun viewer is not installed; pip install rerun-sdk brings it"
+        )
+    name = "rerun.exe" if sys.platform == "win32" else "rerun"
+    return str(Path(package.origin).with_name(name))
+
+
+def has_display(platform: str, environment: Mapping[str, str]) -> bool:
+    """Whether there is a screen: on Linux, whether X or Wayland names one."""
+    displays = ("DISPLAY", "WAYLAND_DISPLAY")
+    return not platform.startswith("linux") or any(map(environment.get, displays))
+
+
+def check_recording(file: Path) -> None:
+    """Raise unless ``file`` is a recording.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It is a folder or another kind of file.
+    """
+    if file.is_dir():
+        inside = ", ".join(sorted(path.name for path in file.glob("*.rrd")))
+        raise ValueError(f"{file} is a folder; recordings in it: {inside or 'none'}")
+    if not file.exists():
+        raise FileNotFoundError(
+            f"there is no file {file}; `gplfd run` writes recordings"
+        )
+    with file.open("rb") as stream:
+        magic = stream.read(4)
+    if magic[:2] != b"RR":
+        raise ValueError(f"{file} is not a Rerun recording (.rrd)")
+
+
+def check_display(platform: str, environment: Mapping[str, str], file: Path) -> None:
+    """Raise when there is no screen to open a window on.
+
+    Raises:
+        ValueError: On Linux without an X or Wayland display.
+    """
+    if not has_display(platform, environment):
+        raise ValueError(
+            "there is no display to open the viewer on. Copy the recording to a "
+            "machine with a screen and run `gplfd view` or `rerun` there, or serve "
+            f"it to a browser on this machine with `rerun --serve-web --bind "
+            f"127.0.0.1 {file}` (over ssh, forward the two ports that it prints)."
+        )

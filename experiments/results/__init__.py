@@ -1,0 +1,1 @@
+"""The result files of a study as records, grouped, measured and compared."""

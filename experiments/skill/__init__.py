@@ -1,1 +1,0 @@
-"""How well a policy learns a skill, measured without a simulator."""

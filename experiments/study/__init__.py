@@ -1,0 +1,1 @@
+"""Studies: policies × doors × seeds as tasks, run on any engine, resumable."""

@@ -1,0 +1,92 @@
+"""Where the jobs of a study run: in this process, on its cores, or on a cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol, TypeVar
+
+__all__ = ["ATTEMPTS", "Engine", "EngineName", "Lost", "engine_named"]
+
+ItemT = TypeVar("ItemT")
+ResultT = TypeVar("ResultT")
+
+EngineName = Literal["loky", "serial", "dask"]
+"""Names that `engine_named` knows."""
+
+ATTEMPTS = 3
+"""How often an item is started before it counts as the one that kills its workers."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Lost:
+    """What an engine reports for an item that no worker brought to its end."""
+
+    reason: str
+    """Why, in a sentence."""
+
+
+class Engine(Protocol):
+    """Runs the same work on many items."""
+
+    def run(
+        self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
+    ) -> Generator[tuple[ItemT, ResultT | Lost], None, None]:
+        """Yield each item with what the work made of it, as they finish.
+
+        Closing the generator ends what still runs.
+
+        Args:
+            work: Called once per item, perhaps in another process; raises nothing.
+            items: Small records.
+        """
+        ...
+
+
+def engine_named(
+    name: EngineName, *, workers: int | None = None, address: str | None = None
+) -> Engine:
+    """Return an engine.
+
+    Args:
+        name: ``"loky"``, ``"serial"`` or ``"dask"``.
+        workers: Number of processes of loky; None for one per core.
+        address: Of the Dask scheduler.
+
+    Raises:
+        ValueError: An option that the engine does not have, one that it lacks, or Dask
+            is not installed.
+    """
+    if workers is not None and name != "loky":
+        raise ValueError(
+            f"--workers {workers} is for --engine loky; --engine {name} has workers of "
+            "its own" + (" or none" if name == "serial" else "")
+        )
+    if workers is not None and workers < 1:
+        raise ValueError(f"--workers {workers} must be 1 or more")
+    if address is not None and name != "dask":
+        raise ValueError(f"--address {address} is for --engine dask, not for {name}")
+    if name == "serial":
+        from experiments.study.engines.serial import Serial
+
+        return Serial()
+    if name == "loky":
+        from experiments.study.engines.processes import Processes
+
+        return Processes(workers=workers)
+    return _cluster(address)
+
+
+def _cluster(address: str | None) -> Engine:
+    if address is None:
+        raise ValueError(
+            "--engine dask needs the scheduler of a running cluster: --address "
+            "tcp://HOST:8786 (`dask scheduler` prints it)"
+        )
+    try:
+        from experiments.study.engines.cluster import Cluster
+    except ImportError as error:
+        raise ValueError(
+            f"--engine dask needs Dask ({error}); pip install 'gplfd[dask]'"
+        ) from error
+    return Cluster(address=address)

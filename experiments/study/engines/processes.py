@@ -1,0 +1,116 @@
+"""The engine for one machine: loky's worker processes."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, TypeVar
+
+import loky
+
+from experiments.study.engines import ATTEMPTS, Lost
+
+ItemT = TypeVar("ItemT")
+ResultT = TypeVar("ResultT")
+
+_ENVIRONMENT: Final = {
+    name: "1"
+    for name in (
+        *("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"),
+        *("MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"),
+    )
+}
+"""One thread per worker: the cores are shared out among the workers already."""
+
+_PULSE: Final = 1.0
+"""How often a worker looks whether its parent is still there [s]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Processes:
+    """Runs items in worker processes of this machine.
+
+    A worker that dies breaks the pool. The items that were running are then run again,
+    one at a time, so that only the one that kills its worker is lost.
+    """
+
+    workers: int | None = None
+    """Number of processes; None for one per core."""
+
+    def run(
+        self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
+    ) -> Generator[tuple[ItemT, ResultT | Lost], None, None]:
+        """See `experiments.study.engines.Engine.run`."""
+        waiting = deque(items)
+        workers = self.workers or loky.cpu_count()
+        while waiting:
+            suspects = yield from _together(work, waiting, workers)
+            for item in suspects:
+                yield item, _alone(work, item)
+
+
+def _together(
+    work: Callable[[ItemT], ResultT], waiting: deque[ItemT], workers: int
+) -> Generator[tuple[ItemT, ResultT], None, list[ItemT]]:
+    """Take items until none waits or a worker dies; return those it left behind."""
+    running: dict[Any, ItemT] = {}
+    with _pool(min(workers, len(waiting))) as pool:
+        try:
+            while waiting or running:
+                # No more than can run: all that run are suspects when a worker dies.
+                while waiting and len(running) < workers:
+                    running[pool.submit(work, waiting[0])] = waiting[0]
+                    waiting.popleft()
+                done, _ = loky.wait(running, return_when=loky.FIRST_COMPLETED)
+                for future in sorted(done, key=_is_broken):
+                    yield running[future], future.result()
+                    del running[future]
+        except loky.BrokenProcessPool:
+            return list(running.values())
+    return []
+
+
+def _is_broken(future: Any) -> bool:
+    return isinstance(future.exception(), loky.BrokenProcessPool)
+
+
+def _alone(work: Callable[[ItemT], ResultT], item: ItemT) -> ResultT | Lost:
+    """Run an item again that was running when a worker died."""
+    for _ in range(ATTEMPTS - 1):
+        with _pool(1) as pool, contextlib.suppress(loky.BrokenProcessPool):
+            result: ResultT = pool.submit(work, item).result()
+            return result
+    return Lost(
+        reason=f"its worker process died in each of {ATTEMPTS} attempts: killed, "
+        "crashed or out of memory"
+    )
+
+
+@contextlib.contextmanager
+def _pool(workers: int) -> Iterator[loky.ProcessPoolExecutor]:
+    pool = loky.ProcessPoolExecutor(
+        workers, initializer=_prepare, initargs=(os.getpid(),), env=_ENVIRONMENT
+    )
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=True, kill_workers=True)
+
+
+def _prepare(parent: int) -> None:
+    """Leave Ctrl-C, which the terminal sends to all processes, to the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent was killed; nobody would take its results."""
+    while os.getppid() == parent:
+        time.sleep(_PULSE)
+    os._exit(1)

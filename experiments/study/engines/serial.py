@@ -1,0 +1,22 @@
+"""The engine for debugging: one item after the other, in this process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+ItemT = TypeVar("ItemT")
+ResultT = TypeVar("ResultT")
+
+
+@dataclass(frozen=True, slots=True)
+class Serial:
+    """Runs items here, in order."""
+
+    def run(
+        self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
+    ) -> Generator[tuple[ItemT, ResultT], None, None]:
+        """See `experiments.study.engines.Engine.run`."""
+        for item in items:
+            yield item, work(item)

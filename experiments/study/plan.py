@@ -1,0 +1,144 @@
+"""From the settings of a study to its tasks."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from experiments.learning_tests.folds import HELD_OUT
+from experiments.study.doors import named_doors
+from experiments.study.settings import TABLE_1_NAME, Condition, StudySettings
+from experiments.study.tasks import EpisodeTask, SkillTask, Task
+from experiments.teacher import standard_teacher
+from gplfd_env.randomization import door_randomization
+from policies.registry import TABLE_1, policy_entry
+
+_NOISY: Final = (
+    *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),
+    *("vertical_drift_std", "noise_position_std", "noise_rotation_std"),
+)
+"""Fields of `experiments.teacher.TeacherConfig` that the noise level multiplies."""
+
+_LARGEST_NOISE: Final = 20.0
+
+
+def checked(settings: StudySettings) -> StudySettings:
+    """Return the settings with every name resolved.
+
+    Raises:
+        ValueError: A name is unknown or given twice, a number out of range, or nothing
+            is left to do.
+    """
+    settings = dataclasses.replace(settings, policies=_policies(settings.policies))
+    for policy in settings.policies:
+        policy_entry(policy)
+    named_doors(settings.doors)
+    for name in settings.randomizations:
+        door_randomization(name)
+    for field in dataclasses.fields(settings):
+        values = getattr(settings, field.name)
+        if isinstance(values, tuple):
+            _check_list(field.name.replace("_", "-"), values)
+    _check_range("seeds", [settings.seeds], 1, math.inf)
+    _check_range(
+        "demonstrations-per-door", settings.demonstrations_per_door, 1, math.inf
+    )
+    _check_range("teacher-noise", settings.teacher_noise, 0.0, _LARGEST_NOISE)
+    return settings
+
+
+def _policies(names: Sequence[str]) -> tuple[str, ...]:
+    if TABLE_1_NAME not in names:
+        return tuple(names)
+    return tuple(
+        policy
+        for name in names
+        for policy in (TABLE_1 if name == TABLE_1_NAME else (name,))
+    )
+
+
+def _check_list(option: str, values: Sequence[object]) -> None:
+    if not values:
+        raise ValueError(f"--{option} needs at least one value")
+    for value in values:
+        if values.count(value) > 1:
+            raise ValueError(f"{value} is given twice in --{option}")
+
+
+def _check_range(option: str, values: Sequence[float], low: float, high: float) -> None:
+    for value in values:
+        if not low <= value <= high:
+            allowed = f"{low:g} or more" if high == math.inf else f"{low:g} to {high:g}"
+            raise ValueError(f"--{option} {value} must be {allowed}")
+
+
+def conditions(settings: StudySettings) -> Iterator[Condition]:
+    """Yield what is varied besides policies, doors and seeds."""
+    for number, noise, randomization in itertools.product(
+        settings.demonstrations_per_door,
+        settings.teacher_noise,
+        settings.randomizations,
+    ):
+        yield Condition(
+            demonstrations_per_door=number,
+            teacher_noise=noise,
+            randomization=randomization,
+        )
+
+
+def episodes(
+    settings: StudySettings, condition: Condition, seeds: Sequence[int]
+) -> Iterator[EpisodeTask]:
+    """Yield policies × doors × seeds under one condition, the seed slowest."""
+    doors = named_doors(settings.doors)
+    teacher = noisy_teacher(condition.teacher_noise)
+    for seed, policy, door in itertools.product(seeds, settings.policies, doors):
+        yield EpisodeTask(
+            policy=policy,
+            door=door,
+            door_config=dataclasses.asdict(doors[door]),
+            seed=seed,
+            demonstrations_per_door=condition.demonstrations_per_door,
+            teacher=teacher,
+            randomization=condition.randomization,
+        )
+
+
+def learning_tests(settings: StudySettings, seed: int) -> Iterator[SkillTask]:
+    """Yield the tests of what is learned, of policies that learn."""
+    for number, noise, policy, left_out in itertools.product(
+        settings.demonstrations_per_door,
+        settings.teacher_noise,
+        settings.policies,
+        HELD_OUT,
+    ):
+        if policy_entry(policy).learn is not None:
+            yield SkillTask(
+                policy=policy,
+                seed=seed,
+                demonstrations_per_door=number,
+                teacher=noisy_teacher(noise),
+                held_out=left_out,
+            )
+
+
+def tasks(settings: StudySettings) -> tuple[Task, ...]:
+    """Return all tasks of a study; seed after seed, so that any part compares all."""
+
+    def each() -> Iterator[Task]:
+        for seed in range(settings.seeds):
+            for condition in conditions(settings):
+                yield from episodes(settings, condition, [seed])
+            if settings.skill:
+                yield from learning_tests(settings, seed)
+
+    return tuple(each())
+
+
+def noisy_teacher(level: float) -> dict[str, float]:
+    """Return the standard teacher with its noise multiplied by a level."""
+    teacher = standard_teacher()
+    return teacher | {name: level * teacher[name] for name in _NOISY}

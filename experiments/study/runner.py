@@ -1,0 +1,45 @@
+"""Running a study: one result file per task, on any engine, resumable."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Generator, Sequence
+from pathlib import Path
+
+from experiments.atomic_write import write_json
+from experiments.study.engines import Engine, Lost
+from experiments.study.engines.serial import Serial
+from experiments.study.jobs import failed, run_job
+from experiments.study.store import is_finished, result_path, stored_result
+from experiments.study.tasks import Result, Task, jobs_of
+
+
+def run_study(
+    folder: Path, study: Sequence[Task], engine: Engine | None = None
+) -> Generator[Result, None, None]:
+    """Run the tasks without a result or with an error.
+
+    Only this process writes files; engines bring it the results as small records.
+
+    Args:
+        folder: Results are kept in ``folder/tasks/<key>.json``.
+        study: What to run.
+        engine: Where to run it; in this process if None.
+
+    Yields:
+        A result per task that ran, in the order in which they finish, when its file
+        is written.
+    """
+    missing = [task for task in study if not is_finished(stored_result(folder, task))]
+    finished = (engine or Serial()).run(run_job, jobs_of(missing))
+    # Closed at once when the reader stops, so that no worker outlives an interruption.
+    with contextlib.closing(finished):
+        for job, outcome in finished:
+            results = (
+                [failed(task, outcome.reason) for task in job]
+                if isinstance(outcome, Lost)
+                else outcome
+            )
+            for task, result in zip(job, results, strict=True):
+                write_json(result_path(folder, task), result)
+                yield result

@@ -1,0 +1,74 @@
+"""What a study compares, as a person writes it; loads nothing heavy, for ``--help``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+TABLE_1_NAME: Final = "table-1"
+"""Stands for the policies of the paper's Table 1 where policies are named."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StudySettings:
+    """Everything that says which tasks a study has."""
+
+    policies: tuple[str, ...] = (TABLE_1_NAME,)
+    """Policies to compare; see `gplfd list`. "table-1" stands for the nine of the
+    paper's Table 1."""
+
+    doors: tuple[str, ...] = (
+        *("small", "medium", "large"),
+        *("0.3", "0.42", "0.58", "0.62"),
+    )
+    """Doors to open: names (see `gplfd list`) or radii in metres. Small, medium and
+    large (0.35, 0.50, 0.65) are demonstrated."""
+
+    seeds: int = 20
+    """Number of seeds: 0, 1, ... Each has demonstrations of its own."""
+
+    demonstrations_per_door: tuple[int, ...] = (2,)
+    """How often the synthetic human opens each of the three demonstrated doors."""
+
+    teacher_noise: tuple[float, ...] = (1.0,)
+    """Noise levels of the synthetic human: multiples of its standard wobble, grasp
+    offset, drift and sensor noise."""
+
+    randomizations: tuple[str, ...] = ("none",)
+    """What varies from episode to episode: none, mild or hard."""
+
+    skill: bool = True
+    """Also hold what is learned against demonstrations left out, without a robot."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Condition:
+    """What all policies, doors and seeds of one table have in common."""
+
+    demonstrations_per_door: int
+    """How often the teacher opens each demonstrated door."""
+    teacher_noise: float
+    """Multiple of the teacher's standard noise."""
+    randomization: str
+    """What varies from episode to episode."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.demonstrations_per_door} demonstrations per door, teacher noise "
+            f"× {self.teacher_noise:g}, randomization {self.randomization}"
+        )
+
+
+PRESETS: Final[Mapping[str, StudySettings]] = MappingProxyType(
+    {
+        TABLE_1_NAME: StudySettings(),
+        "small": StudySettings(
+            policies=("promp", "gp-fixed", "gp"),
+            doors=("small", "medium", "large"),
+            seeds=3,
+        ),
+    }
+)
+"""Studies by name: the whole comparison, and one of two minutes."""

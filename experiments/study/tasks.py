@@ -1,0 +1,100 @@
+"""What a study consists of: episodes and learning tests, each named by its hash.
+
+A task is named by the hash of what defines it, so that a study can be interrupted,
+resumed and extended without repeating a task. The code is no part of the name.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
+
+from experiments.learning_tests.folds import HeldOut
+from experiments.teacher import standard_teacher
+
+Result = dict[str, Any]
+"""What a task came to: ``task``, the ``versions`` and ``git`` of the code that made it,
+and ``metrics`` or, where the task failed, ``error`` and ``traceback``."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Task:
+    """The smallest part of a study; what all kinds of tasks have in common."""
+
+    policy: str
+    """Name of the policy."""
+    seed: int
+    """Seed of teacher, policy and environment."""
+    demonstrations_per_door: int = 2
+    """How often the teacher opens each of the three demonstrated doors."""
+    teacher: Mapping[str, float] = field(default_factory=standard_teacher)
+    """Fields of `experiments.teacher.TeacherConfig`."""
+
+    @property
+    def key(self) -> str:
+        """Hash of everything that defines the task."""
+        text = json.dumps(dataclasses.asdict(self), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EpisodeTask(Task):
+    """One door opened once."""
+
+    door: str
+    """Name of the door."""
+    door_config: Mapping[str, float]
+    """Fields of `gplfd_env.config.DoorConfig`."""
+    randomization: str = "none"
+    """Name in `gplfd_env.randomization.RANDOMIZATIONS`."""
+    kind: Literal["episode"] = field(default="episode", init=False)
+    """What tells it from other tasks in a file."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SkillTask(Task):
+    """What a policy learned, held against demonstrations it did not see; no robot."""
+
+    held_out: HeldOut
+    """What the policy does not see."""
+    kind: Literal["skill"] = field(default="skill", init=False)
+    """What tells it from other tasks in a file."""
+
+
+Job = tuple[Task, ...]
+"""Tasks that one worker runs together: episodes of one policy that learned once, or a
+single learning test."""
+
+_KINDS: Final[Mapping[str, type[Task]]] = {"episode": EpisodeTask, "skill": SkillTask}
+
+
+def task_from(record: Mapping[str, Any]) -> Task:
+    """Return the task of a result: the inverse of `dataclasses.asdict`.
+
+    Raises:
+        ValueError: The record is not that of a task.
+    """
+    fields = dict(record)
+    try:
+        return _KINDS[fields.pop("kind")](**fields)
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"not a task of a study: {error!r} in {record}") from error
+
+
+def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
+    """Group tasks by what they learn from, in the order in which they come.
+
+    What a task comes to does not depend on the others of its job.
+    """
+    groups: dict[str, dict[str, Task]] = {}
+    for task in study:
+        definition = dataclasses.asdict(task)
+        for name in ("door", "door_config"):
+            definition.pop(name, None)
+        group = groups.setdefault(json.dumps(definition, sort_keys=True), {})
+        group[task.key] = task
+    return tuple(tuple(group.values()) for group in groups.values())

@@ -1,0 +1,10 @@
+"""The synthetic human that demonstrates doors, and random smooth motion."""
+
+from experiments.teacher.synthetic_human import (
+    DEMONSTRATED_RADII,
+    Teacher,
+    TeacherConfig,
+    standard_teacher,
+)
+
+__all__ = ["DEMONSTRATED_RADII", "Teacher", "TeacherConfig", "standard_teacher"]

@@ -1,0 +1,235 @@
+"""A synthetic human who opens doors in a motion-capture suit.
+
+The teacher stands in for the recordings of Arduengo et al., *Gaussian-Process-based
+Robot Learning from Demonstration*, arXiv:2002.09979, Section IV-A: right-hand
+trajectories of a person in an Xsens MVN suit who opens doors of different radii.
+
+Modelled: the handle's arc, a minimum-jerk opening with a random duration and final
+angle, uneven timing (the person hurries and hesitates, always forwards), the hand
+moving a little on the bar, a hand sensor that is not at the bar's centre, slow
+vertical drift of the suit, and the suit's sampling rate and coloured noise.
+
+Not modelled: reaching for the handle and letting go, pauses or backward motion, a
+suit whose axes are turned against the door, magnetic disturbance, dropped samples,
+and one person's habits that persist from one demonstration to the next.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from experiments.teacher.random_motion import (
+    coloured_noise,
+    minimum_jerk,
+    smooth_functions,
+    uneven_timing,
+)
+from policies.demonstrations import Demonstration
+
+FloatArray = NDArray[np.float64]
+
+DEMONSTRATED_RADII: Final = (0.35, 0.50, 0.65)
+"""Doors that the synthetic human opens [m]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TeacherConfig:
+    """How the synthetic human moves and how the suit measures it.
+
+    Raises:
+        ValueError: A field is not finite or outside its range.
+    """
+
+    duration_mean: float = 6.0
+    """Mean duration of an opening [s], 0.5 to 60."""
+
+    duration_std: float = 0.8
+    """Standard deviation of the duration [s]; no opening is shorter than half the
+    mean."""
+
+    angle_mean: float = math.radians(67.0)
+    """Mean final door angle [rad], 0.1 to 2.5."""
+
+    angle_std: float = math.radians(1.0)
+    """Standard deviation of the final door angle [rad]."""
+
+    timing_std: float = 0.25
+    """Unevenness of the timing: standard deviation of the log of the local speed-up
+    (0 = exactly minimum jerk), at most 1."""
+
+    wobble_position_std: float = 0.002
+    """Hand moving on the bar: standard deviation per axis [m]."""
+
+    wobble_rotation_std: float = math.radians(1.0)
+    """Hand turning on the bar: standard deviation per axis [rad]."""
+
+    wobble_time: float = 1.0
+    """Correlation time of the wobble [s], 0.05 to 60."""
+
+    grasp_offset_std: float = 0.01
+    """Sensor's place on the hand relative to the bar, constant in a demonstration:
+    standard deviation per axis [m]."""
+
+    vertical_drift_std: float = 0.001
+    """Suit's height drift: standard deviation of its rate [m/s]."""
+
+    sampling_rate: float = 60.0
+    """Suit's sampling rate [Hz], 10 to 1000."""
+
+    noise_position_std: float = 0.001
+    """Suit's position noise after its filters: standard deviation per axis [m]."""
+
+    noise_rotation_std: float = math.radians(0.3)
+    """Suit's orientation noise after its filters: standard deviation per axis [rad]."""
+
+    noise_bandwidth: float = 1.0
+    """Cut-off frequency of the suit's noise [Hz]. The sensor fusion follows its smooth
+    gyroscopes at short times, and what remains is corrected over about a second."""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            low, high = _RANGES.get(field.name, (0.0, 1.0))
+            if not (math.isfinite(value) and low <= value <= high):
+                raise ValueError(
+                    f"TeacherConfig.{field.name} = {value!r} is outside "
+                    f"[{low:g}, {high:g}]"
+                )
+
+
+_RANGES: Final = {
+    "duration_mean": (0.5, 60.0),
+    "duration_std": (0.0, 20.0),
+    "angle_mean": (0.1, 2.5),
+    "angle_std": (0.0, 0.5),
+    "wobble_time": (0.05, 60.0),
+    "sampling_rate": (10.0, 1000.0),
+    "noise_bandwidth": (0.1, 500.0),
+}
+
+
+def standard_teacher() -> dict[str, float]:
+    """Return the fields of the standard `TeacherConfig`."""
+    return dataclasses.asdict(TeacherConfig())
+
+
+class Teacher:
+    """Opens doors on request; holds only its configuration.
+
+    Args:
+        config: How the human moves and how the suit measures.
+    """
+
+    def __init__(self, config: TeacherConfig | None = None) -> None:
+        self.config = TeacherConfig() if config is None else config
+
+    def demonstrate(self, radius: float, rng: np.random.Generator) -> Demonstration:
+        """Open one door and return what the suit recorded.
+
+        The poses are in the task frame and relative to the first sample, which is
+        therefore exactly zero: positions subtract the first position, orientations
+        are the rotation from the first orientation to the present one, in door axes.
+
+        Args:
+            radius: Distance from hinge to handle [m], positive.
+            rng: Source of randomness. Child generators are spawned from it, one per
+                effect, so switching one effect off leaves the others' draws alone.
+
+        Returns:
+            Times [s] from 0 at the suit's rate and poses (N, 6) [m, rad].
+
+        Raises:
+            ValueError: ``radius`` is not a positive number.
+        """
+        if not (math.isfinite(radius) and radius > 0.0):
+            raise ValueError(f"radius = {radius!r} must be a positive number [m]")
+        motion_rng, timing_rng, hand_rng, suit_rng = rng.spawn(4)
+        config = self.config
+        duration = config.duration_mean + config.duration_std * (
+            motion_rng.standard_normal()
+        )
+        duration = max(duration, 0.5 * config.duration_mean)
+        final_angle = config.angle_mean + config.angle_std * (
+            motion_rng.standard_normal()
+        )
+        n_samples = math.ceil(duration * config.sampling_rate) + 1
+        times = np.arange(n_samples) / config.sampling_rate
+        progress = uneven_timing(times / duration, config.timing_std, timing_rng)
+        angles = final_angle * minimum_jerk(progress)
+        positions, rotations = self._hand(radius, times, angles, hand_rng)
+        positions, rotations = self._suit(times, positions, rotations, suit_rng)
+        relative = rotations * rotations[0].inv()
+        poses = np.hstack([positions - positions[0], relative.as_rotvec()])
+        return Demonstration(times=times, poses=poses)
+
+    def demonstrate_doors(
+        self,
+        radii: Sequence[float],
+        per_radius: int = 2,
+        *,
+        rng: np.random.Generator,
+    ) -> tuple[Demonstration, ...]:
+        """Open each door several times; door after door in the given order.
+
+        A demonstration depends only on ``rng``, its door's place in ``radii`` and its
+        own number: more doors at the end or more demonstrations per door leave the
+        others as they were, to the last bit.
+
+        Raises:
+            ValueError: No radius, a radius that is not positive, or ``per_radius`` is
+                less than 1.
+        """
+        if len(radii) == 0:
+            raise ValueError("radii is empty; give at least one radius [m]")
+        if per_radius < 1:
+            raise ValueError(f"per_radius = {per_radius!r} must be at least 1")
+        return tuple(
+            self.demonstrate(radius, demonstration_rng)
+            for radius, door_rng in zip(radii, rng.spawn(len(radii)), strict=True)
+            for demonstration_rng in door_rng.spawn(per_radius)
+        )
+
+    def _hand(
+        self,
+        radius: float,
+        times: FloatArray,
+        angles: FloatArray,
+        rng: np.random.Generator,
+    ) -> tuple[FloatArray, Rotation]:
+        """Where the sensor on the hand really is: (N, 3) [m] and N rotations."""
+        config = self.config
+        door = Rotation.from_rotvec(np.outer(angles, [0.0, 1.0, 0.0]))
+        arc = radius * np.stack(
+            [np.sin(angles), np.zeros_like(angles), np.cos(angles) - 1.0], axis=1
+        )
+        offset = config.grasp_offset_std * rng.standard_normal(3)
+        wobble = smooth_functions(times, config.wobble_time, 6, rng)
+        slip = offset + config.wobble_position_std * wobble[:, :3]
+        turn = Rotation.from_rotvec(config.wobble_rotation_std * wobble[:, 3:])
+        return arc + door.apply(slip), door * turn
+
+    def _suit(
+        self,
+        times: FloatArray,
+        positions: FloatArray,
+        rotations: Rotation,
+        rng: np.random.Generator,
+    ) -> tuple[FloatArray, Rotation]:
+        """What the suit reports for these positions (N, 3) and N rotations."""
+        config = self.config
+        drift_rate = config.vertical_drift_std * rng.standard_normal()
+        noise = coloured_noise(
+            times.size, config.noise_bandwidth / config.sampling_rate, 6, rng
+        )
+        measured = positions + config.noise_position_std * noise[:, :3]
+        measured[:, 1] += drift_rate * times
+        error = Rotation.from_rotvec(config.noise_rotation_std * noise[:, 3:])
+        return measured, error * rotations
