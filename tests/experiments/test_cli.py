@@ -11,10 +11,10 @@ import pytest
 
 from experiments import cli
 from experiments.commands import view
-from experiments.recording.viewer import viewer
 from experiments.datasets.npz import load_demonstrations
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import episode_metrics
+from experiments.recording.viewer import viewer
 from experiments.study.doors import named_doors
 
 Gplfd = Callable[..., int]
