@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from experiments.datasets.npz import LabelledDemonstrations
     from experiments.episodes.log import EpisodeLog
     from experiments.episodes.metrics import EpisodeMetrics
+    from experiments.episodes.rollout import Progress
     from experiments.recording.tiago_meshes import TiagoLooks
     from gplfd_env.config import DoorConfig
     from policies.agent import Agent
@@ -233,9 +234,10 @@ def _watched_rollout(env: gym.Env[Any, Any], run: Run, door: _Door) -> EpisodeLo
     # disable=None: no bar when stderr is not a terminal.
     with tqdm(desc=door.name, unit=" s simulated", leave=False, disable=None) as bar:
 
-        def show(seconds: float, angle: float) -> None:
-            bar.set_postfix_str(f"door at {math.degrees(angle):.0f} deg", refresh=False)
-            bar.update(seconds - bar.n)
+        def show(progress: Progress) -> None:
+            angle = math.degrees(progress.door_angle)
+            bar.set_postfix_str(f"door at {angle:.0f} deg", refresh=False)
+            bar.update(progress.time - bar.n)
 
         return rollout(
             env,

@@ -3,8 +3,6 @@
 Metrics, figures and recordings read logs; none of them simulates again.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Mapping
@@ -14,12 +12,13 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Bool, Float
 
 from experiments.npz_archive import read_archive, write_archive
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+Number = Float[np.ndarray, " T"]
+Pose = Float[np.ndarray, "T 6"]
+Flag = Bool[np.ndarray, " T"]
 
 KIND: Final = "a gplfd episode log"
 """What the file says it holds."""
@@ -57,74 +56,74 @@ class EpisodeLog:
     failure: str
     """Why not: "" | "grasp_lost" | "stalled" | "simulation_error" | "time_limit"."""
 
-    times: FloatArray
-    """Simulated time since reset [s], (T,)."""
-    ee_pose: FloatArray
-    """Hand pose, (T, 6)."""
-    ee_twist: FloatArray
-    """Hand velocity [m/s, rad/s], (T, 6)."""
-    wrench: FloatArray
-    """Force and torque of the door on the hand [N, N m], (T, 6)."""
-    joint_pos: FloatArray
-    """Arm joint positions [rad], (T, 7)."""
-    joint_vel: FloatArray
-    """Arm joint velocities [rad/s], (T, 7)."""
-    qpos: FloatArray
-    """Generalised positions of the whole model, (T, nq)."""
+    times: Number
+    """Simulated time since reset [s]."""
+    ee_pose: Pose
+    """Hand pose."""
+    ee_twist: Pose
+    """Hand velocity [m/s, rad/s]."""
+    wrench: Pose
+    """Force and torque of the door on the hand [N, N m]."""
+    joint_pos: Float[np.ndarray, "T 7"]
+    """Arm joint positions [rad]."""
+    joint_vel: Float[np.ndarray, "T 7"]
+    """Arm joint velocities [rad/s]."""
+    qpos: Float[np.ndarray, "T nq"]
+    """Generalised positions of the whole model."""
 
-    door_angle: FloatArray
-    """Opening angle of the door [rad], (T,)."""
-    handle_pose: FloatArray
-    """True pose of the handle, (T, 6)."""
-    solved: BoolArray
-    """Whether the task counts as solved at this step, (T,)."""
-    grasped: BoolArray
-    """Whether the hand holds the handle, (T,)."""
-    slip: FloatArray
-    """Distance of the hand from where it grasped the handle [m], (T,)."""
-    force_tangential: FloatArray
-    """Force of the hand on the handle along its motion [N], (T,)."""
-    force_radial: FloatArray
-    """Force of the hand on the handle away from the hinge [N], (T,)."""
-    force_vertical: FloatArray
-    """Force of the hand on the handle upwards [N], (T,)."""
+    door_angle: Number
+    """Opening angle of the door [rad]."""
+    handle_pose: Pose
+    """True pose of the handle."""
+    solved: Flag
+    """Whether the task counts as solved at this step."""
+    grasped: Flag
+    """Whether the hand holds the handle."""
+    slip: Number
+    """Distance of the hand from where it grasped the handle [m]."""
+    force_tangential: Number
+    """Force of the hand on the handle along its motion [N]."""
+    force_radial: Number
+    """Force of the hand on the handle away from the hinge [N]."""
+    force_vertical: Number
+    """Force of the hand on the handle upwards [N]."""
 
-    action: FloatArray
-    """Commanded hand pose, (T, 6)."""
-    desired: FloatArray
-    """Policy mean at the command's phase, (T, 6)."""
-    std: FloatArray
-    """Standard deviation that the controller uses [m, rad], (T, 6)."""
-    std_rate: FloatArray
-    """Its rate [m/s, rad/s], (T, 6)."""
-    stiffness: FloatArray
-    """Stiffness of the virtual dynamics [N/m, N m/rad], (T, 6)."""
-    stiffness_rate: FloatArray
-    """Its rate [N/(m s), N m/(rad s)], (T, 6)."""
-    stability_margin: FloatArray
-    """Bound on the stiffness rate minus the rate [N/(m s), N m/(rad s)], (T, 6)."""
-    phase: FloatArray
-    """Phase of the command, (T,)."""
-    observed_phase: FloatArray
-    """Phase that the agent gives to the observed pose, (T,)."""
-    predicted_mean: FloatArray
-    """Pose predicted at the observed phase before the observation was used, (T, 6)."""
-    predicted_std: FloatArray
-    """Its standard deviation [m, rad], (T, 6)."""
-    via_point: BoolArray
-    """Whether the observation became a via-point, (T,)."""
-    latency_s: FloatArray
-    """CPU time of the agent's decision [s], (T,)."""
+    action: Pose
+    """Commanded hand pose."""
+    desired: Pose
+    """Policy mean at the command's phase."""
+    std: Pose
+    """Standard deviation that the controller uses [m, rad]."""
+    std_rate: Pose
+    """Its rate [m/s, rad/s]."""
+    stiffness: Pose
+    """Stiffness of the virtual dynamics [N/m, N m/rad]."""
+    stiffness_rate: Pose
+    """Its rate [N/(m s), N m/(rad s)]."""
+    stability_margin: Pose
+    """Bound on the stiffness rate minus the rate [N/(m s), N m/(rad s)]."""
+    phase: Number
+    """Phase of the command."""
+    observed_phase: Number
+    """Phase that the agent gives to the observed pose."""
+    predicted_mean: Pose
+    """Pose predicted at the observed phase before the observation was used."""
+    predicted_std: Pose
+    """Its standard deviation [m, rad]."""
+    via_point: Flag
+    """Whether the observation became a via-point."""
+    latency_s: Number
+    """CPU time of the agent's decision [s]."""
 
-    forecast_times: FloatArray
-    """When the agent was asked for its forecast [s], (S,); the first was asked before
+    forecast_times: Float[np.ndarray, " S"]
+    """When the agent was asked for its forecast [s]; the first was asked before
     the agent had seen the door move. Empty in policies without forecasts."""
-    forecast_phase: FloatArray
-    """Phases of every forecast, (M,)."""
-    forecast_mean: FloatArray
-    """Forecast of the whole motion, (S, M, 6)."""
-    forecast_std: FloatArray
-    """Its standard deviation [m, rad], (S, M, 6)."""
+    forecast_phase: Float[np.ndarray, " M"]
+    """Phases of every forecast."""
+    forecast_mean: Float[np.ndarray, "S M 6"]
+    """Forecast of the whole motion."""
+    forecast_std: Float[np.ndarray, "S M 6"]
+    """Its standard deviation [m, rad]."""
 
     def __post_init__(self) -> None:
         object.__setattr__(
@@ -136,11 +135,11 @@ class EpisodeLog:
             "S": np.size(self.forecast_times),
             "M": np.size(self.forecast_phase),
         }
-        for name, shape in _SHAPES.items():
-            array = np.array(
-                getattr(self, name), dtype=bool if name in _BOOLEANS else np.float64
-            )
-            expected = tuple(sizes.get(str(size), size) for size in shape)
+        for name, declared in ARRAYS.items():
+            dtype = np.bool_ if declared is Flag else np.float64
+            array: np.ndarray = np.array(getattr(self, name), dtype)
+            axes = declared.dim_str.split()
+            expected = tuple(int(sizes.get(axis, axis)) for axis in axes)
             if array.shape != expected:
                 raise ValueError(
                     f"EpisodeLog.{name} has shape {array.shape}, expected {expected}"
@@ -159,14 +158,14 @@ class EpisodeLog:
         Raises:
             OSError: The file cannot be written.
         """
-        arrays: dict[str, Any] = {name: getattr(self, name) for name in _SHAPES}
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in ARRAYS}
         header = {name: getattr(self, name) for name in _HEADER}
         header["door_config"] = dict(self.door_config)
         arrays["header"] = np.array(json.dumps(header))
         write_archive(path, kind=KIND, version=VERSION, arrays=arrays)
 
     @classmethod
-    def load(cls, path: str | Path) -> EpisodeLog:
+    def load(cls, path: str | Path) -> "EpisodeLog":
         """Read what `save` wrote.
 
         Raises:
@@ -181,36 +180,20 @@ class EpisodeLog:
             raise ValueError(f"{path} is not a valid episode log: {error}") from error
 
 
-_SHAPES: Final[Mapping[str, tuple[str | int, ...]]] = MappingProxyType(
+ARRAYS: Final[Mapping[str, Any]] = MappingProxyType(
     {
-        **dict.fromkeys(
-            (
-                *("times", "door_angle", "solved", "grasped", "slip"),
-                *("force_tangential", "force_radial", "force_vertical"),
-                *("phase", "observed_phase", "via_point", "latency_s"),
-            ),
-            ("T",),
-        ),
-        **dict.fromkeys(
-            (
-                *("ee_pose", "ee_twist", "wrench", "handle_pose", "action", "desired"),
-                *("std", "std_rate", "stiffness", "stiffness_rate"),
-                *("stability_margin", "predicted_mean", "predicted_std"),
-            ),
-            ("T", 6),
-        ),
-        "joint_pos": ("T", 7),
-        "joint_vel": ("T", 7),
-        "qpos": ("T", "nq"),
-        "forecast_times": ("S",),
-        "forecast_phase": ("M",),
-        "forecast_mean": ("S", "M", 6),
-        "forecast_std": ("S", "M", 6),
+        field.name: field.type
+        for field in dataclasses.fields(EpisodeLog)
+        if hasattr(field.type, "dim_str")
     }
 )
-"""Every array with its shape, by name."""
+"""Every array with its declared shape, by name."""
 
-_BOOLEANS: Final = frozenset({"solved", "grasped", "via_point"})
+PER_STEP: Final = tuple(
+    name for name, declared in ARRAYS.items() if declared.dim_str.split()[0] == "T"
+)
+"""Arrays with a row per control step."""
+
 _HEADER: Final = tuple(
-    field.name for field in dataclasses.fields(EpisodeLog) if field.name not in _SHAPES
+    field.name for field in dataclasses.fields(EpisodeLog) if field.name not in ARRAYS
 )

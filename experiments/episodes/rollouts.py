@@ -4,29 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from experiments.episodes.log import EpisodeLog
-from experiments.episodes.rollout import (
-    DECISIONS,
-    INFOS,
-    OBSERVATIONS,
-    Forecasts,
-    ending,
-)
-
-if TYPE_CHECKING:
-    from gplfd_env.vector import DoorOpeningVectorEnv
-    from policies.lockstep import AgentBatch
-    from policies.steps import AgentSteps
-
-Mask = NDArray[np.bool_]
+from experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
+from gplfd_env.vector import DoorOpeningVectorEnv
+from policies.lockstep import AgentBatch
 
 
 def rollouts(
@@ -60,32 +47,50 @@ def rollouts(
     with threadpool_limits(limits=1, user_api="blas"):
         observations, infos = envs.reset(seed=list(seeds))
         agents.reset(observations)
-        table = _Table(envs, agents, forecast_period)
+        steps = StepRecorder()
+        forecasts = [
+            ForecastRecorder(partial(agents.forecast, row), forecast_period)
+            for row in range(envs.num_envs)
+        ]
+        lengths = np.zeros(envs.num_envs, dtype=int)
         acting = np.ones(envs.num_envs, dtype=bool)
         ended, truncated = ~acting, ~acting
         while True:
-            table.forecast(observations["time"][:, 0], acting, ended)
+            times = observations["time"][:, 0]
+            for row in np.flatnonzero(acting).tolist():
+                forecasts[row].take_if_due(float(times[row]), force=bool(ended[row]))
             started = time.thread_time_ns()
-            steps = agents.act(observations, acting)
+            decided = agents.act(observations, acting)
             spent = 1e-9 * (time.thread_time_ns() - started) / np.count_nonzero(acting)
-            table.add(observations, infos, steps, acting, spent)
+            steps.add(
+                observations,
+                infos,
+                decided,
+                times=times,
+                qpos=envs.qpos,
+                solved=infos["success"],
+                latency_s=np.full(times.shape, spent),
+            )
+            lengths += acting
             # An episode's last row is the state in which it ended.
             acting = acting & ~ended
             if not acting.any():
                 break
-            observations, _, terminated, truncated, infos = envs.step(steps.action)
+            observations, _, terminated, truncated, infos = envs.step(decided.action)
             ended = terminated | truncated
+    together = steps.arrays()
     return tuple(
-        EpisodeLog(
+        make_log(
+            {name: rows[: lengths[row], row] for name, rows in together.items()}
+            | forecasts[row].arrays(),
+            failure=str(infos["failure"][row]),
+            truncated=bool(truncated[row]),
             policy=policy,
             door=door,
             door_config=dataclasses.asdict(envs.variations[row].door),
             seed=seed,
-            **arrays | ending(arrays, str(infos["failure"][row]), bool(truncated[row])),
         )
-        for row, (door, seed, arrays) in enumerate(
-            zip(doors, seeds, table.episodes(), strict=True)
-        )
+        for row, (door, seed) in enumerate(zip(doors, seeds, strict=True))
     )
 
 
@@ -102,66 +107,3 @@ def _check(
             f"{envs.num_envs} simulations need as many doors and seeds, got "
             f"{len(doors)} and {len(seeds)}"
         )
-
-
-class _Table:
-    """Collects one row per control step for all episodes together."""
-
-    def __init__(
-        self, envs: DoorOpeningVectorEnv, agents: AgentBatch, period: float | None
-    ) -> None:
-        self._envs = envs
-        self._columns: dict[str, list[Any]] = {
-            name: []
-            for name in (
-                *("times", "qpos", "latency_s", "solved"),
-                *OBSERVATIONS,
-                *INFOS,
-                *DECISIONS,
-            )
-        }
-        self._lengths = np.zeros(envs.num_envs, dtype=int)
-        self._forecasts = [
-            Forecasts(partial(agents.forecast, row), period)
-            for row in range(envs.num_envs)
-        ]
-
-    def add(
-        self,
-        observations: Mapping[str, NDArray[np.float64]],
-        infos: Mapping[str, Any],
-        steps: AgentSteps,
-        acting: Mask,
-        latency: float,
-    ) -> None:
-        columns = self._columns
-        times = observations["time"][:, 0]
-        columns["times"].append(times)
-        columns["qpos"].append(self._envs.qpos)
-        columns["latency_s"].append(np.full(times.shape, latency))
-        columns["solved"].append(infos["success"])
-        for name in OBSERVATIONS:
-            columns[name].append(observations[name])
-        for name in INFOS:
-            columns[name].append(infos[name])
-        for name in DECISIONS:
-            columns[name].append(getattr(steps, name))
-        self._lengths += acting
-
-    def forecast(self, times: NDArray[np.float64], acting: Mask, ended: Mask) -> None:
-        for row in np.flatnonzero(acting).tolist():
-            self._forecasts[row].take_if_due(float(times[row]), force=bool(ended[row]))
-
-    def episodes(self) -> list[dict[str, NDArray[Any]]]:
-        """Return the arrays of every episode, cut at its end."""
-        stacked = {name: np.stack(rows) for name, rows in self._columns.items()}
-        return [
-            {
-                name: np.ascontiguousarray(rows[:length, row])
-                for name, rows in stacked.items()
-            }
-            | forecasts.arrays()
-            for row, (length, forecasts) in enumerate(
-                zip(self._lengths.tolist(), self._forecasts, strict=True)
-            )
-        ]

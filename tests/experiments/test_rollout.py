@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.rollout import rollout
+from experiments.episodes.log import PER_STEP, EpisodeLog
+from experiments.episodes.rollout import Progress, rollout
 
 
 @pytest.fixture
@@ -114,8 +114,27 @@ def test_latency_is_the_agents_cpu_time_only(
 
 def test_on_step_sees_every_state(run: Callable[..., EpisodeLog]) -> None:
     seen: list[tuple[float, float]] = []
-    log = run(on_step=lambda now, angle: seen.append((now, angle)))
+    log = run(on_step=lambda now: seen.append((now.time, now.door_angle)))
     assert seen == list(zip(log.times, log.door_angle, strict=True))
+
+
+def test_the_log_so_far_is_the_beginning_of_the_log(
+    run: Callable[..., EpisodeLog],
+) -> None:
+    so_far: list[EpisodeLog] = []
+
+    def keep(progress: Progress) -> None:
+        if progress.steps == 15:
+            so_far.append(progress.log())
+
+    log = run(on_step=keep)
+    (first,) = so_far
+    assert not first.success
+    assert not first.failure
+    for name in PER_STEP:
+        np.testing.assert_array_equal(getattr(first, name), getattr(log, name)[:15])
+    count = first.forecast_times.size
+    np.testing.assert_array_equal(first.forecast_mean, log.forecast_mean[:count])
 
 
 def test_missing_information_is_named(
