@@ -8,8 +8,6 @@ from typing import Annotated
 
 import tyro
 
-from experiments.commands.complaint import complain
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Report:
@@ -27,14 +25,12 @@ class Report:
     """Folder to write to; the study's own by default."""
 
     def execute(self) -> int:
-        """Run the command and return the exit status."""
+        """Write the pages and print where they are."""
+        from experiments.arguments import check_folder
         from experiments.report.page import write_report
 
-        try:
-            if self.out is not None and self.out.exists() and not self.out.is_dir():
-                raise ValueError(f"--out {self.out} is a file; give a folder")
-            page = write_report(self.folder, self.out)
-        except (ValueError, OSError) as error:
-            return complain(error)
+        if self.out is not None:
+            check_folder(self.out)
+        page = write_report(self.folder, self.out)
         print(f"{page} and {page.with_suffix('.md')}")
         return 0

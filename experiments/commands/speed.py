@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from experiments.commands.complaint import complain
+from experiments.commands.options import Quiet, recorded
 
 if TYPE_CHECKING:
     from experiments.benchmarks.report import Result
@@ -53,27 +53,24 @@ class Speed:
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/speed")
     """Folder to write to."""
 
+    quiet: Quiet = False
+    """Show no progress, only results."""
+
     def execute(self) -> int:
-        """Run the command and return the exit status."""
+        """Measure, print tables and write the results."""
         from threadpoolctl import threadpool_limits
 
         from experiments.atomic_write import write_json
         from experiments.benchmarks.report import target_table
 
-        try:
-            recordings = self._check()
-        except (ValueError, OSError) as error:
-            return complain(error)
+        recordings = self._check()
         with threadpool_limits(1):
             results = self._measure(recordings)
             record = _record(self, results)
         targets = [target for result in results.values() for target in result.targets()]
         if targets:
             print(target_table(targets))
-        try:
-            write_json(self.out / RESULTS, record)
-        except OSError as error:
-            return complain(error)
+        write_json(self.out / RESULTS, record)
         return 0
 
     def _check(self) -> tuple[Demonstration, ...] | None:
@@ -83,14 +80,13 @@ class Speed:
             ValueError: An argument is wrong, or a part asked for lacks a library.
             OSError: The recordings cannot be read.
         """
+        from experiments.arguments import check_folder, check_least
         from experiments.benchmarks.parts import PARTS
         from experiments.benchmarks.peers import require
         from experiments.benchmarks.recorded import load_recordings
 
-        if self.repeats < 1:
-            raise ValueError(f"--repeats {self.repeats} must be 1 or more")
-        if self.out.exists() and not self.out.is_dir():
-            raise ValueError(f"--out {self.out} is a file; give a folder")
+        check_least("--repeats", self.repeats, 1)
+        check_folder(self.out)
         for name in self.only:
             require(PARTS[name].needs)
         if self.demonstrations is None:
@@ -108,7 +104,7 @@ class Speed:
             if self.only and name not in self.only:
                 continue
             for what, measure in PARTS[name].measures.items():
-                print(f"measuring: {what}", file=sys.stderr, flush=True)
+                logging.getLogger("gplfd").info("measuring: %s", what)
                 results[what] = measure(self.repeats)
                 _show(results[what])
         if recordings is not None:
@@ -127,11 +123,7 @@ def _record(speed: Speed, results: Mapping[str, Result]) -> dict[str, Any]:
     from experiments.benchmarks.machine import machine
     from experiments.files.provenance import provenance
 
-    settings = dataclasses.asdict(speed) | {
-        "out": str(speed.out),
-        "demonstrations": str(speed.demonstrations) if speed.demonstrations else None,
-    }
-    return provenance(settings) | {
+    return provenance(recorded(speed)) | {
         "measured_on": machine(),
         "results": {
             name: dataclasses.asdict(result)  # type: ignore[call-overload]

@@ -6,7 +6,8 @@ part), by what the agent saw, and by what it was told of the outcome.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -16,8 +17,10 @@ from numpy.typing import NDArray
 
 from experiments.datasets.minari.episode import Episode, Recorder
 from experiments.datasets.minari.physics import arithmetic
+from experiments.datasets.minari.reading import Dataset
 from experiments.datasets.minari.writing import REPRODUCING
 from experiments.files.provenance import versions
+from experiments.progress import progress_bar
 
 Array = NDArray[Any]
 
@@ -72,6 +75,21 @@ class Comparison:
         if self.exact:
             text.append(f"bit-exact over {self.steps} steps")
         return "; ".join(text)
+
+
+def replays(
+    dataset: Dataset, numbers: Sequence[int]
+) -> Iterator[tuple[int, Comparison]]:
+    """Run episodes again; yield the number of each and how it compares.
+
+    Raises:
+        ValueError: An episode is damaged.
+        OSError: The file cannot be read.
+    """
+    for number in progress_bar(numbers, desc="replaying", unit="episode"):
+        episode = dataset.episode(number)
+        with contextlib.closing(dataset.make_environment()) as env:
+            yield number, compare(episode, replay(episode, env))
 
 
 def replay(recorded: Episode, env: gym.Env[Any, Any]) -> Episode:

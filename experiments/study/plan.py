@@ -8,8 +8,8 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from experiments.episodes.doors import named_doors
 from experiments.learning_tests.folds import HELD_OUT
-from experiments.study.doors import named_doors
 from experiments.study.settings import TABLE_1_NAME, Condition, StudySettings
 from experiments.study.tasks import EpisodeTask, SkillTask, Task
 from experiments.teacher import standard_teacher
@@ -24,13 +24,16 @@ _NOISY: Final = (
 
 _LARGEST_NOISE: Final = 20.0
 
+LARGEST_STUDY: Final = 100_000
+"""Tasks of a study at most; each is a file, and all of them are in memory."""
+
 
 def checked(settings: StudySettings) -> StudySettings:
     """Return the settings with every name resolved.
 
     Raises:
-        ValueError: A name is unknown or given twice, a number out of range, or nothing
-            is left to do.
+        ValueError: A name is unknown or given twice, a number out of range, nothing is
+            left to do, or there are more than `LARGEST_STUDY` tasks.
     """
     settings = dataclasses.replace(settings, policies=_policies(settings.policies))
     for policy in settings.policies:
@@ -47,6 +50,7 @@ def checked(settings: StudySettings) -> StudySettings:
         "demonstrations-per-door", settings.demonstrations_per_door, 1, math.inf
     )
     _check_range("teacher-noise", settings.teacher_noise, 0.0, _LARGEST_NOISE)
+    _check_size(settings)
     return settings
 
 
@@ -73,6 +77,15 @@ def _check_range(option: str, values: Sequence[float], low: float, high: float) 
         if not low <= value <= high:
             allowed = f"{low:g} or more" if high == math.inf else f"{low:g} to {high:g}"
             raise ValueError(f"--{option} {value} must be {allowed}")
+
+
+def _check_size(settings: StudySettings) -> None:
+    number = settings.seeds * len(tasks(dataclasses.replace(settings, seeds=1)))
+    if number > LARGEST_STUDY:
+        raise ValueError(
+            f"--seeds {settings.seeds} makes a study of {number:,} tasks; at most "
+            f"{LARGEST_STUDY:,} are allowed in one folder"
+        )
 
 
 def conditions(settings: StudySettings) -> Iterator[Condition]:
