@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from experiments.arguments import check_least
+from experiments.arguments import check_folder, check_least
 from experiments.datasets.minari import Recorder, new_dataset
 from experiments.datasets.minari.contents import outcome
 from experiments.episodes.doors import named_doors
@@ -66,6 +66,7 @@ def record_dataset(
     check_least("--max-steps", max_steps, 1)
     policy_entry(policy)
     door_randomization(randomization)
+    check_folder(folder.parent)
     plan = [
         (name, config, seed + number)
         for name, config in named_doors(doors).items()

@@ -162,6 +162,29 @@ def test_bad_input_is_one_paragraph_status_2_and_no_files(
     assert written(tmp_path) == {"taken"}
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("run", "--policy", "oracle"),
+        ("benchmark", "--policies", "oracle"),
+        ("figures",),
+        ("demos", "record", "--policy", "oracle"),
+    ],
+)
+def test_a_disk_that_cannot_be_written_to_is_said_before_any_work(
+    gplfd: Gplfd,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: tuple[str, ...],
+) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    assert gplfd(*command, "--out", "new/data-v0") == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith(f"gplfd: {tmp_path}: cannot be written to")
+    assert written(tmp_path) == set()
+
+
 def test_parser_errors_have_status_2(gplfd: Gplfd) -> None:
     assert gplfd("run", "--seed", "many") == 2
     assert gplfd("rum") == 2

@@ -96,6 +96,38 @@ def test_a_module_of_the_python_path_is_still_found(tmp_path: Path) -> None:
     assert finished.stdout.strip() == str(tmp_path / "my_folder" / "helper.py")
 
 
+@pytest.mark.parametrize(
+    ("limit", "cut", "complete"),
+    [
+        (1_000, "run.json", []),
+        (60_000, "demonstrations.npz", ["run.json"]),
+        (200_000, "small.npz", ["demonstrations.npz", "run.json"]),
+        (400_000, "small.rrd", ["demonstrations.npz", "run.json", "small.npz"]),
+    ],
+)
+def test_a_full_disk_leaves_no_half_of_a_file(
+    tmp_path: Path, limit: int, cut: str, complete: list[str]
+) -> None:
+    import resource
+
+    def fill() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    finished = subprocess.run(
+        [GPLFD, *RUN],
+        cwd=tmp_path,
+        preexec_fn=fill,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert finished.returncode == 2
+    said = finished.stderr.splitlines()[-1]
+    assert said.startswith(f"gplfd: run/{cut}: ")
+    assert "Traceback" not in finished.stderr
+    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == complete
+
+
 def test_a_reader_that_has_gone_is_no_traceback(tmp_path: Path) -> None:
     reader, writer = os.pipe()
     os.close(reader)
