@@ -83,8 +83,8 @@ def main() -> int:
     sys.unraisablehook = interrupt_again
     try:
         status = _run()
-    # Whatever comes after an interruption comes of it: NumPy, for one, reports an
-    # interrupted import as an ImportError.
+    # Whatever comes after an interruption comes of it: libraries in C report it in ways
+    # of their own.
     except BaseException:
         if not interrupted:
             raise
@@ -103,8 +103,10 @@ def _run() -> int:
     # For workers and all other children: they search as this process does, and the
     # working folder last.
     os.environ |= {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
-    from experiments import cli
+    from experiments.interruption import postponed_interruption
 
+    with postponed_interruption():
+        from experiments import cli
     try:
         try:
             return cli.main()

@@ -153,16 +153,12 @@ def _agents(
 ) -> dict[str, Agent]:
     started = time.perf_counter()
     shown = given.demonstrations
+    LOG.info("%s learns from %d demonstrations", policy, len(shown))
     agents = {
         door: make_agent(policy, shown, seed=seed, radius=config.radius)
         for door, config in configs.items()
     }
-    LOG.info(
-        "policy %s from %d demonstrations (%.1f s)",
-        policy,
-        len(shown),
-        time.perf_counter() - started,
-    )
+    LOG.info("%s has learned (%.1f s)", policy, time.perf_counter() - started)
     return agents
 
 

@@ -8,6 +8,9 @@ from jaxtyping import Float, Int
 
 __all__ = ["WarpingPath", "dynamic_time_warping"]
 
+LARGEST_TABLE = 10**8
+"""Cells at most: two sequences of 10,000, a few seconds and 100 MB."""
+
 _DIAGONAL, _UP, _LEFT = np.int8(0), np.int8(1), np.int8(2)
 
 
@@ -39,8 +42,18 @@ def dynamic_time_warping(
 
     Returns:
         The path and its cost.
+
+    Raises:
+        ValueError: If there are more than `LARGEST_TABLE` cells.
     """
     total = np.cumsum(cost_row(0))
+    if n_rows * len(total) > LARGEST_TABLE:
+        raise ValueError(
+            f"dynamic time warping of {n_rows:,} and {len(total):,} samples compares "
+            f"each with each, at most {LARGEST_TABLE:,} pairs: give demonstrations of "
+            '10,000 samples or fewer, or align by method="interpolation" (policy gp), '
+            "which takes any number"
+        )
     above = np.empty_like(total)
     choices = np.empty((n_rows, len(total)), dtype=np.int8)
     choices[0] = _LEFT

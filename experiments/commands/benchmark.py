@@ -12,6 +12,7 @@ from typing import Annotated, Final
 import tyro
 
 from experiments.commands.options import Quiet, recorded
+from experiments.interruption import postponed_interruption
 from experiments.study.engines import EngineName
 from experiments.study.settings import StudySettings
 
@@ -62,10 +63,11 @@ class Benchmark:
 
     def execute(self) -> int:
         """Run the study, print its tables, and return `FAILED` if a task failed."""
-        from experiments.results.study_tables import write_tables
-        from experiments.study.engines import engine_named
-        from experiments.study.plan import checked
-        from experiments.study.session import carry_out
+        with postponed_interruption():
+            from experiments.results.study_tables import write_tables
+            from experiments.study.engines import engine_named
+            from experiments.study.plan import checked
+            from experiments.study.session import carry_out
 
         settings = checked(self.study)
         engine = engine_named(self.engine, workers=self.workers, address=self.address)
@@ -74,7 +76,8 @@ class Benchmark:
         errors = carry_out(settings, self.out, engine, options)
         print(write_tables(self.out, settings))
         if self.record:
-            from experiments.extremes import record_extremes
+            with postponed_interruption():
+                from experiments.extremes import record_extremes
 
             record_extremes(self.out)
         print(f"\nresults are in {self.out}; compare them:  gplfd report {self.out}")
@@ -96,6 +99,7 @@ def benchmark_from(arguments: Sequence[str]) -> Callable[..., Benchmark]:
     given, _ = parser.parse_known_args(arguments)
     if list(arguments[:1]) != ["benchmark"] or given.config is None:
         return Benchmark
-    from experiments.study.settings_file import settings_named
+    with postponed_interruption():
+        from experiments.study.settings_file import settings_named
 
     return partial(Benchmark, study=settings_named(given.config))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from experiments.interruption import postponed_interruption
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Catalogue:
@@ -11,7 +13,8 @@ class Catalogue:
 
     def execute(self) -> int:
         """Print the catalogue."""
-        from experiments.catalogue import catalogue
+        with postponed_interruption():
+            from experiments.catalogue import catalogue
 
         print(catalogue())
         return 0

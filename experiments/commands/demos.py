@@ -9,6 +9,7 @@ from typing import Annotated, Final
 import tyro
 
 from experiments.commands.options import Quiet, recorded
+from experiments.interruption import postponed_interruption
 
 DEPARTED: Final = 1
 """Exit status of a replay that is not the recording, bit for bit."""
@@ -58,7 +59,8 @@ class Record:
 
     def execute(self) -> int:
         """Record the data set and print where it is."""
-        from experiments.datasets.record import record_dataset
+        with postponed_interruption():
+            from experiments.datasets.record import record_dataset
 
         folder = self.out or Path("results/demos") / f"{self.policy}-v0"
         number = record_dataset(
@@ -96,9 +98,10 @@ class Replay:
 
     def execute(self) -> int:
         """Print a line per episode; return `DEPARTED` if one departs."""
-        from experiments.datasets.minari import open_dataset
-        from experiments.datasets.minari.contents import title
-        from experiments.datasets.replay import changes_since, replays
+        with postponed_interruption():
+            from experiments.datasets.minari import open_dataset
+            from experiments.datasets.minari.contents import title
+            from experiments.datasets.replay import changes_since, replays
 
         dataset = open_dataset(self.dataset)
         numbers = self.episodes or tuple(range(dataset.n_episodes))
@@ -123,8 +126,9 @@ class Inspect:
 
     def execute(self) -> int:
         """Print the contents."""
-        from experiments.datasets.minari import open_dataset
-        from experiments.datasets.minari.contents import contents
+        with postponed_interruption():
+            from experiments.datasets.minari import open_dataset
+            from experiments.datasets.minari.contents import contents
 
         print(contents(open_dataset(self.dataset)))
         return 0

@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 
 from experiments.commands.options import Quiet, recorded
+from experiments.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -34,7 +35,8 @@ class Figures:
 
     def execute(self) -> int:
         """Draw the figures and print where they are."""
-        from experiments.figures.drawing import draw_figures
+        with postponed_interruption():
+            from experiments.figures.drawing import draw_figures
 
         number = draw_figures(
             self.out, self.only, seed=self.seed, options=recorded(self)

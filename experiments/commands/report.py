@@ -8,6 +8,8 @@ from typing import Annotated
 
 import tyro
 
+from experiments.interruption import postponed_interruption
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Report:
@@ -26,8 +28,9 @@ class Report:
 
     def execute(self) -> int:
         """Write the pages and print where they are."""
-        from experiments.arguments import check_folder
-        from experiments.report.page import write_report
+        with postponed_interruption():
+            from experiments.arguments import check_folder
+            from experiments.report.page import write_report
 
         if self.out is not None:
             check_folder(self.out)

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from experiments.commands.options import Quiet, recorded
+from experiments.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -50,8 +51,9 @@ class Run:
 
     def execute(self) -> int:
         """Open the doors and print a table."""
-        from experiments.episodes.table import table
-        from experiments.runs import open_doors
+        with postponed_interruption():
+            from experiments.episodes.table import table
+            from experiments.runs import open_doors
 
         folder = self.out or Path("results") / f"{self.policy}-seed{self.seed}"
         metrics = open_doors(

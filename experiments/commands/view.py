@@ -8,6 +8,8 @@ from pathlib import Path
 
 import tyro
 
+from experiments.interruption import postponed_interruption
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class View:
@@ -40,10 +42,12 @@ class View:
     def execute(self) -> int:
         """Show the recording or the episode until the viewer is closed."""
         if not self.live:
-            from experiments.recording.viewer import open_recording
+            with postponed_interruption():
+                from experiments.recording.viewer import open_recording
 
             return open_recording(self._recording())
-        from experiments.recording.live_view import watch
+        with postponed_interruption():
+            from experiments.recording.live_view import watch
 
         if self.file is not None:
             raise ValueError(f"--live runs an episode; it does not go with {self.file}")

@@ -419,6 +419,11 @@ def test_dtw_cost_equals_the_naive_recursion(rows, columns, seed, ties):
     assert (path.rows[-1], path.columns[-1]) == (rows - 1, columns - 1)
 
 
+def test_dtw_of_very_long_sequences_is_refused_before_it_takes_memory():
+    with pytest.raises(ValueError, match=r"of 20,000 and 30,000 samples.*10,000 samples or fewer"):
+        dynamic_time_warping(lambda row: np.zeros(30_000), 20_000)
+
+
 def test_dtw_on_rising_completion_is_interpolation_within_half_a_sample():
     first, second = (
         task_completion_index(demonstration(lambda time, p=power: time**p, n=n))

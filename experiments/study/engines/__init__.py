@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, Literal, Protocol, TypeVar
 
+from experiments.interruption import postponed_interruption
+
 __all__ = ["ATTEMPTS", "ONE_THREAD", "Engine", "EngineName", "Lost", "engine_named"]
 
 ItemT = TypeVar("ItemT")
@@ -82,7 +84,8 @@ def engine_named(
 
         return Serial()
     if name == "loky":
-        from experiments.study.engines.processes import Processes
+        with postponed_interruption():
+            from experiments.study.engines.processes import Processes
 
         return Processes(workers=workers)
     return _cluster(address)
@@ -95,7 +98,8 @@ def _cluster(address: str | None) -> Engine:
             "tcp://HOST:8786 (`dask scheduler` prints it)"
         )
     try:
-        from experiments.study.engines.cluster import Cluster
+        with postponed_interruption():
+            from experiments.study.engines.cluster import Cluster
     except ImportError as error:
         raise ValueError(
             f"--engine dask needs Dask ({error}); pip install 'gplfd[dask]'"

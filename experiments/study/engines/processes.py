@@ -14,6 +14,7 @@ from typing import Any, Final, TypeVar
 
 import loky
 
+from experiments.interruption import postponed_interruption
 from experiments.study.engines import ATTEMPTS, ONE_THREAD, Lost
 
 ItemT = TypeVar("ItemT")
@@ -63,7 +64,9 @@ def _together(
             while waiting or running:
                 # No more than can run: all that run are suspects when a worker dies.
                 while waiting and len(running) < workers:
-                    running[pool.submit(work, waiting[0])] = waiting[0]
+                    # Workers start here, and leave Ctrl-C to this process.
+                    with postponed_interruption():
+                        running[pool.submit(work, waiting[0])] = waiting[0]
                     waiting.popleft()
                 done, _ = loky.wait(running, return_when=loky.FIRST_COMPLETED)
                 for future in sorted(done, key=_is_broken):
@@ -82,7 +85,9 @@ def _alone(work: Callable[[ItemT], ResultT], item: ItemT) -> ResultT | Lost:
     """Run an item again that was running when a worker died."""
     for _ in range(ATTEMPTS - 1):
         with _pool(1) as pool, contextlib.suppress(loky.BrokenProcessPool):
-            result: ResultT = pool.submit(work, item).result()
+            with postponed_interruption():
+                future = pool.submit(work, item)
+            result: ResultT = future.result()
             return result
     return Lost(
         reason=f"its worker process died in each of {ATTEMPTS} attempts: killed, "
@@ -102,7 +107,7 @@ def _pool(workers: int) -> Iterator[loky.ProcessPoolExecutor]:
 
 
 def _prepare(parent: int) -> None:
-    """Leave Ctrl-C, which the terminal sends to all processes, to the parent."""
+    """Leave Ctrl-C to the parent, and end when it does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
