@@ -14,6 +14,7 @@ from jaxtyping import Float
 from policies.gp.heteroscedastic import HeteroscedasticGP
 from policies.gp.legendre import LegendreBasis
 from policies.gp.spectral import SpectralPosterior
+from policies.records import short_repr
 
 __all__ = ["MultiOutputGP", "OutputMoments"]
 
@@ -51,6 +52,8 @@ class MultiOutputGP:
 
     outputs: tuple[HeteroscedasticGP, ...]
     """One process per output."""
+
+    __repr__ = short_repr
 
     @cached_property
     def _scales(self) -> Float[np.ndarray, " d"]:
