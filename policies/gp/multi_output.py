@@ -2,7 +2,7 @@
 
 Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
 arXiv:2002.09979, Eqs. (12)–(13): outputs independent a priori, which is Eq. (6) with a
-diagonal B (`policies.gp.coregionalisation` has the general case and the proof).
+diagonal B.
 """
 
 from dataclasses import dataclass
