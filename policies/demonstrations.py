@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gplfd_env.rotation_paths import rotvecs_from_quaternions, unwrap_rotvecs
+from policies.records import freeze, short_repr
 
 __all__ = ["Demonstration"]
 
@@ -33,15 +34,13 @@ class Demonstration:
     """Hand poses (x, y, z, θu_x, θu_y, θu_z) [m, rad] in the task frame; the rotation
     vectors are continuous in time."""
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
-        times = np.array(self.times, dtype=np.float64)
-        poses = np.array(self.poses, dtype=np.float64)
-        _check_shapes(times, poses)
-        _check_times(times)
-        _check_poses(poses)
-        for name, array in (("times", times), ("poses", poses)):
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+        freeze(self, "times", "poses")
+        _check_shapes(self.times, self.poses)
+        _check_times(self.times)
+        _check_poses(self.poses)
 
     @classmethod
     def from_quaternions(

@@ -6,6 +6,7 @@ predict a distribution over poses at any phase, and adapt to via-points if they 
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -14,7 +15,14 @@ from jaxtyping import Float
 from policies.aligned import AlignedDemonstrations
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
-__all__ = ["Adaptable", "Movement", "Predictor", "ReadaptedMovement", "adapted"]
+__all__ = [
+    "Adaptable",
+    "LearnedMovement",
+    "Movement",
+    "Predictor",
+    "ReadaptedMovement",
+    "adapted",
+]
 
 
 @runtime_checkable
@@ -62,6 +70,27 @@ def adapted(movement: Movement, via_points: Sequence[ViaPoint]) -> Predictor:
         f"{type(movement).__name__} has no via-points: what it learned cannot be "
         "conditioned. Methods that have them: gp, gp-paper, promp, kmp, gmm-gp"
     )
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class LearnedMovement:
+    """What movements of every method have from their demonstrations."""
+
+    aligned: AlignedDemonstrations
+    """The demonstrations it was learned from."""
+
+    @property
+    def duration(self) -> float:
+        """Nominal duration of phases 0 to 1 [s]; rates per second are rates / it."""
+        return self.aligned.duration
+
+    def __repr__(self) -> str:
+        """Return the method and what it learned from, in one line."""
+        count, phases, _ = self.aligned.poses.shape
+        return (
+            f"{type(self).__name__}({count} demonstrations, {phases} phases, "
+            f"{self.duration:.3g} s)"
+        )
 
 
 class ReadaptedMovement:

@@ -9,6 +9,7 @@ returns to m(t); variances do not depend on m(t). Via-points are shifted likewis
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,28 +17,21 @@ from jaxtyping import Float
 
 from policies.adaptation import Adaptation
 from policies.aligned import AlignedDemonstrations
-from policies.movement import Movement, Predictor, adapted
+from policies.movement import LearnedMovement, Movement, Predictor, adapted
 from policies.prior_mean import PriorMean
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
 __all__ = ["ResidualAdaptation", "ResidualMovement", "fit_residual", "residual_form"]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ResidualMovement:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ResidualMovement(LearnedMovement):
     """A prior mean and a movement learned from the rest; made by `fit_residual`."""
 
-    aligned: AlignedDemonstrations
-    """The demonstrations it was learned from, prior mean included."""
     prior_mean: PriorMean
     """m(t)."""
     residual: Movement
     """Learned from the demonstrations less m(t), with a prior mean of zero."""
-
-    @property
-    def duration(self) -> float:
-        """Nominal duration of phases 0 to 1 [s]."""
-        return self.aligned.duration
 
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The distribution of the pose at ``times``.
@@ -146,13 +140,15 @@ def residual_form(
     Args:
         form: takes a movement without, and a grid of phases.
     """
+    return partial(_adaptation, form)
 
-    def build(movement: Any, grid: np.ndarray) -> Adaptation:
-        if isinstance(movement, ResidualMovement):
-            return ResidualAdaptation(form, movement, grid)
-        return form(movement, grid)
 
-    return build
+def _adaptation(
+    form: Callable[[Any, np.ndarray], Adaptation], movement: Any, grid: np.ndarray
+) -> Adaptation:
+    if isinstance(movement, ResidualMovement):
+        return ResidualAdaptation(form, movement, grid)
+    return form(movement, grid)
 
 
 def _raised(rest: GaussianTrajectory, prior_mean: PriorMean) -> GaussianTrajectory:

@@ -8,7 +8,7 @@ priori, each with the kernel of Eq. (13) and its own noise r(t), Eq. (15).
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +22,7 @@ from policies.gp.kersting import KerstingNoise
 from policies.gp.multi_output import MultiOutputGP, OutputMoments
 from policies.gp.noise import HomoscedasticNoise, MapNoise
 from policies.gp.noise_profile import NoiseModel
+from policies.movement import LearnedMovement
 from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
 
 if TYPE_CHECKING:
@@ -43,19 +44,12 @@ _WINDOW = 0.1
 the shortest length-scale that the noise models allow."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Skill:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Skill(LearnedMovement):
     """The learned policy π(t); made by `fit_skill`, immutable."""
 
-    aligned: AlignedDemonstrations
-    """The demonstrations it was learned from."""
     processes: MultiOutputGP
     """The six processes (x, y, z, θu_x, θu_y, θu_z)."""
-
-    @property
-    def duration(self) -> float:
-        """Nominal duration of the task [s]; rates per second are rates / duration."""
-        return self.aligned.duration
 
     @property
     def count(self) -> int:
@@ -137,17 +131,13 @@ class Skill:
             self.smoothness / self.count * moments.noise_rate,
         )
         std = np.sqrt(variance)
-
-        def covariance() -> Float[np.ndarray, "6 M M"]:
-            return self._covariance(times, moments)
-
         return GaussianTrajectory(
             times=times,
             mean=moments.mean,
             std=std,
             mean_rate=moments.mean_rate,
             std_rate=variance_rate / (2.0 * std),
-            covariance_function=covariance,
+            covariance_function=partial(self._covariance, times, moments),
             degrees_of_freedom=self.degrees_of_freedom,
         )
 

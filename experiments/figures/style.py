@@ -18,8 +18,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from experiments.atomic_write import complete_or_absent
 from experiments.recording import colours
+from policies.storage import complete_or_absent
 
 COLUMN: Final = 3.5
 """Width of a journal's column [inch]."""
@@ -122,7 +122,7 @@ def write_figure(figure: Figure, folder: Path, name: str) -> None:
         (".svg", {"Date": None, "Creator": None}),
     ):
         with complete_or_absent(folder / f"{name}{suffix}") as path:
-            figure.savefig(path, metadata=metadata)
+            figure.savefig(path, format=suffix[1:], metadata=metadata)
 
 
 def letter(axes: Axes, name: str, title: str = "") -> None:
