@@ -137,7 +137,7 @@ class Benchmark:
                 bar.update()
 
     def _print_tables(self, settings: StudySettings) -> None:
-        from experiments.atomic_write import complete_or_absent
+        from policies.storage import complete_or_absent
 
         text = "\n\n".join(_tables(self.out, settings))
         with complete_or_absent(self.out / "table.md") as path:

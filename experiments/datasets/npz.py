@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.npz_archive import read_archive, write_archive
 from policies.demonstrations import Demonstration
+from policies.storage import read_archive, write_archive
 
 KIND: Final = "gplfd demonstrations"
 """What the file says it holds."""

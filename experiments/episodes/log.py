@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.npz_archive import read_archive, write_archive
+from policies.storage import read_archive, write_archive
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -18,8 +18,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from experiments.atomic_write import complete_or_absent
 from experiments.recording import colours
+from policies.storage import complete_or_absent
 
 COLUMN: Final = 3.5
 """Width of a journal's column [inch]."""

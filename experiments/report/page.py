@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments.atomic_write import complete_or_absent
 from experiments.report.document import Block, Document, Paragraph, Picture, Section
 from experiments.report.doors import (
     HOW_TO_READ,
@@ -29,6 +28,7 @@ from experiments.report.table_one import table_one_section
 from experiments.results.grouping import by_condition, difference, ranked
 from experiments.results.records import Episode, StudyResults, read_results
 from experiments.study.settings import Condition
+from policies.storage import complete_or_absent
 
 HTML, MARKDOWN = "report.html", "report.md"
 

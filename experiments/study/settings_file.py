@@ -10,9 +10,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from experiments.atomic_write import complete_or_absent
 from experiments.study.settings import PRESETS, StudySettings
 from gplfd_env.config import nearest_name
+from policies.storage import complete_or_absent
 
 
 def settings_named(name: str) -> StudySettings:

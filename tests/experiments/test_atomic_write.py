@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from experiments.atomic_write import complete_or_absent, write_json
+from experiments.atomic_write import write_json
+from policies.storage import complete_or_absent
 
 
 def test_content_appears_under_the_name_only_when_complete(tmp_path: Path) -> None:

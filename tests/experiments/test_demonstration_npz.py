@@ -10,8 +10,8 @@ from experiments.datasets.npz import (
     load_demonstrations,
     save_demonstrations,
 )
-from experiments.npz_archive import read_archive, write_archive
 from experiments.teacher import Teacher
+from policies.storage import read_archive, write_archive
 
 
 @pytest.fixture

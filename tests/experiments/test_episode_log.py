@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.episodes.log import KIND, VERSION, EpisodeLog
-from experiments.npz_archive import read_archive, write_archive
+from policies.storage import read_archive, write_archive
 
 MakeLog = Callable[..., EpisodeLog]
 

@@ -1,17 +1,47 @@
-"""Named arrays in one .npz file that says what it is and in which version."""
+"""Files that are complete or absent, and named arrays in one .npz file."""
 
 from __future__ import annotations
 
+import contextlib
+import os
+import tempfile
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.atomic_write import complete_or_absent
+
+@contextlib.contextmanager
+def complete_or_absent(path: str | Path) -> Iterator[Path]:
+    """Give a temporary path to write to; it becomes ``path`` when the block succeeds.
+
+    Folders above ``path`` are created. When the block raises, the temporary file is
+    removed and whatever stood at ``path`` before stays as it was.
+
+    Raises:
+        OSError: The folder or the file cannot be written.
+    """
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(
+        prefix=f".{target.name}.", suffix=target.suffix, dir=target.parent
+    )
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        # mkstemp makes the file private to its owner; a result is for everyone the
+        # user's umask allows.
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        temporary.replace(target)
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def write_archive(
