@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from policies.demonstrations import Demonstration
-from policies.storage import read_archive, write_archive
+from policies.storage import Members, read_archive, write_archive
 
 KIND: Final = "gplfd demonstrations"
 """What the file says it holds."""
@@ -81,32 +80,33 @@ def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
         ValueError: The file is cut, holds something else, has another version, units
             or frame, or an invalid demonstration.
     """
-    arrays = read_archive(path, kind=KIND, version=VERSION)
-    for field, expected in (("units", UNITS), ("frame", FRAME)):
-        found = str(arrays.get(field, "nothing"))
+    return read_archive(path, kind=KIND, version=VERSION, build=_labelled)
+
+
+def _labelled(members: Members) -> LabelledDemonstrations:
+    for name, expected in (("units", UNITS), ("frame", FRAME)):
+        found = str(members(name))
         if found != expected:
-            raise ValueError(f"{path}: {field} is {found!r}, must be {expected!r}")
-    try:
-        radii = arrays["radii"]
-        demonstrations = tuple(
-            _demonstration(arrays, number) for number in range(radii.size)
+            raise ValueError(f"{name} is {found!r:.80}, must be {expected!r}")
+    radii = members("radii")
+    if radii.ndim != 1 or radii.size == 0:
+        raise ValueError(
+            f"radii has shape {radii.shape}, must be one number for each of at least "
+            "one demonstration"
         )
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"{path} is incomplete: {error}") from error
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-    if not demonstrations:
-        raise ValueError(f"{path} holds no demonstration")
+    if not (np.isnan(radii) | (np.isfinite(radii) & (radii > 0.0))).all():
+        raise ValueError(f"radii must be positive [m], or NaN where unknown: {radii}")
     return LabelledDemonstrations(
-        demonstrations=demonstrations,
+        demonstrations=tuple(
+            _demonstration(members, number) for number in range(radii.size)
+        ),
         radii=tuple(None if math.isnan(r) else float(r) for r in radii),
     )
 
 
-def _demonstration(arrays: dict[str, NDArray[Any]], number: int) -> Demonstration:
+def _demonstration(members: Members, number: int) -> Demonstration:
+    times, poses = members(f"times_{number}"), members(f"poses_{number}")
     try:
-        return Demonstration(
-            times=arrays[f"times_{number}"], poses=arrays[f"poses_{number}"]
-        )
+        return Demonstration(times=times, poses=poses)
     except ValueError as error:
         raise ValueError(f"demonstration {number}: {error}") from error

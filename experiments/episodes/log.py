@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.storage import read_archive, write_archive
+from policies.storage import Members, read_archive, settings, write_archive
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -173,12 +173,12 @@ class EpisodeLog:
             FileNotFoundError: There is no such file.
             ValueError: The file is cut, holds something else or another version.
         """
-        arrays = read_archive(path, kind=KIND, version=VERSION)
-        try:
-            header: dict[str, Any] = json.loads(str(arrays.pop("header")))
-            return cls(**(header | arrays))
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"{path} is not a valid episode log: {error}") from error
+        return read_archive(path, kind=KIND, version=VERSION, build=cls._of)
+
+    @classmethod
+    def _of(cls, members: Members) -> EpisodeLog:
+        arrays: dict[str, Any] = {name: members(name) for name in _SHAPES}
+        return cls(**(settings(members("header")) | arrays))
 
 
 _SHAPES: Final[Mapping[str, tuple[str | int, ...]]] = MappingProxyType(

@@ -122,7 +122,7 @@ def write_figure(figure: Figure, folder: Path, name: str) -> None:
         (".svg", {"Date": None, "Creator": None}),
     ):
         with complete_or_absent(folder / f"{name}{suffix}") as path:
-            figure.savefig(path, metadata=metadata)
+            figure.savefig(path, format=suffix[1:], metadata=metadata)
 
 
 def letter(axes: Axes, name: str, title: str = "") -> None:
