@@ -64,7 +64,7 @@ class Run:
 
     def execute(self) -> int:
         """Run the command and return the exit status."""
-        from experiments.atomic_write import write_json
+        from experiments.files.plain_data import write_json
 
         try:
             plan = _plan(self)
@@ -172,8 +172,8 @@ def _demonstrations(run: Run) -> LabelledDemonstrations:
 
 
 def _write_inputs(run: Run, plan: _Plan) -> None:
-    from experiments.atomic_write import write_json
     from experiments.datasets.npz import save_demonstrations
+    from experiments.files.plain_data import write_json
     from experiments.files.provenance import provenance
 
     given = plan.demonstrations
