@@ -27,7 +27,6 @@ _SHOWN: Final = 60
 """Characters of a wrong value that an error shows."""
 _KINDS: Final[Mapping[Any, str]] = types.MappingProxyType(
     {
-        Any: "anything",
         str: "a text",
         int: "a whole number",
         float: "a number",
@@ -180,5 +179,6 @@ def _described(kind: Any) -> str:
     if origin is tuple:
         return f"a list in [brackets], each of it {_described(inner[0])}"
     if origin is dict:
-        return f"an object in {{braces}}, each of it {_described(inner[1])}"
+        each = "" if inner[1] is Any else f", each of it {_described(inner[1])}"
+        return f"an object in {{braces}}{each}"
     return _KINDS[kind]
