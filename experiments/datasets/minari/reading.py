@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +24,7 @@ from experiments.datasets.minari.writing import (
     REPRODUCING,
 )
 from experiments.files.plain_data import entry, parsed_json, read_json
+from experiments.files.provenance import content_hash
 
 _NAMESPACE: Final = "gplfd/"
 _LARGEST_EPISODE: Final = 2**28
@@ -132,8 +132,7 @@ def open_dataset(path: str | Path) -> Dataset:
                 "it; give the folder that `gplfd demos record` wrote"
             )
     metadata = read_json(data / METADATA_FILE)
-    with (data / MAIN_FILE).open("rb") as stream:
-        sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
+    sha256 = content_hash(data / MAIN_FILE)
     try:
         return _dataset(folder, metadata, sha256)
     except ValueError as error:
