@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from experiments.atomic_write import write_json
+from experiments.files.plain_data import write_json
 from experiments.repetition import Repeated, repeat
 from experiments.report.recordings import COMPARISONS, FOLDER, INDEX, RANKS
 from experiments.report.verdicts import CHAMPION

@@ -66,13 +66,15 @@ class Benchmark:
     def execute(self) -> int:
         """Run the command and return the exit status."""
         from experiments.study.plan import checked, tasks
-        from experiments.study.store import made_by_other_code
+        from experiments.study.store import damaged_results, made_by_other_code
 
         try:
             settings = checked(self.study)
             study = tasks(settings)
             engine = self._engine()
             self._write_settings(settings)
+            for reason in damaged_results(self.out, study):
+                _say(f"warning: {reason}; its task is run again")
             others = made_by_other_code(self.out, study)
             self._warn_of_other_code(others, len(study))
             self._run(study, engine)
@@ -98,7 +100,7 @@ class Benchmark:
         return engine_named(self.engine, workers=self.workers, address=self.address)
 
     def _write_settings(self, settings: StudySettings) -> None:
-        from experiments.atomic_write import write_json
+        from experiments.files.plain_data import write_json
         from experiments.files.provenance import provenance
         from experiments.study.settings_file import write_settings
 

@@ -18,6 +18,7 @@ from experiments.study.doors import named_doors
 if TYPE_CHECKING:
     import gymnasium as gym
 
+    from experiments.datasets.minari import RecordedEpisode
     from policies.agent import Agent
 
 DEPARTED: Final = 1
@@ -65,35 +66,21 @@ class Record:
 
     def execute(self) -> int:
         """Run the command and return the exit status."""
-        from experiments.datasets.minari import Recorder, new_dataset
-        from experiments.datasets.minari.contents import outcome
-
         folder = self.out or Path("results/demos") / f"{self.policy}-v0"
         try:
+            from experiments.datasets.minari import write_dataset
+
             plan = self._plan()
-            environment = self._environment()
-        except (ValueError, TypeError, OSError) as error:
-            return complain(error)
-        settings = dataclasses.asdict(self) | {"out": folder.name}
-        try:
-            with (
-                contextlib.closing(environment) as env,
-                new_dataset(
+            with contextlib.closing(self._environment(plan)) as env:
+                write_dataset(
                     folder,
+                    self._recorded(env, plan),
                     env=env,
                     policy=self.policy,
-                    config=settings,
+                    config=dataclasses.asdict(self) | {"out": folder.name},
                     overwrite=self.overwrite,
-                ) as dataset,
-            ):
-                recorder = Recorder(env)
-                for name, options, seed in _with_bar(plan, "recording"):
-                    agent = self._agent(options["door"]["radius"], seed)
-                    act(agent, recorder, seed=seed, options=options)
-                    dataset.add(recorder.episode)
-                    result = outcome(recorder.episode)
-                    print(f"{name}, seed {seed}: {result}", file=sys.stderr)
-        except (ValueError, OSError) as error:
+                )
+        except (ModuleNotFoundError, ValueError, TypeError, OSError) as error:
             return complain(error)
         episodes = "1 episode" if len(plan) == 1 else f"{len(plan)} episodes"
         print(f"{episodes} in {folder}")
@@ -123,12 +110,31 @@ class Record:
             for number in range(self.episodes)
         ]
 
-    def _environment(self) -> gym.Env[Any, Any]:
+    def _recorded(
+        self, env: gym.Env[Any, Any], plan: Sequence[tuple[str, dict[str, Any], int]]
+    ) -> Iterator[RecordedEpisode]:
+        """Run and yield every episode of the plan."""
+        from experiments.datasets.minari import Recorder
+        from experiments.datasets.minari.contents import outcome
+
+        recorder = Recorder(env)
+        for name, options, seed in _with_bar(plan, "recording"):
+            agent = self._agent(options["door"]["radius"], seed)
+            act(agent, recorder, seed=seed, options=options)
+            episode = recorder.episode
+            print(f"{name}, seed {seed}: {outcome(episode)}", file=sys.stderr)
+            yield episode
+
+    def _environment(
+        self, plan: Sequence[tuple[str, dict[str, Any], int]]
+    ) -> gym.Env[Any, Any]:
+        """Make the environment of the first door, to which resets bring the others."""
         import gymnasium as gym
 
         from gplfd_env import ENVIRONMENT_ID
 
-        arguments: dict[str, Any] = {}
+        _, options, _ = plan[0]
+        arguments = dict(options)
         if self.randomization is not None:
             arguments["randomization"] = self.randomization
         if self.max_steps is not None:
@@ -185,25 +191,22 @@ class Replay:
 
     def execute(self) -> int:
         """Run the command and return the exit status."""
-        from experiments.datasets.minari import open_dataset
-        from experiments.datasets.minari.contents import title
-        from experiments.datasets.replay import changes_since, compare, replay
-
         exact = 0
         try:
+            from experiments.datasets.minari import open_dataset
+            from experiments.datasets.minari.contents import title
+            from experiments.datasets.replay import changes_since, replays
+
             dataset = open_dataset(self.dataset)
             numbers = self.episodes or range(dataset.n_episodes)
             dataset.check(numbers)
             print(title(dataset))
             for what, (then, now) in changes_since(dataset.origin).items():
                 print(f"not as recorded: {what} was {then}, is {now}")
-            for number in _with_bar(numbers, "replaying"):
-                episode = dataset.episode(number)
-                with contextlib.closing(dataset.make_environment()) as env:
-                    comparison = compare(episode, replay(episode, env))
+            for number, comparison in replays(dataset, _with_bar(numbers, "replaying")):
                 exact += comparison.exact
                 print(f"episode {number}: {comparison}", flush=True)
-        except (ValueError, OSError) as error:
+        except (ModuleNotFoundError, ValueError, OSError) as error:
             return complain(error)
         print(f"{exact} of {len(numbers)} episodes are the recording, bit for bit")
         return 0 if exact == len(numbers) else DEPARTED
@@ -218,12 +221,12 @@ class Inspect:
 
     def execute(self) -> int:
         """Run the command and return the exit status."""
-        from experiments.datasets.minari import open_dataset
-        from experiments.datasets.minari.contents import contents
-
         try:
+            from experiments.datasets.minari import open_dataset
+            from experiments.datasets.minari.contents import contents
+
             print(contents(open_dataset(self.dataset)))
-        except (ValueError, OSError) as error:
+        except (ModuleNotFoundError, ValueError, OSError) as error:
             return complain(error)
         return 0
 

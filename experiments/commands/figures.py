@@ -38,8 +38,8 @@ class Figures:
 
     def execute(self) -> int:
         """Run the command and return the exit status."""
-        from experiments.atomic_write import write_json
         from experiments.figures.catalogue import chosen
+        from experiments.files.plain_data import write_json
         from experiments.files.provenance import provenance
 
         try:

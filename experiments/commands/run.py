@@ -65,7 +65,7 @@ class Run:
 
     def execute(self) -> int:
         """Run the command and return the exit status."""
-        from experiments.atomic_write import write_json
+        from experiments.files.plain_data import write_json
 
         try:
             plan = _plan(self)
@@ -173,9 +173,9 @@ def _demonstrations(run: Run) -> LabelledDemonstrations:
 
 
 def _write_inputs(run: Run, plan: _Plan) -> None:
-    from experiments.atomic_write import write_json
     from experiments.datasets.npz import save_demonstrations
-    from experiments.files.provenance import provenance
+    from experiments.files.plain_data import write_json
+    from experiments.files.provenance import content_hash, provenance
 
     given = plan.demonstrations
     save_demonstrations(plan.folder / DEMONSTRATIONS, given.demonstrations, given.radii)
@@ -183,6 +183,8 @@ def _write_inputs(run: Run, plan: _Plan) -> None:
         name: str(value) if isinstance(value, Path) else value
         for name, value in dataclasses.asdict(run).items()
     }
+    learned_from = run.demonstrations or plan.folder / DEMONSTRATIONS
+    config["demonstrations_sha256"] = content_hash(learned_from)
     config["door_configs"] = {
         door.name: dataclasses.asdict(door.config) for door in plan.doors
     }

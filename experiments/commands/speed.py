@@ -57,8 +57,8 @@ class Speed:
         """Run the command and return the exit status."""
         from threadpoolctl import threadpool_limits
 
-        from experiments.atomic_write import write_json
         from experiments.benchmarks.report import target_table
+        from experiments.files.plain_data import write_json
 
         try:
             recordings = self._check()

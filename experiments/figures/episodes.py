@@ -17,7 +17,6 @@ import numpy as np
 
 import gplfd_env
 import policies
-from experiments.atomic_write import write_json
 from experiments.datasets.npz import (
     LabelledDemonstrations,
     load_demonstrations,
@@ -26,6 +25,7 @@ from experiments.datasets.npz import (
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.rollout import rollout
 from experiments.figures.material import Material
+from experiments.files.plain_data import write_json
 from experiments.files.provenance import versions
 from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_env import ENVIRONMENT_ID

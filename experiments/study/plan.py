@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final
 
@@ -22,7 +22,11 @@ _NOISY: Final = (
 )
 """Fields of `experiments.teacher.TeacherConfig` that the noise level multiplies."""
 
-_LARGEST_NOISE: Final = 20.0
+_MOST_SEEDS: Final = 10_000
+"""More would take years, and their tasks more memory than there is."""
+_MOST_GIVEN: Final = 1_000
+"""Demonstrations per door; exact Gaussian processes of as many take hours."""
+_LARGEST_NOISE: Final = 20
 
 
 def checked(settings: StudySettings) -> StudySettings:
@@ -42,11 +46,14 @@ def checked(settings: StudySettings) -> StudySettings:
         values = getattr(settings, field.name)
         if isinstance(values, tuple):
             _check_list(field.name.replace("_", "-"), values)
-    _check_range("seeds", [settings.seeds], 1, math.inf)
-    _check_range(
-        "demonstrations-per-door", settings.demonstrations_per_door, 1, math.inf
-    )
-    _check_range("teacher-noise", settings.teacher_noise, 0.0, _LARGEST_NOISE)
+    for option, values, low, high in (
+        ("seeds", (settings.seeds,), 1, _MOST_SEEDS),
+        ("demonstrations-per-door", settings.demonstrations_per_door, 1, _MOST_GIVEN),
+        ("teacher-noise", settings.teacher_noise, 0, _LARGEST_NOISE),
+    ):
+        for value in values:
+            if not low <= value <= high:
+                raise ValueError(f"--{option} {value} must be {low} to {high}")
     return settings
 
 
@@ -63,16 +70,9 @@ def _policies(names: Sequence[str]) -> tuple[str, ...]:
 def _check_list(option: str, values: Sequence[object]) -> None:
     if not values:
         raise ValueError(f"--{option} needs at least one value")
-    for value in values:
-        if values.count(value) > 1:
-            raise ValueError(f"{value} is given twice in --{option}")
-
-
-def _check_range(option: str, values: Sequence[float], low: float, high: float) -> None:
-    for value in values:
-        if not low <= value <= high:
-            allowed = f"{low:g} or more" if high == math.inf else f"{low:g} to {high:g}"
-            raise ValueError(f"--{option} {value} must be {allowed}")
+    value, times = Counter(values).most_common(1)[0]
+    if times > 1:
+        raise ValueError(f"{value} is given twice in --{option}")
 
 
 def conditions(settings: StudySettings) -> Iterator[Condition]:

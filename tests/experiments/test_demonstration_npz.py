@@ -11,6 +11,7 @@ from experiments.datasets.npz import (
     save_demonstrations,
 )
 from experiments.teacher import Teacher
+from policies.demonstrations import Demonstration
 from policies.storage import write_archive
 
 
@@ -88,11 +89,16 @@ def test_foreign_files(tmp_path: Path, saved: Path) -> None:
         ({"frame": np.array("world")}, "frame is 'world', must be 'task: "),
         ({"poses_1": None}, "it lacks 'poses_1'"),
         ({"radii": None}, "it lacks 'radii'"),
-        ({"radii": np.zeros(0)}, r"radii has shape \(0,\)"),
+        ({"radii": np.zeros(0)}, "0 demonstrations and 0 radii"),
         ({"radii": np.array(0.5)}, r"radii has shape \(\)"),
         ({"radii": np.array([0.5])}, "it holds 'times_1', which does not belong"),
-        ({"radii": np.array([0.5, np.inf])}, "radii must be positive"),
-        ({"radii": np.array([0.5, -0.4])}, "radii must be positive"),
+        ({"radii": np.array([0.5, np.inf])}, "radius is inf; it must be positive"),
+        ({"radii": np.array([0.5, -0.4])}, "radius is -0.4; it must be positive"),
+        ({"radii": np.array([0.5, 0.0])}, "radius is 0.0; it must be positive"),
+        ({"radii": np.array([True, True])}, "radii holds bool, must hold numbers"),
+        ({"radii": np.array(["0.5", "0.4"])}, "radii holds <U3, must hold numbers"),
+        ({"times_1": np.array(["0", "1"])}, "times_1 holds <U1, must hold numbers"),
+        ({"units": np.zeros(3)}, r"units is '\[0. 0. 0.\]', must be 's, m, rad'"),
         ({"radii": np.array([0.5, 0.4j])}, "'radii' holds complex128, not numbers"),
         (
             {"poses_1": np.zeros((5, 6)), "times_1": np.arange(5.0)},
@@ -117,4 +123,10 @@ def test_every_demonstration_needs_a_label(tmp_path: Path) -> None:
         save_demonstrations(tmp_path / "d.npz", [], [0.5])
     with pytest.raises(ValueError, match="0 demonstrations and 0 radii"):
         save_demonstrations(tmp_path / "d.npz", [])
+    with pytest.raises(ValueError, match=r"radius is -0\.5; it must be positive"):
+        save_demonstrations(tmp_path / "d.npz", [moving()], [-0.5])
     assert list(tmp_path.iterdir()) == []
+
+
+def moving() -> Demonstration:
+    return Demonstration(times=np.arange(2.0), poses=np.eye(2, 6))
