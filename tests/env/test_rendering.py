@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import shutil
 import socket
 import struct
 import subprocess
@@ -27,6 +26,7 @@ def picture(env) -> np.ndarray:
     return image
 
 
+@pytest.mark.needs("opengl")
 @pytest.mark.parametrize("camera", ["overview", "top", "head", "hand_camera"])
 def test_colour_picture_from_every_camera(camera: str, make_env: Callable) -> None:
     env = make_env(
@@ -39,6 +39,7 @@ def test_colour_picture_from_every_camera(camera: str, make_env: Callable) -> No
     assert image.std() > 10, "something must be in the picture"
 
 
+@pytest.mark.needs("opengl")
 def test_picture_changes_with_the_door_and_is_reproducible(make_env: Callable) -> None:
     env = make_env("medium", render_mode="rgb_array", width=160, height=120)
     env.reset(seed=0)
@@ -55,6 +56,7 @@ def test_picture_changes_with_the_door_and_is_reproducible(make_env: Callable) -
     assert np.array_equal(picture(env), closed)
 
 
+@pytest.mark.needs("opengl")
 def test_pictures_follow_a_change_of_door(make_env: Callable) -> None:
     env = make_env("small", render_mode="rgb_array", width=160, height=120)
     large = make_env("large", render_mode="rgb_array", width=160, height=120)
@@ -66,6 +68,7 @@ def test_pictures_follow_a_change_of_door(make_env: Callable) -> None:
     assert np.array_equal(picture(env), picture(large))
 
 
+@pytest.mark.needs("opengl")
 def test_depth_picture_is_in_metres(make_env: Callable) -> None:
     env = make_env(
         "medium", render_mode="depth_array", camera_name="top", width=160, height=120
@@ -79,6 +82,7 @@ def test_depth_picture_is_in_metres(make_env: Callable) -> None:
     assert depth.min() == pytest.approx(3.6 - 2.05, abs=0.02)
 
 
+@pytest.mark.needs("opengl")
 def test_colour_and_depth_together(make_env: Callable) -> None:
     size = {"width": 64, "height": 48}
     both = make_env(render_mode="rgbd_tuple", **size)
@@ -92,6 +96,7 @@ def test_colour_and_depth_together(make_env: Callable) -> None:
         assert np.array_equal(one, picture(env))
 
 
+@pytest.mark.needs("opengl")
 @pytest.mark.parametrize("effects", [False, True])
 def test_pictures_leave_the_model_as_it_is(effects: bool, make_env: Callable) -> None:
     """Size and quality are the renderer's; the simulation goes on as if unseen."""
@@ -114,6 +119,7 @@ def test_pictures_leave_the_model_as_it_is(effects: bool, make_env: Callable) ->
         assert visual.quality.offsamples == 4
 
 
+@pytest.mark.needs("opengl")
 def test_effects_are_off_unless_asked_for(make_env: Callable) -> None:
     """Without a graphics card they cost ten times the rest of the picture."""
     images = []
@@ -162,6 +168,7 @@ def test_without_opengl_the_message_says_what_to_install(tmp_path: Path) -> None
         assert part in result.stdout
 
 
+@pytest.mark.needs("opengl")
 def test_default_size_and_a_size_beyond_the_offscreen_buffer(
     make_env: Callable,
 ) -> None:
@@ -173,6 +180,7 @@ def test_default_size_and_a_size_beyond_the_offscreen_buffer(
     assert picture(big).shape == (1000, 1600, 3)
 
 
+@pytest.mark.needs("opengl")
 def test_close_may_be_called_twice_and_rendering_starts_again(
     make_env: Callable,
 ) -> None:
@@ -209,18 +217,12 @@ def wait_for_display(number: str, patience: float = 30.0) -> None:
 @pytest.fixture
 def virtual_display() -> Iterator[str]:
     """Start an X server without a screen on a free display and return its name."""
-    program = shutil.which("Xvfb")
-    if program is None:
-        pytest.fail(
-            "Xvfb is missing; human rendering is tested on a virtual display: "
-            "apt-get install xvfb libgl1-mesa-dri"
-        )
     read_end, write_end = os.pipe()
     # Without -noreset the server starts anew whenever its last client leaves, and
     # refuses connections meanwhile.
     options = ["-displayfd", str(write_end), "-screen", "0", "800x600x24", "-noreset"]
     server = subprocess.Popen(
-        [program, *options, "-nolisten", "tcp"],
+        ["Xvfb", *options, "-nolisten", "tcp"],
         pass_fds=[write_end],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
@@ -239,6 +241,7 @@ def virtual_display() -> Iterator[str]:
         server.wait()
 
 
+@pytest.mark.needs("xvfb")
 def test_window_and_the_checker_s_render_check(
     virtual_display: str, tmp_path: Path
 ) -> None:

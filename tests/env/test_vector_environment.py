@@ -125,6 +125,7 @@ def test_wrappers_of_gymnasium_work_on_it(make_vec: Callable) -> None:
     assert_array_equal(infos["episode"]["l"], [6, 6])
 
 
+@pytest.mark.needs("opengl")
 def test_render_returns_a_picture_of_each(
     make_vec: Callable, make_env: Callable
 ) -> None:
