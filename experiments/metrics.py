@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from experiments.episode_log import EpisodeLog
-from experiments.forecast_error import PROGRESS, STANDARD_ANGLE, forecast_errors
+from experiments.forecast_error import PROGRESS, forecast_errors
+from gplfd_env.task import DEMONSTRATED_ANGLE
 
 FloatArray = NDArray[np.float64]
 
@@ -113,7 +114,7 @@ class EpisodeMetrics:
 
 
 def episode_metrics(
-    log: EpisodeLog, *, demonstrated_angle: float = STANDARD_ANGLE
+    log: EpisodeLog, *, demonstrated_angle: float = DEMONSTRATED_ANGLE
 ) -> EpisodeMetrics:
     """Compute all measures of one episode.
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from gplfd_env.command import Command, ServoGains, servo_gains
 from gplfd_env.door_opening import BAD_STATE
-from gplfd_env.episode import CONTROL_PERIOD
 from gplfd_env.robot import Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
+from gplfd_env.task import CONTROL_PERIOD
 from gplfd_env.variation import Variation
 
 Array = NDArray[np.float64]

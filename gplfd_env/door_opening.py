@@ -18,7 +18,6 @@ from gplfd_env.command import COMMANDS, ServoGains
 from gplfd_env.config import DoorConfig, DoorSpec, door_config
 from gplfd_env.disturbance import draw_episode
 from gplfd_env.episode import (
-    CONTROL_PERIOD,
     FLAGS,
     NUMBERS,
     POSE,
@@ -30,6 +29,7 @@ from gplfd_env.observation import Observation, Reader, observation_space
 from gplfd_env.randomization import RandomizationSpec, door_randomization
 from gplfd_env.robot import Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
+from gplfd_env.task import CONTROL_PERIOD
 from gplfd_env.variation import Variation
 
 Array = NDArray[np.float64]

@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 
 from gplfd_env.disturbance import Drawn
 from gplfd_env.observation import DoorReading, Observation, Reader
-from gplfd_env.task import OpeningMonitor, reward_terms, sparse_reward_terms
+from gplfd_env.task import (
+    CONTROL_PERIOD,
+    OpeningMonitor,
+    reward_terms,
+    sparse_reward_terms,
+)
 from gplfd_env.variation import Variation
 
 Array = NDArray[np.float64]
 Reward = Literal["dense", "sparse"]
-
-CONTROL_PERIOD: Final = 0.01
-"""Time between two actions [s]."""
 
 REWARDS: Final = {"dense": reward_terms, "sparse": sparse_reward_terms}
 """Terms of the reward, by its name."""

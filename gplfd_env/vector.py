@@ -18,7 +18,6 @@ from gplfd_env.camera import Camera, check_choice
 from gplfd_env.command import COMMANDS
 from gplfd_env.disturbance import draw_episode
 from gplfd_env.episode import (
-    CONTROL_PERIOD,
     FLAGS,
     NUMBERS,
     POSE,
@@ -29,6 +28,7 @@ from gplfd_env.episode import (
 from gplfd_env.observation import Observation, Reader, observation_space
 from gplfd_env.randomization import RandomizationSpec, door_randomization
 from gplfd_env.robot import Grasp
+from gplfd_env.task import CONTROL_PERIOD
 from gplfd_env.variation import Variation
 from gplfd_env.vector_convention import (
     Doors,

@@ -13,8 +13,8 @@ from gymnasium.utils.env_match import check_environments_match
 
 import gplfd_env
 from gplfd_env.config import DoorConfig
-from gplfd_env.door_opening import CONTROL_PERIOD, DoorOpeningEnv
-from gplfd_env.task import SUCCESS_ANGLE, handle_pose_on_arc
+from gplfd_env.door_opening import DoorOpeningEnv
+from gplfd_env.task import CONTROL_PERIOD, SUCCESS_ANGLE, handle_pose_on_arc
 
 INFO_TYPES = {
     "door_angle": float,
