@@ -20,74 +20,49 @@ _RANGE: Final = "range"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Range:
-    """The finite numbers that are allowed, and their unit."""
+    """The numbers from `low` to `high` between `above` and `below`.
+
+    Attributes:
+        low: Least number; by default there is none.
+        high: Greatest number; by default there is none.
+        above: Only greater numbers are allowed.
+        below: Only less numbers are allowed.
+        unit: Their unit; of whole numbers, what they count.
+        reason: What sets the limits, for messages.
+    """
 
     low: float = -math.inf
-    """Least number."""
-
     high: float = math.inf
-    """Greatest number."""
-
-    above: bool = False
-    """Whether `low` itself is outside."""
-
-    below: bool = False
-    """Whether `high` itself is outside."""
-
+    above: float = -math.inf
+    below: float = math.inf
     unit: str = ""
-    """Their unit; of whole numbers, what they count."""
-
     reason: str = ""
-    """What sets the limits, for messages."""
 
     def __contains__(self, number: float) -> bool:
-        enough = number > self.low if self.above else number >= self.low
-        within = number < self.high if self.below else number <= self.high
-        return enough and within and math.isfinite(number)
+        return self.low <= number <= self.high and self.above < number < self.below
 
     def __str__(self) -> str:
-        left = "(" if self.above or self.low == -math.inf else "["
-        right = ")" if self.below or self.high == math.inf else "]"
+        low = f"[{self.low:g}" if self.low > self.above else f"({self.above:g}"
+        high = f"{self.high:g}]" if self.high < self.below else f"{self.below:g})"
         reason = f" ({self.reason})" if self.reason else ""
-        return f"{left}{self.low:g}, {self.high:g}{right} {self.unit}".rstrip() + reason
+        return f"{low}, {high} {self.unit}".rstrip() + reason
 
 
-def quantity(
-    default: float,
-    *,
-    unit: str = "",
-    low: float = -math.inf,
-    high: float = math.inf,
-    above: float | None = None,
-    below: float | None = None,
-    reason: str = "",
-) -> Any:
-    """Declare a field of a dataclass: a finite number; a whole one if annotated `int`.
+def quantity(default: float, **allowed: Any) -> Any:
+    """Declare a field that is a finite number; a whole one if annotated `int`.
 
     Args:
         default: Its value if none is given.
-        unit: Its unit; of a whole number, what it counts.
-        low: Least value allowed.
-        high: Greatest value allowed.
-        above: In place of `low`: the value must be greater than this.
-        below: In place of `high`: the value must be less than this.
-        reason: What sets the limits, for messages.
+        **allowed: Attributes of `Range`.
     """
-    allowed = Range(
-        low=low if above is None else above,
-        high=high if below is None else below,
-        above=above is not None,
-        below=below is not None,
-        unit=unit,
-        reason=reason,
-    )
-    return dataclasses.field(default=default, metadata={_RANGE: allowed})
+    return dataclasses.field(default=default, metadata={_RANGE: Range(**allowed)})
 
 
 def allowed_range(record: type, field: str) -> Range:
     """Return what a record's field declared."""
-    declared: Range = record.__dataclass_fields__[field].metadata[_RANGE]  # type: ignore[attr-defined]
-    return declared
+    declared = {one.name: one for one in dataclasses.fields(record)}
+    allowed: Range = declared[field].metadata[_RANGE]
+    return allowed
 
 
 def check_quantities(record: Any) -> None:
@@ -98,15 +73,14 @@ def check_quantities(record: Any) -> None:
         TypeError: A value is not a number.
     """
     for field in dataclasses.fields(record):
-        if _RANGE not in field.metadata:
-            continue
-        checked = checked_count if field.type in (int, "int") else checked_number
-        name = f"{type(record).__name__}.{field.name}"
-        value = checked(name, getattr(record, field.name), field.metadata[_RANGE])
-        object.__setattr__(record, field.name, value)
+        if _RANGE in field.metadata:
+            checked = checked_count if field.type in (int, "int") else checked_number
+            name = f"{type(record).__name__}.{field.name}"
+            value = checked(name, getattr(record, field.name), field.metadata[_RANGE])
+            object.__setattr__(record, field.name, value)
 
 
-def checked_number(name: str, value: object, allowed: Range) -> float:
+def checked_number(name: str, value: Any, allowed: Range) -> float:
     """Return a value as a float.
 
     Args:
@@ -122,34 +96,31 @@ def checked_number(name: str, value: object, allowed: Range) -> float:
         raise TypeError(
             f"{name} must be a number, got {value!r} ({type(value).__name__})"
         )
-    if float(value) not in allowed:
-        raise ValueError(f"{name} = {float(value)!r} is outside {allowed}")
-    return float(value)
+    number = float(value)
+    if number not in allowed:
+        raise ValueError(f"{name} = {number!r} is outside {allowed}")
+    return number
 
 
-def checked_count(name: str, value: object, allowed: Range) -> int:
-    """Return a value as an int; arguments as of `checked_number`.
+def checked_count(name: str, value: Any, allowed: Range) -> int:
+    """Return a value as an int; the arguments are those of `checked_number`.
 
     Raises:
         ValueError: It is not a whole number or not allowed.
     """
     whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
-    if not whole or int(value) not in allowed:  # type: ignore[call-overload]
+    if not whole or int(value) not in allowed:
         of = f" of {allowed.unit}" if allowed.unit else ""
         to = f" to {allowed.high:g}" if math.isfinite(allowed.high) else ""
         raise ValueError(
             f"{name} = {value!r} must be a whole number{of} from {allowed.low:g}{to}"
         )
-    return int(value)  # type: ignore[call-overload, no-any-return]
+    return int(value)
 
 
 def check_choice(name: str, value: object, allowed: Collection[object]) -> None:
-    """Raise unless a value is one of those allowed.
-
-    Raises:
-        ValueError: It is not; the message lists them.
-    """
-    if value not in allowed:
+    """Raise a ValueError that lists what is allowed unless a value is among it."""
+    if value not in tuple(allowed):
         raise ValueError(
             f"{name} = {value!r} is not one of {', '.join(map(repr, allowed))}"
         )

@@ -31,13 +31,7 @@ Pair = tuple[float, float]
 def _half_width(name: str) -> Any:
     """Declare a field within plus or minus of which a field of `Placement` is drawn."""
     allowed = allowed_range(Placement, name)
-    return quantity(
-        0.0,
-        unit=allowed.unit,
-        low=0.0,
-        high=allowed.high,
-        reason="values are drawn within plus or minus it",
-    )
+    return quantity(0.0, unit=allowed.unit, low=0.0, high=allowed.high)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -51,7 +45,7 @@ class DoorRandomization:
     Raises:
         ValueError: A range is reversed, not finite, or beyond what the door, the
             placement or the sensors allow.
-        TypeError: A value is not a number.
+        TypeError: A field is not a number, or not of numbers.
     """
 
     radius: Pair | None = None

@@ -83,7 +83,7 @@ def test_open_ends_are_outside_and_closed_ones_inside(
     value: float, low: float, high: float
 ) -> None:
     closed = Range(low=low, high=high)
-    opened = Range(low=low, high=high, above=True, below=True)
+    opened = Range(above=low, below=high)
     assert (value in closed) == (low <= value <= high)
     assert (value in opened) == (low < value < high)
     assert (value in Range()) == math.isfinite(value)

@@ -197,7 +197,7 @@ def r(**fields: Any) -> Callable[[], Any]:
         (
             r(base_yaw=-0.1),
             ValueError,
-            [".base_yaw = -0.1 is outside [0, 0.1] rad (val"],
+            [".base_yaw = -0.1 is outside [0, 0.1] rad"],
         ),
         (r(base_yaw=math.inf), ValueError, [".base_yaw = inf is outside [0, 0.1]"]),
         (r(grasp_height="x"), TypeError, [".grasp_height must be a number, got 'x'"]),

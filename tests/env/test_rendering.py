@@ -26,6 +26,22 @@ def picture(env) -> np.ndarray:
     return image
 
 
+def run_alone(
+    program: str, folder: Path, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Run a program in a process of its own, without a display unless given one."""
+    here = {key: value for key, value in os.environ.items() if "DISPLAY" not in key}
+    return subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=folder,
+        env=here | variables,
+        timeout=120,
+    )
+
+
 @pytest.mark.needs("opengl")
 @pytest.mark.parametrize("camera", ["overview", "top", "head", "hand_camera"])
 def test_colour_picture_from_every_camera(camera: str, make_env: Callable) -> None:
@@ -137,35 +153,50 @@ def test_effects_are_off_unless_asked_for(make_env: Callable) -> None:
 
 
 def test_without_opengl_the_message_says_what_to_install(tmp_path: Path) -> None:
-    """In a process of its own: MuJoCo chooses its OpenGL once."""
-    program = textwrap.dedent(
-        """
+    """Every time: asked again, MuJoCo itself would abort Python.
+
+    In a process of its own, since MuJoCo chooses its OpenGL once.
+    """
+    program = """
         import gymnasium as gym
         import gplfd_env
 
         env = gym.make(gplfd_env.ENVIRONMENT_ID, render_mode="rgb_array")
-        env.reset(seed=0)
+        envs = gym.make_vec(gplfd_env.ENVIRONMENT_ID, 2, render_mode="rgb_array")
+        for each in (env, env, envs):
+            each.reset(seed=0)
+            try:
+                each.render()
+            except RuntimeError as error:
+                print(error)
+            each.step(each.action_space.sample())
+            each.close()
+        """
+    result = run_alone(program, tmp_path, MUJOCO_GL="glfw")
+    assert result.returncode == 0, result.stderr
+    first, *others = result.stdout.splitlines()
+    for part in ("no picture without OpenGL", "MUJOCO_GL=egl", "libegl1", "libosmesa6"):
+        assert part in first
+    assert others == [first, first]
+
+
+@pytest.mark.parametrize("variables", [{}, {"DISPLAY": ":59999"}], ids=["none", "gone"])
+def test_a_window_without_a_display_is_refused(
+    variables: dict[str, str], tmp_path: Path
+) -> None:
+    """In a process of its own, which GLFW would abort."""
+    program = """
+        import gymnasium as gym
+        import gplfd_env
+
         try:
-            env.render()
+            gym.make(gplfd_env.ENVIRONMENT_ID, render_mode="human")
         except RuntimeError as error:
             print(error)
-        env.step(env.action_space.sample())
-        env.close()
         """
-    )
-    environment = {key: v for key, v in os.environ.items() if "DISPLAY" not in key}
-    result = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-        env={**environment, "MUJOCO_GL": "glfw"},
-        timeout=60,
-    )
+    result = run_alone(program, tmp_path, **variables)
     assert result.returncode == 0, result.stderr
-    for part in ("no picture without OpenGL", "MUJOCO_GL=egl", "libegl1", "libosmesa6"):
-        assert part in result.stdout
+    assert "needs a display; without one use" in result.stdout
 
 
 @pytest.mark.needs("opengl")
@@ -250,8 +281,7 @@ def test_window_and_the_checker_s_render_check(
     Every warning is an error but the declined one about normalised actions; the
     checker opens each render mode, the window among them.
     """
-    program = textwrap.dedent(
-        """
+    program = """
         import warnings
         warnings.simplefilter("error")
         warnings.filterwarnings(
@@ -279,16 +309,6 @@ def test_window_and_the_checker_s_render_check(
         env.close()
         print("done")
         """
-    )
-    environment = {**os.environ, "DISPLAY": virtual_display, "MUJOCO_GL": "glfw"}
-    result = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-        env=environment,
-        timeout=120,
-    )
+    result = run_alone(program, tmp_path, DISPLAY=virtual_display, MUJOCO_GL="glfw")
     assert result.returncode == 0, result.stderr
     assert result.stdout.split() == ["done"]
