@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from gplfd_env.se3 import compose_rotvecs
+from gplfd_env.task import CONTROL_PERIOD
 from policies.controllers.admittance import Admittance
 from policies.controllers.stability import GovernedStiffness, StiffnessGovernor
 from policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
@@ -45,7 +46,7 @@ _LOOK_AHEAD: Final = 0.05
 class AgentConfig:
     """How the agent moves through the task and what it takes as a via-point."""
 
-    control_period: float = 0.01
+    control_period: float = CONTROL_PERIOD
     """Time between two commands [s]."""
 
     via_spacing: float = 0.01

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.teacher.random_motion import minimum_jerk, smooth_functions
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
 from policies.aligned import AlignedDemonstrations
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ class KnownProcess:
 def door_opening(
     radius: float, times: Array, rng: np.random.Generator, wobble_std: float = 1.5e-3
 ) -> Array:
-    """Open a door by 67° in minimum-jerk time while the hand wobbles smoothly.
+    """Open a door in minimum-jerk time while the hand wobbles smoothly.
 
     Args:
         radius: Distance from hinge to handle [m].
@@ -85,8 +85,7 @@ def door_opening(
     Returns:
         Poses, (M, 6) [m, rad].
     """
-    angles = math.radians(67.0) * minimum_jerk(times)
-    arc = np.stack([handle_pose_on_arc(radius, float(angle)) for angle in angles])
+    arc = handle_pose_on_arc(radius, DEMONSTRATED_ANGLE * minimum_jerk(times))
     wobble = (
         smooth_functions(times, 0.2, 6, rng) * np.minimum(1.0, 10.0 * times)[:, None]
     )

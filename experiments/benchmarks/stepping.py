@@ -142,10 +142,7 @@ def _round(env: Any, seed: int) -> tuple[float, float, bool]:
 def _opening(env: Any, seed: int) -> FloatArray:
     """Return actions that open the door in 6 s; stiffnesses from half to all."""
     rng = np.random.default_rng(seed)
-    poses = [
-        handle_pose_on_arc(env.door.radius, angle)
-        for angle in np.linspace(0.0, 0.9, _STEPS)
-    ]
+    poses = handle_pose_on_arc(env.door.radius, np.linspace(0.0, 0.9, _STEPS))
     greatest: FloatArray = env.action_space.high
     actions: FloatArray = greatest * rng.uniform(0.5, 1.0, (_STEPS, greatest.size))
     actions[:, :6] = poses + rng.normal(0.0, 0.002, (_STEPS, 6))

@@ -112,7 +112,7 @@ def _opening() -> FloatArray:
     """Return commands along the handle's arc with jitter, (30, 6)."""
     radius = DOORS["medium"].radius
     angles = np.linspace(0.0, 0.1, _PERIODS)
-    arc = np.array([handle_pose_on_arc(radius, angle) for angle in angles])
+    arc = handle_pose_on_arc(radius, angles)
     return arc + np.random.default_rng(0).normal(0.0, 0.002, arc.shape)
 
 

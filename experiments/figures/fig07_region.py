@@ -116,8 +116,7 @@ def _known(radii: Sequence[float | None]) -> list[float]:
 
 def arc(radius: float, angles: FloatArray) -> FloatArray:
     """True path of a handle on the plane, (N, 2) [m]."""
-    poses = np.array([handle_pose_on_arc(radius, angle) for angle in angles])
-    return poses[:, PLANE]
+    return handle_pose_on_arc(radius, angles)[:, PLANE]
 
 
 def draw(shown: Region) -> Figure:

@@ -32,6 +32,7 @@ from experiments.teacher.random_motion import (
     smooth_functions,
     uneven_timing,
 )
+from gplfd_env.task import DEMONSTRATED_ANGLE
 from policies.demonstrations import Demonstration
 
 FloatArray = NDArray[np.float64]
@@ -55,7 +56,7 @@ class TeacherConfig:
     """Standard deviation of the duration [s]; no opening is shorter than half the
     mean."""
 
-    angle_mean: float = math.radians(67.0)
+    angle_mean: float = DEMONSTRATED_ANGLE
     """Mean final door angle [rad], 0.1 to 2.5."""
 
     angle_std: float = math.radians(1.0)

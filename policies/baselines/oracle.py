@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE, handle_pose_on_arc
 from policies.agent import AgentStep, Observation
 from policies.trajectory import GaussianTrajectory
 
@@ -26,8 +24,8 @@ class OracleAgent:
         radius: float,
         *,
         duration: float = 6.0,
-        final_angle: float = math.radians(67.0),
-        control_period: float = 0.01,
+        final_angle: float = DEMONSTRATED_ANGLE,
+        control_period: float = CONTROL_PERIOD,
     ) -> None:
         self._radius = radius
         self._final_angle = final_angle

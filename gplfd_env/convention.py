@@ -1,4 +1,4 @@
-"""Gymnasium's conventions for vector environments: seeds, masks, autoreset."""
+"""Gymnasium's conventions: reset options; of many, seeds, masks and autoreset."""
 
 from __future__ import annotations
 
@@ -16,8 +16,33 @@ Mask = NDArray[np.bool_]
 Doors = DoorSpec | Sequence[DoorSpec]
 """One door for all simulations, or one for each."""
 
-Seeds = int | Sequence[int | None] | None
+Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
 """One seed to count up from, or one or None for each."""
+
+
+def checked_options(options: object, allowed: Mapping[str, str]) -> dict[str, Any]:
+    """Return the options that a reset is given; None is as good as nothing.
+
+    Args:
+        options: As a caller gave them.
+        allowed: What each option may be, for messages.
+
+    Raises:
+        ValueError: It is no mapping or has an unknown key.
+    """
+    if not isinstance(options, Mapping | None):
+        raise ValueError(
+            f'options must be a mapping such as {{"door": "small"}}, got {options!r}'
+        )
+    given = options or {}
+    unknown = [repr(name) for name in given if name not in allowed]
+    if unknown:
+        choices = [f'"{name}" ({meaning})' for name, meaning in allowed.items()]
+        raise ValueError(
+            f"unknown reset option(s) {', '.join(unknown)}; allowed: "
+            f"{', '.join(choices)}"
+        )
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def masked(values: Mapping[str, Any], rows: Mask) -> dict[str, Any]:
@@ -66,15 +91,16 @@ def each_seed(seed: Seeds, n: int) -> list[int | None]:
     Raises:
         ValueError: A sequence of another length.
     """
-    if seed is None:
+    given = seed.tolist() if isinstance(seed, np.ndarray | np.generic) else seed
+    if given is None:
         return [None] * n
-    if isinstance(seed, int | np.integer):
-        return [int(seed) + row for row in range(n)]
-    if len(seed) != n:
+    if isinstance(given, int):
+        return [given + row for row in range(n)]
+    if not isinstance(given, list | tuple) or len(given) != n:
         raise ValueError(
-            f"seed must be an integer, None or a sequence of {n}, got {len(seed)} seeds"
+            f"seed must be an integer, None or a sequence of {n}, got {seed!r}"
         )
-    return list(seed)
+    return [int(one) if isinstance(one, np.integer) else one for one in given]
 
 
 def chosen_rows(mask: Any, n: int, *, begun: bool) -> Mask:
@@ -112,14 +138,3 @@ def chosen_autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:
             f"autoreset_mode = {mode!r} is not one of "
             f"{', '.join(repr(known.value) for known in AutoresetMode)}"
         ) from None
-
-
-def check_count(name: str, value: object, least: int) -> None:
-    """Raise unless a value is a whole number from some least one.
-
-    Raises:
-        ValueError: It is not.
-    """
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not whole or value < least:  # type: ignore[operator]
-        raise ValueError(f"{name} = {value!r} must be a whole number from {least}")
