@@ -7,8 +7,11 @@ set-point of a position-controlled arm.
 
 Written once for one hand and for many: arrays of many have a leading axis of members,
 each with a door of its own, which share the cost of NumPy's calls. What a member does
-depends on no other, to the last bit: arithmetic is element by element, and sums over a
-pose or a direction are taken member by member.
+depends on no other, to the last bit: arithmetic is element by element, a sum over a
+direction is taken by NumPy in one order wherever it lies, and matrices (of one member's
+policy) have the same shape in company as alone. Products that NumPy leaves to BLAS, as
+``vecdot``, are not used across members: some kernels add in an order that depends on
+where in memory a row begins.
 """
 
 from __future__ import annotations
@@ -244,6 +247,6 @@ def _ahead(phases: Phases) -> Float[np.ndarray, "*S"]:
 def _direction(path: Float[np.ndarray, "*S 6"]) -> Float[np.ndarray, "*N 3"]:
     """Return the directions in which policies move the hands on, unit vectors."""
     chord = path[2, ..., :3] - path[1, ..., :3]
-    length = np.sqrt(np.vecdot(chord, chord)) + 1e-9
+    length = np.sqrt(np.add.reduce(chord * chord, axis=-1)) + 1e-9
     unit: Float[np.ndarray, "*N 3"] = chord / length[..., None]
     return unit

@@ -1,10 +1,13 @@
 """Agents in lockstep decide bit for bit as they would alone."""
 
+import copy
 import dataclasses
 from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gplfd_env.task import handle_pose_on_arc
 from policies import POLICIES, make_agent
@@ -110,6 +113,62 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
         if expected is not None:
             np.testing.assert_array_equal(forecasts[member].mean, expected.mean)
             np.testing.assert_array_equal(forecasts[member].std, expected.std)
+
+
+def off_by_eight_bytes(rows):
+    """Half of the rows begin where no vector register would like them to."""
+    buffer = np.empty(rows.size + 1)
+    shifted = buffer[1:].reshape(rows.shape)
+    shifted[...] = rows
+    return shifted
+
+
+LAYOUTS = {
+    "packed": np.ascontiguousarray,
+    "by columns": np.asfortranarray,
+    "every other number": lambda rows: np.repeat(rows, 2, axis=1)[:, ::2],
+    "off by eight bytes": off_by_eight_bytes,
+}
+
+
+@pytest.fixture(scope="module")
+def seven(agents_of):
+    """Seven agents to act together, and the same seven to act alone."""
+    agents = [agents_of("gp")[member % 3] for member in range(7)]
+    return [[copy.deepcopy(agent) for agent in agents] for _ in range(2)]
+
+
+@given(
+    order=st.permutations(range(7)),
+    count=st.integers(1, 7),
+    layout=st.sampled_from(sorted(LAYOUTS)),
+    seed=st.integers(0, 2**32 - 1),
+)
+@settings(max_examples=12)
+def test_no_other_member_changes_what_one_does(seven, order, count, layout, seed):
+    """Whoever else is there, in whatever order, and wherever the numbers lie."""
+    chosen = order[:count]
+    together, alone = ([agents[member] for member in chosen] for agents in seven)
+    batch = batch_agents(together)
+    rng = np.random.default_rng(seed)
+    angles, radii = np.zeros(count), rng.uniform(0.3, 0.65, count)
+    for time in range(10):
+        poses = [handle_pose_on_arc(*door) for door in zip(radii, angles, strict=True)]
+        observations = {
+            "ee_pose": np.array(poses) + 1e-3 * rng.normal(size=(count, 6)),
+            "wrench": rng.normal(size=(count, 6)) * np.repeat([20.0, 0.5], 3),
+        }
+        if time == 0:
+            batch.reset(observations)
+            for member, agent in enumerate(alone):
+                agent.reset(row(observations, member))
+        acting = rng.random(count) < 0.8
+        placed = {name: LAYOUTS[layout](rows) for name, rows in observations.items()}
+        steps = batch.act(placed, acting)
+        for member in np.flatnonzero(acting):
+            own = {name: rows[member].copy() for name, rows in observations.items()}
+            assert_same_row(steps, member, alone[member].act(own))
+        angles += rng.uniform(0.0, 0.1, count)
 
 
 def test_every_member_takes_via_points(agents_of):
