@@ -1,7 +1,7 @@
 """One agent: what the rollout needs, and the one that the paper describes.
 
 The paper is Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979; `policies.composition` is what the agent does.
+Demonstration*, arXiv:2002.09979; `policies.compliance` is what the agent does.
 """
 
 from __future__ import annotations
@@ -9,15 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
-from policies.composition import AgentConfig, Composition
-from policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
-from policies.gridded import GriddedPolicy
-from policies.load import LoadRule
+from policies.compliance import ComplianceConfig, ComplianceController
+from policies.gridded import GriddedMovement
 from policies.phase import PhaseRule
 from policies.steps import AgentStep, Observation
 from policies.trajectory import GaussianTrajectory
 
-__all__ = ["Agent", "AgentConfig", "AgentStep", "GaussianProcessAgent", "Observation"]
+__all__ = ["Agent", "AgentStep", "CompliantAgent", "Observation"]
 
 
 @runtime_checkable
@@ -35,44 +33,30 @@ class Agent(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class GaussianProcessAgent:
-    """Follows a Gaussian-process policy with variable-stiffness admittance control.
+class CompliantAgent:
+    """Follows a learned movement with variable-stiffness admittance control.
 
     The command phase runs by the clock, at the demonstrations' mean speed, unless the
-    load rule makes it wait. `policies.lockstep` lets many
-    of them act together.
+    load rule makes it wait. `policies.lockstep` lets many of them act together.
 
     Attributes:
-        policy: The policy on a grid of phases, adapted in place.
+        movement: The movement on a grid of phases, adapted in place.
         phases: Tells where along the task an observed pose lies.
-        load: What is done about the door's resistance.
-        profile: Stiffness as a function of uncertainty, Eq. (24).
-        dynamics: Virtual mass and damping ratio, Eq. (22).
-        config: Timing and via-points.
+        config: Stiffness, load, timing and via-points.
     """
 
-    policy: GriddedPolicy
+    movement: GriddedMovement
     phases: PhaseRule
-    load: LoadRule
-    profile: StiffnessProfile
-    dynamics: VirtualDynamics
-    config: AgentConfig = field(default_factory=AgentConfig)
-    _composition: Composition = field(init=False, repr=False, compare=False)
+    config: ComplianceConfig = field(default_factory=ComplianceConfig)
+    _controller: ComplianceController = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        composition = Composition(
-            self.policy,
-            phases=self.phases,
-            load=self.load,
-            profile=self.profile,
-            dynamics=self.dynamics,
-            config=self.config,
-        )
-        object.__setattr__(self, "_composition", composition)
+        controller = ComplianceController(self.movement, self.phases, self.config)
+        object.__setattr__(self, "_controller", controller)
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed one."""
-        self._composition.reset()
+        self._controller.reset()
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period.
@@ -82,9 +66,9 @@ class GaussianProcessAgent:
                 hand, both in the task frame.
         """
         return AgentStep.of(
-            self._composition.decide(observation["ee_pose"], observation["wrench"])
+            self._controller.decide(observation["ee_pose"], observation["wrench"])
         )
 
     def forecast(self) -> GaussianTrajectory:
-        """Return the policy as it stands, over the whole task."""
-        return self.policy.trajectory()
+        """Return the movement as it stands, over the whole task."""
+        return self.movement.trajectory()
