@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from experiments.episode_log import EpisodeLog
+from policies.steps import STEP_SHAPES
 
 if TYPE_CHECKING:
     from policies.agent import Agent, AgentStep
@@ -27,11 +28,7 @@ INFOS: Final = (
 )
 """Entries of the info that are logged."""
 
-DECISIONS: Final = (
-    *("action", "desired", "std", "std_rate", "stiffness", "stiffness_rate"),
-    *("stability_margin", "phase", "observed_phase"),
-    *("predicted_mean", "predicted_std", "via_point"),
-)
+DECISIONS: Final = tuple(STEP_SHAPES)
 """Fields of `policies.steps.AgentStep` that are logged."""
 
 

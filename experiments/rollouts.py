@@ -18,7 +18,7 @@ from experiments.rollout import DECISIONS, INFOS, OBSERVATIONS, Forecasts, endin
 if TYPE_CHECKING:
     from gplfd_env.vector import DoorOpeningVectorEnv
     from policies.lockstep import AgentBatch
-    from policies.steps import AgentSteps
+    from policies.steps import AgentStep
 
 Mask = NDArray[np.bool_]
 
@@ -124,7 +124,7 @@ class _Table:
         self,
         observations: Mapping[str, NDArray[np.float64]],
         infos: Mapping[str, Any],
-        steps: AgentSteps,
+        steps: AgentStep,
         acting: Mask,
         latency: float,
     ) -> None:

@@ -65,9 +65,7 @@ class CompliantAgent:
             observation: ``ee_pose`` (6,) [m, rad] and ``wrench`` (6,) [N, N m] on the
                 hand, both in the task frame.
         """
-        return AgentStep.of(
-            self._controller.decide(observation["ee_pose"], observation["wrench"])
-        )
+        return self._controller.decide(observation["ee_pose"], observation["wrench"])
 
     def forecast(self) -> GaussianTrajectory:
         """Return the movement as it stands, over the whole task."""

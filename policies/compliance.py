@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -34,6 +34,7 @@ from policies.gridded import GriddedMovement, GriddedMovements
 from policies.load import CarriedLoad, LoadRule
 from policies.members import EVERY_MEMBER, Members, Numbers
 from policies.phase import PhaseRule
+from policies.steps import AgentStep
 from policies.trajectory import ViaPoint
 
 __all__ = ["ComplianceConfig", "ComplianceController"]
@@ -137,8 +138,8 @@ class ComplianceController:
 
     def decide(
         self, poses: Poses, wrenches: Poses, members: Members = EVERY_MEMBER
-    ) -> dict[str, Any]:
-        """Return the fields of `policies.steps.AgentStep`, all arrays new.
+    ) -> AgentStep:
+        """Return what these members do in the next control period, and why.
 
         Args:
             poses: Poses of these members' hands, task frame [m, rad].
@@ -162,20 +163,20 @@ class ComplianceController:
         desired, std = self._set_point(phase, observed_phase, members)
         std_rate = self._rate_of(std, members)
         governed, action = self._render(desired, std, wrench, members)
-        return {
-            "action": action,
-            "desired": desired,
-            "std": std,
-            "std_rate": std_rate,
-            "stiffness": governed.stiffness,
-            "stiffness_rate": governed.rate,
-            "stability_margin": governed.margin,
-            "phase": phase,
-            "observed_phase": observed_phase,
-            "predicted_mean": means[0],
-            "predicted_std": stds[0],
-            "via_point": via_point,
-        }
+        return AgentStep(
+            action=action,
+            desired=desired,
+            std=std,
+            std_rate=std_rate,
+            stiffness=governed.stiffness,
+            stiffness_rate=governed.rate,
+            stability_margin=governed.margin,
+            phase=phase,
+            observed_phase=observed_phase,
+            predicted_mean=means[0],
+            predicted_std=stds[0],
+            via_point=via_point,
+        )
 
     def _adapt(
         self, poses: Poses, phases: Phases, phase_stds: Phases, members: Members

@@ -16,7 +16,7 @@ from policies.agent import Agent, CompliantAgent
 from policies.compliance import ComplianceController
 from policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
 from policies.members import members_of
-from policies.steps import AgentSteps, Observation
+from policies.steps import AgentStep, Observation
 from policies.trajectory import GaussianTrajectory
 
 __all__ = ["AgentBatch", "batch_agents"]
@@ -37,7 +37,7 @@ class AgentBatch(Protocol):
             mask: Which members begin, (N,); None means all.
         """
 
-    def act(self, observations: Observation, mask: Mask | None = None) -> AgentSteps:
+    def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
         """Return the commands for the next control period.
 
         Args:
@@ -110,12 +110,13 @@ class _AllAtOnce:
         """Let members begin an episode."""
         self._controller.reset(members_of(mask, len(self._movements)))
 
-    def act(self, observations: Observation, mask: Mask | None = None) -> AgentSteps:
+    def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
         """Return the commands for the next control period."""
         members = members_of(mask, len(self._movements))
         poses, wrenches = observations["ee_pose"], observations["wrench"]
-        decided = self._controller.decide(poses[members], wrenches[members], members)
-        steps = AgentSteps(**decided).among(members, self._actions)
+        steps = self._controller.decide(
+            poses[members], wrenches[members], members
+        ).among(members, self._actions)
         self._actions = steps.action
         return steps
 
@@ -137,10 +138,10 @@ class _OneByOne:
         for member in self._numbers[members_of(mask, self._numbers.size)].tolist():
             self._agents[member].reset(_row(observations, member))
 
-    def act(self, observations: Observation, mask: Mask | None = None) -> AgentSteps:
+    def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
         """Return the commands for the next control period."""
         members = members_of(mask, self._numbers.size)
-        steps = AgentSteps.of(
+        steps = AgentStep.stacked(
             [
                 self._agents[member].act(_row(observations, member))
                 for member in self._numbers[members].tolist()
