@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from experiments.episode_log import EpisodeLog
-from policies.steps import STEP_SHAPES
+from policies.agent import Agent, as_agent
+from policies.steps import STEP_SHAPES, AgentStep
 
 if TYPE_CHECKING:
-    from policies.agent import Agent, AgentStep
     from policies.trajectory import GaussianTrajectory
 
 OBSERVATIONS: Final = ("ee_pose", "ee_twist", "wrench", "joint_pos", "joint_vel")
@@ -34,7 +34,7 @@ DECISIONS: Final = tuple(STEP_SHAPES)
 
 def rollout(
     env: gym.Env[Any, Any],
-    agent: Agent,
+    agent: object,
     *,
     policy: str,
     door: str,
@@ -47,7 +47,7 @@ def rollout(
 
     Args:
         env: Door environment; its ``unwrapped.data`` is the MuJoCo state.
-        agent: Policy and controller.
+        agent: Anything that `policies.agent.as_agent` takes.
         policy: Name of the policy, for the log.
         door: Name of the door, for the log.
         door_config: Fields of the door's configuration, for the log; those of the
@@ -61,8 +61,10 @@ def rollout(
         The log of the episode; its last row is the state in which it ended.
 
     Raises:
-        ValueError: The environment's information lacks an entry.
+        ValueError: The agent does not return poses, or the environment's information
+            lacks an entry.
     """
+    agent = as_agent(agent)
     # Matrices of a hundred rows: sharing them out among threads would cost
     # ten times the work itself.
     with threadpool_limits(limits=1, user_api="blas"):

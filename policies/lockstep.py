@@ -12,7 +12,7 @@ from typing import Any, Protocol, SupportsIndex, runtime_checkable
 
 import numpy as np
 
-from policies.agent import Agent, CompliantAgent
+from policies.agent import Agent, CompliantAgent, as_agent
 from policies.compliance import ComplianceController
 from policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
 from policies.members import members_of
@@ -50,21 +50,22 @@ class AgentBatch(Protocol):
         """Return what one member now expects of the whole task, or None."""
 
 
-def batch_agents(agents: Sequence[Agent]) -> AgentBatch:
+def batch_agents(agents: Sequence[object]) -> AgentBatch:
     """Let agents act together.
 
     The batch takes the agents over: until they are reset, they do not act on their own
     any more.
 
     Args:
-        agents: One per member, each an object of its own, as `make_agent` makes them.
+        agents: One per member, each an object of its own, as `make_agent` makes them,
+            or anything else that `policies.agent.as_agent` takes.
 
     Returns:
         A batch that decides for all members at once if they are `CompliantAgent`s with
         one configuration, and asks one after the other if not.
 
     Raises:
-        ValueError: If there is no agent, or one is given twice.
+        ValueError: If there is no agent, one is given twice, or one cannot act.
     """
     if not agents:
         raise ValueError("no agents were given; a batch needs at least one")
@@ -73,11 +74,12 @@ def batch_agents(agents: Sequence[Agent]) -> AgentBatch:
             "an agent is given twice, but it can open only one door at a time; make "
             "one agent per member"
         )
-    alike = [agent for agent in agents if isinstance(agent, CompliantAgent)]
-    if len(alike) < len(agents):
-        return _OneByOne(agents)
+    checked = [as_agent(agent) for agent in agents]
+    alike = [agent for agent in checked if isinstance(agent, CompliantAgent)]
+    if len(alike) < len(checked):
+        return _OneByOne(checked)
     if any(_shared(agent) != _shared(alike[0]) for agent in alike):
-        return _OneByOne(agents)
+        return _OneByOne(checked)
     return _AllAtOnce(alike)
 
 

@@ -20,7 +20,7 @@ from policies.adaptation import (
     ProcessAdaptation,
     ProductAdaptation,
 )
-from policies.agent import Agent, CompliantAgent
+from policies.agent import Agent, CompliantAgent, as_agent
 from policies.baselines.oracle import OracleAgent
 from policies.compliance import ComplianceConfig
 from policies.controllers.stiffness import (
@@ -106,7 +106,7 @@ def make_agent(
     # Matrices of a hundred rows: sharing them out among threads costs ten times the
     # work itself.
     with threadpool_limits(limits=1, user_api="blas"):
-        return policy_entry(name).make(training)
+        return as_agent(policy_entry(name).make(training))
 
 
 def policy_entry(name: str) -> Policy:
