@@ -1,4 +1,4 @@
-"""A policy on a grid of phases: cheap to ask at any phase, adapted in place."""
+"""A movement on a grid of phases: cheap to ask at any phase, adapted in place."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from policies.members import EVERY_MEMBER, Members, Numbers
 from policies.movement import Movement, Predictor
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
-__all__ = ["Demonstrated", "GriddedPolicies", "GriddedPolicy"]
+__all__ = ["Demonstrated", "GriddedMovement", "GriddedMovements"]
 
 Pose = Float[np.ndarray, " 6"]
 Grid = Float[np.ndarray, "M 6"]
@@ -22,7 +22,7 @@ MovementT = TypeVar("MovementT", bound=Movement)
 
 
 class Demonstrated:
-    """The policy as demonstrated: via-points change nothing.
+    """The movement as demonstrated: via-points change nothing.
 
     Args:
         movement: What was learned.
@@ -50,7 +50,7 @@ class Demonstrated:
         return self._trajectory
 
 
-class GriddedPolicy:
+class GriddedMovement:
     """A movement under one form of adaptation, evaluated on a uniform grid of phases.
 
     Between grid points mean and σ are interpolated linearly: at 100 points the arc of
@@ -76,16 +76,16 @@ class GriddedPolicy:
     ) -> None:
         if n_grid < 2:
             raise ValueError(f"n_grid must be at least 2, got {n_grid}")
-        self._movement = movement
+        self._learned = movement
         self._n_grid = n_grid
         self._fresh = partial(form, movement, np.linspace(0.0, 1.0, n_grid))
         self._distribution = self._fresh()
         self._adapted = False
 
     @property
-    def movement(self) -> Movement:
+    def learned(self) -> Movement:
         """What was learned."""
-        return self._movement
+        return self._learned
 
     @property
     def n_grid(self) -> int:
@@ -110,30 +110,30 @@ class GriddedPolicy:
 
     def at(self, phase: float) -> tuple[Pose, Pose]:
         """Return mean and standard deviation at a phase in [0, 1], each (6,)."""
-        return GriddedPolicies(self).at(np.float64(phase))
+        return GriddedMovements(self).at(np.float64(phase))
 
     def trajectory(self) -> GaussianTrajectory:
         """Return the current distribution over the whole task."""
         return self._distribution.trajectory()
 
 
-class GriddedPolicies:
-    """Policies on grids of equal size, looked up all at once.
+class GriddedMovements:
+    """Movements on grids of equal size, looked up all at once.
 
     Mean and σ of every member are kept in one table, of which a via-point renews only
     the member's own part.
 
     Args:
-        policies: One per member, or a single one, of which arrays have no leading axis;
-            adapted in place.
+        movements: One per member, or a single one, of which arrays have no leading
+            axis; adapted in place.
     """
 
-    def __init__(self, policies: GriddedPolicy | Sequence[GriddedPolicy]) -> None:
-        alone = isinstance(policies, GriddedPolicy)
-        self._policies = _listed(policies)
-        self._n_grid, count = self._policies[0].n_grid, len(self._policies)
+    def __init__(self, movements: GriddedMovement | Sequence[GriddedMovement]) -> None:
+        alone = isinstance(movements, GriddedMovement)
+        self._movements = _listed(movements)
+        self._n_grid, count = self._movements[0].n_grid, len(self._movements)
         shape = () if alone else (count,)
-        durations = [policy.movement.duration for policy in self._policies]
+        durations = [movement.learned.duration for movement in self._movements]
         self._durations = np.reshape(durations, shape)
         self._numbers = np.reshape(np.arange(count), shape)
         # The last grid point twice, so that it, too, has a right neighbour.
@@ -155,12 +155,12 @@ class GriddedPolicies:
     def reset(self, members: Members = EVERY_MEMBER) -> None:
         """Forget the via-points of these members."""
         for member in np.ravel(self._numbers[members]).tolist():
-            self._policies[member].reset()
+            self._movements[member].reset()
             self._renew(member)
 
     def observe(self, member: int, via_point: ViaPoint) -> None:
-        """Condition the policy of one member on a via-point."""
-        self._policies[member].observe(via_point)
+        """Condition the movement of one member on a via-point."""
+        self._movements[member].observe(via_point)
         self._renew(member)
 
     def at(
@@ -181,7 +181,7 @@ class GriddedPolicies:
         return both[..., :6], both[..., 6:]
 
     def _renew(self, member: int) -> None:
-        distribution = self._policies[member].distribution
+        distribution = self._movements[member].distribution
         part = self._table.reshape(-1, self._n_grid + 1, 12)[member]
         part[:-1, :6] = distribution.mean
         part[:-1, 6:] = distribution.std
@@ -189,6 +189,6 @@ class GriddedPolicies:
 
 
 def _listed(
-    policies: GriddedPolicy | Sequence[GriddedPolicy],
-) -> tuple[GriddedPolicy, ...]:
-    return (policies,) if isinstance(policies, GriddedPolicy) else tuple(policies)
+    movements: GriddedMovement | Sequence[GriddedMovement],
+) -> tuple[GriddedMovement, ...]:
+    return (movements,) if isinstance(movements, GriddedMovement) else tuple(movements)

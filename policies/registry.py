@@ -20,19 +20,19 @@ from policies.adaptation import (
     ProcessAdaptation,
     ProductAdaptation,
 )
-from policies.agent import Agent, AgentConfig, GaussianProcessAgent
+from policies.agent import Agent, CompliantAgent, as_agent
 from policies.baselines.oracle import OracleAgent
+from policies.compliance import ComplianceConfig
 from policies.controllers.stiffness import (
-    DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
     PAPER_DYNAMICS,
     PAPER_PROFILE,
 )
 from policies.demonstrations import Demonstration
 from policies.empirical import EmpiricalDistribution
-from policies.gridded import Demonstrated, GriddedPolicy
+from policies.gridded import Demonstrated, GriddedMovement
 from policies.learning import Learner, TrainingInput
-from policies.load import CarriedLoad, YieldToAll
+from policies.load import YieldToAll
 from policies.movement import Movement, Predictor, ReadaptedMovement
 from policies.phase import ClockPhase, PathPhase
 from policies.prior_mean import PriorMean
@@ -106,7 +106,7 @@ def make_agent(
     # Matrices of a hundred rows: sharing them out among threads costs ten times the
     # work itself.
     with threadpool_limits(limits=1, user_api="blas"):
-        return policy_entry(name).make(training)
+        return as_agent(policy_entry(name).make(training))
 
 
 def policy_entry(name: str) -> Policy:
@@ -126,15 +126,12 @@ def policy_entry(name: str) -> Policy:
 
 def _follow(
     movement: Movement, form: Form, demonstrated: Predictor | None = None
-) -> GaussianProcessAgent:
-    """Variable stiffness, and a phase told by a distribution: the movement's own."""
+) -> CompliantAgent:
+    """Follow at variable stiffness, the phase found by the movement's own spread."""
     distribution = movement if demonstrated is None else demonstrated
-    return GaussianProcessAgent(
-        policy=GriddedPolicy(movement, form, _GRID),
+    return CompliantAgent(
+        GriddedMovement(movement, form, _GRID),
         phases=PathPhase(distribution, movement.aligned),
-        load=CarriedLoad(),
-        profile=DEFAULT_PROFILE,
-        dynamics=DEFAULT_DYNAMICS,
     )
 
 
@@ -143,26 +140,29 @@ def _follow_without_uncertainty(movement: Movement, form: Form) -> Agent:
     return _follow(movement, form, EmpiricalDistribution(movement.aligned))
 
 
-def _follow_stiffly(movement: Movement, form: Form) -> GaussianProcessAgent:
+def _follow_stiffly(movement: Movement, form: Form) -> CompliantAgent:
     profile = dataclasses.replace(DEFAULT_PROFILE, k_min=DEFAULT_PROFILE.k_max)
-    return dataclasses.replace(_follow(movement, form), profile=profile)
+    config = ComplianceConfig(profile=profile)
+    return dataclasses.replace(_follow(movement, form), config=config)
 
 
-def _follow_by_the_clock(movement: Movement, form: Form) -> GaussianProcessAgent:
+def _follow_by_the_clock(movement: Movement, form: Form) -> CompliantAgent:
     return dataclasses.replace(_follow(movement, form), phases=ClockPhase())
 
 
-def _follow_the_paper(movement: Movement, form: Form) -> GaussianProcessAgent:
+def _follow_the_paper(movement: Movement, form: Form) -> CompliantAgent:
     # One stiffness law for all axes, the whole wrench in Eq. (22), no limit to the
     # lead. Ours where the paper is silent: the phase of an observation and the
     # via-point noise that comes with it (read as clock time, no door opens:
     # `gp-clock`), and the governor in place of hand tuning.
     return dataclasses.replace(
         _follow(movement, form),
-        load=YieldToAll(),
-        profile=PAPER_PROFILE,
-        dynamics=PAPER_DYNAMICS,
-        config=AgentConfig(max_turn_lead=1.0),
+        config=ComplianceConfig(
+            load=YieldToAll(),
+            profile=PAPER_PROFILE,
+            dynamics=PAPER_DYNAMICS,
+            max_turn_lead=1.0,
+        ),
     )
 
 

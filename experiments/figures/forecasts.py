@@ -101,7 +101,7 @@ def _forecasts(log: EpisodeLog, agent: Agent, rows: list[int]) -> Iterator[Forec
     """One form's forecasts after the observations of some rows."""
     for row, decision in enumerate(replay(log, agent)):
         if row in rows:
-            rest = _after(expectation(agent), decision.observed_phase)
+            rest = _after(expectation(agent), float(decision.observed_phase))
             yield Forecast(rest=rest, truth=_truth(log, rest.times))
         if row == rows[-1]:
             return

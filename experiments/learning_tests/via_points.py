@@ -16,7 +16,7 @@ from experiments.learning_tests.accuracy import (
 )
 from experiments.learning_tests.folds import Laid
 from experiments.learning_tests.methods import Learned, Method, cpu_seconds
-from policies.agent import AgentConfig
+from policies.compliance import ComplianceConfig
 from policies.trajectory import ViaPoint
 
 __all__ = ["GRID", "adaptation"]
@@ -135,7 +135,7 @@ def _rest(method: Method, learned: Learned, laid: Laid) -> Mapping[str, float | 
 
 def _observations(laid: Laid) -> tuple[ViaPoint, ...]:
     """Via-points as an agent takes them while it opens a door."""
-    config = AgentConfig()
+    config = ComplianceConfig()
     count = round(_SEEN / config.via_spacing)
     phases: FloatArray = config.via_spacing * np.arange(1.0, count + 1.0)
     return tuple(

@@ -13,15 +13,16 @@ from gplfd_env.task import handle_pose_on_arc
 from policies import POLICIES, make_agent
 from policies.agent import AgentStep
 from policies.baselines.oracle import OracleAgent
+from policies.compliance import ComplianceConfig
 from policies.load import YieldToAll
 from policies.lockstep import AgentBatch, batch_agents
 
 RADII = (0.38, 0.50, 0.62)
-COMPOSITIONS = {
+WAYS_TO_FOLLOW = {
     (one.form, one.follow, one.learn is None): name
     for name, one in reversed(POLICIES.items())
 }.values()
-"""One policy of every composition in the registry; the others learn differently."""
+"""One policy of every way to follow a movement; the others learn differently."""
 FIELDS = [field.name for field in dataclasses.fields(AgentStep)]
 
 
@@ -89,7 +90,7 @@ def steps_of(batch, closing=None, active=lambda time: np.ones(3, dtype=bool)):
     return history
 
 
-@pytest.mark.parametrize("name", COMPOSITIONS)
+@pytest.mark.parametrize("name", WAYS_TO_FOLLOW)
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
     """Member 0 ends early; 1 pauses and then begins anew; 2 starts late and goes on."""
@@ -193,7 +194,7 @@ def test_members_that_do_not_act_hold_still(name, agents_of):
     np.testing.assert_array_equal(again.action, steps.action)
 
 
-def test_batches_of_one_composition_decide_at_once(agents_of):
+def test_batches_of_one_configuration_decide_at_once(agents_of):
     """The load rule is asked once, not once per member."""
     calls = []
 
@@ -203,7 +204,10 @@ def test_batches_of_one_composition_decide_at_once(agents_of):
             return super().share(wrench, direction)
 
     rule = Counting()
-    agents = [dataclasses.replace(agent, load=rule) for agent in agents_of("gp-fixed")]
+    agents = [
+        dataclasses.replace(agent, config=ComplianceConfig(load=rule))
+        for agent in agents_of("gp-fixed")
+    ]
     batch, doors = batch_agents(agents), Doors()
     batch.reset(doors.observe())
     batch.act(doors.observe())
@@ -212,7 +216,7 @@ def test_batches_of_one_composition_decide_at_once(agents_of):
 
 
 @pytest.mark.parametrize("other", ["gp-clock", "gp-constant-stiffness", "oracle"])
-def test_agents_of_any_composition_act_together(other, agents_of):
+def test_agents_of_any_configuration_act_together(other, agents_of):
     members = [*agents_of("gp")[:2], agents_of(other)[2]]
     history = steps_of(batch_agents(members))
     for member, agent in enumerate(members):

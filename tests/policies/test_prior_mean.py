@@ -190,13 +190,13 @@ def test_methods_that_cannot_be_given_a_prior_mean_say_so(name, demonstrations):
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_policies_act_and_adapt_around_a_prior_mean(name, demonstrations):
     agent = make_agent(name, demonstrations, prior_mean=Line())
-    assert isinstance(agent.policy.movement, ResidualMovement)
+    assert isinstance(agent.movement.learned, ResidualMovement)
     observation = {"ee_pose": np.zeros(6), "wrench": np.zeros(6)}
     agent.reset(observation)
     step = agent.act(observation)
     assert np.abs(step.action[:3]).max() < 0.01
-    agent.policy.observe(ViaPoint(phase=0.5, pose=np.full(6, 0.01)))
-    assert np.isfinite(agent.policy.trajectory().mean).all()
+    agent.movement.observe(ViaPoint(phase=0.5, pose=np.full(6, 0.01)))
+    assert np.isfinite(agent.movement.trajectory().mean).all()
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])

@@ -22,13 +22,13 @@ def test_every_policy_makes_a_finite_first_step(name, demonstrations):
 
 def parts(name, demonstrations):
     agent = make_agent(name, demonstrations)
-    noise = agent.policy.movement.processes.outputs[0].noise
+    noise = agent.movement.learned.processes.outputs[0].noise
     return {
-        "form": type(agent.policy.distribution),
+        "form": type(agent.movement.distribution),
         "phase": type(agent.phases),
-        "load": type(agent.load),
-        "k_min": tuple(agent.profile.k_min),
-        "k_max": tuple(agent.profile.k_max),
+        "load": type(agent.config.load),
+        "k_min": tuple(agent.config.profile.k_min),
+        "k_max": tuple(agent.config.profile.k_max),
         "noise varies": np.ptp(noise.variance(np.linspace(0.0, 1.0, 50))) > 0.0,
     }
 

@@ -1,8 +1,8 @@
-"""Policy, adaptation, stiffness and admittance composed, step by step.
+"""Compliance control: movement, adaptation, stiffness and admittance, step by step.
 
 Implements Section IV-B of Arduengo et al., *Gaussian-Process-based Robot Learning from
 Demonstration*, arXiv:2002.09979: the door's motion, observed while opening it, adapts
-the policy; the policy's uncertainty sets the stiffness; the virtual dynamics move the
+the movement; its uncertainty sets the stiffness; the virtual dynamics move the
 set-point of a position-controlled arm.
 
 Written once for one hand and for many: arrays of many have a leading axis of members,
@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -28,14 +28,20 @@ from gplfd_env.se3 import compose_rotvecs
 from gplfd_env.task import CONTROL_PERIOD
 from policies.controllers.admittance import Admittance
 from policies.controllers.stability import GovernedStiffness, StiffnessGovernor
-from policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
-from policies.gridded import GriddedPolicies, GriddedPolicy
-from policies.load import LoadRule
+from policies.controllers.stiffness import (
+    DEFAULT_DYNAMICS,
+    DEFAULT_PROFILE,
+    StiffnessProfile,
+    VirtualDynamics,
+)
+from policies.gridded import GriddedMovement, GriddedMovements
+from policies.load import CarriedLoad, LoadRule
 from policies.members import EVERY_MEMBER, Members, Numbers
 from policies.phase import PhaseRule
+from policies.steps import AgentStep
 from policies.trajectory import ViaPoint
 
-__all__ = ["AgentConfig", "Composition"]
+__all__ = ["ComplianceConfig", "ComplianceController"]
 
 Poses = Float[np.ndarray, "*N 6"]
 Phases = Float[Numbers, "*N"]
@@ -46,8 +52,17 @@ _LOOK_AHEAD: Final = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class AgentConfig:
-    """How the agent moves through the task and what it takes as a via-point."""
+class ComplianceConfig:
+    """How an agent moves through the task, yields, and takes via-points."""
+
+    load: LoadRule = field(default_factory=CarriedLoad)
+    """What is done about the door's resistance."""
+
+    profile: StiffnessProfile = DEFAULT_PROFILE
+    """Stiffness as a function of uncertainty, Eq. (24)."""
+
+    dynamics: VirtualDynamics = DEFAULT_DYNAMICS
+    """Virtual mass and damping ratio, Eq. (22)."""
 
     control_period: float = CONTROL_PERIOD
     """Time between two commands [s]."""
@@ -67,12 +82,12 @@ class AgentConfig:
             value = getattr(self, name)
             if not 0.0 < value < math.inf:
                 raise ValueError(
-                    f"AgentConfig.{name} must be positive and finite, got {value}"
+                    f"ComplianceConfig.{name} must be positive and finite, got {value}"
                 )
         if len(self.via_std) != 2 or not all(0.0 <= s < math.inf for s in self.via_std):
             raise ValueError(
-                "AgentConfig.via_std must be two finite numbers >= 0, position [m] and "
-                f"rotation [rad], got {self.via_std}"
+                "ComplianceConfig.via_std must be two finite numbers >= 0, position "
+                f"[m] and rotation [rad], got {self.via_std}"
             )
 
 
@@ -94,49 +109,41 @@ class _Memory:
         self.fresh = True
 
 
-class Composition:
-    """Decides for one hand, or for many that share rules, gains and timing.
+class ComplianceController:
+    """Decides for one hand, or for many with one rule of the phase and one config.
 
     Args:
-        policies: The policy that is followed, or one per member, on grids of one size;
-            adapted in place.
+        movements: The movement that is followed, or one per member, on grids of one
+            size; adapted in place.
         phases: Tells where along the task the observed poses lie.
-        load: What is done about a door's resistance.
-        profile: Stiffness as a function of uncertainty, Eq. (24).
-        dynamics: Virtual mass and damping ratio, Eq. (22).
-        config: Timing and via-points.
+        config: Stiffness, load, timing and via-points.
     """
 
     def __init__(
         self,
-        policies: GriddedPolicy | Sequence[GriddedPolicy],
-        *,
+        movements: GriddedMovement | Sequence[GriddedMovement],
         phases: PhaseRule,
-        load: LoadRule,
-        profile: StiffnessProfile,
-        dynamics: VirtualDynamics,
-        config: AgentConfig,
+        config: ComplianceConfig,
     ) -> None:
-        self._policies = GriddedPolicies(policies)
-        self._phases, self._load = phases, load
-        self._profile, self._config = profile, config
-        shape = self._policies.durations.shape
-        self._governor = StiffnessGovernor(profile, dynamics, shape)
-        self._admittance = Admittance(dynamics, shape)
+        self._movements = GriddedMovements(movements)
+        self._phases, self._config = phases, config
+        shape = self._movements.durations.shape
+        self._governor = StiffnessGovernor(config.profile, config.dynamics, shape)
+        self._admittance = Admittance(config.dynamics, shape)
         self._memory = _Memory(shape)
         self._via_noise = np.repeat(config.via_std, 3)
 
     def reset(self, members: Members = EVERY_MEMBER) -> None:
         """Let these members forget their last doors and begin at closed ones."""
-        self._policies.reset(members)
+        self._movements.reset(members)
         self._governor.reset(members)
         self._admittance.reset(members)
         self._memory.reset(members)
 
     def decide(
         self, poses: Poses, wrenches: Poses, members: Members = EVERY_MEMBER
-    ) -> dict[str, Any]:
-        """Return the fields of `policies.steps.AgentStep`, all arrays new.
+    ) -> AgentStep:
+        """Return what these members do in the next control period, and why.
 
         Args:
             poses: Poses of these members' hands, task frame [m, rad].
@@ -151,34 +158,34 @@ class Composition:
         )
         memory.observed_phase[members] = observed_phase
         ahead = _ahead(observed_phase)
-        means, stds = self._policies.at(ahead, members)
+        means, stds = self._movements.at(ahead, members)
         via_point = self._adapt(poses, observed_phase, phase_std, members)
-        path = self._policies.at(ahead, members)[0] if via_point.any() else means
+        path = self._movements.at(ahead, members)[0] if via_point.any() else means
         direction = _direction(path)
-        wrench, pace = self._load.share(wrenches, direction)
+        wrench, pace = self._config.load.share(wrenches, direction)
         phase = self._advance(pace, members)
         desired, std = self._set_point(phase, observed_phase, members)
         std_rate = self._rate_of(std, members)
         governed, action = self._render(desired, std, wrench, members)
-        return {
-            "action": action,
-            "desired": desired,
-            "std": std,
-            "std_rate": std_rate,
-            "stiffness": governed.stiffness,
-            "stiffness_rate": governed.rate,
-            "stability_margin": governed.margin,
-            "phase": phase,
-            "observed_phase": observed_phase,
-            "predicted_mean": means[0],
-            "predicted_std": stds[0],
-            "via_point": via_point,
-        }
+        return AgentStep(
+            action=action,
+            desired=desired,
+            std=std,
+            std_rate=std_rate,
+            stiffness=governed.stiffness,
+            stiffness_rate=governed.rate,
+            stability_margin=governed.margin,
+            phase=phase,
+            observed_phase=observed_phase,
+            predicted_mean=means[0],
+            predicted_std=stds[0],
+            via_point=via_point,
+        )
 
     def _adapt(
         self, poses: Poses, phases: Phases, phase_stds: Phases, members: Members
     ) -> Due:
-        """Condition the policies of members that have come far enough; say which."""
+        """Condition the movements of members that have come far enough; say which."""
         last_via = self._memory.last_via[members]
         due = phases >= last_via + self._config.via_spacing
         if not due.any():
@@ -190,11 +197,11 @@ class Composition:
         along = rate * phase_std[..., None]
         stds = np.sqrt(self._via_noise**2 + along**2)
         # Indexed by `due`, the arrays of one hand have a leading axis, too.
-        numbers, seen = self._policies.numbers[members][due], np.asarray(phases)[due]
+        numbers, seen = self._movements.numbers[members][due], np.asarray(phases)[due]
         for member, phase, pose, std in zip(
             numbers.tolist(), seen.tolist(), poses[due], stds[due], strict=True
         ):
-            self._policies.observe(member, ViaPoint(phase=phase, pose=pose, std=std))
+            self._movements.observe(member, ViaPoint(phase=phase, pose=pose, std=std))
         return due
 
     def _set_point(
@@ -202,13 +209,13 @@ class Composition:
     ) -> tuple[Poses, Poses]:
         """Mean and σ at the command phase; the rotation leads by less than the pull."""
         turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
-        means, stds = self._policies.at(np.array([phase, turn_phase]), members)
+        means, stds = self._movements.at(np.array([phase, turn_phase]), members)
         desired = means[0]
         desired[..., 3:] = means[1, ..., 3:]
         return desired, stds[0]
 
     def _advance(self, pace: Phases, members: Members) -> Phases:
-        durations, phase = self._policies.durations[members], self._memory.phase
+        durations, phase = self._movements.durations[members], self._memory.phase
         step = pace * self._config.control_period / durations
         moved: Phases = np.minimum(np.maximum(phase[members] + step, 0.0), 1.0)
         phase[members] = moved
@@ -230,7 +237,7 @@ class Composition:
     ) -> tuple[GovernedStiffness, Poses]:
         """Return the governed stiffness, and set-points displaced by the wrenches."""
         period = self._config.control_period
-        wished = self._profile.stiffness(std)
+        wished = self._config.profile.stiffness(std)
         governed = self._governor.step(wished, period, members)
         offset = self._admittance.step(governed.stiffness, wrench, period, members)
         action = desired + offset
@@ -245,7 +252,7 @@ def _ahead(phases: Phases) -> Float[np.ndarray, "*S"]:
 
 
 def _direction(path: Float[np.ndarray, "*S 6"]) -> Float[np.ndarray, "*N 3"]:
-    """Return the directions in which policies move the hands on, unit vectors."""
+    """Return the directions in which movements lead the hands on, unit vectors."""
     chord = path[2, ..., :3] - path[1, ..., :3]
     length = np.sqrt(np.add.reduce(chord * chord, axis=-1)) + 1e-9
     unit: Float[np.ndarray, "*N 3"] = chord / length[..., None]
