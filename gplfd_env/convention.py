@@ -1,4 +1,4 @@
-"""Gymnasium's conventions: reset options; of many, seeds, masks and autoreset."""
+"""Gymnasium's conventions: reset options; of many, seeds and masks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from gplfd_env.config import DoorConfig, DoorSpec, door_config
@@ -123,18 +122,3 @@ def chosen_rows(mask: Any, n: int, *, begun: bool) -> Mask:
             "the first reset must reset all simulations; leave out the mask"
         )
     return array
-
-
-def chosen_autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:
-    """Return an autoreset mode by name.
-
-    Raises:
-        ValueError: An unknown name.
-    """
-    try:
-        return AutoresetMode(mode)
-    except ValueError:
-        raise ValueError(
-            f"autoreset_mode = {mode!r} is not one of "
-            f"{', '.join(repr(known.value) for known in AutoresetMode)}"
-        ) from None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, get_args
 
 import gymnasium as gym
@@ -20,7 +20,6 @@ from gplfd_env.convention import (
     Doors,
     Seeds,
     checked_options,
-    chosen_autoreset_mode,
     chosen_rows,
     each_door,
     each_seed,
@@ -53,9 +52,6 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     Args:
         num_envs: Number of simulations n.
         door: As for the single environment, or a sequence of n such.
-        grasp: See the single environment.
-        randomization: See the single environment.
-        reward: See the single environment.
         max_episode_steps: Control periods after which an episode is truncated; None or
             -1 for no limit.
         autoreset_mode: ``"NextStep"`` (the step after an episode's end resets it),
@@ -64,10 +60,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             cost, until ``reset(options={"reset_mask": ...})``).
         num_threads: Threads that step the simulations; 0 for one per core.
         render_mode: None or ``"rgb_array"``: `render` returns n pictures.
-        width: Of a picture [px].
-        height: Of a picture [px].
-        camera_name: See the single environment.
-        effects: See the single environment.
+
+    The other arguments are those of the single environment.
 
     Raises:
         ValueError: As the single environment, and for an unknown autoreset mode.
@@ -103,8 +97,10 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             self._limit = checked_count(
                 "max_episode_steps", max_episode_steps, Range(low=1)
             )
+        mode = getattr(autoreset_mode, "value", autoreset_mode)
+        check_choice("autoreset_mode", mode, [known.value for known in AutoresetMode])
+        self.autoreset_mode = AutoresetMode(mode)
         self.render_mode = render_mode
-        self.autoreset_mode = chosen_autoreset_mode(autoreset_mode)
         self.metadata = {
             "render_modes": ["rgb_array"],
             "render_fps": round(1 / CONTROL_PERIOD),
@@ -219,15 +215,14 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
                 'render_mode; use gym.make_vec(..., render_mode="rgb_array")'
             )
             return None
-        return tuple(self._pictures())
+        return tuple(
+            self._camera.picture("rgb_array", self._batch.state_of(row))
+            for row in range(self.num_envs)
+        )
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Free the renderer."""
+        """Free the renderer; a later picture makes another."""
         self._camera.close()
-
-    def _pictures(self) -> Iterator[Any]:
-        for row in range(self.num_envs):
-            yield self._camera.picture("rgb_array", self._batch.state_of(row))
 
     def _take(self, options: Mapping[str, Any] | None) -> Mask:
         """Check all options of a reset, then keep them; return its mask."""

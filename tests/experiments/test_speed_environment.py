@@ -87,9 +87,9 @@ def test_step_is_compared_with_its_own_physics(
         clock.work(100e-6)
         physics(*arguments, **settings)
 
-    def timed_observation(self: DoorOpeningEnv) -> Any:
+    def timed_observation(*arguments: Any) -> Any:
         clock.work(15e-6)
-        return observe(self)
+        return observe(*arguments)
 
     monkeypatch.setattr(mujoco, "mj_step", timed_physics)
     monkeypatch.setattr(DoorOpeningEnv, "_observation", timed_observation)
