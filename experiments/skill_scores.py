@@ -41,11 +41,12 @@ from experiments.skill.accuracy import accuracy, averaged, spread_followed
 from experiments.skill.beyond import beyond
 from experiments.skill.criteria import CRITERIA, Criterion, Mark, mark
 from experiments.skill.held_out import Fold, folds, lay
-from experiments.skill.methods import Method, cpu_seconds, learn, method_named
+from experiments.skill.methods import cpu_seconds, learn, method_named
 from experiments.skill.tumbling import tumbling
 from experiments.skill.via_points import adaptation
 from experiments.study import DEMONSTRATED_RADII
 from experiments.teacher import Teacher, TeacherConfig
+from policies.method import Method
 from policies.movement import Movement
 
 __all__ = [

@@ -25,7 +25,6 @@ from experiments.study import (
 
 if TYPE_CHECKING:
     from experiments.episode_log import EpisodeLog
-    from policies.agent import Agent
 
 FORECAST_PERIOD: Final = 0.05
 """Simulated time between forecasts [s]: at most a degree of a demonstrated opening."""
@@ -118,7 +117,7 @@ def _episode_results(tasks: Sequence[EpisodeTask]) -> list[Result]:
 
 
 def _episode_metrics(
-    tasks: Sequence[EpisodeTask], learned: Callable[[float], Agent]
+    tasks: Sequence[EpisodeTask], learned: Callable[[float], object]
 ) -> list[dict[str, Any]]:
     from experiments.metrics import episode_metrics
 
@@ -143,14 +142,15 @@ def _skill_metrics(tasks: Sequence[SkillTask]) -> list[Mapping[str, Any]]:
     ]
 
 
-def _learned(task: EpisodeTask) -> Callable[[float], Agent]:
+def _learned(task: EpisodeTask) -> Callable[[float], object]:
     """Learn the task's policy; return what makes an agent for a door's radius [m]."""
     import numpy as np
 
     from experiments.teacher import Teacher, TeacherConfig
-    from policies.registry import TrainingInput, policy_entry
+    from policies.method import TrainingInput
+    from policies.registry import policy_named
 
-    entry = policy_entry(task.policy)
+    policy = policy_named(task.policy)
     training = TrainingInput(
         demonstrations=Teacher(TeacherConfig(**task.teacher)).demonstrate_doors(
             DEMONSTRATED_RADII,
@@ -159,15 +159,15 @@ def _learned(task: EpisodeTask) -> Callable[[float], Agent]:
         ),
         seed=task.seed,
     )
-    learn, follow = entry.learn, entry.follow
-    if learn is None or follow is None:
-        return lambda radius: entry.make(dataclasses.replace(training, radius=radius))
-    movement = learn(training)
-    return lambda radius: follow(movement, entry.form)
+    method = policy.method
+    if method is None:
+        return lambda radius: policy.make(dataclasses.replace(training, radius=radius))
+    movement = method.learn(training)
+    return lambda radius: method.follow(movement)
 
 
 def _open(
-    tasks: Sequence[EpisodeTask], learned: Callable[[float], Agent]
+    tasks: Sequence[EpisodeTask], learned: Callable[[float], object]
 ) -> tuple[EpisodeLog, ...]:
     import gymnasium as gym
 

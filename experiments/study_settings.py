@@ -83,11 +83,11 @@ def checked(settings: StudySettings) -> StudySettings:
     """
     from experiments.commands.run import named_doors
     from gplfd_env.randomization import door_randomization
-    from policies.registry import policy_entry
+    from policies.registry import policy_named
 
     settings = dataclasses.replace(settings, policies=_policies(settings.policies))
     for policy in settings.policies:
-        policy_entry(policy)
+        policy_named(policy)
     named_doors(settings.doors)
     for name in settings.randomizations:
         door_randomization(name)
@@ -166,7 +166,7 @@ def episodes(
 
 def learning_tests(settings: StudySettings, seed: int) -> Iterator[SkillTask]:
     """Yield the tests of what is learned, of policies that learn."""
-    from policies.registry import policy_entry
+    from policies.registry import policy_named
 
     held_out: tuple[HeldOut, ...] = get_args(HeldOut)
     for number, noise, policy, left_out in itertools.product(
@@ -175,7 +175,7 @@ def learning_tests(settings: StudySettings, seed: int) -> Iterator[SkillTask]:
         settings.policies,
         held_out,
     ):
-        if policy_entry(policy).learn is not None:
+        if policy_named(policy).method is not None:
             yield SkillTask(
                 policy=policy,
                 seed=seed,

@@ -9,10 +9,11 @@ import numpy as np
 
 from experiments.skill.accuracy import inside
 from experiments.skill.held_out import Fold
-from experiments.skill.methods import Method, learn
+from experiments.skill.methods import learn
 from experiments.skill.prior import prior_mean_used
 from policies.completion import task_completion_index
 from policies.demonstrations import Demonstration
+from policies.method import Method
 
 __all__ = ["beyond"]
 

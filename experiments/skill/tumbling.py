@@ -18,8 +18,9 @@ from scipy.spatial.transform import Rotation
 
 from experiments.random_motion import smooth_functions
 from experiments.skill.accuracy import density, rms_rotation
-from experiments.skill.methods import Learned, Method, learn
+from experiments.skill.methods import Learned, learn
 from policies.demonstrations import Demonstration
+from policies.method import Method
 
 __all__ = ["TUMBLE_STD", "tumble", "tumbled_rotations", "tumbling"]
 

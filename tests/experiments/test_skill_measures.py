@@ -13,15 +13,14 @@ from scipy.spatial.transform import Rotation
 from experiments.skill import tumbling as tumbling_module
 from experiments.skill.beyond import beyond
 from experiments.skill.held_out import Laid, folds
-from experiments.skill.methods import Learned, Method
+from experiments.skill.methods import Learned
 from experiments.skill.tumbling import TUMBLE_STD, tumble, tumbled_rotations, tumbling
 from experiments.skill.via_points import GRID, adaptation
 from experiments.teacher import Teacher
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
 from policies.demonstrations import Demonstration
-from policies.gridded import Demonstrated
-from policies.registry import TrainingInput
+from policies.method import Method, TrainingInput
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
 RADII = (0.35, 0.50, 0.65)
@@ -83,11 +82,19 @@ class Shifted:
         self.std = 0.25 * self.std
 
 
-def knowing(mean: Curve = zeros, std: Curve = ones, form: Any = Demonstrated) -> Method:
+class Untaught(Method):
+    """Makes its movement from the whole training input."""
+
+    def learn(self, training: TrainingInput) -> Any:
+        return self.fit(training)
+
+
+def knowing(mean: Curve = zeros, std: Curve = ones, form: Any = None) -> Method:
     """A method that learns nothing and knows the answer."""
-    return Method(
-        learn=lambda training: Known(align(training.demonstrations), mean, std),
-        form=form,
+    return Untaught(
+        fit=lambda training: Known(align(training.demonstrations), mean, std),
+        accepts_prior_mean=True,
+        adaptation=form,
     )
 
 
@@ -175,7 +182,7 @@ def test_beyond_is_not_learned() -> None:
         return Known(align(training.demonstrations))
 
     fold = folds(demonstrated(), "demonstration", 0)[0]
-    beyond(Method(learn=learn_and_tell, form=Demonstrated), fold, 0)
+    beyond(Untaught(fit=learn_and_tell, accepts_prior_mean=True), fold, 0)
     # Learned twice, without and with a prior mean.
     whole = 2 * [one.poses[-1, 4] for one in fold.given]
     np.testing.assert_allclose(ends, 0.7 * np.array(whole), rtol=0.1)

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from jaxtyping import config
+from scipy.spatial.transform import Rotation
 
-from policies import POLICIES, Demonstration, make_agent
-from policies.adaptation import ExactAdaptation, ProductAdaptation
-from policies.gridded import Demonstrated
+from policies import POLICIES, Demonstration, align, make_agent
+from policies.adaptation import ExactAdaptation, NoAdaptation, ProductAdaptation
 from policies.load import YieldToAll
 from policies.phase import ClockPhase
 
@@ -38,7 +39,7 @@ def parts(name, demonstrations):
     [
         ("gp-product", {"form": ProductAdaptation}),
         ("gp-exact", {"form": ExactAdaptation}),
-        ("gp-fixed", {"form": Demonstrated}),
+        ("gp-fixed", {"form": NoAdaptation}),
         ("gp-clock", {"phase": ClockPhase}),
         ("gp-homoscedastic", {"noise varies": False}),
         ("gp-constant-stiffness", {"k_min": (500.0,) * 3 + (50.0,) * 3}),
@@ -65,6 +66,37 @@ def test_demonstrations_must_start_at_the_closed_handle(shift, demonstrations):
     moved = Demonstration(times=one.times, poses=one.poses + np.pad(shift, (0, 3)))
     with pytest.raises(ValueError, match=r"demonstration 1 .* closed handle"):
         make_agent("gp", [one, moved])
+
+
+def test_remedy_for_demonstrations_that_start_elsewhere_works(demonstrations):
+    one = demonstrations[0]
+    start = np.array([0.5, 0.1, 0.2, 0.1, -0.4, 0.3])
+    turn = Rotation.from_rotvec(start[3:])
+    moved = Demonstration.from_quaternions(
+        one.times,
+        start[:3] + turn.apply(one.poses[:, :3].copy()),
+        (turn * Rotation.from_rotvec(one.poses[:, 3:].copy())).as_quat(),
+        order="xyzw",
+    )
+    with pytest.raises(ValueError, match=r"demonstration\.relative_to_first\(\)"):
+        make_agent("gp-fixed", [moved])
+    remedied = moved.relative_to_first().poses
+    np.testing.assert_allclose(remedied, one.poses, atol=1e-12)
+
+
+@pytest.mark.parametrize("given", ["one", "arrays", "aligned"])
+def test_only_sequences_of_demonstrations_are_learned_from(
+    given, demonstrations, monkeypatch
+):
+    # What a user meets, whose types nobody checks.
+    monkeypatch.setattr(config, "jaxtyping_disable", True)
+    wrong = {
+        "one": demonstrations[0],
+        "arrays": [one.poses for one in demonstrations],
+        "aligned": align(demonstrations),
+    }[given]
+    with pytest.raises(TypeError, match=r"sequence of .*Demonstration, got .*\[demo"):
+        make_agent("gp", wrong)
 
 
 def test_millimetres_are_noticed(demonstrations):
