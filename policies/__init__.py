@@ -2,9 +2,10 @@
 
 Nothing here knows a simulator::
 
-    from policies import Demonstration, align, fit_skill, make_agent
+    from policies import ViaPoint, adapt, align, fit_skill, make_agent
 
     skill = fit_skill(align(demonstrations))
+    adapted = adapt(skill, [ViaPoint(phase=0.3, pose=pose)])
     agent = make_agent("gp", demonstrations)
 """
 
@@ -15,9 +16,9 @@ from policies.alignment import align
 from policies.demonstrations import Demonstration
 from policies.lockstep import batch_agents
 from policies.method import Method, TrainingInput
-from policies.policy import Policy
+from policies.policy import Policy, PolicyOrigin
 from policies.prior_mean import PosePath, PriorMean
-from policies.registry import POLICIES, make_agent, policy_named
+from policies.registry import POLICIES, load_policy, make_agent, policy_named
 from policies.skill import Skill, fit_skill
 from policies.steps import AgentStep
 from policies.trajectory import GaussianTrajectory, ViaPoint
@@ -31,6 +32,7 @@ __all__ = [
     "GaussianTrajectory",
     "Method",
     "Policy",
+    "PolicyOrigin",
     "PosePath",
     "PriorMean",
     "Skill",
@@ -41,6 +43,7 @@ __all__ = [
     "as_agent",
     "batch_agents",
     "fit_skill",
+    "load_policy",
     "make_agent",
     "policy_named",
 ]

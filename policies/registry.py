@@ -104,7 +104,7 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
     if name in POLICIES:
         return replace(POLICIES[name], origin=PolicyOrigin(name=name))
     if ":" in name:
-        return module_policy(name, Path.cwd() if folder is None else Path(folder))
+        return module_policy(name, Path(folder or "").absolute())
     packaged = packaged_policy(name)
     if packaged is not None:
         return packaged

@@ -146,13 +146,13 @@ def _imported(name: str, folder: Path) -> ModuleType:
         with _importing(name):
             module = importlib.import_module(name)
     finally:
-        sys.path.remove(str(folder))
+        with contextlib.suppress(ValueError):  # the module may have removed it
+            sys.path.remove(str(folder))
     path = folder.joinpath(*name.split("."))
     for expected in (path / "__init__.py", path.with_name(f"{path.name}.py")):
-        if expected.is_file() and not expected.samefile(module.__file__ or sys.prefix):
+        if expected.is_file() and expected.resolve() != Path(_file(module)).resolve():
             raise ValueError(
-                f"module {name!r} is already {module.__file__ or 'part of Python'}; "
-                f"rename {expected}"
+                f"module {name!r} is already {_file(module)}; rename {expected}"
             )
     return module
 
@@ -185,7 +185,7 @@ def _policy(module: ModuleType, attribute: str) -> Policy:
     Raises:
         ValueError: It has no such thing, or it is no policy.
     """
-    where = f"{module.__name__} ({module.__file__ or 'part of Python'})"
+    where = f"{module.__name__} ({_file(module)})"
     try:
         found = operator.attrgetter(attribute)(module)
     except AttributeError:
@@ -214,6 +214,10 @@ def _policy(module: ModuleType, attribute: str) -> Policy:
     return Policy(summary=text.splitlines()[0], make=found)
 
 
+def _file(module: ModuleType) -> str:
+    return getattr(module, "__file__", None) or "part of Python"
+
+
 def _functions(module: ModuleType) -> str:
     own = [
         name
@@ -229,8 +233,8 @@ def _source(module: ModuleType) -> dict[str, str]:
     Raises:
         ValueError: If the file has changed since this process first looked.
     """
-    file = inspect.getsourcefile(module)
-    if file is None or not Path(file).is_file():
+    file = _file(module)
+    if not Path(file).is_file():
         return {}
     sha256 = hashlib.sha256(Path(file).read_bytes()).hexdigest()
     # Kept with the module: an import reads the file once per process.

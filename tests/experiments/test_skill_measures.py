@@ -81,6 +81,9 @@ class Shifted:
         self.mean[place] = via_point.pose + self._offset
         self.std = 0.25 * self.std
 
+    def trajectory(self) -> GaussianTrajectory:
+        raise AssertionError("nobody needs rates or covariances")
+
 
 class Untaught(Method):
     """Makes its movement from the whole training input."""

@@ -7,8 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from policies.adaptation import ADAPTATIONS, Adaptation, ProductAdaptation, adapt
+from policies.adaptation import (
+    ADAPTATIONS,
+    Adaptation,
+    ProductAdaptation,
+    adapt,
+    begin_adaptation,
+)
 from policies.aligned import AlignedDemonstrations
+from policies.baselines.promp import fit_promp
 from policies.skill import Skill, fit_skill
 from policies.trajectory import ViaPoint
 
@@ -222,6 +229,33 @@ def test_covariance_stays_a_covariance(skill, phases, shift, std, form):
 def test_unknown_form_lists_the_known(skill):
     with pytest.raises(ValueError, match=r"'bayes'.*exact.*process.*product"):
         adapt(skill, [], "bayes")
+
+
+def test_other_movements_adapt_in_their_own_form():
+    promp = fit_promp(
+        AlignedDemonstrations(times=TIMES, poses=smooth_curves(8, 0.3, 0))
+    )
+    point = ViaPoint(phase=0.4, pose=promp.predict(TIMES).mean[20] + 0.05)
+    own, ours = (
+        promp.adapt([point]).predict(TIMES),
+        adapt(promp, [point]).predict(TIMES),
+    )
+    np.testing.assert_array_equal(ours.mean, own.mean)
+    np.testing.assert_array_equal(ours.covariance, own.covariance)
+    with pytest.raises(ValueError, match="form of its own: leave form='product' out"):
+        adapt(promp, [point], "product")
+
+
+def test_movements_that_cannot_adapt_say_so(skill):
+    class Fixed:
+        aligned, duration, predict = skill.aligned, skill.duration, skill.predict
+
+    with pytest.raises(ValueError, match=r"Fixed has no via-points: .*adapt\(via"):
+        adapt(Fixed(), [])
+    still = begin_adaptation(Fixed(), None, TIMES)
+    still.observe(via(skill, 0.5, 0.1))
+    assert isinstance(still, Adaptation)
+    np.testing.assert_array_equal(still.mean, skill.predict(TIMES).mean)
 
 
 @pytest.mark.parametrize("form", GRID_FREE)

@@ -1,5 +1,7 @@
 """Policies by name."""
 
+import pickle
+
 import numpy as np
 import pytest
 from jaxtyping import config
@@ -116,6 +118,25 @@ def test_same_demonstrations_give_the_same_bits(name, demonstrations):
         agent.reset(observation)
         actions.append([agent.act(observation).action for _ in range(50)])
     np.testing.assert_array_equal(*actions)
+
+
+@pytest.mark.parametrize("name", sorted(POLICIES))
+def test_policies_can_be_sent_to_other_processes(name):
+    policy = pickle.loads(pickle.dumps(POLICIES[name]))
+    assert policy.summary == POLICIES[name].summary
+    assert repr(policy.method) == repr(POLICIES[name].method)
+
+
+def test_agents_can_be_kept_in_the_middle_of_an_episode(demonstrations):
+    agent = make_agent("gp", demonstrations)
+    observation = {"ee_pose": np.full(6, 0.01), "wrench": np.full(6, 0.3)}
+    agent.reset(observation)
+    for _ in range(30):
+        agent.act(observation)
+    again = pickle.loads(pickle.dumps(agent))
+    for _ in range(30):
+        kept, other = agent.act(observation), again.act(observation)
+        np.testing.assert_array_equal(kept.action, other.action)
 
 
 def test_unknown_policy_lists_what_exists(demonstrations):

@@ -150,7 +150,9 @@ def test_files_elsewhere_find_what_lies_beside_them(
         ("broken:make", "importing broken failed with ZeroDivisionError: division"),
         ("leaving:make", "importing leaving failed with SystemExit: 3"),
         ("needy:make", "importing needy failed with ModuleNotFoundError: .*'absent'"),
-        ("json:make", r"rename .*json\.py"),
+        ("json:make", r"module 'json' is already .*; rename .*json\.py"),
+        ("sys:version", r"version of sys \(part of Python\) is a str"),
+        ("os.path:absent", r"'os.path:absent': module posixpath"),
     ],
 )
 def test_what_cannot_be_used_is_refused_at_once(
