@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gplfd_env.rotation_paths import rotvecs_from_quaternions, unwrap_rotvecs
+from gplfd_env.se3 import relative_poses
 from policies.records import freeze, short_repr
 
 __all__ = ["Demonstration"]
@@ -73,6 +74,15 @@ class Demonstration:
                 f"{positions.shape} for {len(rotvecs)} quaternions"
             )
         return cls(times=times, poses=np.hstack([positions, rotvecs]))
+
+    def relative_to_first(self) -> "Demonstration":
+        """Return the motion relative to its first pose, T_0⁻¹ T.
+
+        The first pose becomes zero: the origin and the axes of the result are those of
+        the hand at the start.
+        """
+        poses = relative_poses(self.poses, self.poses[0])
+        return Demonstration(times=self.times, poses=poses)
 
 
 def _check_shapes(

@@ -2,52 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
-from typing import TypeVar
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from policies.adaptation import Adaptation
+from policies.adaptation import Adaptation, AdaptationForm, begin_adaptation
 from policies.members import EVERY_MEMBER, Members, Numbers
-from policies.movement import Movement, Predictor
+from policies.movement import Movement
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
-__all__ = ["Demonstrated", "GriddedMovement", "GriddedMovements"]
-
 Pose = Float[np.ndarray, " 6"]
-Grid = Float[np.ndarray, "M 6"]
-MovementT = TypeVar("MovementT", bound=Movement)
-
-
-class Demonstrated:
-    """The movement as demonstrated: via-points change nothing.
-
-    Args:
-        movement: What was learned.
-        grid: Phases (M,).
-    """
-
-    def __init__(self, movement: Predictor, grid: Float[np.ndarray, " M"]) -> None:
-        self._trajectory = movement.predict(grid)
-
-    @property
-    def mean(self) -> Grid:
-        """The demonstrations' mean, (M, 6) [m, rad]."""
-        return self._trajectory.mean
-
-    @property
-    def std(self) -> Grid:
-        """The demonstrations' standard deviation, (M, 6) [m, rad]."""
-        return self._trajectory.std
-
-    def observe(self, via_point: ViaPoint) -> None:
-        """Ignore a via-point."""
-
-    def trajectory(self) -> GaussianTrajectory:
-        """Return the demonstrated distribution."""
-        return self._trajectory
 
 
 class GriddedMovement:
@@ -58,10 +23,8 @@ class GriddedMovement:
 
     Args:
         movement: What was learned; NaN σ for a method without any.
-        form: Makes the distribution from movement and grid:
-            `policies.adaptation.ProcessAdaptation` of a skill,
-            `policies.movement.ReadaptedMovement` of anything that adapts, and
-            `Demonstrated` of anything else.
+        form: In which form it adapts to via-points, see `policies.adaptation`; None
+            for a movement that does not.
         n_grid: Number of grid points M, at least 2.
 
     Raises:
@@ -70,15 +33,14 @@ class GriddedMovement:
 
     def __init__(
         self,
-        movement: MovementT,
-        form: Callable[[MovementT, Float[np.ndarray, " M"]], Adaptation],
+        movement: Movement,
+        form: AdaptationForm | None,
         n_grid: int,
     ) -> None:
         if n_grid < 2:
             raise ValueError(f"n_grid must be at least 2, got {n_grid}")
-        self._learned = movement
+        self._learned, self._form = movement, form
         self._n_grid = n_grid
-        self._fresh = partial(form, movement, np.linspace(0.0, 1.0, n_grid))
         self._distribution = self._fresh()
         self._adapted = False
 
@@ -107,6 +69,10 @@ class GriddedMovement:
         """Condition on a via-point."""
         self._adapted = True
         self._distribution.observe(via_point)
+
+    def _fresh(self) -> Adaptation:
+        grid = np.linspace(0.0, 1.0, self._n_grid)
+        return begin_adaptation(self._learned, self._form, grid)
 
     def at(self, phase: float) -> tuple[Pose, Pose]:
         """Return mean and standard deviation at a phase in [0, 1], each (6,)."""

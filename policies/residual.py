@@ -7,21 +7,20 @@ returns to m(t); variances do not depend on m(t). Via-points are shifted likewis
 (``test_adaptation_is_that_of_the_residual_plus_the_prior_mean``).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from policies.adaptation import Adaptation
 from policies.aligned import AlignedDemonstrations
-from policies.movement import LearnedMovement, Movement, Predictor, adapted
+from policies.movement import (
+    AdaptationForm,
+    LearnedMovement,
+    Movement,
+)
 from policies.prior_mean import PriorMean
 from policies.trajectory import GaussianTrajectory, ViaPoint
-
-__all__ = ["ResidualAdaptation", "ResidualMovement", "fit_residual", "residual_form"]
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -40,29 +39,6 @@ class ResidualMovement(LearnedMovement):
             times: phases, shape (M,). Far outside the demonstrated range the mean is
                 the prior mean.
         """
-        return _raised(self.residual.predict(times), self.prior_mean)
-
-    def adapt(self, via_points: Sequence[ViaPoint]) -> "_AdaptedResidual":
-        """The movement conditioned on ``via_points``, all of them at once.
-
-        Raises:
-            ValueError: The residual's method has no via-points.
-        """
-        lowered = tuple(_lowered(point, self.prior_mean) for point in via_points)
-        return _AdaptedResidual(
-            residual=adapted(self.residual, lowered), prior_mean=self.prior_mean
-        )
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _AdaptedResidual:
-    """A prior mean and a residual conditioned on via-points."""
-
-    residual: Predictor
-    prior_mean: PriorMean
-
-    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
-        """The conditioned distribution at ``times``."""
         return _raised(self.residual.predict(times), self.prior_mean)
 
 
@@ -103,7 +79,7 @@ class ResidualAdaptation:
 
     def __init__(
         self,
-        form: Callable[[Any, np.ndarray], Adaptation],
+        form: AdaptationForm,
         movement: ResidualMovement,
         grid: Float[np.ndarray, " M"],
     ) -> None:
@@ -130,25 +106,6 @@ class ResidualAdaptation:
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid."""
         return _raised(self._residual.trajectory(), self._prior_mean)
-
-
-def residual_form(
-    form: Callable[[Any, np.ndarray], Adaptation],
-) -> Callable[[Any, np.ndarray], Adaptation]:
-    """Make a form of adaptation take movements with and without a prior mean.
-
-    Args:
-        form: takes a movement without, and a grid of phases.
-    """
-    return partial(_adaptation, form)
-
-
-def _adaptation(
-    form: Callable[[Any, np.ndarray], Adaptation], movement: Any, grid: np.ndarray
-) -> Adaptation:
-    if isinstance(movement, ResidualMovement):
-        return ResidualAdaptation(form, movement, grid)
-    return form(movement, grid)
 
 
 def _raised(rest: GaussianTrajectory, prior_mean: PriorMean) -> GaussianTrajectory:

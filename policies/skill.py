@@ -6,10 +6,8 @@ priori, each with the kernel of Eq. (13) and its own noise r(t), Eq. (15).
 """
 
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -23,10 +21,7 @@ from policies.gp.multi_output import MultiOutputGP, OutputMoments
 from policies.gp.noise import HomoscedasticNoise, MapNoise
 from policies.gp.noise_profile import NoiseModel
 from policies.movement import LearnedMovement
-from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
-
-if TYPE_CHECKING:
-    from policies.adaptation import AdaptationForm, AdaptedSkill
+from policies.trajectory import GaussianTrajectory, checked_times
 
 __all__ = ["NOISE_MODELS", "Skill", "fit_skill"]
 
@@ -155,29 +150,6 @@ class Skill(LearnedMovement):
         covariance[:, diagonal, diagonal] = variance.T
         return covariance
 
-    def adapt(
-        self,
-        via_points: Sequence[ViaPoint],
-        form: "str | AdaptationForm" = "process",
-    ) -> "AdaptedSkill":
-        """Condition the policy on via-points.
-
-        Args:
-            via_points: poses to be reached, in any order.
-            form: "process" (default), "product" (the paper's Eqs. 19–21) or "exact",
-                or a callable (skill, grid) → `policies.adaptation.Adaptation`, such as
-                ``partial(ProductAdaptation, prior_mean="zero")``.
-
-        Raises:
-            ValueError: for an unknown form.
-        """
-        # Adaptation builds on skills; importing it here keeps modules acyclic.
-        from policies.adaptation import AdaptedSkill, adaptation_form
-
-        return AdaptedSkill(
-            skill=self, via_points=tuple(via_points), form=adaptation_form(form)
-        )
-
 
 def fit_skill(
     aligned: AlignedDemonstrations,
@@ -195,12 +167,19 @@ def fit_skill(
             any other see `policies.residual.fit_residual`.
 
     Raises:
+        TypeError: for anything else than aligned demonstrations.
         ValueError: for an unknown name, poses or times that are not finite, or too few
             demonstrations for the noise model.
 
     Warns:
         UserWarning: for three demonstrations or fewer.
     """
+    if not isinstance(aligned, AlignedDemonstrations):
+        raise TypeError(
+            "fit_skill learns from policies.AlignedDemonstrations, got a "
+            f"{type(aligned).__name__}; call fit_skill(align(demonstrations)) with a "
+            "sequence of policies.Demonstration"
+        )
     if isinstance(noise, str):
         if noise not in NOISE_MODELS:
             raise ValueError(

@@ -93,9 +93,9 @@ class Record:
         Raises:
             ValueError: An argument is wrong.
         """
-        from policies.registry import policy_entry
+        from policies.registry import policy_named
 
-        policy_entry(self.policy)
+        policy_named(self.policy)
         for option, value, least in (
             ("--episodes", self.episodes, 1),
             ("--seed", self.seed, 0),

@@ -95,9 +95,9 @@ def _prepare(view: View) -> _Episode:
     import numpy as np
 
     from experiments.teacher import DEMONSTRATED_RADII, Teacher
-    from policies.registry import make_agent, policy_entry
+    from policies.registry import make_agent, policy_named
 
-    policy_entry(view.policy)
+    policy_named(view.policy)
     [(door, config)] = named_doors([view.door]).items()
     demonstrations = Teacher().demonstrate_doors(
         DEMONSTRATED_RADII, 2, rng=np.random.default_rng(view.seed)

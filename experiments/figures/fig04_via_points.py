@@ -19,7 +19,12 @@ from numpy.typing import NDArray
 from experiments.figures import style
 from experiments.figures.material import Drawing, Material
 from experiments.figures.pick_and_place import HEIGHT, PHASES, constrained_set
-from policies.adaptation import AdaptationForm, ProcessAdaptation, ProductAdaptation
+from policies.adaptation import (
+    AdaptationForm,
+    ProcessAdaptation,
+    ProductAdaptation,
+    adapt,
+)
 from policies.skill import Skill, fit_skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
@@ -81,7 +86,7 @@ def measure(seed: int) -> ViaPoints:
     skill = fit_skill(demonstrations)
     via_points = (_via_point(skill, *_STRONG), _via_point(skill, *_WEAK))
     adapted = {
-        name: skill.adapt(via_points, form=form).predict(grid)
+        name: adapt(skill, via_points, form).predict(grid)
         for name, (form, grid) in _FORMS.items()
     }
     return ViaPoints(

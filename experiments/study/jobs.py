@@ -23,9 +23,9 @@ from experiments.learning_tests.scores import skill_metrics
 from experiments.study.tasks import EpisodeTask, Job, Result, SkillTask, Task
 from experiments.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
 from gplfd_env import ENVIRONMENT_ID
-from policies.agent import Agent
 from policies.lockstep import batch_agents
-from policies.registry import TrainingInput, policy_entry
+from policies.method import TrainingInput
+from policies.registry import policy_named
 
 FORECAST_PERIOD: Final = 0.05
 """Simulated time between forecasts [s]: at most a degree of a demonstrated opening."""
@@ -115,7 +115,7 @@ def _episode_results(tasks: Sequence[EpisodeTask]) -> list[Result]:
 
 
 def _episode_metrics(
-    tasks: Sequence[EpisodeTask], learned: Callable[[float], Agent]
+    tasks: Sequence[EpisodeTask], learned: Callable[[float], object]
 ) -> list[dict[str, Any]]:
     return [
         episode_metrics(log, demonstrated_angle=task.teacher["angle_mean"]).as_json()
@@ -136,9 +136,9 @@ def _skill_metrics(tasks: Sequence[SkillTask]) -> list[Mapping[str, Any]]:
     ]
 
 
-def _learned(task: EpisodeTask) -> Callable[[float], Agent]:
+def _learned(task: EpisodeTask) -> Callable[[float], object]:
     """Learn the task's policy; return what makes an agent for a door's radius [m]."""
-    entry = policy_entry(task.policy)
+    policy = policy_named(task.policy)
     training = TrainingInput(
         demonstrations=Teacher(TeacherConfig(**task.teacher)).demonstrate_doors(
             DEMONSTRATED_RADII,
@@ -147,15 +147,15 @@ def _learned(task: EpisodeTask) -> Callable[[float], Agent]:
         ),
         seed=task.seed,
     )
-    learn, follow = entry.learn, entry.follow
-    if learn is None or follow is None:
-        return lambda radius: entry.make(dataclasses.replace(training, radius=radius))
-    movement = learn(training)
-    return lambda radius: follow(movement, entry.form)
+    method = policy.method
+    if method is None:
+        return lambda radius: policy.make(dataclasses.replace(training, radius=radius))
+    movement = method.learn(training)
+    return lambda radius: method.follow(movement)
 
 
 def _open(
-    tasks: Sequence[EpisodeTask], learned: Callable[[float], Agent]
+    tasks: Sequence[EpisodeTask], learned: Callable[[float], object]
 ) -> tuple[EpisodeLog, ...]:
     agents = [learned(task.door_config["radius"]) for task in tasks]
     envs: Any = gym.make_vec(

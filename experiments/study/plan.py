@@ -14,7 +14,7 @@ from experiments.study.settings import TABLE_1_NAME, Condition, StudySettings
 from experiments.study.tasks import EpisodeTask, SkillTask, Task
 from experiments.teacher import standard_teacher
 from gplfd_env.randomization import door_randomization
-from policies.registry import TABLE_1, policy_entry
+from policies.registry import TABLE_1, policy_named
 
 _NOISY: Final = (
     *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),
@@ -38,7 +38,7 @@ def checked(settings: StudySettings) -> StudySettings:
     """
     settings = dataclasses.replace(settings, policies=_policies(settings.policies))
     for policy in settings.policies:
-        policy_entry(policy)
+        policy_named(policy)
     named_doors(settings.doors)
     for name in settings.randomizations:
         door_randomization(name)
@@ -115,7 +115,7 @@ def learning_tests(settings: StudySettings, seed: int) -> Iterator[SkillTask]:
         settings.policies,
         HELD_OUT,
     ):
-        if policy_entry(policy).learn is not None:
+        if policy_named(policy).method is not None:
             yield SkillTask(
                 policy=policy,
                 seed=seed,

@@ -43,7 +43,6 @@ from functools import cached_property, partial
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
-from scipy.signal import lsim
 
 from gplfd_env.rotation_paths import unwrap_rotvecs
 from gplfd_env.se3 import compose_rotvecs
@@ -249,6 +248,9 @@ def _oscillate(
     alpha: float,
 ) -> Float[np.ndarray, "M 6"]:
     """Solve ξ̈ + α ξ̇ + α β ξ = drive, exactly for a drive linear between its samples."""
+    # Here, because importing it takes 0.5 s, as much as all the rest of the policies.
+    from scipy.signal import lsim
+
     dynamics = np.array([[0.0, 1.0], [-0.25 * alpha**2, -alpha]])
     system = (
         np.kron(dynamics, np.eye(6)),

@@ -13,7 +13,7 @@ from policies.compliance import ComplianceConfig
 from policies.controllers.stability import stability_margin
 from policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
 from policies.empirical import EmpiricalDistribution
-from policies.gridded import Demonstrated, GriddedMovement
+from policies.gridded import GriddedMovement
 from policies.load import CarriedLoad, YieldToAll
 from policies.phase import PathPhase
 from policies.trajectory import GaussianTrajectory
@@ -62,7 +62,7 @@ def test_adaptation_finds_the_radius_of_an_ideal_door(skill, radius):
 
 
 def test_without_adaptation_the_policy_stays_as_demonstrated(skill):
-    agent = agent_of(skill, Demonstrated)
+    agent = agent_of(skill, None)
     before = agent.forecast().mean
     ideal_door(agent, 0.35, 600)
     np.testing.assert_array_equal(agent.forecast().mean, before)
@@ -176,7 +176,7 @@ def test_resistance_along_the_path_is_carried_not_yielded_to(skill):
 
 
 def test_force_across_the_path_is_yielded_to(skill):
-    agent = agent_of(skill, Demonstrated)
+    agent = agent_of(skill, None)
     agent.reset(observed(np.zeros(6)))
     for _ in range(100):
         step = agent.act(observed(np.zeros(6), force=(0.0, 5.0, 0.0)))
@@ -185,7 +185,7 @@ def test_force_across_the_path_is_yielded_to(skill):
 
 
 def test_rotation_offset_is_composed_not_added(skill):
-    agent = agent_of(skill, Demonstrated)
+    agent = agent_of(skill, None)
     pose = handle_pose_on_arc(0.5, 0.8)
     agent.reset(observed(pose))
     observation = observed(pose)
@@ -199,7 +199,7 @@ def test_rotation_offset_is_composed_not_added(skill):
 
 
 def test_rotation_leads_by_less_than_the_pull(skill):
-    agent = agent_of(skill, Demonstrated, max_turn_lead=0.05)
+    agent = agent_of(skill, None, max_turn_lead=0.05)
     agent.reset(observed(np.zeros(6)))
     for _ in range(300):
         step = agent.act(observed(np.zeros(6)))
@@ -261,7 +261,7 @@ class Curve:
 def test_policy_without_uncertainty_is_followed_stiffly(skill):
     curve = Curve(skill)
     agent = CompliantAgent(
-        movement=GriddedMovement(curve, Demonstrated, 100),
+        movement=GriddedMovement(curve, None, 100),
         phases=PathPhase(EmpiricalDistribution(curve.aligned), curve.aligned),
     )
     history = ideal_door(agent, 0.5, 300)

@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 
-from policies.adaptation import ProcessAdaptation
+from policies.adaptation import OwnAdaptation, ProcessAdaptation, adapt
 from policies.alignment import align
-from policies.gridded import Demonstrated, GriddedMovement, GriddedMovements
-from policies.movement import ReadaptedMovement
+from policies.gridded import GriddedMovement, GriddedMovements
 from policies.skill import fit_skill
 from policies.trajectory import ViaPoint
 
 
 def test_interpolation_meets_the_movement(skill):
-    movement = GriddedMovement(skill, Demonstrated, 100)
+    movement = GriddedMovement(skill, None, 100)
     phases = np.linspace(0.0, 1.0, 777)
     exact = skill.predict(phases)
     means, stds = (
@@ -23,7 +22,7 @@ def test_interpolation_meets_the_movement(skill):
 
 
 def test_grid_points_are_met_exactly(skill):
-    movement = GriddedMovement(skill, Demonstrated, 11)
+    movement = GriddedMovement(skill, None, 11)
     exact = skill.predict(np.linspace(0.0, 1.0, 11))
     for index in (0, 5, 10):
         np.testing.assert_allclose(movement.at(index / 10)[0], exact.mean[index])
@@ -40,7 +39,7 @@ def test_observing_changes_the_movement_and_reset_undoes_it(skill):
 
 
 def test_answers_may_be_changed_by_the_caller(skill):
-    movement = GriddedMovement(skill, Demonstrated, 50)
+    movement = GriddedMovement(skill, None, 50)
     mean, _ = movement.at(0.5)
     mean += 1.0
     assert np.abs(movement.at(0.5)[0] - mean).max() > 0.5
@@ -48,7 +47,7 @@ def test_answers_may_be_changed_by_the_caller(skill):
 
 def test_a_grid_of_one_point_is_refused(skill):
     with pytest.raises(ValueError, match="n_grid must be at least 2, got 1"):
-        GriddedMovement(skill, Demonstrated, 1)
+        GriddedMovement(skill, None, 1)
 
 
 def test_looking_does_not_forget_via_points(skill):
@@ -66,9 +65,16 @@ def test_any_movement_that_adapts_can_be_gridded(skill):
         ViaPoint(phase=phase, pose=skill.predict(np.array([phase])).mean[0] + 0.02)
         for phase in (0.2, 0.4)
     ]
+
+    class Readapted:
+        aligned, duration, predict = skill.aligned, skill.duration, skill.predict
+
+        def adapt(self, via_points):
+            return adapt(skill, via_points)
+
     movements = [
-        GriddedMovement(skill, form, 50)
-        for form in (ReadaptedMovement, ProcessAdaptation)
+        GriddedMovement(Readapted(), OwnAdaptation, 50),
+        GriddedMovement(skill, ProcessAdaptation, 50),
     ]
     for movement in movements:
         for via_point in via_points:

@@ -19,8 +19,9 @@ from policies.lockstep import AgentBatch, batch_agents
 
 RADII = (0.38, 0.50, 0.62)
 WAYS_TO_FOLLOW = {
-    (one.form, one.follow, one.learn is None): name
+    (method.adaptation, method.phases, repr(method.config)) if method else name: name
     for name, one in reversed(POLICIES.items())
+    for method in [one.method]
 }.values()
 """One policy of every way to follow a movement; the others learn differently."""
 FIELDS = [field.name for field in dataclasses.fields(AgentStep)]

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from jaxtyping import config
 from scipy.stats import t as student
 
 from policies.aligned import AlignedDemonstrations
@@ -388,3 +389,10 @@ def test_trajectory_record_copies_what_it_is_given():
     )
     mean[0, 0] = 7.0
     assert trajectory.mean[0, 0] == 0.0
+
+
+def test_demonstrations_that_are_not_aligned_are_refused(demonstrations, monkeypatch):
+    # What a user meets, whose types nobody checks.
+    monkeypatch.setattr(config, "jaxtyping_disable", True)
+    with pytest.raises(TypeError, match=r"tuple; call fit_skill\(align\(demo"):
+        fit_skill(demonstrations)
