@@ -21,7 +21,7 @@ class Target:
     name: str
     """What is measured, with its unit."""
     value: float
-    """What was measured."""
+    """The number as it was measured."""
     wanted: str
     """The limits in words."""
     met: bool
@@ -57,7 +57,7 @@ class Measurement:
     rows: Mapping[str, Mapping[str, Value]]
     """Values by line and column, whose names have the units."""
     targets: tuple[Target, ...] = ()
-    """What was wanted."""
+    """What was wanted of some of the numbers."""
 
 
 def text_table(title: str, rows: Mapping[str, Mapping[str, Value]]) -> str:
