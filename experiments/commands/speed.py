@@ -4,24 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 
 from experiments.commands.complaint import complain
 
-if TYPE_CHECKING:
-    from experiments.benchmarks.report import Result
-    from policies.demonstrations import Demonstration
-
 RESULTS = "speed.json"
 
-PartName = Literal[
-    "fit", "scaling", "predict", "adapt", "align", "environment", "accuracy"
-]
+PartName = Literal["fit", "adapt", "align", "environment"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -37,109 +30,40 @@ class Speed:
     """Parts to run; all by default."""
 
     repeats: int = 5
-    """Measurements of every time, and draws of random data, 1 or more."""
-
-    demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Also score these recorded demonstrations, each left out once: an .npz file of
-    this project, or an .npy array (demonstrations, samples, 7) of positions and
-    quaternions."""
-
-    unit: Literal["m", "cm", "mm"] = "m"
-    """Unit of the positions of an .npy array."""
-
-    quaternions: Literal["wxyz", "xyzw"] = "wxyz"
-    """Order of the quaternions of an .npy array."""
+    """Measurements of every time, 1 or more."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/speed")
     """Folder to write to."""
 
     def execute(self) -> int:
         """Run the command and return the exit status."""
-        from threadpoolctl import threadpool_limits
-
-        from experiments.benchmarks.report import target_table
+        # Parsing the command line must not wait for what is measured.
         from experiments.files.plain_data import write_json
+        from experiments.files.provenance import provenance
+        from experiments.speed.machine import machine
+        from experiments.speed.parts import PARTS, announcement
+        from experiments.speed.report import measure_all
 
         try:
-            recordings = self._check()
-        except (ValueError, OSError) as error:
+            self._check()
+        except ValueError as error:
             return complain(error)
-        with threadpool_limits(1):
-            results = self._measure(recordings)
-            record = _record(self, results)
-        targets = [target for result in results.values() for target in result.targets()]
-        if targets:
-            print(target_table(targets))
+        chosen = [name for name in PARTS if not self.only or name in self.only]
+        print(announcement(chosen, self.repeats), file=sys.stderr, flush=True)
+        measures = {k: v for name in chosen for k, v in PARTS[name].measures.items()}
+        found = measure_all(measures, self.repeats)
+        record = provenance(dataclasses.asdict(self) | {"out": str(self.out)}) | {
+            "measured_on": machine(),
+            "results": {name: dataclasses.asdict(one) for name, one in found.items()},
+        }
         try:
             write_json(self.out / RESULTS, record)
         except OSError as error:
             return complain(error)
         return 0
 
-    def _check(self) -> tuple[Demonstration, ...] | None:
-        """Check all arguments and read the recordings, before anything slow.
-
-        Raises:
-            ValueError: An argument is wrong, or a part asked for lacks a library.
-            OSError: The recordings cannot be read.
-        """
-        from experiments.benchmarks.parts import PARTS
-        from experiments.benchmarks.peers import require
-        from experiments.benchmarks.recorded import load_recordings
-
+    def _check(self) -> None:
         if self.repeats < 1:
             raise ValueError(f"--repeats {self.repeats} must be 1 or more")
         if self.out.exists() and not self.out.is_dir():
             raise ValueError(f"--out {self.out} is a file; give a folder")
-        for name in self.only:
-            require(PARTS[name].needs)
-        if self.demonstrations is None:
-            return None
-        return load_recordings(self.demonstrations, self.unit, self.quaternions)
-
-    def _measure(
-        self, recordings: tuple[Demonstration, ...] | None
-    ) -> dict[str, Result]:
-        from experiments.benchmarks.parts import PARTS
-        from experiments.benchmarks.recorded import score_recordings
-
-        results: dict[str, Result] = {}
-        for name in PARTS:
-            if self.only and name not in self.only:
-                continue
-            for what, measure in PARTS[name].measures.items():
-                print(f"measuring: {what}", file=sys.stderr, flush=True)
-                results[what] = measure(self.repeats)
-                _show(results[what])
-        if recordings is not None:
-            results["recorded"] = score_recordings(recordings, str(self.demonstrations))
-            _show(results["recorded"])
-        return results
-
-
-def _show(result: Result) -> None:
-    for table in result.tables():
-        print(f"{table}\n", flush=True)
-
-
-def _record(speed: Speed, results: Mapping[str, Result]) -> dict[str, Any]:
-    """Everything measured, and where; JSON-able."""
-    from experiments.benchmarks.machine import machine
-    from experiments.files.provenance import provenance
-
-    settings = dataclasses.asdict(speed) | {
-        "out": str(speed.out),
-        "demonstrations": str(speed.demonstrations) if speed.demonstrations else None,
-    }
-    return provenance(settings) | {
-        "measured_on": machine(),
-        "results": {
-            name: dataclasses.asdict(result)  # type: ignore[call-overload]
-            for name, result in results.items()
-        },
-        "targets": [
-            dataclasses.asdict(target) | {"met": target.met}
-            for result in results.values()
-            for target in result.targets()
-        ],
-    }

@@ -112,6 +112,7 @@ def test_sdist_can_be_tested(sdist_names: set[str]) -> None:
         "docs/environment.md",
         "assets/tiago_like.urdf",
         "assets/README.md",
+        "benchmarks/scaling.py",
     ):
         assert name in sdist_names
 

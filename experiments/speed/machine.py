@@ -1,27 +1,27 @@
-"""What times depend on besides the code: processor, threads, libraries."""
+"""What times depend on besides the code: processor, threads, load, libraries."""
 
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import platform
 from pathlib import Path
 from typing import Any
 
 from threadpoolctl import threadpool_info
 
-from experiments.benchmarks.peers import DISTRIBUTIONS, installed
-from experiments.benchmarks.report import NOT_INSTALLED
+from experiments.speed.peers import DISTRIBUTIONS, NOT_INSTALLED, installed
 
 
 def machine() -> dict[str, Any]:
-    """Processor, thread pools in force and versions of the other libraries."""
+    """Processor, load, thread pools in force and versions of the other libraries."""
     return {
         "processor": _processor(),
+        "load": load(),
         "thread_pools": [
             {key: pool.get(key) for key in ("internal_api", "version", "num_threads")}
             for pool in threadpool_info()
         ],
-        "clock": "time.process_time",
         "peers": {
             distribution: (
                 importlib.metadata.version(distribution)
@@ -31,6 +31,15 @@ def machine() -> dict[str, Any]:
             for module, distribution in DISTRIBUTIONS.items()
         },
     }
+
+
+def load() -> str:
+    """Say how many processes wanted a core in the last minute, on average."""
+    try:
+        wanted = f"{os.getloadavg()[0]:.1f}"
+    except (AttributeError, OSError):  # Windows has none.
+        wanted = "unknown"
+    return f"load {wanted} on {os.cpu_count()} cores"
 
 
 def _processor() -> str:
