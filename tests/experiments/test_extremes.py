@@ -1,5 +1,6 @@
-"""Which episodes are recorded, and that their repetition is held against the study."""
+"""Which episodes are recorded, and that their repetition is compared with the study."""
 
+import dataclasses
 import json
 
 import pytest
@@ -7,39 +8,25 @@ import pytest
 from experiments import extremes as module
 from experiments.extremes import COMPARED, extremes, record_extremes, same_door
 from experiments.repetition import differences
-from experiments.results.records import read_results
+from experiments.results.reading import read_results
 from experiments.study.runner import run_study
 from experiments.study.tasks import EpisodeTask
-from experiments.teacher import standard_teacher
 from gplfd_env.config import DoorConfig
 
-CONFIG = {name: getattr(DoorConfig(), name) for name in DoorConfig.__slots__}
+CONFIG = dataclasses.asdict(DoorConfig())
 
 
 @pytest.fixture
-def episodes(tmp_path):
+def episodes(write_study, episode_result):
     """Read episodes from result files of (policy, seed, success, force, angle)."""
 
-    def read(*rows, radius=0.5):
-        (tmp_path / "tasks").mkdir(exist_ok=True)
-        for number, (policy, seed, success, force, angle) in enumerate(rows):
-            task = {
-                "policy": policy,
-                "seed": seed,
-                "door": "medium",
-                "door_config": CONFIG | {"radius": radius},
-                "demonstrations_per_door": 2,
-                "teacher": standard_teacher(),
-            }
-            metrics = {
-                "success": success,
-                "force_radial_peak": force,
-                "final_angle_deg": angle,
-                "time_to_60_deg": 5.0 if success else None,
-            }
-            path = tmp_path / "tasks" / f"{number}.json"
-            path.write_text(json.dumps({"task": task, "metrics": metrics}))
-        return read_results(tmp_path).episodes
+    def read(*rows):
+        results = []
+        for policy, seed, success, force, angle in rows:
+            result = episode_result(policy, seed, opened=success)
+            result["metrics"] |= {"force_radial_peak": force, "final_angle_deg": angle}
+            results.append(result)
+        return read_results(write_study(results)).episodes
 
     return read
 
@@ -54,7 +41,7 @@ def test_order_is_success_then_force_then_angle(episodes):
             ("gp", 4, True, 1.0, 65.0),
         )
     )
-    assert {rank: one.seed for rank, one in chosen.items()} == {
+    assert {rank: one.task.seed for rank, one in chosen.items()} == {
         "best": 4,
         "median": 1,
         "worst": 3,
@@ -69,17 +56,17 @@ def test_no_episode_is_recorded_twice(episodes, count, ranks):
     rows = [("gp", seed, True, 1.0 + seed, 64.0) for seed in range(count)]
     found = extremes(episodes(*rows)) if rows else extremes([])
     assert list(found) == ranks
-    assert len({one.seed for one in found.values()}) == count
+    assert len({one.task.seed for one in found.values()}) == count
 
 
 def test_the_comparison_goes_from_the_best_to_the_worst(episodes):
     others = [(f"p{k}", 0, True, 2.0 + k, 64.0) for k in range(8)]
     read = episodes(("gp", 0, False, 9.0, 3.0), *others, ("gp", 1, True, 1.0, 64.0))
-    chosen = same_door(read, 0.5)
+    chosen = same_door(read, 0.5, "gp")
     assert list(chosen) == ["gp", "p0", "p2", "p4", "p5", "p7"]
     assert len(chosen) == COMPARED
-    assert {one.seed for one in chosen.values()} == {0}
-    assert same_door(read, 0.65) == {}
+    assert {one.task.seed for one in chosen.values()} == {0}
+    assert same_door(read, 0.65, "gp") == {}
 
 
 def test_only_times_may_differ_in_a_repetition():
