@@ -7,6 +7,7 @@ from functools import partial
 from typing import Final, TypeVar
 
 from experiments.files.table import Table
+from experiments.report.columns import Column, count, medians, policy_table
 from experiments.report.document import Block, Items, Paragraph, code, literal
 from experiments.report.sentences import rate_sentence, value_sentence
 from experiments.results.grouping import Comparison, Runs, numbers
@@ -22,11 +23,11 @@ from experiments.results.records import UNDEMONSTRATED, EpisodeResult
 from experiments.results.statistics import (
     PairedTest,
     holm,
+    interval_text,
     mcnemar,
     paired,
     shift,
     signed_rank,
-    wilson_interval,
 )
 
 ANGLES: Final = (60, 30, 15)
@@ -35,8 +36,6 @@ ANGLES: Final = (60, 30, 15)
 ValueT = TypeVar("ValueT")
 
 Episodes = Sequence[EpisodeResult]
-Column = tuple[Runs, Callable[[Episodes], str]]
-"""Episodes by policy, and how a cell says what they are."""
 
 
 def sentences(comparison: Comparison, reference: str) -> Items:
@@ -65,35 +64,32 @@ def _opened(runs: Runs, *, held: bool = False) -> dict[str, dict[str, bool]]:
 
 def rate_table(comparison: Comparison) -> Table:
     """Success on all doors, by kind of door and door by door; angles on all doors."""
-
-    def reached(angle: int) -> Callable[[Episodes], str]:
-        return lambda own: _rate([one.opened(angle) for one in own])
-
     columns: dict[str, Column] = {"solved": (comparison.runs, _solved)}
     for angle in ANGLES:
-        columns[f"to {angle}°"] = (comparison.runs, reached(angle))
+        columns[f"to {angle}°"] = (comparison.runs, partial(_reached, angle))
     for name, runs in {**comparison.kinds, **comparison.doors}.items():
         columns[literal(name)] = (runs, _solved_or_opened)
+    if comparison.failed:
+        columns["errors"] = (comparison.failed, count)
     note = (
         "Solved / ran: open by 60° for 0.5 s with the handle in the hand, on all doors "
         "and then by kind and by door. To 60°, 30°, 15°: opened so far, if only for a "
         "moment. Wilson's 95 % intervals; policies in order of opening to 60°, then of "
         "radial force."
     )
-    if comparison.failed:
-        columns["errors"] = (comparison.failed, lambda own: str(len(own)))
-    return _table(comparison, columns, note)
+    return policy_table(comparison.runs, columns, note)
 
 
-def _rate(successes: Sequence[bool]) -> str:
-    if not successes:
-        return "–"
-    low, high = wilson_interval(sum(successes), len(successes))
-    return f"{sum(successes)}/{len(successes)}\n{low:.2f}–{high:.2f}"
+def _rate(successes: int, own: Episodes) -> str:
+    return f"{successes}/{len(own)}\n{interval_text(successes, len(own))}"
+
+
+def _reached(angle: int, own: Episodes) -> str:
+    return _rate(sum(one.opened(angle) for one in own), own)
 
 
 def _solved(own: Episodes) -> str:
-    return _rate([one.solved for one in own])
+    return _rate(sum(one.solved for one in own), own)
 
 
 def _solved_or_opened(own: Episodes) -> str:
@@ -104,36 +100,32 @@ def _solved_or_opened(own: Episodes) -> str:
 
 def quality_tables(comparison: Comparison) -> list[Block]:
     """Forces, times and the rest, by kind of door; radial force door by door."""
-    blocks: list[Block] = []
+    policies = comparison.runs
+    text = (
+        "Forces, slip and work over the doors opened to 60°, the others over all "
+        "episodes that have them. A policy that opens few doors has few numbers: the "
+        f"paired tests compare equal doors. Above {ADA_FORCE} N: openings with a peak, "
+        "tangential or radial, above the limit of ADA 404.2.9 for opening an interior "
+        "door."
+    )
+    blocks: list[Block] = [Paragraph(text=text)]
     for kind, runs in comparison.kinds.items():
-        columns: dict[str, Column] = {"opened": (runs, _opened_text)}
-        for measure in EPISODE_MEASURES.values():
-            columns[measure.title] = (runs, _median_text(measure))
-        columns[f"above {ADA_FORCE} N"] = (runs, _above_text)
-        blocks.append(_table(comparison, columns, f"Medians on {kind}."))
-    radial = EPISODE_MEASURES["force_radial_peak"]
-    columns = {
-        literal(door): (runs, _median_text(radial))
-        for door, runs in comparison.doors.items()
-    }
+        columns: dict[str, Column] = {
+            "opened": (runs, _opened_text),
+            **medians(runs, EPISODE_MEASURES.values()),
+            f"above {ADA_FORCE} N": (runs, _above_text),
+        }
+        blocks.append(policy_table(policies, columns, f"Medians on {kind}."))
+    columns = {}
+    for door, runs in comparison.doors.items():
+        (column,) = medians(runs, [EPISODE_MEASURES["force_radial_peak"]]).values()
+        columns[literal(door)] = column
     note = "Peak radial force [N] door by door, medians over the doors opened to 60°."
-    return [Paragraph(text=_QUALITY), *blocks, _table(comparison, columns, note)]
-
-
-_QUALITY: Final = (
-    "Forces, slip and work over the doors opened to 60°, the others over all episodes "
-    "that have them. A policy that opens few doors has few numbers: the paired tests "
-    f"compare equal doors. Above {ADA_FORCE} N: openings with a peak, tangential or "
-    "radial, above the limit of ADA 404.2.9 for opening an interior door."
-)
+    return [*blocks, policy_table(policies, columns, note)]
 
 
 def _opened_text(own: Episodes) -> str:
-    return f"{sum(one.opened() for one in own)}/{len(own)}" if own else "–"
-
-
-def _median_text(measure: Measure) -> Callable[[Episodes], str]:
-    return lambda own: measure.text(measure.median(own))
+    return f"{sum(one.opened() for one in own)}/{len(own)}"
 
 
 def _above_text(own: Episodes) -> str:
@@ -144,19 +136,6 @@ def _above_text(own: Episodes) -> str:
         for one in opened
     )
     return f"{above}/{len(opened)}" if opened else "–"
-
-
-def _table(
-    comparison: Comparison,
-    columns: Mapping[str, Column],
-    note: str,
-) -> Table:
-    """A row per policy; each column has its episodes and says how to write them."""
-    rows = tuple(
-        (code(policy), *(text(runs.get(policy, ())) for runs, text in columns.values()))
-        for policy in comparison.runs
-    )
-    return Table(columns=("policy", *columns), rows=rows, note=note)
 
 
 def paired_tests(comparison: Comparison, reference: str) -> Block:

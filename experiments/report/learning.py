@@ -7,6 +7,7 @@ from functools import partial
 from typing import Final
 
 from experiments.files.table import Table
+from experiments.report.columns import count, medians, policy_table
 from experiments.report.document import (
     Block,
     Items,
@@ -20,6 +21,8 @@ from experiments.report.sentences import value_sentence
 from experiments.results.grouping import by_condition, by_policy, grouped, numbers
 from experiments.results.measures import LEARNING_HEADLINES, LEARNING_MEASURES, median
 from experiments.results.records import LearningTestResult
+
+Runs = Mapping[str, Sequence[LearningTestResult]]
 
 _LEFT_OUT: Final = {
     "demonstration": "one demonstration left out",
@@ -65,35 +68,24 @@ def _blocks(tests: Sequence[LearningTestResult], reference: str) -> tuple[Block,
     return (*blocks, *_outputs(tests), *_plots(tests, reference))
 
 
-def _table(runs: Mapping[str, Sequence[LearningTestResult]], note: str) -> Table:
-    measures = LEARNING_MEASURES.values()
-    rows = tuple(
-        (
-            code(policy),
-            str(len(own)),
-            *(measure.text(measure.median(own)) for measure in measures),
-        )
-        for policy, own in runs.items()
-    )
-    heads = (measure.title for measure in measures)
-    return Table(columns=("policy", "n", *heads), rows=rows, note=note)
+def _table(runs: Runs, note: str) -> Table:
+    columns = {"n": (runs, count), **medians(runs, LEARNING_MEASURES.values())}
+    return policy_table(runs, columns, note)
 
 
 def _outputs(tests: Sequence[LearningTestResult]) -> list[Block]:
     """CPU time to learn as the number of outputs grows."""
-    counts = sorted({count for one in tests for count in one.outputs_cpu_s})
-    rows = tuple(
-        (code(policy), *(_seconds(own, count) for count in counts))
-        for policy, own in by_policy(tests).items()
-        if any(one.outputs_cpu_s for one in own)
-    )
-    columns = ("policy", *(f"{count} outputs" for count in counts))
+    timed = by_policy(one for one in tests if one.outputs_cpu_s)
+    columns = {
+        f"{outputs} outputs": (timed, partial(_seconds, outputs))
+        for outputs in sorted({n for one in tests for n in one.outputs_cpu_s})
+    }
     note = "CPU time to learn [s] as the number of outputs grows, medians."
-    return [Table(columns=columns, rows=rows, note=note)] if rows else []
+    return [policy_table(timed, columns, note)] if timed else []
 
 
-def _seconds(own: Sequence[LearningTestResult], count: int) -> str:
-    value = median(one.outputs_cpu_s.get(count) for one in own)
+def _seconds(outputs: int, own: Sequence[LearningTestResult]) -> str:
+    value = median(one.outputs_cpu_s.get(outputs) for one in own)
     return "–" if value is None else f"{value:.3g}"
 
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from experiments.files.table import Table
+from experiments.report.columns import Column, count, policy_table
 from experiments.report.document import (
     Block,
     Items,
@@ -122,19 +123,13 @@ def _value(value: object) -> str:
 
 
 def _counts(results: StudyResults) -> Table:
-    conditions = list(by_condition(results.episodes))
-    rows = []
-    for policy, own in by_policy(results.all).items():
-        counts = Counter(
-            one.condition if isinstance(one, EpisodeResult) else None for one in own
-        )
-        errors = sum(bool(one.error) for one in own)
-        cells = (*(counts[each] for each in (*conditions, None)), errors)
-        rows.append((code(policy), *map(str, cells)))
-    heads = (f"episodes: {condition}" for condition in conditions)
-    return Table(
-        columns=("policy", *heads, "learning tests", "errors"), rows=tuple(rows)
-    )
+    columns: dict[str, Column] = {
+        f"episodes: {condition}": (by_policy(own), count)
+        for condition, own in by_condition(results.episodes).items()
+    }
+    columns["learning tests"] = (by_policy(results.tests), count)
+    columns["errors"] = (by_policy(one for one in results.all if one.error), count)
+    return policy_table(by_policy(results.all), columns)
 
 
 def _gaps(episodes: Sequence[EpisodeResult]) -> list[Block]:
@@ -169,9 +164,9 @@ def _errors(results: Sequence[TaskResult]) -> list[Block]:
 
 
 def _where(failed: Sequence[TaskResult]) -> str:
-    doors = (
-        one.task.door if isinstance(one, EpisodeResult) else "learning test"
-        for one in failed
-    )
-    tasks = (f"{one.policy}, {door}" for one, door in zip(failed, doors, strict=True))
+    tasks = (f"{one.policy}, {_subject(one)}" for one in failed)
     return "; ".join(dict.fromkeys(tasks))
+
+
+def _subject(one: TaskResult) -> str:
+    return one.task.door if isinstance(one, EpisodeResult) else "learning test"

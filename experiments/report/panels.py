@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final, Literal
 
 from matplotlib.axes import Axes
@@ -15,6 +15,17 @@ Draw = Callable[[Axes, str, str], None]
 """Draws a policy into a panel in a colour, `FAINT` for the reference in the others'."""
 
 FAINT: Final = "#c9b3dd"
+BAR: Final[Mapping[str, Any]] = {"linewidth": 2.6, "alpha": 0.3, "zorder": 2}
+"""How an interval looks."""
+DOTS: Final[Mapping[str, Any]] = {
+    "marker": "o",
+    "linestyle": "none",
+    "ms": 1.8,
+    "mew": 0,
+    "alpha": 0.35,
+    "zorder": 2,
+}
+"""How single episodes look."""
 
 _FEWEST, _MOST = 3, 5
 """Panels in a row."""
@@ -75,26 +86,7 @@ def line(tint: str) -> dict[str, Any]:
     return {"color": tint, "marker": "o", "ms": 2.6, "zorder": 3}
 
 
-def bar(tint: str) -> dict[str, Any]:
-    """Return how an interval looks."""
-    return {"color": tint, "linewidth": 2.6, "alpha": 0.3, "zorder": 2}
-
-
-def dots(tint: str) -> dict[str, Any]:
-    """Return how single episodes look."""
-    look = {"marker": "o", "linestyle": "none", "ms": 1.8, "mew": 0}
-    return {"color": tint, "alpha": 0.35, "zorder": 2, **look}
-
-
 def say(axes: Axes, text: str) -> None:
     """Write into the middle of a panel."""
-    axes.text(
-        0.5,
-        0.5,
-        text,
-        transform=axes.transAxes,
-        ha="center",
-        va="center",
-        fontsize=6.5,
-        color=style.MARK,
-    )
+    look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 6.5, "color": style.MARK}
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, **look)

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 from experiments.figures import style
 from experiments.report.panels import (
+    BAR,
+    DOTS,
     FAINT,
-    bar,
-    dots,
     line,
     log_scale,
     say,
@@ -51,7 +51,7 @@ def success_by_radius(comparison: Comparison, reference: str) -> Figure:
             rates.append(opened / len(own))
             if tint != FAINT:
                 interval = wilson_interval(opened, len(own))
-                axes.plot([radius] * 2, interval, **bar(tint))
+                axes.plot([radius] * 2, interval, color=tint, **BAR)
         axes.plot(radii, rates, **line(tint))
 
     def prepare(axes: Axes) -> None:
@@ -75,7 +75,7 @@ def force_by_radius(comparison: Comparison, reference: str) -> Figure:
             if forces:
                 middles.append((radius, median(forces)))
         if middles and tint != FAINT:
-            axes.plot(*zip(*points, strict=True), **dots(tint))
+            axes.plot(*zip(*points, strict=True), color=tint, **DOTS)
         if middles:
             axes.plot(*zip(*middles, strict=True), **line(tint))
         elif tint != FAINT:

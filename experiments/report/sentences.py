@@ -16,7 +16,12 @@ from typing import Final, TypeVar
 
 from experiments.report.document import code, names
 from experiments.results.measures import Measure, median
-from experiments.results.statistics import paired, shift, wilson_interval
+from experiments.results.statistics import (
+    interval_text,
+    paired,
+    shift,
+    wilson_interval,
+)
 
 NumberT = TypeVar("NumberT", bound=float)
 
@@ -53,7 +58,7 @@ def rate_sentence(
     if not own:
         return f"**{title}:** {code(policy)} has no episode that ran."
     opened, n = sum(own.values()), len(own)
-    count = f"{opened} of {n} {_interval(opened, n)}"
+    count = f"{opened} of {n} ({interval_text(opened, n)})"
     rivals = _rivals(successes, policy, _rate_rival)
     return f"**{title}:** {_standing(policy, count, rivals)}"
 
@@ -65,7 +70,7 @@ def _rate_rival(name: str, ours: Sequence[bool], theirs: Sequence[bool]) -> _Riv
         name=name,
         lead=(opened - sum(ours)) / n,
         beats=sum(ours) / n < low,
-        text=f"{opened} of {n} {_interval(opened, n)} against {sum(ours)}",
+        text=f"{opened} of {n} ({interval_text(opened, n)}) against {sum(ours)}",
     )
 
 
@@ -148,8 +153,3 @@ def _rivals(
         if ours:
             rivals.append(compare(name, ours, theirs))
     return rivals
-
-
-def _interval(successes: int, trials: int) -> str:
-    low, high = wilson_interval(successes, trials)
-    return f"({low:.2f}–{high:.2f})"

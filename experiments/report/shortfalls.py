@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from statistics import median
 from typing import Final
 
-from experiments.files.table import Table
-from experiments.report.document import (
-    Block,
-    Paragraph,
-    Section,
-    code,
-    literal,
-    names,
-)
-from experiments.results.grouping import Runs, ranked
+from experiments.report.columns import Column, policy_table
+from experiments.report.document import Block, Paragraph, Section, literal, names
+from experiments.results.grouping import ranked
 from experiments.results.records import EpisodeResult
+
+Episodes = Sequence[EpisodeResult]
 
 _MEANING: Final = {
     "stalled": "the hand held on and the door gained no more angle",
@@ -27,7 +23,7 @@ _MEANING: Final = {
 }
 
 
-def shortfall_section(episodes: Sequence[EpisodeResult]) -> Section:
+def shortfall_section(episodes: Episodes) -> Section:
     """Say what kept doors closed."""
     runs = {policy: own for policy, own in ranked(episodes).items() if own}
     never = [name for name, own in runs.items() if not any(e.opened() for e in own)]
@@ -35,36 +31,39 @@ def shortfall_section(episodes: Sequence[EpisodeResult]) -> Section:
     if never:
         text = f"**No door to 60°:** {names(never)}."
     blocks: list[Block] = [Paragraph(text=text)]
-    shortfalls = {name: reasons for name, own in runs.items() if (reasons := _why(own))}
-    if shortfalls:
-        blocks.append(_table(runs, shortfalls))
-    return Section(
-        title="Why doors stayed closed", anchor="shortfalls", blocks=tuple(blocks)
+    closed = {name: own for name, own in runs.items() if _why(own)}
+    reasons = sorted({reason for own in closed.values() for reason in _why(own)})
+    columns: dict[str, Column] = {
+        literal(reason): (closed, partial(_count, reason)) for reason in reasons
+    }
+    columns["median angle"] = (closed, partial(_angle, median))
+    columns["largest angle"] = (closed, partial(_angle, max))
+    meanings = [f"{each}: {_MEANING[each]}." for each in reasons if each in _MEANING]
+    note = (
+        "Episodes that did not solve the task, 60° held for 0.5 s with the handle in "
+        "the hand, by the reason that the environment gives, and final angles of all "
+        f"episodes. {' '.join(meanings)}"
     )
+    if closed:
+        blocks.append(policy_table(closed, columns, note))
+    title = "Why doors stayed closed"
+    return Section(title=title, anchor="shortfalls", blocks=tuple(blocks))
 
 
-def _table(runs: Runs, shortfalls: Mapping[str, Counter[str]]) -> Table:
-    columns = sorted({reason for counts in shortfalls.values() for reason in counts})
-    rows = []
-    for policy, counts in shortfalls.items():
-        angles = [one.number("final_angle_deg") for one in runs[policy]]
-        known = [angle for angle in angles if angle is not None]
-        cells = (f"{of(known):.1f}°" if known else "–" for of in (median, max))
-        rows.append((code(policy), *(str(counts[each]) for each in columns), *cells))
-    meanings = [f"{each}: {_MEANING[each]}." for each in columns if each in _MEANING]
-    return Table(
-        columns=("policy", *map(literal, columns), "median angle", "largest angle"),
-        rows=tuple(rows),
-        note="Episodes that did not solve the task, 60° held for 0.5 s with the handle "
-        "in the hand, by the reason that the environment gives, and final angles of "
-        f"all episodes. {' '.join(meanings)}",
-    )
-
-
-def _why(own: Sequence[EpisodeResult]) -> Counter[str]:
+def _why(own: Episodes) -> Counter[str]:
     """Count the reasons why episodes did not solve the task."""
     return Counter(
         one.metrics["failure"].replace("_", " ") or "no reason given"
         for one in own
         if not one.solved
     )
+
+
+def _count(reason: str, own: Episodes) -> str:
+    return str(_why(own)[reason])
+
+
+def _angle(of: Callable[[Sequence[float]], float], own: Episodes) -> str:
+    angles = [one.number("final_angle_deg") for one in own]
+    known = [angle for angle in angles if angle is not None]
+    return f"{of(known):.1f}°" if known else "–"

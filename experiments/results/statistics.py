@@ -76,6 +76,14 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
+def interval_text(successes: int, trials: int) -> str:
+    """Write the interval of a success rate; a dash where nothing was tried."""
+    if not trials:
+        return "–"
+    low, high = wilson_interval(successes, trials)
+    return f"{low:.2f}–{high:.2f}"
+
+
 def mcnemar(first: Sequence[bool], second: Sequence[bool]) -> PairedTest:
     """Compare two policies' successes on the same tasks, exactly."""
     wins = sum(a and not b for a, b in zip(first, second, strict=True))

@@ -12,10 +12,9 @@ from experiments.results.measures import (
     EPISODE_MEASURES,
     PREDICTION_ERROR,
     Measure,
-    number_text,
 )
 from experiments.results.records import EpisodeResult
-from experiments.results.statistics import wilson_interval
+from experiments.results.statistics import interval_text
 
 _OF_SOLVED: Final = (
     Measure("time_to_60_deg", "to 60° [s]", digits=1),
@@ -27,6 +26,14 @@ _OF_ALL: Final = (
     PREDICTION_ERROR,
     Measure("governed_share", "governed [%]", digits=1, convert=lambda x: 100.0 * x),
     EPISODE_MEASURES["latency_median_ms"],
+)
+_OF_RUN: Final = (
+    Measure("radius", "radius [m]"),
+    Measure("final_angle_deg", "angle [°]", digits=1),
+    Measure("time_to_30_deg", "to 30° [s]", digits=1),
+    *_OF_SOLVED,
+    PREDICTION_ERROR,
+    Measure("latency_p95_ms", "decision [ms p95]"),
 )
 
 
@@ -60,10 +67,9 @@ def study_table(episodes: Iterable[EpisodeResult]) -> Table:
 def _cells(own: Sequence[EpisodeResult]) -> tuple[str, ...]:
     ran = [one for one in own if not one.error]
     solved = [one for one in ran if one.solved]
-    low, high = wilson_interval(len(solved), len(ran)) if ran else (0.0, 1.0)
     return (
         f"{len(solved)}/{len(ran)}",
-        f"{low:.2f}–{high:.2f}",
+        interval_text(len(solved), len(ran)),
         *(measure.text(measure.median(solved)) for measure in _OF_SOLVED),
         *(measure.text(measure.median(ran)) for measure in _OF_ALL),
     )
@@ -72,38 +78,17 @@ def _cells(own: Sequence[EpisodeResult]) -> tuple[str, ...]:
 def run_table(metrics: Iterable[EpisodeMetrics]) -> Table:
     """Return the most telling metrics of a run, a row per door."""
 
-    def text(value: float | None, digits: int = 1, scale: float = 1.0) -> str:
-        return "–" if value is None else number_text(scale * value, digits)
+    def text(measure: Measure, one: EpisodeMetrics) -> str:
+        value = getattr(one, measure.metric)
+        return measure.text(None if value is None else measure.convert(value))
 
-    rows = []
-    for one in metrics:
-        error = one.prediction_error_position
-        rows.append(
-            (
-                one.door,
-                text(one.radius, 2),
-                "yes" if one.success else one.failure.replace("_", " "),
-                text(one.final_angle_deg),
-                text(one.time_to_30_deg),
-                text(one.time_to_60_deg),
-                text(one.force_tangential_peak),
-                text(one.force_radial_peak),
-                text(one.slip_max_mm),
-                text(None if error is None else error**0.5, scale=1e3),
-                text(one.latency_p95_ms, 2),
-            )
+    heads = (measure.title.replace(" [", "\n[") for measure in _OF_RUN)
+    rows = (
+        (
+            one.door,
+            "yes" if one.success else one.failure.replace("_", " "),
+            *(text(measure, one) for measure in _OF_RUN),
         )
-    columns = (
-        "door",
-        "radius\nm",
-        "opened",
-        "angle\ndeg",
-        "to 30°\ns",
-        "to 60°\ns",
-        "tangential\nN peak",
-        "radial\nN peak",
-        "slip\nmm",
-        "error\nmm rms",
-        "decision\nms p95",
+        for one in metrics
     )
-    return Table(columns=columns, rows=tuple(rows))
+    return Table(columns=("door", "opened", *heads), rows=tuple(rows))

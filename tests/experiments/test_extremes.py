@@ -8,6 +8,7 @@ import pytest
 from experiments import extremes as module
 from experiments.extremes import COMPARED, extremes, record_extremes, same_door
 from experiments.repetition import differences
+from experiments.report.recordings import recording_name
 from experiments.results.reading import read_results
 from experiments.study.runner import run_study
 from experiments.study.tasks import EpisodeTask
@@ -122,20 +123,72 @@ def test_a_number_that_is_not_repeated_is_said(study, monkeypatch):
     assert entry["different"] == {"work": [123.0, true]}
 
 
-def test_a_policy_that_is_gone_does_not_take_the_others_along(study):
+def renamed(study, policy):
+    """Another policy's episode, of which nothing but the name is new."""
     (file,) = (study / "tasks").glob("*.json")
     result = json.loads(file.read_text())
-    result["task"]["policy"] = "gone"
-    (study / "tasks" / "gone.json").write_text(json.dumps(result))
+    result["task"]["policy"] = policy
+    (study / "tasks" / "renamed.json").write_text(json.dumps(result))
+
+
+@pytest.mark.parametrize("error", [LookupError, RuntimeError, OSError, RecursionError])
+def test_what_a_policy_raises_is_noted_and_takes_no_other_along(
+    study, monkeypatch, error
+):
+    renamed(study, "odd")
+
+    def repeat(episode):
+        if episode.policy == "odd":
+            raise error("mine")
+        return again(episode)
+
+    again = module.repeat
+    monkeypatch.setattr(module, "repeat", repeat)
     index = json.loads(record_extremes(study).read_text())
-    gone, oracle = index["episodes"]
-    assert "unknown policy 'gone'" in gone["error"]
+    odd, oracle = index["episodes"]
+    assert odd["error"] == f"{error.__name__}: mine"
+    assert odd["repeated"] is False
     assert oracle["repeated"] is True
-    assert not (study / "recordings" / "gone-best.rrd").exists()
+    assert not (study / "recordings" / "odd-best.rrd").exists()
     assert [each["policy"] for each in index["comparisons"][0]["episodes"]] == [
-        "gone",
+        "odd",
         "oracle",
     ]
+
+
+def test_a_policy_that_is_gone_is_noted(study):
+    renamed(study, "gone")
+    gone, _ = json.loads(record_extremes(study).read_text())["episodes"]
+    assert "unknown policy 'gone'" in gone["error"]
+
+
+def test_a_disk_that_is_full_is_no_policy_s_error(study, monkeypatch):
+    def full(*_):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(module, "record_episode", full)
+    with pytest.raises(OSError, match="no space left"):
+        record_extremes(study)
+
+
+def test_any_name_of_a_policy_can_be_recorded(study, monkeypatch):
+    mine = "my_module:make/a.b"
+    renamed(study, mine)
+
+    def repeat(episode):
+        task = dataclasses.replace(episode.task, policy="oracle")
+        repeated = again(dataclasses.replace(episode, task=task))
+        log = dataclasses.replace(repeated.log, policy=episode.policy)
+        return dataclasses.replace(repeated, log=log)
+
+    again = module.repeat
+    monkeypatch.setattr(module, "repeat", repeat)
+    index = json.loads(record_extremes(study, reference=mine).read_text())
+    files = [entry["file"] for entry in index["episodes"]]
+    assert files == [recording_name(mine, "best"), "oracle-best.rrd"]
+    assert all((study / "recordings" / file).is_file() for file in files)
+    (compared,) = index["comparisons"]
+    assert [entry["policy"] for entry in compared["episodes"]] == [mine, "oracle"]
 
 
 def test_a_folder_without_results_is_refused(tmp_path):

@@ -102,7 +102,8 @@ def test_a_run_has_a_row_per_door(make_log):
         episode_metrics(make_log(door="large", success=False, failure="grasp_lost")),
     ]
     lines = text_table(run_table(metrics)).splitlines()
-    assert lines[0].split()[:3] == ["door", "radius", "opened"]
-    assert lines[1].split()[:3] == ["m", "deg", "s"]
-    assert lines[2].split()[:3] == ["small", "0.50", "yes"]
-    assert "grasp lost" in lines[3]
+    assert lines[0].split()[:5] == ["door", "opened", "radius", "angle", "to"]
+    assert lines[1].split()[:3] == ["[m]", "[°]", "[s]"]
+    assert lines[2].split()[:4] == ["small", "yes", "0.50", "66.0"]
+    assert lines[3].startswith("large  grasp lost")
+    assert len({line.rfind(" ") for line in lines[2:]}) == 1
