@@ -24,6 +24,7 @@ from experiments.results.records import EpisodeResult, StudyResults, TaskResult
 from experiments.results.table import error_count
 
 TITLE = "What was run"
+_LEFT_OUT = "Files without a result, left out"
 
 
 def header(results: StudyResults) -> tuple[Block, ...]:
@@ -33,8 +34,7 @@ def header(results: StudyResults) -> tuple[Block, ...]:
         tests = f"{failed} of {len(results.tests)} learning tests ended in an error."
         warnings.append(tests)
     if results.unreadable:
-        left_out = f"{len(results.unreadable)} files hold no result and are left out."
-        warnings.append(left_out)
+        warnings.append(f"{_LEFT_OUT}: {len(results.unreadable)}.")
     warning = " ".join(filter(None, warnings))
     started = results.study.get("created")
     command = results.study.get("command")
@@ -52,7 +52,7 @@ def header(results: StudyResults) -> tuple[Block, ...]:
         ),
     ]
     if warning:
-        text = f"{warning} The reasons are under *{TITLE}*."
+        text = f"{warning} The reasons are under “{TITLE}”."
         blocks.insert(0, Paragraph(text=text, warning=True))
     return tuple(blocks)
 
@@ -68,8 +68,7 @@ def origin_section(results: StudyResults) -> Section:
         *_errors(results.all),
     ]
     if results.unreadable:
-        text = f"{len(results.unreadable)} files hold no result and are left out:"
-        blocks.append(Paragraph(text=text, warning=True))
+        blocks.append(Paragraph(text=f"{_LEFT_OUT}:", warning=True))
         blocks.append(Verbatim(text="\n".join(results.unreadable)))
     return Section(title=TITLE, anchor="origin", blocks=tuple(blocks))
 
@@ -159,7 +158,7 @@ def _errors(results: Sequence[TaskResult]) -> list[Block]:
     reasons = grouped(failed, lambda one: one.error)
     rows = sorted(reasons.items(), key=lambda item: (-len(item[1]), item[0]))
     listed = (f"{len(own)} × {_where(own)}: {reason}" for reason, own in rows)
-    text = f"{len(failed)} tasks ended in an error, of {names(by_policy(failed))}:"
+    text = f"Tasks of {names(by_policy(failed))} that ended in an error:"
     return [Paragraph(text=text, warning=True), Verbatim(text="\n".join(listed))]
 
 

@@ -88,5 +88,10 @@ def line(tint: str) -> dict[str, Any]:
 
 def say(axes: Axes, text: str) -> None:
     """Write into the middle of a panel."""
-    look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 6.5, "color": style.MARK}
+    look: dict[str, Any] = {
+        "ha": "center",
+        "va": "center",
+        "fontsize": 6.5,
+        "color": style.MARK,
+    }
     axes.text(0.5, 0.5, text, transform=axes.transAxes, **look)

@@ -161,7 +161,7 @@ def test_a_spoilt_file_is_named_with_the_reason(spoil, reason, results, write_st
     assert len(found.all) == len(results) - 1
     _, text = pages(folder)
     assert said in text
-    assert "1 files hold no result" in text
+    assert "Files without a result, left out: 1." in text
 
 
 def test_a_file_that_is_being_written_is_no_result(results, write_study, capsys):

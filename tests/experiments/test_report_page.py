@@ -331,7 +331,7 @@ def test_files_that_hold_no_result_are_named(study, policies):
     (folder / "tasks" / "broken.json").write_text("{")
     (folder / "study.json").write_text("[1]")
     text = markdown(folder)
-    assert "2 files hold no result and are left out" in text
+    assert "Files without a result, left out: 2." in text
     assert re.search("^broken.json: it cannot be read as JSON: ", text, re.M)
     assert re.search("^study.json: it cannot be read as JSON: ", text, re.M)
 
@@ -358,10 +358,11 @@ def test_wrong_folders_end_with_status_2(study, tmp_path, capsys):
 def test_the_command_writes_beside_the_study_and_says_where(
     study, capsys, episode_result
 ):
-    folder = study([episode_result("gp")])
-    assert cli.main(["report", str(folder)]) == 0
+    folder = study([episode_result("gp"), episode_result("kmp")])
+    assert cli.main(["report", str(folder), "--reference", "kmp"]) == 0
     assert str(folder / "report.html") in capsys.readouterr().out
-    assert (folder / "report.md").is_file()
+    text = (folder / "report.md").read_text()
+    assert "`kmp` against each other policy on the same door and seed." in text
 
 
 def test_marks_of_the_text_become_elements_and_nothing_else_does():
