@@ -192,19 +192,22 @@ def benchmark_from(arguments: Sequence[str]) -> Callable[..., Benchmark]:
 
 
 def _tables(folder: Path, settings: StudySettings) -> Iterator[str]:
-    """Yield a table per condition of the study."""
-    from experiments.results.table import summary_table
+    """Yield a table per condition of the study, and what is missing in it."""
+    from experiments.files.table import markdown_table
+    from experiments.results.reading import read_files
+    from experiments.results.table import error_count, study_table
     from experiments.study.plan import conditions, episodes
-    from experiments.study.store import stored_result
+    from experiments.study.store import result_path
 
     several = list(conditions(settings))
     for condition in several:
-        stored = (
-            stored_result(folder, task)
-            for task in episodes(settings, condition, range(settings.seeds))
-        )
-        table = summary_table(result for result in stored if result is not None)
-        yield table if len(several) == 1 else f"{condition}:\n\n{table}"
+        tasks = episodes(settings, condition, range(settings.seeds))
+        files = (result_path(folder, task) for task in tasks)
+        results, _, unreadable = read_files(files)
+        if len(several) > 1:
+            yield f"{condition}:"
+        yield from filter(None, (error_count(results), *unreadable))
+        yield markdown_table(study_table(results))
 
 
 def _named(task: Mapping[str, Any]) -> str:

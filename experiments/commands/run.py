@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 import tyro
 
 from experiments.commands.complaint import complain
-from experiments.commands.table import table
 from experiments.study.doors import named_doors
 
 if TYPE_CHECKING:
@@ -66,6 +65,8 @@ class Run:
     def execute(self) -> int:
         """Run the command and return the exit status."""
         from experiments.files.plain_data import write_json
+        from experiments.files.table import text_table
+        from experiments.results.table import run_table
 
         try:
             plan = _plan(self)
@@ -78,7 +79,7 @@ class Run:
         for door in plan.doors:
             metrics.append(_open_door(self, plan, door))
             write_json(plan.folder / METRICS, [one.as_json() for one in metrics])
-        print(table(metrics))
+        print(text_table(run_table(metrics)))
         shown = next((d.name for d in plan.doors if d.name == "medium"), None)
         recording = plan.folder / f"{shown or plan.doors[0].name}.rrd"
         print(f"\nlook at it:  gplfd view {recording}")

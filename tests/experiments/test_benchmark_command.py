@@ -17,27 +17,19 @@ from experiments.study import jobs, runner, store
 from experiments.study.settings import StudySettings
 from experiments.study.settings_file import read_settings, write_settings
 
-METRICS = dict.fromkeys(
-    (
-        *("time_to_60_deg", "force_radial_peak", "force_tangential_peak"),
-        *("slip_max_mm", "prediction_error_position", "governed_share"),
-        "latency_median_ms",
-    ),
-    1.0,
-) | {"success": True}
-
 
 @pytest.fixture
-def ran(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+def ran(monkeypatch: pytest.MonkeyPatch, episode_result: Any) -> list[Any]:
     """Replace what a worker does; remember the tasks."""
     tasks = []
+    metrics = episode_result("gp", radius=0.35)["metrics"]
 
     def run_job(job: Any) -> list[Any]:
         tasks.extend(job)
         return [
             jobs.failed(task, "ValueError: cannot learn")
             if (task.policy, task.seed) == ("oracle", 1)
-            else {**jobs.failed(task, ""), "metrics": METRICS}
+            else {**jobs.failed(task, ""), "metrics": metrics}
             for task in job
         ]
 
@@ -68,7 +60,11 @@ def test_writes_table_and_settings_and_says_where(
     table = (tmp_path / "table.md").read_text()
     assert table.strip() in printed.out
     assert "| gp | small | 2/2 |" in table
-    assert "| oracle | small | 1/2 |" in table
+    assert "| oracle | small | 1/1 |" in table
+    assert table.startswith(
+        "1 of 4 episodes ended in an error and count neither as opened nor as closed: "
+        "oracle 1.\n"
+    )
     assert f"gplfd report {tmp_path}" in printed.out
     assert "gplfd: oracle, small, seed 1: ValueError: cannot learn" in printed.err
     assert "1 tasks ended with an error" in printed.err

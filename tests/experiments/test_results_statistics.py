@@ -1,4 +1,4 @@
-"""The report's statistics against scipy, published tables and brute force."""
+"""Paired tests and intervals against scipy, published tables and brute force."""
 
 import itertools
 import math
@@ -16,8 +16,8 @@ from experiments.results.statistics import (
     mcnemar,
     shift,
     signed_rank,
+    wilson_interval,
 )
-from experiments.results.table import wilson_interval
 
 
 @pytest.mark.parametrize(
