@@ -14,7 +14,7 @@ from policies.alignment import align
 from policies.demonstrations import Demonstration
 from policies.prior_mean import PosePath, PriorMean
 from policies.registry import POLICIES, make_agent
-from policies.skill import Skill, fit_skill
+from policies.skill import Skill, fit_skill, load_skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
 __all__ = [
@@ -30,5 +30,6 @@ __all__ = [
     "ViaPoint",
     "align",
     "fit_skill",
+    "load_skill",
     "make_agent",
 ]

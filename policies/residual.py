@@ -10,6 +10,7 @@ returns to m(t); variances do not depend on m(t). Via-points are shifted likewis
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,17 @@ class ResidualMovement(LearnedMovement):
     """m(t)."""
     residual: Movement
     """Learned from the demonstrations less m(t), with a prior mean of zero."""
+
+    def save(self, path: str | Path) -> None:
+        """Refuse: a prior mean may be any code, which no file of arrays holds.
+
+        Raises:
+            ValueError: always.
+        """
+        raise ValueError(
+            f"a movement around a prior mean cannot be saved to {path}: the prior mean "
+            "may be any code. Save the demonstrations, and learn from them again"
+        )
 
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The distribution of the pose at ``times``.
