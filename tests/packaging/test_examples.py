@@ -15,8 +15,12 @@ SAYS = {
     "vectorised_evaluation": "5/5 opened",
     "rl_smoke": "16/16 opened",
     "plot_episode": "opened: True",
+    "play_trajectory": "opened: True",
 }
 """A part of what each of them prints."""
+
+WRITES = {"plot_episode": {"episode.png"}, "play_trajectory": {"opening.csv"}}
+"""The files that some of them leave."""
 
 
 def test_every_example_is_known():
@@ -35,6 +39,6 @@ def test_example_runs(path, tmp_path):
     )
     assert ran.returncode == 0, ran.stderr
     assert SAYS[path.stem] in ran.stdout
-    pictures = {"episode.png"} if path.stem == "plot_episode" else set()
-    assert {written.name for written in tmp_path.iterdir()} == pictures
+    expected = WRITES.get(path.stem, set())
+    assert {written.name for written in tmp_path.iterdir()} == expected
     assert all(written.stat().st_size > 10_000 for written in tmp_path.iterdir())
