@@ -19,7 +19,7 @@ from policies.method import Method, TrainingInput
 from policies.policy import Policy, PolicyOrigin
 from policies.prior_mean import PosePath, PriorMean
 from policies.registry import POLICIES, load_policy, make_agent, policy_named
-from policies.skill import Skill, fit_skill
+from policies.skill import Skill, fit_skill, load_skill
 from policies.steps import AgentStep
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
@@ -44,6 +44,7 @@ __all__ = [
     "batch_agents",
     "fit_skill",
     "load_policy",
+    "load_skill",
     "make_agent",
     "policy_named",
 ]

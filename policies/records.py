@@ -8,8 +8,12 @@ import numpy as np
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
-    """Return a read-only copy in float64."""
-    copy = np.array(array, dtype=np.float64)
+    """Return a read-only copy in float64.
+
+    In C order: what is computed from it has the same bits as from another copy, which
+    was pickled or stored in between.
+    """
+    copy = np.array(array, dtype=np.float64, order="C")
     copy.setflags(write=False)
     return copy
 

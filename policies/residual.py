@@ -9,6 +9,7 @@ returns to m(t); variances do not depend on m(t). Via-points are shifted likewis
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -31,6 +32,17 @@ class ResidualMovement(LearnedMovement):
     """m(t)."""
     residual: Movement
     """Learned from the demonstrations less m(t), with a prior mean of zero."""
+
+    def save(self, path: str | Path) -> None:
+        """Refuse: a prior mean may be any code, which no file of arrays holds.
+
+        Raises:
+            ValueError: always.
+        """
+        raise ValueError(
+            f"a movement around a prior mean cannot be saved to {path}: the prior mean "
+            "may be any code. Save the demonstrations, and learn from them again"
+        )
 
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The distribution of the pose at ``times``.

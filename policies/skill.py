@@ -8,6 +8,7 @@ priori, each with the kernel of Eq. (13) and its own noise r(t), Eq. (15).
 import warnings
 from dataclasses import dataclass
 from functools import cached_property, partial
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -21,9 +22,10 @@ from policies.gp.multi_output import MultiOutputGP, OutputMoments
 from policies.gp.noise import HomoscedasticNoise, MapNoise
 from policies.gp.noise_profile import NoiseModel
 from policies.movement import LearnedMovement
+from policies.skill_archive import read_skill, write_skill
 from policies.trajectory import GaussianTrajectory, checked_times
 
-__all__ = ["NOISE_MODELS", "Skill", "fit_skill"]
+__all__ = ["NOISE_MODELS", "Skill", "fit_skill", "load_skill"]
 
 NOISE_MODELS: dict[str, NoiseModel] = {
     "map": MapNoise(),
@@ -149,6 +151,42 @@ class Skill(LearnedMovement):
         variance = np.maximum(moments.latent, floor) + moments.noise
         covariance[:, diagonal, diagonal] = variance.T
         return covariance
+
+    def save(self, path: str | Path) -> None:
+        """Keep the skill in a file, complete or not at all; `load_skill` reads it.
+
+        An archive of arrays (.npz): the aligned demonstrations, the parameters of the
+        six processes, and those of the deviations. Nothing in it is code.
+
+        Args:
+            path: file to write; an existing one is replaced.
+
+        Raises:
+            ValueError: if a user's own noise model does not build on
+                `policies.gp.noise_profile.NoiseProfile.basis_over`.
+            OSError: if the file cannot be written.
+        """
+        deviations = self.deviations if self.count > 1 else ()
+        write_skill(path, self.aligned, self.processes, deviations)
+
+
+def load_skill(path: str | Path) -> Skill:
+    """Read a skill that `Skill.save` wrote.
+
+    It predicts and adapts as the one that was saved, bit for bit on the same machine
+    (``test_a_loaded_skill_is_the_saved_one_bit_for_bit``).
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if the file is damaged, holds something else, or has the layout of
+            another version.
+    """
+    aligned, processes, deviations = read_skill(path)
+    skill = Skill(aligned=aligned, processes=processes)
+    if deviations:
+        # Learned when first asked for; of this skill they were learned before.
+        vars(skill)["deviations"] = deviations
+    return skill
 
 
 def fit_skill(

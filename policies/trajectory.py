@@ -3,12 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri, stdtrit
 
 from policies.records import freeze, read_only, short_repr
+from policies.trajectory_csv import write_csv
 
 __all__ = ["GaussianTrajectory", "ViaPoint", "checked_times"]
 
@@ -198,6 +200,32 @@ class GaussianTrajectory:
             normal = rng.standard_normal((count, len(values)))
             draws[:, :, output] = self.mean[:, output] + normal @ root.T
         return draws
+
+    def to_csv(self, path: str | Path, *, duration: float) -> None:
+        """Write the trajectory as a table for a robot, complete or not at all.
+
+        Columns with their units: time, position, quaternion (scalar last, continuous
+        sign), and the standard deviations; `policies.trajectory_csv` says in which
+        frame. One row per time of this trajectory, so predict at those that the robot
+        needs::
+
+            times = np.arange(0.0, duration, 0.01)
+            skill.predict(times / duration).to_csv("opening.csv", duration=duration)
+
+        Args:
+            path: file to write; an existing one is replaced.
+            duration: time that phases 0 to 1 take [s], such as ``skill.duration``.
+
+        Raises:
+            ValueError: if the duration is not positive and finite, the times do not
+                increase, or a pose is not finite.
+            OSError: if the file cannot be written.
+        """
+        if not 0.0 < duration < np.inf:
+            raise ValueError(
+                f"duration must be positive and finite [s], got {duration}."
+            )
+        write_csv(path, duration * self.times, self.mean, self.std)
 
 
 _ARRAYS = ("times", "mean", "std", "mean_rate", "std_rate")

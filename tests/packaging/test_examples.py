@@ -15,10 +15,15 @@ SAYS = {
     "vectorised_evaluation": "5/5 opened",
     "rl_smoke": "16/16 opened",
     "plot_episode": "opened: True",
+    "play_trajectory": "opened: True",
 }
 """A part of what each of them prints."""
 
-WRITES = {"plot_episode": {"episode.png"}, "your_own_policy": {"results"}}
+WRITES = {
+    "play_trajectory": {"opening.csv"},
+    "plot_episode": {"episode.png"},
+    "your_own_policy": {"results"},
+}
 """What they leave in the working folder."""
 
 
