@@ -1,18 +1,15 @@
-"""A policy of your own against the same door, logged and measured like the others.
+"""A policy of your own against the same doors, logged and measured like the others.
 
 It plays the demonstrations' mean at half speed, without compliance: what the field
 calls open-loop replay. It opens the door that is the demonstrations' mean and loses the
-handle of the others. Anything with `reset`, `act` and `forecast` will do.
+handle of the others. Run it by itself, or by name:
+
+    gplfd run --policy your_own_policy.py:make
 """
 
-import gymnasium as gym
 import numpy as np
 
-from experiments.episodes.metrics import episode_metrics
-from experiments.episodes.rollout import rollout
-from experiments.teacher import DEMONSTRATED_RADII, Teacher
-from gplfd_env import ENVIRONMENT_ID
-from policies import AgentStep, align, fit_skill
+from policies import align, fit_skill
 
 
 class Replay:
@@ -21,40 +18,23 @@ class Replay:
     def __init__(self, demonstrations, slow_down=2.0, control_period=0.01):
         skill = fit_skill(align(demonstrations))
         steps = round(slow_down * skill.duration / control_period)
-        self.phases = np.linspace(0.0, 1.0, steps)
-        self.trajectory = skill.predict(self.phases)
+        self.poses = skill.predict(np.linspace(0.0, 1.0, steps)).mean
         self.step = 0
 
     def reset(self, observation):
         self.step = 0
 
     def act(self, observation):
-        now = min(self.step, self.phases.size - 1)
         self.step += 1
-        pose, none = self.trajectory.mean[now], np.full(6, np.nan)
-        phase = float(self.phases[now])
-        return AgentStep(
-            action=pose, desired=pose, std=self.trajectory.std[now], std_rate=none,
-            stiffness=none, stiffness_rate=none, stability_margin=none,
-            phase=phase, observed_phase=phase,
-            predicted_mean=none, predicted_std=none, via_point=False,
-        )  # fmt: skip
-
-    def forecast(self):
-        return self.trajectory
+        return self.poses[min(self.step, len(self.poses)) - 1]
 
 
-demonstrations = Teacher().demonstrate_doors(
-    DEMONSTRATED_RADII, per_radius=2, rng=np.random.default_rng(0)
-)
-agent = Replay(demonstrations)
-for name in ("small", "medium", "large"):
-    env = gym.make(ENVIRONMENT_ID, door=name)
-    log = rollout(env, agent, policy="replay", door=name, seed=0)
-    measured = episode_metrics(log)
-    print(
-        f"{name}: {measured.final_angle_deg:.1f} deg, "
-        f"radial force {measured.force_radial_peak:.1f} N, "
-        f"{'opened' if measured.success else measured.failure}"
-    )
-    env.close()
+def make(training):
+    """Open-loop replay of the demonstrations' mean."""
+    return Replay(training.demonstrations)
+
+
+if __name__ == "__main__":
+    from experiments.cli import main  # the command line: only to run this file
+
+    main(["run", "--policy", f"{__file__}:make", "--out", "results/replay"])

@@ -1,23 +1,30 @@
 """The best, the median and the worst episode of every policy of a study, recorded.
 
 A study keeps numbers, no logs. Episodes are deterministic, so that those worth a look
-are run again, and their numbers are held against the stored ones.
+are run again, and their numbers are compared with the stored ones.
 """
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from experiments.atomic_write import write_json
+from experiments.files.plain_data import write_json
+from experiments.recording import record_episode
+from experiments.recording.comparison import record_comparison
 from experiments.repetition import Repeated, repeat
-from experiments.report.recordings import COMPARISONS, FOLDER, INDEX, RANKS
-from experiments.report.verdicts import CHAMPION
+from experiments.report.recordings import (
+    COMPARISONS,
+    FOLDER,
+    INDEX,
+    RANKS,
+    recording_name,
+)
 from experiments.results.grouping import by_condition, by_policy, ranked
-from experiments.results.records import Episode, read_results
+from experiments.results.reading import read_results
+from experiments.results.records import NON_STANDARD, EpisodeResult
 from experiments.teacher import DEMONSTRATED_RADII
 
 COMPARED: Final = 6
@@ -27,18 +34,22 @@ _ORDER: Final = "success, then peak radial force, then final angle"
 
 
 def record_extremes(
-    folder: Path, progress: Callable[[str], None] = lambda _: None
+    folder: Path,
+    progress: Callable[[str], None] = lambda _: None,
+    reference: str = "gp",
 ) -> Path:
     """Record episodes of a study's standard condition, and a comparison.
 
     Writes recordings/<policy>-best.rrd, -median.rrd and -worst.rrd, comparison.rrd and
     comparison-widest.rrd (policies side by side at the demonstrated door in the middle
     and at the widest) and index.json, which says what each file shows and whether its
-    repetition has the stored numbers.
+    repetition has the stored numbers. What a policy raises when it is run again stands
+    there, too, in place of a recording.
 
     Args:
         folder: The study's folder.
         progress: Called with the name of each file before it is made.
+        reference: Policy that stands first in the comparisons, if the study has it.
 
     Returns:
         The path of the index.
@@ -48,128 +59,107 @@ def record_extremes(
         ValueError: It is not the folder of a study.
         OSError: A file cannot be written.
     """
-    from experiments.recording import record_episode
-
-    episodes = _standard(read_results(folder).episodes)
+    conditions = by_condition(read_results(folder).episodes)
+    standard = [one for one in next(iter(conditions.values()), []) if not one.error]
     out = folder / FOLDER
-    entries: list[dict[str, Any]] = []
-    for policy, own in by_policy(episodes).items():
+    entries, comparisons = [], []
+    for policy, own in by_policy(standard).items():
         for rank, episode in extremes(own).items():
-            file = f"{policy}-{rank}.rrd"
+            file = recording_name(policy, rank)
             progress(file)
-            entry = {"file": file, "rank": rank, **_described(episode)}
-            with _noted(entry):
-                again = repeat(episode)
+            again, entry = _repeated(episode)
+            entries.append({"file": file, "rank": rank, **entry})
+            if again is not None:
                 record_episode(out / file, again.log, again.model, again.demonstrations)
-                entry |= _verdict(again)
-            entries.append(entry)
-    index: dict[str, Any] = {"order": _ORDER, "episodes": entries, "comparisons": []}
     radii = sorted(DEMONSTRATED_RADII)
     shown = (radii[len(radii) // 2], radii[-1])
     for file, radius in zip(COMPARISONS, shown, strict=True):
-        compared = same_door(episodes, radius)
-        if compared:
+        if compared := same_door(standard, radius, reference):
             progress(file)
-            index["comparisons"].append(_compare(out / file, compared))
+            comparisons.append(_compare(out / file, compared))
+    index = {"order": _ORDER, "episodes": entries, "comparisons": comparisons}
     write_json(out / INDEX, index)
     return out / INDEX
 
 
-def extremes(episodes: Sequence[Episode]) -> dict[str, Episode]:
-    """Return the best, the median and the worst of some episodes with metrics.
+def extremes(episodes: Sequence[EpisodeResult]) -> dict[str, EpisodeResult]:
+    """Return the best, the median and the worst of some episodes that ran.
 
     Of two there is no median, and one is the best.
     """
-    order = sorted((one for one in episodes if one.metrics), key=_rank)
-    last = len(order) - 1
-    places = dict(zip(RANKS, (0, (last + 1) // 2, last), strict=True))
-    chosen = {rank: place for rank, place in places.items() if place <= last}
-    if last < 2:
-        chosen = {rank: chosen[rank] for rank in ("best", "worst")[: last + 1]}
-    return {rank: order[place] for rank, place in chosen.items()}
+    order = sorted(episodes, key=_rank)
+    ranks = {0: (), 1: RANKS[:1], 2: (RANKS[0], RANKS[-1])}.get(len(order), RANKS)
+    places = {"best": 0, "median": len(order) // 2, "worst": len(order) - 1}
+    return {rank: order[places[rank]] for rank in ranks}
 
 
-def same_door(episodes: Sequence[Episode], radius: float) -> dict[str, Episode]:
-    """Return an episode per policy: a door without other difficulty, the first seed.
+def same_door(
+    episodes: Sequence[EpisodeResult], radius: float, reference: str
+) -> dict[str, EpisodeResult]:
+    """Return an episode per policy: a standard door, the first seed.
 
-    The champion first, then the policies in the order of their success; of more than
+    The reference first, then the policies in the order of their success; of more than
     `COMPARED`, some from the best to the worst. Empty where no policy has an episode
     at that door.
 
     Args:
-        episodes: Of one condition.
+        episodes: Of one condition, without errors.
         radius: The door's [m].
+        reference: Name of a policy.
     """
     same = [
         one
         for one in episodes
-        if one.metrics and one.ordinary and math.isclose(one.radius, radius)
+        if one.kind != NON_STANDARD and math.isclose(one.radius, radius)
     ]
-    first = min((one.seed for one in same), default=0)
-    found = {one.policy: one for one in same if one.seed == first}
+    first = min((one.task.seed for one in same), default=0)
+    found = {one.policy: one for one in same if one.task.seed == first}
     order = [name for name in ranked(episodes) if name in found]
-    order.sort(key=lambda name: name != CHAMPION)
+    order.sort(key=lambda name: name != reference)
     if len(order) > COMPARED:
         step = (len(order) - 2) / (COMPARED - 2)
         order = [order[0], *(order[1 + round(n * step)] for n in range(COMPARED - 1))]
     return {name: found[name] for name in order}
 
 
-def _standard(episodes: Sequence[Episode]) -> list[Episode]:
-    return next(iter(by_condition(episodes).values()), [])
-
-
-def _rank(one: Episode) -> tuple[bool, float, float, str]:
-    success = bool((one.metrics or {}).get("success"))
+def _rank(one: EpisodeResult) -> tuple[bool, float, float, str]:
     force = one.number("force_radial_peak")
     angle = one.number("final_angle_deg")
     return (
-        not success,
+        not one.solved,
         math.inf if force is None else force,
         math.inf if angle is None else -angle,
         one.pair,
     )
 
 
-def _compare(path: Path, compared: Mapping[str, Episode]) -> dict[str, Any]:
-    """Record policies side by side; leave out those that cannot be repeated."""
-    from experiments.recording.comparison import record_comparison
-
-    entries, repeated = [], []
-    for episode in compared.values():
-        entry = _described(episode)
-        with _noted(entry):
-            again = repeat(episode)
-            repeated.append(again)
-            entry |= _verdict(again)
-        entries.append(entry)
+def _compare(path: Path, compared: Mapping[str, EpisodeResult]) -> dict[str, Any]:
+    """Record policies side by side; leave out those that cannot be run again."""
+    found = [_repeated(episode) for episode in compared.values()]
+    repeated = [again for again, _ in found if again is not None]
     if repeated:
-        logs = [each.log for each in repeated]
-        first = repeated[0]
-        record_comparison(path, logs, first.model, first.demonstrations)
+        logs = [again.log for again in repeated]
+        record_comparison(path, logs, repeated[0].model, repeated[0].demonstrations)
+    entries = [entry for _, entry in found]
     return {"file": path.name if repeated else None, "episodes": entries}
 
 
-@contextlib.contextmanager
-def _noted(entry: dict[str, Any]) -> Iterator[None]:
-    """Note what a policy raises, which then has no recording, and go on."""
-    try:
-        yield
-    except (ValueError, TypeError, ArithmeticError) as error:
-        entry |= {"repeated": False, "error": f"{type(error).__name__}: {error}"}
-
-
-def _described(episode: Episode) -> dict[str, Any]:
-    return {
+def _repeated(episode: EpisodeResult) -> tuple[Repeated | None, dict[str, Any]]:
+    """Run an episode again; return it, if it ran, and what the index says of it."""
+    entry = {
         "policy": episode.policy,
-        "door": episode.door,
+        "door": episode.task.door,
         "radius": episode.radius,
-        "seed": episode.seed,
-        "success": bool((episode.metrics or {}).get("success")),
+        "seed": episode.task.seed,
+        "success": episode.solved,
         "force_radial_peak": episode.number("force_radial_peak"),
         "final_angle_deg": episode.number("final_angle_deg"),
     }
-
-
-def _verdict(again: Repeated) -> dict[str, Any]:
-    return {"repeated": not again.different, "different": dict(again.different)}
+    try:
+        again = repeat(episode)
+    # Anything: a policy may have a mistake in its code, and takes no other along.
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+        return None, {**entry, "repeated": False, "error": reason}
+    different = dict(again.different)
+    return again, {**entry, "repeated": not different, "different": different}

@@ -1,4 +1,4 @@
-"""Episodes of a study run again, for their logs, and held against the stored numbers.
+"""Episodes of a study run again, for their logs, and compared with the stored numbers.
 
 A study keeps numbers, no logs. Its episodes are deterministic: the same task gives the
 same numbers but for the times that it takes.
@@ -10,17 +10,20 @@ import contextlib
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import Any, Final
 
-from experiments.results.records import Episode
-from experiments.study.tasks import EpisodeTask, task_from
-from experiments.teacher import DEMONSTRATED_RADII
+import gymnasium as gym
+import mujoco
+import numpy as np
 
-if TYPE_CHECKING:
-    import mujoco
-
-    from experiments.episodes.log import EpisodeLog
-    from policies.demonstrations import Demonstration
+from experiments.episodes.log import EpisodeLog
+from experiments.episodes.metrics import episode_metrics
+from experiments.results.records import EpisodeResult
+from experiments.study.jobs import episode_logs
+from experiments.study.tasks import EpisodeTask
+from experiments.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
+from gplfd_env import ENVIRONMENT_ID
+from policies.demonstrations import Demonstration
 
 _FORECAST_PERIOD: Final = 0.2
 """Least time between forecasts in a recording [s]; the study takes more of them."""
@@ -42,25 +45,21 @@ class Repeated:
     """Stored and repeated value of every metric in which they differ."""
 
 
-def repeat(episode: Episode) -> Repeated:
-    """Run an episode again as the study did, and hold it against what is stored.
-
-    Raises:
-        ValueError: The policy cannot learn or act any more.
-    """
-    from experiments.episodes.metrics import episode_metrics
-    from experiments.study.jobs import episode_logs
-
-    record = {"kind": "episode", **episode.task}
-    task = cast("EpisodeTask", task_from(record))
+def repeat(episode: EpisodeResult) -> Repeated:
+    """Run an episode again as the study did, and compare it with what is stored."""
+    task = episode.task
     (log,) = episode_logs([task])
     angle = task.teacher["angle_mean"]
     metrics = episode_metrics(log, demonstrated_angle=angle).as_json()
     return Repeated(
         log=_thinned(log),
         model=_model(task),
-        demonstrations=_demonstrations(task),
-        different=differences(episode.metrics or {}, metrics),
+        demonstrations=Teacher(TeacherConfig(**task.teacher)).demonstrate_doors(
+            DEMONSTRATED_RADII,
+            task.demonstrations_per_door,
+            rng=np.random.default_rng(task.seed),
+        ),
+        different=differences(episode.metrics, metrics),
     )
 
 
@@ -77,10 +76,6 @@ def differences(
 
 def _model(task: EpisodeTask) -> mujoco.MjModel:
     """Return the model that the task's episode runs in."""
-    import gymnasium as gym
-
-    from gplfd_env import ENVIRONMENT_ID
-
     door = dict(task.door_config)
     env = gym.make(ENVIRONMENT_ID, door=door, randomization=task.randomization)
     with contextlib.closing(env):
@@ -88,24 +83,7 @@ def _model(task: EpisodeTask) -> mujoco.MjModel:
         return env.unwrapped.model  # type: ignore[attr-defined]
 
 
-def _demonstrations(task: EpisodeTask) -> tuple[Demonstration, ...]:
-    import numpy as np
-
-    from experiments.teacher import Teacher, TeacherConfig
-
-    return tuple(
-        Teacher(TeacherConfig(**task.teacher)).demonstrate_doors(
-            DEMONSTRATED_RADII,
-            task.demonstrations_per_door,
-            rng=np.random.default_rng(task.seed),
-        )
-    )
-
-
 def _thinned(log: EpisodeLog) -> EpisodeLog:
-    """Keep as many forecasts as can be seen."""
-    import numpy as np
-
     times = log.forecast_times
     if times.size < 2:
         return log

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import json
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -15,17 +14,18 @@ import gymnasium as gym
 import numpy as np
 
 from experiments.arguments import check_folder, check_least
-from experiments.atomic_write import write_json
 from experiments.datasets.npz import (
     LabelledDemonstrations,
     load_demonstrations,
     save_demonstrations,
 )
+from experiments.episodes.agents import learned
 from experiments.episodes.doors import named_doors
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import EpisodeMetrics, episode_metrics
 from experiments.episodes.rollout import Progress, rollout
-from experiments.files.provenance import provenance
+from experiments.files.plain_data import entry, read_json, write_json
+from experiments.files.provenance import content_hash, provenance
 from experiments.progress import LOG, progress_bar
 from experiments.recording import record_episode
 from experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
@@ -35,7 +35,9 @@ from gplfd_env.config import DoorConfig
 from gplfd_env.randomization import door_randomization
 from gplfd_env.scene import build_scene
 from policies.agent import Agent
-from policies.registry import make_agent, policy_entry
+from policies.method import TrainingInput
+from policies.policy import Policy
+from policies.registry import policy_named
 
 CONFIGURATION: Final = "run.json"
 METRICS: Final = "metrics.json"
@@ -77,16 +79,27 @@ def open_doors(
     check_least("--seed", seed, 0)
     configs = named_doors(doors)
     door_randomization(randomization)
-    policy_entry(policy)
+    chosen = policy_named(policy)
     check_folder(folder)
     earlier = _files_of_earlier_run(folder)
     drawn = _looks(looks)
     given = _demonstrations(demonstrations, seed)
-    agents = _agents(policy, given, configs, seed)
+    agents = _agents(chosen, given, configs, seed)
     LOG.info("writing to %s", folder)
     for file in earlier:
         file.unlink(missing_ok=True)
-    _write_inputs(folder, given, configs, options)
+    save_demonstrations(folder / DEMONSTRATIONS, given.demonstrations, given.radii)
+    learned_from = (
+        demonstrations if isinstance(demonstrations, Path) else folder / DEMONSTRATIONS
+    )
+    record = {
+        **options,
+        "demonstrations_sha256": content_hash(learned_from),
+        "door_configs": {
+            door: dataclasses.asdict(config) for door, config in configs.items()
+        },
+    }
+    write_json(folder / CONFIGURATION, provenance(record))
     metrics: list[EpisodeMetrics] = []
     for door, config in configs.items():
         started = time.perf_counter()
@@ -114,13 +127,14 @@ def _files_of_earlier_run(folder: Path) -> list[Path]:
     if not configuration.exists():
         return []
     try:
-        doors = json.loads(configuration.read_bytes())["config"]["door_configs"]
-        names = [f"{door}{end}" for door in doors for end in (".npz", ".rrd")]
-    except (ValueError, LookupError, TypeError) as error:
+        config = entry(read_json(configuration), "config", dict[str, Any])
+        doors = entry(config, "door_configs", dict[str, Any])
+    except ValueError as error:
         raise ValueError(
-            f"{configuration} does not say what was written beside it; choose another "
-            "--out"
+            f"{configuration} does not say what was written beside it ({error}); "
+            "choose another --out"
         ) from error
+    names = [f"{door}{end}" for door in doors for end in (".npz", ".rrd")]
     # A name that leads elsewhere is not one that a run wrote.
     own = [name for name in names if Path(name).name == name]
     return [folder / name for name in (METRICS, *own)]
@@ -146,31 +160,18 @@ def _demonstrations(given: Path | int, seed: int) -> LabelledDemonstrations:
 
 
 def _agents(
-    policy: str,
+    policy: Policy,
     given: LabelledDemonstrations,
     configs: Mapping[str, DoorConfig],
     seed: int,
 ) -> dict[str, Agent]:
     started = time.perf_counter()
-    shown = given.demonstrations
-    LOG.info("%s learns from %d demonstrations", policy, len(shown))
-    agents = {
-        door: make_agent(policy, shown, seed=seed, radius=config.radius)
-        for door, config in configs.items()
-    }
-    LOG.info("%s has learned (%.1f s)", policy, time.perf_counter() - started)
+    LOG.info("learning from %d demonstrations", len(given.demonstrations))
+    training = TrainingInput(demonstrations=given.demonstrations, seed=seed)
+    make = learned(policy, training)
+    agents = {door: make(config.radius) for door, config in configs.items()}
+    LOG.info("learned (%.1f s)", time.perf_counter() - started)
     return agents
-
-
-def _write_inputs(
-    folder: Path,
-    given: LabelledDemonstrations,
-    configs: Mapping[str, DoorConfig],
-    options: Mapping[str, Any],
-) -> None:
-    doors = {door: dataclasses.asdict(config) for door, config in configs.items()}
-    write_json(folder / CONFIGURATION, provenance({**options, "door_configs": doors}))
-    save_demonstrations(folder / DEMONSTRATIONS, given.demonstrations, given.radii)
 
 
 def _watched_rollout(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -11,10 +11,10 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from gplfd_env.command import Command, ServoGains, servo_gains
-from gplfd_env.door_opening import BAD_STATE
-from gplfd_env.episode import CONTROL_PERIOD
 from gplfd_env.robot import Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
+from gplfd_env.simulation import BAD_STATE
+from gplfd_env.task import CONTROL_PERIOD
 from gplfd_env.variation import Variation
 
 Array = NDArray[np.float64]
@@ -28,6 +28,8 @@ _COUNT: Final = 1
 class DoorBatch:
     """Physics and commands of n simulations; knows no task.
 
+    A deep or unpickled copy is n simulations of their own in the same states.
+
     Args:
         n: Number of simulations.
         grasp: See `gplfd_env.scene.build_spec`.
@@ -38,52 +40,55 @@ class DoorBatch:
         models: One per simulation.
         sensordata: MuJoCo's sensor arrays, (n, ...); refreshed by every call.
         qpos: Joint positions, (n, nq) [m, rad]; live.
-        rest: The command that holds the closed handle.
     """
 
     def __init__(
-        self,
-        n: int,
-        grasp: Grasp,
-        command: Command,
-        num_threads: int,
+        self, n: int, grasp: Grasp, command: Command, num_threads: int
     ) -> None:
-        self._control, self._grasp = command.control, grasp
-        self.rest = command.rest
+        self._grasp, self._command, self._threads = grasp, command, num_threads
         begin = Variation()
         scene = build_scene(begin.door, grasp, control=command.control)
-        self._data = mujoco.MjData(scene)
         self._loaded = [(begin.door, begin.placement)] * n
         self.models = tuple(scene.__copy__() for _ in range(n))
-        impedance = command.control == "impedance"
+        self._bind()
+
+    def _bind(self) -> None:
+        """Make the batch on the models and take its live views."""
+        scene = self.models[0].__copy__()
+        self._scratch = mujoco.MjData(scene)
+        impedance = self._command.control == "impedance"
         self._gains = [ServoGains(model) for model in self.models if impedance]
-        self._batch = Batch(scene, nsim=n, nthread=num_threads)
+        self._batch = Batch(scene, nsim=len(self.models), nthread=self._threads)
         self._batch.set_models(self.models)
         self._ctrl = self._batch.bind("ctrl")
-        self.qpos = self._batch.bind("qpos")
-        self.sensordata = self._batch.bind("sensordata")
+        self.qpos: Array = self._batch.bind("qpos")
+        self.sensordata: Array = self._batch.bind("sensordata")
         self._counts = self._batch.warning[:, BAD_STATE, _COUNT]
         self._seen = self._counts.copy()
         self._substeps = round(CONTROL_PERIOD / scene.opt.timestep)
 
     def load(self, row: int, variation: Variation) -> None:
-        """Bring one simulation to another door; `restart` it afterwards."""
+        """Bring one simulation to another door; `restart` it afterwards.
+
+        Raises:
+            ValueError: The handle is out of reach; nothing has changed.
+        """
         scene = variation.door, variation.placement
         if scene != self._loaded[row]:
             load_scene(
                 self.models[row],
-                self._data,
+                self._scratch,
                 variation.door,
                 self._grasp,
                 placement=variation.placement,
-                control=self._control,
+                control=self._command.control,
             )
             self._loaded[row] = scene
 
     def restart(self, rows: Rows) -> None:
         """Put simulations at rest, door closed and handle in the hand."""
         for row in rows if self._gains else ():
-            self._gains[row].write(self.rest[6:])
+            self._gains[row].write(self._command.rest[6:])
         self._batch.set_models(self.models)
         self._batch.reset(rows, keyframe=GRASP_KEY)
         # A reset also sets its simulations' counts back to zero.
@@ -117,8 +122,21 @@ class DoorBatch:
         diverged: Mask = rises.any(axis=1)
         return diverged
 
-    def copy_state(self, row: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Copy one simulation into a model and its data, e.g. to draw it."""
-        self._batch.get_model(row, model)
-        self._batch.get_data(row, data)
-        mujoco.mj_forward(model, data)
+    def state_of(self, row: int) -> mujoco.MjData:
+        """Return one simulation's state, e.g. to draw it, until the next call."""
+        state = self._scratch
+        self._batch.get_model(row, state.model)
+        self._batch.get_data(row, state)
+        mujoco.mj_forward(state.model, state)
+        return state
+
+    def __getstate__(self) -> tuple[Any, ...]:
+        settings = self._grasp, self._command, self._threads
+        return settings, self._loaded, self.models, self._batch.state.copy()
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        settings, self._loaded, self.models, states = state
+        self._grasp, self._command, self._threads = settings
+        # Neither the batch nor what is bound to it can be copied.
+        self._bind()
+        self._batch.state[:] = states

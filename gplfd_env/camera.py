@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+import warnings
+from typing import Any, ClassVar, Final
 
+import glfw
 import mujoco
 from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 
-_LARGEST_PICTURE: Final = 8192
+from gplfd_env.fields import Range, check_choice, checked_count
+
+_SIZES: Final = Range(unit="pixels", low=1, high=8192)
 _EFFECTS: Final = (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION)
 
 
 class Camera:
-    """Draws a model's current state; a renderer is made when it is first needed.
+    """Draws the state of a model; a renderer is made when it is first needed.
+
+    A deep or unpickled copy makes a renderer of its own.
 
     Args:
         model: The scene; it may be brought to another door in place.
-        data: Its state.
         width: Of the picture [px].
         height: Of the picture [px].
         name: Of a camera in the model.
@@ -26,38 +31,46 @@ class Camera:
         ValueError: An impossible size or an unknown camera.
     """
 
+    _without_opengl: ClassVar[str] = ""
+    """Why this process cannot draw: MuJoCo aborts Python when it fails again."""
+
     def __init__(
         self,
         model: mujoco.MjModel,
-        data: mujoco.MjData,
         width: int,
         height: int,
         name: str,
         *,
         effects: bool,
     ) -> None:
-        _check_size(width, height)
+        self._width = checked_count("width", width, _SIZES)
+        self._height = checked_count("height", height, _SIZES)
         cameras = [model.camera(index).name for index in range(model.ncam)]
         check_choice("camera_name", name, cameras)
-        self._model, self._data = model, data
-        self._width, self._height, self._name = width, height, name
-        self._effects = effects
+        self._name, self._effects = name, effects
         self._renderer: mujoco.Renderer | None = None
         self._window: MujocoRenderer | None = None
 
-    def picture(self, mode: str) -> Any:
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_renderer": None, "_window": None}
+
+    def picture(self, mode: str, data: mujoco.MjData) -> Any:
         """Return a picture in one of the environment's render modes.
+
+        Args:
+            mode: Which.
+            data: The state to draw, the same object every time.
 
         Raises:
             RuntimeError: OpenGL is not to be had; the message says what to install.
         """
         if mode == "human":
-            return self._show()
+            return self._show(data)
         if mode == "rgb_array":
-            return self._draw(depth=False)
+            return self._draw(data, depth=False)
         if mode == "depth_array":
-            return self._draw(depth=True)
-        return self._draw(depth=False), self._draw(depth=True)
+            return self._draw(data, depth=True)
+        return self._draw(data, depth=False), self._draw(data, depth=True)
 
     def close(self) -> None:
         """Free window and renderer; may be called more than once."""
@@ -68,11 +81,11 @@ class Camera:
             self._renderer.close()
             self._renderer = None
 
-    def _show(self) -> None:
+    def _show(self, data: mujoco.MjData) -> None:
         if self._window is None:
             self._window = MujocoRenderer(
-                self._model,
-                self._data,
+                data.model,
+                data,
                 None,
                 self._width,
                 self._height,
@@ -80,11 +93,11 @@ class Camera:
             )
         self._window.render("human")
 
-    def _draw(self, *, depth: bool) -> Any:
+    def _draw(self, data: mujoco.MjData, *, depth: bool) -> Any:
         if self._renderer is None:
-            self._renderer = self._made_renderer()
+            self._renderer = self._made_renderer(data.model)
         renderer = self._renderer
-        renderer.update_scene(self._data, camera=self._name)
+        renderer.update_scene(data, camera=self._name)
         for flag in _EFFECTS:
             renderer.scene.flags[flag] = self._effects
         if depth:
@@ -93,42 +106,42 @@ class Camera:
             renderer.disable_depth_rendering()
         return renderer.render()
 
-    def _made_renderer(self) -> mujoco.Renderer:
-        visual, quality = self._model.vis.global_, self._model.vis.quality
+    def _made_renderer(self, model: mujoco.MjModel) -> mujoco.Renderer:
+        if Camera._without_opengl:
+            raise RuntimeError(Camera._without_opengl)
+        visual, quality = model.vis.global_, model.vis.quality
         before = visual.offwidth, visual.offheight, quality.offsamples
         visual.offwidth = max(visual.offwidth, self._width)
         visual.offheight = max(visual.offheight, self._height)
         if not self._effects:
             quality.offsamples = 0
         try:
-            return mujoco.Renderer(self._model, self._height, self._width)
+            return mujoco.Renderer(model, self._height, self._width)
         # Which exception depends on the platform's way of lacking OpenGL.
         except Exception as error:
-            raise RuntimeError(
+            Camera._without_opengl = (
                 f"no picture without OpenGL ({error}); on a machine without a screen "
-                "set MUJOCO_GL=egl before Python starts (Debian, Ubuntu: apt-get "
-                "install libegl1 libgl1-mesa-dri) or MUJOCO_GL=osmesa (libosmesa6)"
-            ) from error
+                "install EGL (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri) "
+                "or OSMesa (libosmesa6) and set MUJOCO_GL=egl or MUJOCO_GL=osmesa "
+                "before Python starts"
+            )
+            raise RuntimeError(Camera._without_opengl) from error
         finally:
             visual.offwidth, visual.offheight, quality.offsamples = before
 
 
-def check_choice(name: str, value: object, allowed: Any) -> None:
-    """Raise unless a value is one of those allowed.
+def require_display() -> None:
+    """Raise where a window would have no display.
 
     Raises:
-        ValueError: It is not; the message lists them.
+        RuntimeError: There is none; opening the window would abort Python.
     """
-    if value not in allowed:
-        raise ValueError(
-            f"{name} = {value!r} is not one of {', '.join(map(repr, allowed))}"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of GLFW, about what the error says
+        found = glfw.init() and glfw.get_primary_monitor()
+    if not found:
+        raise RuntimeError(
+            'render_mode="human" opens a window and needs a display; without one use '
+            '"rgb_array" with MUJOCO_GL=egl set before Python starts, or run under '
+            "xvfb-run"
         )
-
-
-def _check_size(width: int, height: int) -> None:
-    for name, value in (("width", width), ("height", height)):
-        if not isinstance(value, int) or not 1 <= value <= _LARGEST_PICTURE:
-            raise ValueError(
-                f"{name} = {value!r} must be a whole number of pixels from 1 to "
-                f"{_LARGEST_PICTURE}"
-            )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from dataclasses import dataclass
 from typing import Final
 
@@ -47,18 +48,36 @@ class Command:
         """The action space."""
         return spaces.Box(self.low, self.high, dtype=np.float64)
 
-    def check(self, action: object, shape: tuple[int, ...]) -> Array:
+    def check(
+        self,
+        action: object,
+        shape: tuple[int, ...],
+        ignored: NDArray[np.bool_] | None = None,
+    ) -> Array:
         """Return the action as an array of its own.
 
+        Args:
+            action: As a caller gave it.
+            shape: What it must have.
+            ignored: Rows to replace by `rest`, whatever they hold.
+
         Raises:
-            ValueError: Its shape is wrong or it is not finite.
+            ValueError: It is not an array of numbers of that shape, or not finite.
         """
-        command = np.array(action, dtype=np.float64)
+        try:
+            command = np.array(action, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            raise ValueError(
+                f"the action must be numbers of shape {shape}, {self.meaning}; got "
+                f"{reprlib.repr(action)}"
+            ) from None
         if command.shape != shape:
             raise ValueError(
                 f"the action must have shape {shape}, {self.meaning}; got shape "
                 f"{command.shape}"
             )
+        if ignored is not None:
+            command[ignored] = self.rest
         # For a single action a loop over floats is faster than NumPy's reduction.
         flat = command.ravel().tolist()
         if not all(map(math.isfinite, flat)):

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import math
 import numbers
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
-RADIUS_RANGE: Final = (0.30, 0.65)
-"""Handle-to-hinge distances [m] that the arm opens to the task's angle."""
-
-HANDLE_HEIGHT_RANGE: Final = (0.50, 0.85)
-"""Handle heights [m] that the torso's 0.35 m of lift can serve."""
+from gplfd_env.fields import allowed_range, check_quantities, quantity
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -30,72 +25,42 @@ class DoorConfig:
         TypeError: A field is not a number.
     """
 
-    radius: float = 0.50
-    """Distance from hinge axis to handle axis [m], 0.30 to 0.65."""
+    radius: float = quantity(
+        0.50, unit="m", low=0.30, high=0.65, reason="the radii the arm can open"
+    )
+    """Distance from hinge axis to handle axis."""
 
-    hinge_friction: float = 0.5
-    """Coulomb friction of the hinge [N m], 0 to 50."""
+    hinge_friction: float = quantity(0.5, unit="N m", low=0.0, high=50.0)
+    """Coulomb friction of the hinge."""
 
-    hinge_damping: float = 0.5
-    """Viscous friction of the hinge [N m s/rad], 0 to 50."""
+    hinge_damping: float = quantity(0.5, unit="N m s/rad", low=0.0, high=50.0)
+    """Viscous friction of the hinge."""
 
-    closer_stiffness: float = 0.0
-    """Door closer: closing torque that grows with the angle [N m/rad], 0 to 50."""
+    closer_stiffness: float = quantity(0.0, unit="N m/rad", low=0.0, high=50.0)
+    """Door closer: closing torque that grows with the angle."""
 
-    closer_preload: float = 0.0
-    """Door closer: closing torque at every angle, also when closed [N m], 0 to 50."""
+    closer_preload: float = quantity(0.0, unit="N m", low=0.0, high=50.0)
+    """Door closer: closing torque at every angle, also when closed."""
 
-    panel_mass: float = 12.0
-    """Mass of the door leaf [kg], 1 to 100."""
+    panel_mass: float = quantity(12.0, unit="kg", low=1.0, high=100.0)
+    """Mass of the door leaf."""
 
-    handle_height: float = 0.85
-    """Height of the grasped point above the floor [m], 0.50 to 0.85."""
+    handle_height: float = quantity(
+        0.85, unit="m", low=0.50, high=0.85, reason="what the torso's lift can serve"
+    )
+    """Height of the grasped point above the floor."""
 
-    handle_standoff: float = 0.07
-    """Distance between the bar's axis and the leaf's mid-plane [m], 0.06 to 0.12."""
+    handle_standoff: float = quantity(0.07, unit="m", low=0.06, high=0.12)
+    """Distance between the bar's axis and the leaf's mid-plane."""
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, bool) or not isinstance(value, numbers.Real):
-                raise TypeError(
-                    f"DoorConfig.{field.name} must be a number, got {value!r} "
-                    f"({type(value).__name__})"
-                )
-            value = float(value)
-            low, high = _RANGES[field.name]
-            if not (math.isfinite(value) and low <= value <= high):
-                raise ValueError(
-                    f"DoorConfig.{field.name} = {value!r} is outside "
-                    f"[{low:g}, {high:g}] {_UNITS[field.name]}"
-                )
-            object.__setattr__(self, field.name, value)
+        check_quantities(self)
 
 
-_RANGES: Final[Mapping[str, tuple[float, float]]] = MappingProxyType(
-    {
-        "radius": RADIUS_RANGE,
-        "hinge_friction": (0.0, 50.0),
-        "hinge_damping": (0.0, 50.0),
-        "closer_stiffness": (0.0, 50.0),
-        "closer_preload": (0.0, 50.0),
-        "panel_mass": (1.0, 100.0),
-        "handle_height": HANDLE_HEIGHT_RANGE,
-        "handle_standoff": (0.06, 0.12),
-    }
-)
-_UNITS: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        "radius": "m (the radii the arm can open)",
-        "hinge_friction": "N m",
-        "hinge_damping": "N m s/rad",
-        "closer_stiffness": "N m/rad",
-        "closer_preload": "N m",
-        "panel_mass": "kg",
-        "handle_height": "m (the heights the torso can serve)",
-        "handle_standoff": "m",
-    }
-)
+_RADII: Final = allowed_range(DoorConfig, "radius")
+
+RADIUS_RANGE: Final = (_RADII.low, _RADII.high)
+"""Handle-to-hinge distances [m] that the arm opens to the task's angle."""
 
 DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
     {
@@ -125,36 +90,56 @@ def door_config(door: DoorSpec) -> DoorConfig:
     """
     if isinstance(door, DoorConfig):
         return door
-    if isinstance(door, str):
-        return _preset(door)
-    if isinstance(door, Mapping):
-        fields = dict(door)
-        preset = fields.pop("preset", None)
-        known = {field.name for field in dataclasses.fields(DoorConfig)}
-        for name in fields:
-            if name not in known:
-                raise ValueError(
-                    f"unknown door field {name!r}{nearest_name(name, known)}; "
-                    f"fields: {', '.join(sorted(known))}, preset"
-                )
-        start = DoorConfig() if preset is None else _preset(preset)
-        return dataclasses.replace(start, **fields)
     if isinstance(door, numbers.Real) and not isinstance(door, bool):
         return DoorConfig(radius=float(door))
+    if isinstance(door, str | Mapping):
+        hint = f"a radius in metres within {_RADII}"
+        return preset(door, DOORS, "medium", "door", hint)
     raise TypeError(
         "door must be a preset's name, a radius in metres, a mapping of DoorConfig "
         f"fields or a DoorConfig, got {door!r} ({type(door).__name__})"
     )
 
 
-def _preset(name: object) -> DoorConfig:
-    if isinstance(name, str) and name in DOORS:
-        return DOORS[name]
-    raise ValueError(
-        f"unknown door {name!r}{nearest_name(name, DOORS)}; presets: "
-        f"{', '.join(DOORS)}; or give a radius in metres within "
-        f"[{RADIUS_RANGE[0]:g}, {RADIUS_RANGE[1]:g}]"
-    )
+Record = TypeVar("Record")
+
+
+def preset(
+    spec: str | Mapping[str, Any],
+    presets: Mapping[str, Record],
+    start: str,
+    what: str,
+    otherwise: str,
+) -> Record:
+    """Return the preset of a name, or one with other fields.
+
+    Args:
+        spec: A name, or a mapping of fields with an optional ``"preset"``.
+        presets: Records by name.
+        start: The preset that a mapping starts from if it names none.
+        what: What messages call such a record.
+        otherwise: What may be given in place of a name, for messages.
+
+    Raises:
+        ValueError: An unknown preset or field, or a value that the record refuses.
+    """
+    fields = {"preset": spec} if isinstance(spec, str) else dict(spec)
+    name = fields.pop("preset", start)
+    if not isinstance(name, str) or name not in presets:
+        raise ValueError(
+            f"unknown {what} {name!r}{nearest_name(name, presets)}; presets: "
+            f"{', '.join(presets)}; or give {otherwise}"
+        )
+    record: Any = presets[name]
+    known = [field.name for field in dataclasses.fields(record)]
+    for field in fields:
+        if field not in known:
+            raise ValueError(
+                f"unknown {what} field {field!r}{nearest_name(field, known)}; fields: "
+                f"{', '.join(known)}, preset"
+            )
+    chosen: Record = dataclasses.replace(record, **fields) if fields else record
+    return chosen
 
 
 def nearest_name(name: object, known: Iterable[str]) -> str:

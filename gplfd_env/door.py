@@ -16,6 +16,7 @@ from gplfd_env.placement import (
     quaternion,
     task_rotation_w,
 )
+from gplfd_env.room import INTANGIBLE, UNDRAWN
 from gplfd_env.variation import Placement
 
 BAR_RADIUS: Final = 0.011
@@ -64,9 +65,7 @@ def add_door(
         quat=quaternion(task_rotation_w(placement.base_yaw)),
     )
     grasp, turn = grasp_in_door_frame(placement)
-    frame.add_site(
-        name="task_frame", pos=grasp, quat=turn, size=[0.005] * 3, rgba=[0, 0, 0, 0]
-    )
+    frame.add_site(name="task_frame", pos=grasp, quat=turn, **UNDRAWN)
     _add_frame(frame, door)
     leaf = frame.add_body(name="door", pos=[0.0, 0.0, -door.radius])
     leaf.add_joint(
@@ -101,8 +100,7 @@ def _add_frame(frame: mujoco.MjsBody, door: DoorConfig) -> None:
             pos=[-door.handle_standoff, middle, edge],
             size=[0.06, _LEAF_HEIGHT / 2, _JAMB / 2],
             rgba=_FRAME,
-            contype=0,
-            conaffinity=0,
+            **INTANGIBLE,
         )
     frame.add_geom(
         name="lintel",
@@ -114,8 +112,7 @@ def _add_frame(frame: mujoco.MjsBody, door: DoorConfig) -> None:
         ],
         size=[0.06, _JAMB / 2, (lock_edge - hinge_edge) / 2 + _JAMB],
         rgba=_FRAME,
-        contype=0,
-        conaffinity=0,
+        **INTANGIBLE,
     )
 
 
@@ -137,8 +134,7 @@ def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
         size=[_LEAF_HALF_THICKNESS, _LEAF_HEIGHT / 2, (lock_edge - hinge_edge) / 2],
         rgba=_WOOD,
         mass=door.panel_mass,
-        contype=0,
-        conaffinity=0,
+        **INTANGIBLE,
     )
     for name, height in (("hinge_upper", 0.55), ("hinge_lower", -0.55)):
         leaf.add_geom(
@@ -148,8 +144,7 @@ def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
             size=[0.012, 0, 0],
             rgba=_STEEL,
             mass=0.0,
-            contype=0,
-            conaffinity=0,
+            **INTANGIBLE,
         )
         leaf.add_geom(
             name=f"{name}_arm",
@@ -158,13 +153,12 @@ def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
             size=[door.handle_standoff / 2, 0.03, 0.004],
             rgba=_STEEL,
             mass=0.0,
-            contype=0,
-            conaffinity=0,
+            **INTANGIBLE,
         )
 
 
 def _add_handle(leaf: mujoco.MjsBody, door: DoorConfig, height: float) -> None:
-    handle = (0.0, height, door.radius)
+    foot = -door.handle_standoff + _LEAF_HALF_THICKNESS
     # The only geom that touches the hand; its contact parameters rule (priority). A
     # short time constant keeps the creep of a sustained pull below a millimetre; it
     # must stay above two physics steps.
@@ -189,17 +183,13 @@ def _add_handle(leaf: mujoco.MjsBody, door: DoorConfig, height: float) -> None:
         leaf.add_geom(
             name=name,
             type=_CYLINDER,
-            fromto=[
-                *(0.0, end, door.radius),
-                *(-door.handle_standoff + _LEAF_HALF_THICKNESS, end, door.radius),
-            ],
+            fromto=[0.0, end, door.radius, foot, end, door.radius],
             size=[0.009, 0, 0],
             rgba=_STEEL,
             mass=0.05,
-            contype=0,
-            conaffinity=0,
+            **INTANGIBLE,
         )
-    leaf.add_site(name="handle", pos=handle, size=[0.005] * 3, rgba=[0, 0, 0, 0])
+    leaf.add_site(name="handle", pos=[0.0, height, door.radius], **UNDRAWN)
 
 
 def _add_closer(spec: mujoco.MjSpec, door: DoorConfig) -> None:

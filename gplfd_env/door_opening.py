@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, get_args
 
 import gymnasium as gym
 import mujoco
@@ -13,32 +11,26 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from gplfd_env.camera import Camera, check_choice
-from gplfd_env.command import COMMANDS, ServoGains
+from gplfd_env.camera import Camera, require_display
+from gplfd_env.command import COMMANDS
 from gplfd_env.config import DoorConfig, DoorSpec, door_config
+from gplfd_env.convention import checked_options
 from gplfd_env.disturbance import draw_episode
-from gplfd_env.episode import (
-    CONTROL_PERIOD,
-    FLAGS,
-    NUMBERS,
-    POSE,
-    REWARDS,
-    Episode,
-    Reward,
-)
+from gplfd_env.episode import FLAGS, NUMBERS, POSE, REWARDS, Episode, Reward
+from gplfd_env.fields import check_choice
 from gplfd_env.observation import Observation, Reader, observation_space
-from gplfd_env.randomization import RandomizationSpec, door_randomization
+from gplfd_env.randomization import (
+    DoorRandomization,
+    RandomizationSpec,
+    door_randomization,
+)
 from gplfd_env.robot import Grasp
-from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
+from gplfd_env.simulation import DoorSimulation
+from gplfd_env.task import CONTROL_PERIOD
 from gplfd_env.variation import Variation
 
 Array = NDArray[np.float64]
 Info = dict[str, Any]
-
-BAD_STATE: Final = slice(
-    int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
-)
-"""MuJoCo's warnings that it has reset a diverged state."""
 
 
 class DoorOpeningEnv(gym.Env[Observation, Array]):
@@ -102,35 +94,42 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         camera_name: str = "overview",
         effects: bool = False,
     ) -> None:
-        check_choice("grasp", grasp, ("contact", "weld"))
-        check_choice("reward", reward, tuple(REWARDS))
-        if render_mode is not None:
-            check_choice("render_mode", render_mode, self.metadata["render_modes"])
+        check_choice("grasp", grasp, get_args(Grasp))
+        check_choice("reward", reward, REWARDS)
+        check_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         if render_mode == "human":
-            _require_display()
+            require_display()
         self.render_mode = render_mode
-        self._grasp = grasp
+        self._reward: Reward = reward
         self._door = door_config(door)
         self._randomization = door_randomization(randomization)
-        self._loaded = Variation(door=self._door)
         self._reader = Reader.of(grasp, self.command.control)
-        self._episode = Episode(self._reader, reward)
-        self._build()
-        self._camera = Camera(
-            self.model, self.data, width, height, camera_name, effects=effects
-        )
+        self._simulation = DoorSimulation(self._door, grasp, self.command)
+        self._camera = Camera(self.model, width, height, camera_name, effects=effects)
+        self._sensed = np.empty_like(self._simulation.sensordata)
+        self._episode: Episode | None = None
         self.observation_space = observation_space()
         self.action_space: spaces.Space[Any] = self.command.space
 
     @property
+    def model(self) -> mujoco.MjModel:
+        """The scene; it stays the same object when the door changes."""
+        return self._simulation.model
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """The scene's state; it stays the same object, too."""
+        return self._simulation.data
+
+    @property
     def variation(self) -> Variation:
         """The door of this episode and what is around it."""
-        return self._loaded
+        return self._simulation.variation
 
     @property
     def door(self) -> DoorConfig:
         """The door of this episode."""
-        return self._loaded.door
+        return self.variation.door
 
     @property
     def dt(self) -> float:
@@ -151,24 +150,16 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             ValueError: An unknown option, door or randomisation, or a drawn placement
                 from which the arm cannot hold the handle; the next reset draws anew.
         """
+        chosen = self._chosen(options)
         super().reset(seed=seed)
-        if options is not None and not isinstance(options, Mapping):
-            raise ValueError(
-                'options must be a mapping such as {"door": "small"}, got '
-                f"{options!r}"
-            )
-        self._take(dict(options or {}))
+        self._door, self._randomization = chosen
         drawn = draw_episode(self._randomization, self._door, self.np_random)
-        self._load(drawn.variation)
-        mujoco.mj_resetDataKeyframe(self.model, self.data, GRASP_KEY)
-        # Before the forward pass: the first observation must not depend on the gains
-        # that the last episode ended with.
-        self._apply(self.command.rest)
-        mujoco.mj_forward(self.model, self.data)
-        self._episode.begin(drawn, self._sense())
+        self._simulation.restart(drawn.variation)
+        episode = Episode(drawn, self._reader, self._reward, self._sense())
+        self._episode = episode
         if self.render_mode == "human":
             self.render()
-        return self._observation(), self._info()
+        return self._observation(episode), self._info(episode)
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
         """Give the servo a command for one control period.
@@ -180,19 +171,21 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
 
         Raises:
             ValueError: The action's shape is wrong or it is not finite.
+            gymnasium.error.ResetNeeded: There was no reset yet.
         """
-        episode = self._episode
-        command = self.command.check(action, self.command.rest.shape)
-        self._apply(episode.due(command, self.command.rest))
-        mujoco.mj_step(self.model, self.data, nstep=self._substeps)
-        if any(self._divergence_warnings.tolist()):
+        episode, rest = self._episode, self.command.rest
+        if episode is None:
+            raise gym.error.ResetNeeded("call reset() before the first step()")
+        command = self.command.check(action, rest.shape)
+        diverged = self._simulation.advance(episode.due(command, rest))
+        if diverged:
             episode.break_off()
         else:
             episode.advance(self._sense())
         if self.render_mode == "human":
             self.render()
         ended = episode.terminated, episode.simulation_error
-        return self._observation(), episode.reward, *ended, self._info()
+        return self._observation(episode), episode.reward, *ended, self._info(episode)
 
     def render(self) -> Any:
         """Return a picture of the scene, or draw it in a window (``"human"``).
@@ -211,68 +204,42 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
                 'use gym.make(..., render_mode="rgb_array")'
             )
             return None
-        return self._camera.picture(self.render_mode)
+        return self._camera.picture(self.render_mode, self.data)
 
     def close(self) -> None:
         """Free the renderer; may be called more than once."""
         self._camera.close()
 
-    def _build(self) -> None:
-        self.model = build_scene(self._door, self._grasp, control=self.command.control)
-        self.data = mujoco.MjData(self.model)
-        self._sensed = np.empty(self.model.nsensordata)
-        # A live view: MuJoCo counts here what makes it reset a diverged state.
-        self._divergence_warnings = self.data.warning.number[BAD_STATE]
-        self._substeps = round(CONTROL_PERIOD / self.model.opt.timestep)
-
-    def _take(self, options: dict[str, Any]) -> None:
-        """Check all options of a reset, then make them the environment's own."""
-        door = options.pop("door", None)
-        randomization = options.pop("randomization", None)
-        if options:
-            raise ValueError(
-                f"unknown reset option(s) {', '.join(map(repr, options))}; allowed: "
-                '"door" (name, radius, mapping or DoorConfig) and "randomization" '
-                "(name, mapping or DoorRandomization)"
-            )
-        new_door = self._door if door is None else door_config(door)
-        if randomization is not None:
-            self._randomization = door_randomization(randomization)
-        self._door = new_door
-
-    def _load(self, variation: Variation) -> None:
-        loaded = self._loaded
-        if (variation.door, variation.placement) != (loaded.door, loaded.placement):
-            load_scene(
-                self.model,
-                self.data,
-                variation.door,
-                self._grasp,
-                placement=variation.placement,
-                control=self.command.control,
-            )
-        self._loaded = variation
-
-    def _apply(self, command: Array) -> None:
-        """Hand a command to the servo."""
-        self.data.ctrl[:6] = command
+    def _chosen(
+        self, options: Mapping[str, Any] | None
+    ) -> tuple[DoorConfig, DoorRandomization]:
+        """Return the door and the randomization that hold with a reset's options."""
+        given = checked_options(
+            options,
+            {
+                "door": "name, radius, mapping or DoorConfig",
+                "randomization": "name, mapping or DoorRandomization",
+            },
+        )
+        return (
+            door_config(given.get("door", self._door)),
+            door_randomization(given.get("randomization", self._randomization)),
+        )
 
     def _sense(self) -> list[float]:
         """Take the sensors' values; a diverged simulation leaves the last good ones."""
-        self._sensed[:] = self.data.sensordata
+        self._sensed[:] = self._simulation.sensordata
         values: list[float] = self._sensed.tolist()
         return values
 
-    def _observation(self) -> Observation:
-        episode = self._episode
+    def _observation(self, episode: Episode) -> Observation:
         observation = self._reader.observation(
             self._sensed, np.array(episode.wrench), np.array([episode.time])
         )
         episode.blur(observation)
         return observation
 
-    def _info(self) -> Info:
-        episode = self._episode
+    def _info(self, episode: Episode) -> Info:
         row = episode.row
         info: Info = dict(zip(NUMBERS, row, strict=False))
         info["handle_pose"] = np.array(row[POSE])
@@ -293,22 +260,3 @@ class DoorOpeningImpedanceEnv(DoorOpeningEnv):
     """
 
     command = COMMANDS["impedance"]
-
-    def _build(self) -> None:
-        super()._build()
-        self._gains = ServoGains(self.model)
-
-    def _apply(self, command: Array) -> None:
-        self.data.ctrl[:6] = command[:6]
-        self._gains.write(command[6:])
-
-
-def _require_display() -> None:
-    # GLFW aborts the whole process when it finds no monitor.
-    variables = ("DISPLAY", "WAYLAND_DISPLAY")
-    if sys.platform == "linux" and not any(map(os.environ.get, variables)):
-        raise RuntimeError(
-            'render_mode="human" opens a window and needs a display; without one use '
-            '"rgb_array" with MUJOCO_GL=egl set before Python starts, or run under '
-            "xvfb-run"
-        )

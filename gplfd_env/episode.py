@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 
 from gplfd_env.disturbance import Drawn
 from gplfd_env.observation import DoorReading, Observation, Reader
-from gplfd_env.task import OpeningMonitor, reward_terms, sparse_reward_terms
-from gplfd_env.variation import Variation
+from gplfd_env.task import (
+    CONTROL_PERIOD,
+    OpeningMonitor,
+    reward_terms,
+    sparse_reward_terms,
+)
 
 Array = NDArray[np.float64]
 Reward = Literal["dense", "sparse"]
-
-CONTROL_PERIOD: Final = 0.01
-"""Time between two actions [s]."""
 
 REWARDS: Final = {"dense": reward_terms, "sparse": sparse_reward_terms}
 """Terms of the reward, by its name."""
@@ -27,8 +28,10 @@ class Episode:
     """What an environment keeps of one simulation besides the simulator's state.
 
     Args:
+        drawn: Its circumstances.
         reader: Reads the simulation's sensors.
         reward: A key of `REWARDS`.
+        values: Sensor array of the simulation at rest.
 
     Attributes:
         variation: The door and what is around it.
@@ -39,19 +42,11 @@ class Episode:
         simulation_error: MuJoCo has reset a diverged state.
     """
 
-    def __init__(self, reader: Reader, reward: Reward) -> None:
-        self._reader = reader
-        self._terms = REWARDS[reward]
-        self.variation = Variation()
-
-    def begin(self, drawn: Drawn, values: list[float]) -> None:
-        """Begin anew.
-
-        Args:
-            drawn: Circumstances of the new episode.
-            values: Sensor array of the simulation at rest.
-        """
+    def __init__(
+        self, drawn: Drawn, reader: Reader, reward: Reward, values: list[float]
+    ) -> None:
         self.variation, self._noise, self._delay = drawn
+        self._reader, self._terms = reader, REWARDS[reward]
         self.steps = 0
         self.simulation_error = False
         self._sense(values)
@@ -151,8 +146,13 @@ class Episode:
 
 
 NUMBERS: Final = (
-    *("door_angle", "door_velocity", "door_radius", "slip"),
-    *("force_tangential", "force_radial", "force_vertical"),
+    "door_angle",
+    "door_velocity",
+    "door_radius",
+    "slip",
+    "force_tangential",
+    "force_radial",
+    "force_vertical",
 )
 """Numbers of an info, in the order of `Episode.row`."""
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import numbers
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -17,10 +16,22 @@ from typing import Any, Final
 
 import numpy as np
 
-from gplfd_env.config import DoorConfig, nearest_name
-from gplfd_env.variation import LONGEST_DELAY, Placement, SensorNoise, Variation
+from gplfd_env.config import DoorConfig, preset
+from gplfd_env.fields import (
+    allowed_range,
+    check_quantities,
+    checked_number,
+    quantity,
+)
+from gplfd_env.variation import Placement, SensorNoise, Variation
 
-Range = tuple[float, float]
+Pair = tuple[float, float]
+
+
+def _half_width(name: str) -> Any:
+    """Declare a field within plus or minus of which a field of `Placement` is drawn."""
+    allowed = allowed_range(Placement, name)
+    return quantity(0.0, unit=allowed.unit, low=0.0, high=allowed.high)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -34,68 +45,81 @@ class DoorRandomization:
     Raises:
         ValueError: A range is reversed, not finite, or beyond what the door, the
             placement or the sensors allow.
+        TypeError: A field is not a number, or not of numbers.
     """
 
-    radius: Range | None = None
+    radius: Pair | None = None
     """Handle-to-hinge distance [m]."""
 
-    hinge_friction: Range | None = None
+    hinge_friction: Pair | None = None
     """Coulomb friction of the hinge [N m]."""
 
-    hinge_damping: Range | None = None
+    hinge_damping: Pair | None = None
     """Viscous friction of the hinge [N m s/rad]."""
 
-    closer_stiffness: Range | None = None
+    closer_stiffness: Pair | None = None
     """Closing torque that grows with the angle [N m/rad]."""
 
-    closer_preload: Range | None = None
+    closer_preload: Pair | None = None
     """Constant closing torque [N m]."""
 
-    panel_mass: Range | None = None
+    panel_mass: Pair | None = None
     """Mass of the leaf [kg]."""
 
-    handle_height: Range | None = None
+    handle_height: Pair | None = None
     """Height of the handle above the floor [m]."""
 
-    base_position: float = 0.0
+    base_position: float = _half_width("base_x")
     """Placement error of the base in x and y, each within ± this [m]."""
 
-    base_yaw: float = 0.0
+    base_yaw: float = _half_width("base_yaw")
     """Heading error of the base within ± this [rad]."""
 
-    grasp_height: float = 0.0
+    grasp_height: float = _half_width("grasp_height")
     """Grasped point along the bar within ± this [m]."""
 
-    grasp_depth: float = 0.0
+    grasp_depth: float = _half_width("grasp_depth")
     """Bar between the finger pads within ± this [m]."""
 
-    pose_noise: tuple[float, float] = (0.0, 0.0)
+    pose_noise: Pair = (0.0, 0.0)
     """Standard deviation of the observed position [m] and rotation vector [rad]."""
 
-    wrench_noise: tuple[float, float] = (0.0, 0.0)
+    wrench_noise: Pair = (0.0, 0.0)
     """Standard deviation of the observed force [N] and torque [N m]."""
 
-    longest_delay: int = 0
+    longest_delay: int = quantity(
+        0, unit="control periods", low=0, high=allowed_range(Variation, "delay").high
+    )
     """Commands take effect after 0 to this many control periods."""
 
     def __post_init__(self) -> None:
-        for name in (*_DOOR_FIELDS, *_NOISES):
-            value = getattr(self, name)
-            if value is not None or name in _NOISES:
-                object.__setattr__(self, name, _pair(name, value))
+        check_quantities(self)
         for name in _DOOR_FIELDS:
-            _check_order(name, getattr(self, name))
-        for name in _SYMMETRIC:
-            object.__setattr__(self, name, _half_width(name, getattr(self, name)))
-        _check_delay(self.longest_delay)
-        # Both ends of every range make a valid episode, so all between do.
-        for end in (0.0, 1.0):
-            try:
-                self._variation(DoorConfig(), np.full(_DRAWS, end))
-            except ValueError as error:
+            bounds = getattr(self, name)
+            if bounds is None:
+                continue
+            low, high = self._check_pair(name, DoorConfig, name, name)
+            if low > high:
                 raise ValueError(
-                    f"this DoorRandomization would draw impossible episodes: {error}"
-                ) from None
+                    f"DoorRandomization.{name} = {bounds} must be (low, high) with "
+                    "low <= high"
+                )
+        self._check_pair("pose_noise", SensorNoise, "position", "rotation")
+        self._check_pair("wrench_noise", SensorNoise, "force", "torque")
+
+    def _check_pair(self, name: str, record: type, first: str, second: str) -> Pair:
+        """Keep a pair as floats, allowed for two fields of a record; return it."""
+        label, given = f"DoorRandomization.{name}", getattr(self, name)
+        try:
+            one, other = given
+        except (TypeError, ValueError):
+            raise ValueError(f"{label} = {given!r} must be a pair of numbers") from None
+        pair = (
+            checked_number(label, one, allowed_range(record, first)),
+            checked_number(label, other, allowed_range(record, second)),
+        )
+        object.__setattr__(self, name, pair)
+        return pair
 
     @property
     def idle(self) -> bool:
@@ -109,47 +133,42 @@ class DoorRandomization:
             door: Gives every value that is not varied.
             rng: Where the draws come from; always the same number of them.
         """
-        return self._variation(door, rng.random(_DRAWS))
-
-    def _variation(self, door: DoorConfig, draws: np.ndarray[Any, Any]) -> Variation:
-        unit = iter(draws.tolist())
+        draws = iter(rng.random(len(_DOOR_FIELDS) + 6).tolist())
         fields = {}
         for name in _DOOR_FIELDS:
-            share, bounds = next(unit), getattr(self, name)
+            share, bounds = next(draws), getattr(self, name)
             if bounds is not None:
                 fields[name] = bounds[0] + share * (bounds[1] - bounds[0])
-        widths = (
-            *(self.base_position, self.base_position, self.base_yaw),
-            *(self.grasp_height, self.grasp_depth),
+
+        def within(width: float) -> float:
+            error: float = (2.0 * next(draws) - 1.0) * width
+            return error
+
+        placement = Placement(
+            base_x=within(self.base_position),
+            base_y=within(self.base_position),
+            base_yaw=within(self.base_yaw),
+            grasp_height=within(self.grasp_height),
+            grasp_depth=within(self.grasp_depth),
         )
-        x, y, yaw, height, depth = ((2.0 * next(unit) - 1.0) * w for w in widths)
-        delay = min(int(next(unit) * (self.longest_delay + 1)), self.longest_delay)
+        position, rotation = self.pose_noise
+        force, torque = self.wrench_noise
         return Variation(
             door=dataclasses.replace(door, **fields),
-            placement=Placement(
-                base_x=x,
-                base_y=y,
-                base_yaw=yaw,
-                grasp_height=height,
-                grasp_depth=depth,
-            ),
+            placement=placement,
             noise=SensorNoise(
-                position=self.pose_noise[0],
-                rotation=self.pose_noise[1],
-                force=self.wrench_noise[0],
-                torque=self.wrench_noise[1],
+                position=position, rotation=rotation, force=force, torque=torque
             ),
-            delay=delay,
+            delay=min(int(next(draws) * (self.longest_delay + 1)), self.longest_delay),
         )
 
 
-_DOOR_FIELDS: Final = (
-    *("radius", "hinge_friction", "hinge_damping", "closer_stiffness"),
-    *("closer_preload", "panel_mass", "handle_height"),
+_DOOR_FIELDS: Final = tuple(
+    field.name
+    for field in dataclasses.fields(DoorRandomization)
+    if field.name in DoorConfig.__dataclass_fields__
 )
-_SYMMETRIC: Final = ("base_position", "base_yaw", "grasp_height", "grasp_depth")
-_NOISES: Final = ("pose_noise", "wrench_noise")
-_DRAWS: Final = len(_DOOR_FIELDS) + 6
+"""Fields that replace the door's own."""
 
 RandomizationSpec = str | Mapping[str, Any] | DoorRandomization
 """What `door_randomization` accepts."""
@@ -168,71 +187,13 @@ def door_randomization(spec: RandomizationSpec) -> DoorRandomization:
     """
     if isinstance(spec, DoorRandomization):
         return spec
-    if isinstance(spec, str):
-        return _preset(spec)
-    if not isinstance(spec, Mapping):
-        raise TypeError(
-            "randomization must be a preset's name, a mapping of DoorRandomization "
-            f"fields or a DoorRandomization, got {spec!r} ({type(spec).__name__})"
-        )
-    fields = dict(spec)
-    start = _preset(fields.pop("preset", "none"))
-    known = [field.name for field in dataclasses.fields(DoorRandomization)]
-    for name in fields:
-        if name not in known:
-            raise ValueError(
-                f"unknown randomization field {name!r}{nearest_name(name, known)}; "
-                f"fields: {', '.join(known)}, preset"
-            )
-    return dataclasses.replace(start, **fields)
-
-
-def _preset(name: object) -> DoorRandomization:
-    if isinstance(name, str) and name in RANDOMIZATIONS:
-        return RANDOMIZATIONS[name]
-    raise ValueError(
-        f"unknown randomization {name!r}{nearest_name(name, RANDOMIZATIONS)}; "
-        f"presets: {', '.join(RANDOMIZATIONS)}; or give a mapping of "
-        "DoorRandomization fields"
+    if isinstance(spec, str | Mapping):
+        hint = "a mapping of DoorRandomization fields"
+        return preset(spec, RANDOMIZATIONS, "none", "randomization", hint)
+    raise TypeError(
+        "randomization must be a preset's name, a mapping of DoorRandomization "
+        f"fields or a DoorRandomization, got {spec!r} ({type(spec).__name__})"
     )
-
-
-def _pair(name: str, value: Any) -> tuple[float, float]:
-    # A text of two digits would pass for a pair.
-    pair: Any = () if isinstance(value, str) else value
-    try:
-        low, high = map(float, pair)
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"DoorRandomization.{name} = {value!r} must be a pair of numbers"
-        ) from None
-    return low, high
-
-
-def _check_order(name: str, bounds: Range | None) -> None:
-    if bounds is not None and not bounds[0] <= bounds[1]:
-        raise ValueError(
-            f"DoorRandomization.{name} = {bounds} must be (low, high) with low <= high"
-        )
-
-
-def _half_width(name: str, value: object) -> float:
-    number = isinstance(value, numbers.Real) and not isinstance(value, bool)
-    if not number or not 0.0 <= float(value) < math.inf:  # type: ignore[arg-type]
-        raise ValueError(
-            f"DoorRandomization.{name} = {value!r} must be a number >= 0: values are "
-            "drawn within plus or minus it"
-        )
-    return float(value)  # type: ignore[arg-type]
-
-
-def _check_delay(value: object) -> None:
-    whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
-    if not whole or not 0 <= value <= LONGEST_DELAY:  # type: ignore[operator]
-        raise ValueError(
-            f"DoorRandomization.longest_delay = {value!r} must be a whole number of "
-            f"control periods from 0 to {LONGEST_DELAY}"
-        )
 
 
 RANDOMIZATIONS: Final[Mapping[str, DoorRandomization]] = MappingProxyType(

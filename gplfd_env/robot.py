@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, Literal
 
 import mujoco
@@ -15,6 +16,7 @@ from gplfd_env.placement import (
     quaternion,
     task_rotation_w,
 )
+from gplfd_env.room import UNDRAWN
 
 HAND_BODIES: Final = (
     "wrist_ft_link",
@@ -31,11 +33,8 @@ SERVO_STIFFNESS: Final = (2000.0, 100.0)
 SERVO_DAMPING: Final = (179.0, 7.7)
 """Cartesian servo: translation [N s/m], rotation [N m s/rad]."""
 
-ROTATION_SERVOS: Final = (
-    "servo_rotation_x",
-    "servo_rotation_y",
-    "servo_rotation_z",
-)
+TRANSLATION_SERVOS: Final = ("servo_x", "servo_y", "servo_z")
+ROTATION_SERVOS: Final = tuple(f"servo_rotation_{axis}" for axis in "xyz")
 """One servo per axis of the hand's rotation vector, under impedance control."""
 
 HAND_BEYOND_GRIPPER: Final = 0.185
@@ -77,11 +76,12 @@ def load_robot(control: Control = "pose") -> mujoco.MjSpec:
     _set_joints(spec)
     _add_sites(spec)
     _add_cameras(spec)
-    _add_translation_servo(spec)
+    _add_axis_servos(spec, TRANSLATION_SERVOS, first=0)
     if control == "pose":
-        _add_orientation_servo(spec)
+        servo = _hand_servo(spec, "servo_rotation", COMMAND_LIMITS[1])
+        servo.set_to_orientation(kp=SERVO_STIFFNESS[1], kv=SERVO_DAMPING[1])
     else:
-        _add_rotation_servos(spec)
+        _add_axis_servos(spec, ROTATION_SERVOS, first=3)
     _add_torso_servo(spec)
     _add_grip(spec)
     return spec
@@ -107,8 +107,7 @@ def _add_sites(spec: mujoco.MjSpec) -> None:
         name="hand",
         pos=[0, 0, -HAND_BEYOND_GRIPPER],
         quat=quaternion(gripper_to_task),
-        size=[0.005] * 3,
-        rgba=[0, 0, 0, 0],
+        **UNDRAWN,
     )
     # wrist_ft_link is turned by half a turn about x against gripper_link, whatever
     # the joint angles; the sensor site takes the hand site's axes.
@@ -116,8 +115,7 @@ def _add_sites(spec: mujoco.MjSpec) -> None:
     spec.body("wrist_ft_link").add_site(
         name="wrist_ft",
         quat=quaternion(wrist_to_gripper @ gripper_to_task),
-        size=[0.005] * 3,
-        rgba=[0, 0, 0, 0],
+        **UNDRAWN,
     )
 
 
@@ -130,23 +128,13 @@ def _add_cameras(spec: mujoco.MjSpec) -> None:
     )
 
 
-def _add_translation_servo(spec: mujoco.MjSpec) -> None:
-    for axis, name in enumerate(("servo_x", "servo_y", "servo_z")):
-        servo = _hand_servo(spec, name, COMMAND_LIMITS[0])
+def _add_axis_servos(spec: mujoco.MjSpec, names: Sequence[str], first: int) -> None:
+    """Add a servo per axis of the hand's translation (first 0) or rotation (3)."""
+    kind = first // 3
+    for axis, name in enumerate(names, start=first):
+        servo = _hand_servo(spec, name, COMMAND_LIMITS[kind])
         servo.gear = np.eye(6)[axis]
-        servo.set_to_position(kp=SERVO_STIFFNESS[0], kv=SERVO_DAMPING[0])
-
-
-def _add_orientation_servo(spec: mujoco.MjSpec) -> None:
-    servo = _hand_servo(spec, "servo_rotation", COMMAND_LIMITS[1])
-    servo.set_to_orientation(kp=SERVO_STIFFNESS[1], kv=SERVO_DAMPING[1])
-
-
-def _add_rotation_servos(spec: mujoco.MjSpec) -> None:
-    for axis, name in enumerate(ROTATION_SERVOS, start=3):
-        servo = _hand_servo(spec, name, COMMAND_LIMITS[1])
-        servo.gear = np.eye(6)[axis]
-        servo.set_to_position(kp=SERVO_STIFFNESS[1], kv=SERVO_DAMPING[1])
+        servo.set_to_position(kp=SERVO_STIFFNESS[kind], kv=SERVO_DAMPING[kind])
 
 
 def _hand_servo(spec: mujoco.MjSpec, name: str, limit: float) -> mujoco.MjsActuator:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
 
 PHYSICS_STEP: Final = 0.002
 """Physics time step [s]."""
+
+INTANGIBLE: Final[dict[str, Any]] = {"contype": 0, "conaffinity": 0}
+"""Of a geom that touches nothing."""
+
+UNDRAWN: Final[dict[str, Any]] = {"size": [0.005] * 3, "rgba": [0, 0, 0, 0]}
+"""Of a site that only marks a frame."""
 
 
 def add_room(spec: mujoco.MjSpec) -> None:
@@ -83,6 +89,5 @@ def _add_floor(spec: mujoco.MjSpec) -> None:
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[4, 4, 0.1],
         material="tiles",
-        contype=0,
-        conaffinity=0,
+        **INTANGIBLE,
     )

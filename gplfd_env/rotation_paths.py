@@ -13,13 +13,6 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-__all__ = [
-    "checked_rows",
-    "rotvec_from_quaternion",
-    "rotvecs_from_quaternions",
-    "unwrap_rotvecs",
-]
-
 _IDENTITY_ANGLE = 1e-9
 """Below this angle [rad] the axis of a rotation is rounding error."""
 

@@ -30,13 +30,13 @@ GRASP_KEY: Final = 0
 """Index of the keyframe "grasp": door closed, handle held, everything at rest."""
 
 SCENE_FIELDS: Final = (
-    *("actuator_acc0", "actuator_length0", "body_inertia", "body_invweight0"),
-    *("body_ipos", "body_iquat", "body_mass", "body_pos", "body_quat"),
-    *("body_subtreemass", "bvh_aabb", "cam_pos0", "cam_poscom0", "cam_mat0"),
-    *("dof_M0", "dof_invweight0", "dof_length", "geom_aabb", "geom_pos", "geom_rbound"),
-    *("geom_size", "key_ctrl", "key_qpos", "light_pos0", "light_poscom0"),
-    *("qpos_spring", "site_pos", "site_quat"),
-)
+    "actuator_acc0", "actuator_length0", "body_inertia", "body_invweight0",
+    "body_ipos", "body_iquat", "body_mass", "body_pos", "body_quat",
+    "body_subtreemass", "bvh_aabb", "cam_pos0", "cam_poscom0", "cam_mat0",
+    "dof_M0", "dof_invweight0", "dof_length", "geom_aabb", "geom_pos", "geom_rbound",
+    "geom_size", "key_ctrl", "key_qpos", "light_pos0", "light_poscom0",
+    "qpos_spring", "site_pos", "site_quat",
+)  # fmt: skip
 """Fields of the model in which the geometry of two scenes can differ."""
 
 _SETTLING_TIME: Final = 0.4
@@ -44,10 +44,7 @@ _BAR_INDENTATION: Final = 7.3e-5
 """How deep the fingers' 16 N press into the bar's soft contact [m]."""
 
 _NOMINAL: Final = DoorConfig(panel_mass=NOMINAL_MASS)
-_PHYSICS: Final = (
-    *("hinge_friction", "hinge_damping", "closer_stiffness", "closer_preload"),
-    "panel_mass",
-)
+"""Mass, hinge and closer of every compiled scene."""
 
 Array = NDArray[np.float64]
 
@@ -133,7 +130,10 @@ def load_scene(
     """
     placement = Placement() if placement is None else placement
     geometry = dataclasses.replace(
-        door, **{name: getattr(_NOMINAL, name) for name in _PHYSICS}
+        _NOMINAL,
+        radius=door.radius,
+        handle_height=door.handle_height,
+        handle_standoff=door.handle_standoff,
     )
     for name, values in _settled(geometry, placement, grasp, control).items():
         getattr(model, name)[...] = values

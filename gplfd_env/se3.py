@@ -21,15 +21,6 @@ from gplfd_env.rotation_paths import (
 
 Array = npt.NDArray[np.float64]
 
-__all__ = [
-    "canonical_rotvec",
-    "compose_rotvecs",
-    "pose_distance",
-    "pose_steps",
-    "relative_poses",
-    "rotation_distance",
-]
-
 _ROUNDING = 1e-12
 """Angles and axis components this near to π or 0 count as equal to it."""
 

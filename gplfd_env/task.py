@@ -10,12 +10,19 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+CONTROL_PERIOD: Final = 0.01
+"""Time between two commands [s]."""
+
 SUCCESS_ANGLE: Final = math.radians(60.0)
 """Opening angle of a success [rad]."""
+
+DEMONSTRATED_ANGLE: Final = math.radians(67.0)
+"""Opening angle at which demonstrations end [rad]: a little beyond `SUCCESS_ANGLE`, so
+that who follows one with some lag still succeeds."""
 
 HOLD_TIME: Final = 0.5
 """How long the angle must be held, handle in hand [s]."""
@@ -28,28 +35,24 @@ STALL_TIME: Final = 3.0
 """A door that gains less than `STALL_ANGLE` [rad] in this time [s] has stalled."""
 
 
-def handle_pose_on_arc(radius: float, angle: float) -> Array:
-    """Return the handle's pose at an opening angle, in the task frame.
+def handle_pose_on_arc(radius: ArrayLike, angle: ArrayLike) -> Array:
+    """Return the handle's pose at opening angles, in the task frame.
 
     x = R sin φ, z = -R (1 - cos φ), rotation +φ about y.
 
     Args:
-        radius: Distance of the handle from the hinge axis [m].
-        angle: Opening angle φ [rad].
+        radius: Distance of the handle from the hinge axis [m], (...).
+        angle: Opening angle φ [rad], broadcast against `radius`.
 
     Returns:
-        (6,) position [m] and rotation vector [rad].
+        (..., 6) position [m] and rotation vector [rad].
     """
-    return np.array(
-        [
-            radius * math.sin(angle),
-            0.0,
-            radius * (math.cos(angle) - 1.0),
-            0.0,
-            angle,
-            0.0,
-        ]
-    )
+    radii, angles = np.broadcast_arrays(radius, angle)
+    poses = np.zeros((*angles.shape, 6))
+    poses[..., 0] = radii * np.sin(angles)
+    poses[..., 2] = radii * (np.cos(angles) - 1.0)
+    poses[..., 4] = angles
+    return poses
 
 
 @dataclass(slots=True)

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import math
-import numbers
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import Final
 
 from gplfd_env.config import DoorConfig
+from gplfd_env.fields import check_quantities, quantity
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -27,23 +23,23 @@ class Placement:
         TypeError: A field is not a number.
     """
 
-    base_x: float = 0.0
-    """The base is this far ahead of where it should be [m], -0.05 to 0.05."""
+    base_x: float = quantity(0.0, unit="m", low=-0.05, high=0.05)
+    """The base is this far ahead of where it should be."""
 
-    base_y: float = 0.0
-    """The base is this far to the left of where it should be [m], -0.05 to 0.05."""
+    base_y: float = quantity(0.0, unit="m", low=-0.05, high=0.05)
+    """The base is this far to the left of where it should be."""
 
-    base_yaw: float = 0.0
-    """The base is turned this far to the left [rad], -0.1 to 0.1."""
+    base_yaw: float = quantity(0.0, unit="rad", low=-0.1, high=0.1)
+    """The base is turned this far to the left."""
 
-    grasp_height: float = 0.0
-    """The hand holds the bar this far above its middle [m], -0.05 to 0.05."""
+    grasp_height: float = quantity(0.0, unit="m", low=-0.05, high=0.05)
+    """The hand holds the bar this far above its middle."""
 
-    grasp_depth: float = 0.0
-    """The bar lies this far towards the finger tips [m], -0.008 to 0.008."""
+    grasp_depth: float = quantity(0.0, unit="m", low=-0.008, high=0.008)
+    """The bar lies this far towards the finger tips."""
 
     def __post_init__(self) -> None:
-        _check(self, _PLACEMENT_RANGES)
+        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -55,20 +51,20 @@ class SensorNoise:
         TypeError: A field is not a number.
     """
 
-    position: float = 0.0
-    """On the hand's position [m], 0 to 0.01."""
+    position: float = quantity(0.0, unit="m", low=0.0, high=0.01)
+    """On the hand's position."""
 
-    rotation: float = 0.0
-    """On the hand's rotation vector [rad], 0 to 0.1."""
+    rotation: float = quantity(0.0, unit="rad", low=0.0, high=0.1)
+    """On the hand's rotation vector."""
 
-    force: float = 0.0
-    """On the wrist's force [N], 0 to 10."""
+    force: float = quantity(0.0, unit="N", low=0.0, high=10.0)
+    """On the wrist's force."""
 
-    torque: float = 0.0
-    """On the wrist's torque [N m], 0 to 1."""
+    torque: float = quantity(0.0, unit="N m", low=0.0, high=1.0)
+    """On the wrist's torque."""
 
     def __post_init__(self) -> None:
-        _check(self, _NOISE_RANGES)
+        check_quantities(self)
 
     @property
     def silent(self) -> bool:
@@ -81,7 +77,7 @@ class Variation:
     """One episode's door and circumstances.
 
     Raises:
-        ValueError: The delay is not a whole number of control periods from 0 to 10.
+        ValueError: The delay is not a whole number within its range.
     """
 
     door: DoorConfig = field(default_factory=DoorConfig)
@@ -93,16 +89,11 @@ class Variation:
     noise: SensorNoise = field(default_factory=SensorNoise)
     """What blurs its observations."""
 
-    delay: int = 0
-    """Control periods from a command to its effect, 0 to 10."""
+    delay: int = quantity(0, unit="control periods", low=0, high=10)
+    """From a command to its effect."""
 
     def __post_init__(self) -> None:
-        whole = isinstance(self.delay, numbers.Integral)
-        if not whole or not 0 <= self.delay <= LONGEST_DELAY:
-            raise ValueError(
-                f"Variation.delay = {self.delay!r} must be a whole number of control "
-                f"periods from 0 to {LONGEST_DELAY}"
-            )
+        check_quantities(self)
 
     def as_dict(self) -> dict[str, float]:
         """Every number by name, e.g. for logs."""
@@ -112,43 +103,3 @@ class Variation:
             **{f"{k}_noise": v for k, v in dataclasses.asdict(self.noise).items()},
             "delay": self.delay,
         }
-
-
-LONGEST_DELAY: Final = 10
-"""Most control periods from a command to its effect."""
-
-_PLACEMENT_RANGES: Final[Mapping[str, tuple[float, float, str]]] = MappingProxyType(
-    {
-        "base_x": (-0.05, 0.05, "m"),
-        "base_y": (-0.05, 0.05, "m"),
-        "base_yaw": (-0.1, 0.1, "rad"),
-        "grasp_height": (-0.05, 0.05, "m"),
-        "grasp_depth": (-0.008, 0.008, "m"),
-    }
-)
-_NOISE_RANGES: Final[Mapping[str, tuple[float, float, str]]] = MappingProxyType(
-    {
-        "position": (0.0, 0.01, "m"),
-        "rotation": (0.0, 0.1, "rad"),
-        "force": (0.0, 10.0, "N"),
-        "torque": (0.0, 1.0, "N m"),
-    }
-)
-
-
-def _check(record: object, ranges: Mapping[str, tuple[float, float, str]]) -> None:
-    """Turn every field into a float within its range."""
-    for name, (low, high, unit) in ranges.items():
-        value = getattr(record, name)
-        kind = type(record).__name__
-        if isinstance(value, bool) or not isinstance(value, numbers.Real):
-            raise TypeError(
-                f"{kind}.{name} must be a number, got {value!r} "
-                f"({type(value).__name__})"
-            )
-        value = float(value)
-        if not (math.isfinite(value) and low <= value <= high):
-            raise ValueError(
-                f"{kind}.{name} = {value!r} is outside [{low:g}, {high:g}] {unit}"
-            )
-        object.__setattr__(record, name, value)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, get_args
 
 import gymnasium as gym
 import mujoco
@@ -14,33 +14,26 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from gplfd_env.batch import DoorBatch
-from gplfd_env.camera import Camera, check_choice
+from gplfd_env.camera import Camera
 from gplfd_env.command import COMMANDS
-from gplfd_env.disturbance import draw_episode
-from gplfd_env.episode import (
-    CONTROL_PERIOD,
-    FLAGS,
-    NUMBERS,
-    POSE,
-    REWARDS,
-    Episode,
-    Reward,
-)
-from gplfd_env.observation import Observation, Reader, observation_space
-from gplfd_env.randomization import RandomizationSpec, door_randomization
-from gplfd_env.robot import Grasp
-from gplfd_env.variation import Variation
-from gplfd_env.vector_convention import (
+from gplfd_env.convention import (
     Doors,
     Seeds,
-    check_count,
-    chosen_autoreset_mode,
+    checked_options,
     chosen_rows,
     each_door,
     each_seed,
     masked,
     unmasked,
 )
+from gplfd_env.disturbance import draw_episode
+from gplfd_env.episode import FLAGS, NUMBERS, POSE, REWARDS, Episode, Reward
+from gplfd_env.fields import Range, check_choice, checked_count
+from gplfd_env.observation import Observation, Reader, observation_space
+from gplfd_env.randomization import RandomizationSpec, door_randomization
+from gplfd_env.robot import Grasp
+from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.variation import Variation
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -59,9 +52,6 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     Args:
         num_envs: Number of simulations n.
         door: As for the single environment, or a sequence of n such.
-        grasp: See the single environment.
-        randomization: See the single environment.
-        reward: See the single environment.
         max_episode_steps: Control periods after which an episode is truncated; None or
             -1 for no limit.
         autoreset_mode: ``"NextStep"`` (the step after an episode's end resets it),
@@ -70,10 +60,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             cost, until ``reset(options={"reset_mask": ...})``).
         num_threads: Threads that step the simulations; 0 for one per core.
         render_mode: None or ``"rgb_array"``: `render` returns n pictures.
-        width: Of a picture [px].
-        height: Of a picture [px].
-        camera_name: See the single environment.
-        effects: See the single environment.
+
+    The other arguments are those of the single environment.
 
     Raises:
         ValueError: As the single environment, and for an unknown autoreset mode.
@@ -99,16 +87,20 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         camera_name: str = "overview",
         effects: bool = False,
     ) -> None:
-        check_choice("grasp", grasp, ("contact", "weld"))
-        check_choice("reward", reward, tuple(REWARDS))
+        check_choice("grasp", grasp, get_args(Grasp))
+        check_choice("reward", reward, REWARDS)
         check_choice("render_mode", render_mode, (None, "rgb_array"))
-        check_count("num_envs", num_envs, 1)
-        check_count("num_threads", num_threads, 0)
+        self.num_envs = checked_count("num_envs", num_envs, Range(low=1))
+        checked_count("num_threads", num_threads, Range(low=0))
+        self._limit = np.inf
         if max_episode_steps not in (None, -1):
-            check_count("max_episode_steps", max_episode_steps, 1)
-        self.num_envs = num_envs
+            self._limit = checked_count(
+                "max_episode_steps", max_episode_steps, Range(low=1)
+            )
+        mode = getattr(autoreset_mode, "value", autoreset_mode)
+        check_choice("autoreset_mode", mode, [known.value for known in AutoresetMode])
+        self.autoreset_mode = AutoresetMode(mode)
         self.render_mode = render_mode
-        self.autoreset_mode = chosen_autoreset_mode(autoreset_mode)
         self.metadata = {
             "render_modes": ["rgb_array"],
             "render_fps": round(1 / CONTROL_PERIOD),
@@ -121,14 +113,11 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self._doors = each_door(door, num_envs)
         self._randomization = door_randomization(randomization)
         self._reader = Reader.of(grasp, self.command.control)
-        self._episodes = [Episode(self._reader, reward) for _ in range(num_envs)]
-        self._limit = np.inf if max_episode_steps in (None, -1) else max_episode_steps
+        self._reward: Reward = reward
+        self._episodes: list[Episode] = []
         self._batch = DoorBatch(num_envs, grasp, self.command, num_threads)
-        self._shown = self._batch.models[0].__copy__()
-        self._shown_data = mujoco.MjData(self._shown)
         self._camera = Camera(
-            *(self._shown, self._shown_data, width, height, camera_name),
-            effects=effects,
+            self.models[0], width, height, camera_name, effects=effects
         )
         self._random: list[tuple[np.random.Generator, int]] = []
         self._everyone = np.ones(num_envs, dtype=bool)
@@ -137,7 +126,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     @property
     def variations(self) -> tuple[Variation, ...]:
-        """Door and circumstances of every simulation's episode."""
+        """Door and circumstances of every episode; none before the first reset."""
         return tuple(episode.variation for episode in self._episodes)
 
     @property
@@ -178,13 +167,16 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         Raises:
             ValueError: An unknown option, or a door, seed or mask that does not fit.
         """
-        seeds = each_seed(seed, self.num_envs)
-        rows = self._take(dict(options or {}))
-        if not self._random:
-            self._random = [np_random(one) for one in seeds]
-        for row in np.flatnonzero(rows):
-            if seeds[row] is not None:
-                self._random[row] = np_random(seeds[row])
+        fresh = {
+            row: np_random(one)
+            for row, one in enumerate(each_seed(seed, self.num_envs))
+            if one is not None or not self._random
+        }
+        rows = self._take(options)
+        self._random = [
+            fresh[row] if row in fresh and rows[row] else self._random[row]
+            for row in range(self.num_envs)
+        ]
         self._restart(rows)
         *_, infos = self._outcome(rows)
         return self._observation(), infos
@@ -200,12 +192,11 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             ValueError: The shape is wrong or an action is not finite.
             gymnasium.error.ResetNeeded: There was no reset yet.
         """
-        if not self._random:
+        if not self._episodes:
             raise gym.error.ResetNeeded("call reset() before the first step()")
-        commands = self.command.check(
-            actions, (self.num_envs, *self.command.rest.shape)
-        )
         resting = self._ended if np.count_nonzero(self._ended) else None
+        shape = self.num_envs, *self.command.rest.shape
+        commands = self.command.check(actions, shape, resting)
         self._advance(commands, resting)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and resting is not None:
             self._restart(resting)
@@ -224,31 +215,31 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
                 'render_mode; use gym.make_vec(..., render_mode="rgb_array")'
             )
             return None
-        return tuple(self._pictures())
+        return tuple(
+            self._camera.picture("rgb_array", self._batch.state_of(row))
+            for row in range(self.num_envs)
+        )
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Free the renderer."""
+        """Free the renderer; a later picture makes another."""
         self._camera.close()
 
-    def _pictures(self) -> Iterator[Any]:
-        for row in range(self.num_envs):
-            self._batch.copy_state(row, self._shown, self._shown_data)
-            yield self._camera.picture("rgb_array")
-
-    def _take(self, options: dict[str, Any]) -> Mask:
+    def _take(self, options: Mapping[str, Any] | None) -> Mask:
         """Check all options of a reset, then keep them; return its mask."""
-        door, mask = options.pop("door", None), options.pop("reset_mask", None)
-        randomization = options.pop("randomization", None)
-        if options:
-            raise ValueError(
-                f"unknown reset option(s) {', '.join(map(repr, options))}; allowed: "
-                '"door" (as for the single environment, or a sequence of num_envs), '
-                '"randomization" and "reset_mask"'
-            )
-        rows = chosen_rows(mask, self.num_envs, begun=bool(self._random))
-        doors = self._doors if door is None else each_door(door, self.num_envs)
-        if randomization is not None:
-            self._randomization = door_randomization(randomization)
+        given = checked_options(
+            options,
+            {
+                "door": "as for the single environment, or a sequence of num_envs",
+                "randomization": "as for the single environment",
+                "reset_mask": "an array of num_envs booleans",
+            },
+        )
+        n = self.num_envs
+        rows = chosen_rows(given.get("reset_mask"), n, begun=bool(self._episodes))
+        doors = each_door(given.get("door", self._doors), n)
+        self._randomization = door_randomization(
+            given.get("randomization", self._randomization)
+        )
         for row in np.flatnonzero(rows):
             self._doors[row] = doors[row]
         return rows
@@ -266,8 +257,12 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             self._batch.load(row, drawn[row].variation)
         self._batch.restart(chosen)
         self._sensed[rows] = self._batch.sensordata[rows]
-        for row in chosen:
-            self._episodes[row].begin(drawn[row], self._sensed[row].tolist())
+        self._episodes = [
+            Episode(drawn[row], self._reader, self._reward, self._sensed[row].tolist())
+            if row in drawn
+            else self._episodes[row]
+            for row in range(self.num_envs)
+        ]
         self._ended = self._ended & ~rows
 
     def _advance(self, commands: Array, resting: Mask | None) -> None:

@@ -1,28 +1,29 @@
-"""One agent: what the rollout needs, and the one that the paper describes.
+"""One agent: what acts in an episode, and the one that the paper describes.
 
 The paper is Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979; `policies.composition` is what the agent does.
+Demonstration*, arXiv:2002.09979; `policies.compliance` is what its agent does.
 """
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
-from policies.composition import AgentConfig, Composition
-from policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
-from policies.gridded import GriddedPolicy
-from policies.load import LoadRule
+import numpy as np
+
+from policies.compliance import ComplianceConfig, ComplianceController
+from policies.gridded import GriddedMovement
 from policies.phase import PhaseRule
 from policies.steps import AgentStep, Observation
 from policies.trajectory import GaussianTrajectory
 
-__all__ = ["Agent", "AgentConfig", "AgentStep", "GaussianProcessAgent", "Observation"]
+__all__ = ["Agent", "AgentStep", "CompliantAgent", "Observation"]
 
 
 @runtime_checkable
 class Agent(Protocol):
-    """What the rollout needs of a policy."""
+    """What acts in one episode; `as_agent` makes one of anything that can act."""
 
     def reset(self, observation: Observation) -> None:
         """Begin an episode at the closed, grasped door."""
@@ -31,48 +32,125 @@ class Agent(Protocol):
         """Return the command for the next control period."""
 
     def forecast(self) -> GaussianTrajectory | None:
-        """Return what the policy now expects of the whole task, or None."""
+        """Return what the agent now expects of the whole task, or None."""
+
+
+def as_agent(candidate: object) -> Agent:
+    """Make an agent of an object that can act.
+
+    Args:
+        candidate: Has ``act(observation)``, which returns the commanded pose (6,)
+            [m, rad] or an `AgentStep`; ``reset(observation)`` and ``forecast()`` are
+            called if it has them.
+
+    Returns:
+        An agent that checks what the object returns, step by step.
+
+    Raises:
+        ValueError: If the object cannot act.
+    """
+    if isinstance(candidate, CompliantAgent | CheckedAgent):
+        return candidate
+    given = f"an object of {type(candidate)}"
+    if isinstance(candidate, type):
+        given = f"{candidate} itself, no object of it,"
+    elif callable(getattr(candidate, "act", None)):
+        return CheckedAgent(candidate)
+    raise ValueError(
+        f"{given} is no agent: an agent is an object with a method act(observation) "
+        "that returns the commanded pose, six numbers [m, rad]"
+    )
+
+
+class CheckedAgent:
+    """An agent of one's own: what it leaves out is filled in, what it does checked.
+
+    Args:
+        candidate: What acts; see `as_agent`.
+    """
+
+    def __init__(self, candidate: Any) -> None:
+        self._candidate = candidate
+        self._step = 0
+
+    def reset(self, observation: Observation) -> None:
+        """Begin an episode."""
+        self._step = 0
+        if hasattr(self._candidate, "reset"):
+            self._candidate.reset(observation)
+
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command for the next control period.
+
+        Raises:
+            ValueError: If it is not a pose; the message says what it is, and when.
+        """
+        self._step += 1
+        given = self._candidate.act(observation)
+        step = _as_step(given)
+        if step is not None:
+            return step
+        raise ValueError(
+            f"{type(self._candidate).__name__}.act returned "
+            f"{textwrap.shorten(repr(given), 100, placeholder=' ...')} at step "
+            f"{self._step} of an episode; it must return the commanded pose, six "
+            "finite numbers (x, y, z, θu_x, θu_y, θu_z) [m, rad], or an AgentStep "
+            "with such an action"
+        )
+
+    def forecast(self) -> GaussianTrajectory | None:
+        """Return what the agent now expects of the whole task, or None.
+
+        Raises:
+            ValueError: If it is something else.
+        """
+        if not hasattr(self._candidate, "forecast"):
+            return None
+        forecast = self._candidate.forecast()
+        if forecast is None or isinstance(forecast, GaussianTrajectory):
+            return forecast
+        raise ValueError(
+            f"{type(self._candidate).__name__}.forecast returned {type(forecast)}; it "
+            "must return a policies.GaussianTrajectory over the whole task, or None"
+        )
+
+
+def _as_step(given: Any) -> AgentStep | None:
+    """Return a pose or a step as a step; None if it is neither, or not finite."""
+    try:
+        step = AgentStep(action=np.array(given, dtype=np.float64))
+    except (TypeError, ValueError):
+        step = given
+    if not isinstance(step, AgentStep) or step.action.shape != (6,):
+        return None
+    return step if np.isfinite(step.action).all() else None
 
 
 @dataclass(frozen=True, slots=True)
-class GaussianProcessAgent:
-    """Follows a Gaussian-process policy with variable-stiffness admittance control.
+class CompliantAgent:
+    """Follows a learned movement with variable-stiffness admittance control.
 
     The command phase runs by the clock, at the demonstrations' mean speed, unless the
-    load rule makes it wait. `policies.lockstep` lets many
-    of them act together.
+    load rule makes it wait. `policies.lockstep` lets many of them act together.
 
     Attributes:
-        policy: The policy on a grid of phases, adapted in place.
+        movement: The movement on a grid of phases, adapted in place.
         phases: Tells where along the task an observed pose lies.
-        load: What is done about the door's resistance.
-        profile: Stiffness as a function of uncertainty, Eq. (24).
-        dynamics: Virtual mass and damping ratio, Eq. (22).
-        config: Timing and via-points.
+        config: Stiffness, load, timing and via-points.
     """
 
-    policy: GriddedPolicy
+    movement: GriddedMovement
     phases: PhaseRule
-    load: LoadRule
-    profile: StiffnessProfile
-    dynamics: VirtualDynamics
-    config: AgentConfig = field(default_factory=AgentConfig)
-    _composition: Composition = field(init=False, repr=False, compare=False)
+    config: ComplianceConfig = field(default_factory=ComplianceConfig)
+    _controller: ComplianceController = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        composition = Composition(
-            self.policy,
-            phases=self.phases,
-            load=self.load,
-            profile=self.profile,
-            dynamics=self.dynamics,
-            config=self.config,
-        )
-        object.__setattr__(self, "_composition", composition)
+        controller = ComplianceController(self.movement, self.phases, self.config)
+        object.__setattr__(self, "_controller", controller)
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed one."""
-        self._composition.reset()
+        self._controller.reset()
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period.
@@ -81,10 +159,8 @@ class GaussianProcessAgent:
             observation: ``ee_pose`` (6,) [m, rad] and ``wrench`` (6,) [N, N m] on the
                 hand, both in the task frame.
         """
-        return AgentStep.of(
-            self._composition.decide(observation["ee_pose"], observation["wrench"])
-        )
+        return self._controller.decide(observation["ee_pose"], observation["wrench"])
 
     def forecast(self) -> GaussianTrajectory:
-        """Return the policy as it stands, over the whole task."""
-        return self.policy.trajectory()
+        """Return the movement as it stands, over the whole task."""
+        return self.movement.trajectory()

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from policies.records import freeze, short_repr
+
 __all__ = ["AlignedDemonstrations"]
 
 
@@ -24,9 +26,11 @@ class AlignedDemonstrations:
     duration: float = 1.0
     """Nominal duration [s] of phases 0 to 1."""
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
-        times = np.array(self.times, dtype=np.float64)
-        poses = np.array(self.poses, dtype=np.float64)
+        freeze(self, "times", "poses")
+        times, poses = self.times, self.poses
         if times.ndim != 1 or poses.ndim != 3 or poses.shape[1:] != (times.size, 6):
             raise ValueError(
                 "times must have shape (M,) and poses (K, M, 6), got "
@@ -48,6 +52,3 @@ class AlignedDemonstrations:
             raise ValueError(
                 f"duration must be positive and finite [s], got {self.duration}"
             )
-        for name, array in (("times", times), ("poses", poses)):
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)

@@ -7,6 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from gplfd_env.rotation_paths import rotvecs_from_quaternions, unwrap_rotvecs
+from gplfd_env.se3 import relative_poses
+from policies.records import freeze, short_repr
 
 __all__ = ["Demonstration"]
 
@@ -33,15 +35,13 @@ class Demonstration:
     """Hand poses (x, y, z, θu_x, θu_y, θu_z) [m, rad] in the task frame; the rotation
     vectors are continuous in time."""
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
-        times = np.array(self.times, dtype=np.float64)
-        poses = np.array(self.poses, dtype=np.float64)
-        _check_shapes(times, poses)
-        _check_times(times)
-        _check_poses(poses)
-        for name, array in (("times", times), ("poses", poses)):
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+        freeze(self, "times", "poses")
+        _check_shapes(self.times, self.poses)
+        _check_times(self.times)
+        _check_poses(self.poses)
 
     @classmethod
     def from_quaternions(
@@ -74,6 +74,15 @@ class Demonstration:
                 f"{positions.shape} for {len(rotvecs)} quaternions"
             )
         return cls(times=times, poses=np.hstack([positions, rotvecs]))
+
+    def relative_to_first(self) -> "Demonstration":
+        """Return the motion relative to its first pose, T_0⁻¹ T.
+
+        The first pose becomes zero: the origin and the axes of the result are those of
+        the hand at the start.
+        """
+        poses = relative_poses(self.poses, self.poses[0])
+        return Demonstration(times=self.times, poses=poses)
 
 
 def _check_shapes(

@@ -1,5 +1,7 @@
 """The demonstrations' own mean and spread, whatever method learns from them."""
 
+from functools import partial
+
 import numpy as np
 from jaxtyping import Float
 
@@ -38,5 +40,5 @@ class EmpiricalDistribution:
             times=times,
             mean=curves.mean(axis=0).T,
             std=np.sqrt(np.sum(root**2, axis=0)).T,
-            covariance_function=lambda: np.einsum("kom,kon->omn", root, root),
+            covariance_function=partial(np.einsum, "kom,kon->omn", root, root),
         )

@@ -1,56 +1,21 @@
-"""A policy on a grid of phases: cheap to ask at any phase, adapted in place."""
+"""A movement on a grid of phases: cheap to ask at any phase, adapted in place."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
-from typing import TypeVar
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from policies.adaptation import Adaptation
+from policies.adaptation import Adaptation, AdaptationForm, begin_adaptation
 from policies.members import EVERY_MEMBER, Members, Numbers
-from policies.movement import Movement, Predictor
+from policies.movement import Movement
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
-__all__ = ["Demonstrated", "GriddedPolicies", "GriddedPolicy"]
-
 Pose = Float[np.ndarray, " 6"]
-Grid = Float[np.ndarray, "M 6"]
-MovementT = TypeVar("MovementT", bound=Movement)
 
 
-class Demonstrated:
-    """The policy as demonstrated: via-points change nothing.
-
-    Args:
-        movement: What was learned.
-        grid: Phases (M,).
-    """
-
-    def __init__(self, movement: Predictor, grid: Float[np.ndarray, " M"]) -> None:
-        self._trajectory = movement.predict(grid)
-
-    @property
-    def mean(self) -> Grid:
-        """The demonstrations' mean, (M, 6) [m, rad]."""
-        return self._trajectory.mean
-
-    @property
-    def std(self) -> Grid:
-        """The demonstrations' standard deviation, (M, 6) [m, rad]."""
-        return self._trajectory.std
-
-    def observe(self, via_point: ViaPoint) -> None:
-        """Ignore a via-point."""
-
-    def trajectory(self) -> GaussianTrajectory:
-        """Return the demonstrated distribution."""
-        return self._trajectory
-
-
-class GriddedPolicy:
+class GriddedMovement:
     """A movement under one form of adaptation, evaluated on a uniform grid of phases.
 
     Between grid points mean and σ are interpolated linearly: at 100 points the arc of
@@ -58,10 +23,8 @@ class GriddedPolicy:
 
     Args:
         movement: What was learned; NaN σ for a method without any.
-        form: Makes the distribution from movement and grid:
-            `policies.adaptation.ProcessAdaptation` of a skill,
-            `policies.movement.ReadaptedMovement` of anything that adapts, and
-            `Demonstrated` of anything else.
+        form: In which form it adapts to via-points, see `policies.adaptation`; None
+            for a movement that does not.
         n_grid: Number of grid points M, at least 2.
 
     Raises:
@@ -70,22 +33,21 @@ class GriddedPolicy:
 
     def __init__(
         self,
-        movement: MovementT,
-        form: Callable[[MovementT, Float[np.ndarray, " M"]], Adaptation],
+        movement: Movement,
+        form: AdaptationForm | None,
         n_grid: int,
     ) -> None:
         if n_grid < 2:
             raise ValueError(f"n_grid must be at least 2, got {n_grid}")
-        self._movement = movement
+        self._learned, self._form = movement, form
         self._n_grid = n_grid
-        self._fresh = partial(form, movement, np.linspace(0.0, 1.0, n_grid))
         self._distribution = self._fresh()
         self._adapted = False
 
     @property
-    def movement(self) -> Movement:
+    def learned(self) -> Movement:
         """What was learned."""
-        return self._movement
+        return self._learned
 
     @property
     def n_grid(self) -> int:
@@ -108,32 +70,36 @@ class GriddedPolicy:
         self._adapted = True
         self._distribution.observe(via_point)
 
+    def _fresh(self) -> Adaptation:
+        grid = np.linspace(0.0, 1.0, self._n_grid)
+        return begin_adaptation(self._learned, self._form, grid)
+
     def at(self, phase: float) -> tuple[Pose, Pose]:
         """Return mean and standard deviation at a phase in [0, 1], each (6,)."""
-        return GriddedPolicies(self).at(np.float64(phase))
+        return GriddedMovements(self).at(np.float64(phase))
 
     def trajectory(self) -> GaussianTrajectory:
         """Return the current distribution over the whole task."""
         return self._distribution.trajectory()
 
 
-class GriddedPolicies:
-    """Policies on grids of equal size, looked up all at once.
+class GriddedMovements:
+    """Movements on grids of equal size, looked up all at once.
 
     Mean and σ of every member are kept in one table, of which a via-point renews only
     the member's own part.
 
     Args:
-        policies: One per member, or a single one, of which arrays have no leading axis;
-            adapted in place.
+        movements: One per member, or a single one, of which arrays have no leading
+            axis; adapted in place.
     """
 
-    def __init__(self, policies: GriddedPolicy | Sequence[GriddedPolicy]) -> None:
-        alone = isinstance(policies, GriddedPolicy)
-        self._policies = _listed(policies)
-        self._n_grid, count = self._policies[0].n_grid, len(self._policies)
+    def __init__(self, movements: GriddedMovement | Sequence[GriddedMovement]) -> None:
+        alone = isinstance(movements, GriddedMovement)
+        self._movements = _listed(movements)
+        self._n_grid, count = self._movements[0].n_grid, len(self._movements)
         shape = () if alone else (count,)
-        durations = [policy.movement.duration for policy in self._policies]
+        durations = [movement.learned.duration for movement in self._movements]
         self._durations = np.reshape(durations, shape)
         self._numbers = np.reshape(np.arange(count), shape)
         # The last grid point twice, so that it, too, has a right neighbour.
@@ -155,12 +121,12 @@ class GriddedPolicies:
     def reset(self, members: Members = EVERY_MEMBER) -> None:
         """Forget the via-points of these members."""
         for member in np.ravel(self._numbers[members]).tolist():
-            self._policies[member].reset()
+            self._movements[member].reset()
             self._renew(member)
 
     def observe(self, member: int, via_point: ViaPoint) -> None:
-        """Condition the policy of one member on a via-point."""
-        self._policies[member].observe(via_point)
+        """Condition the movement of one member on a via-point."""
+        self._movements[member].observe(via_point)
         self._renew(member)
 
     def at(
@@ -181,7 +147,7 @@ class GriddedPolicies:
         return both[..., :6], both[..., 6:]
 
     def _renew(self, member: int) -> None:
-        distribution = self._policies[member].distribution
+        distribution = self._movements[member].distribution
         part = self._table.reshape(-1, self._n_grid + 1, 12)[member]
         part[:-1, :6] = distribution.mean
         part[:-1, 6:] = distribution.std
@@ -189,6 +155,6 @@ class GriddedPolicies:
 
 
 def _listed(
-    policies: GriddedPolicy | Sequence[GriddedPolicy],
-) -> tuple[GriddedPolicy, ...]:
-    return (policies,) if isinstance(policies, GriddedPolicy) else tuple(policies)
+    movements: GriddedMovement | Sequence[GriddedMovement],
+) -> tuple[GriddedMovement, ...]:
+    return (movements,) if isinstance(movements, GriddedMovement) else tuple(movements)

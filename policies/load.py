@@ -60,7 +60,9 @@ class CarriedLoad:
             clock) without load, 0 at the limit, and down to -1 from 1.19 times the
             limit on, where the set-point comes back to the hand.
         """
-        load = np.maximum(-np.vecdot(direction, wrench[..., :3]), 0.0)
+        # Not `vecdot`: see `policies.composition`.
+        along = np.add.reduce(direction * wrench[..., :3], axis=-1)
+        load = np.maximum(-along, 0.0)
         left = wrench.copy()
         left[..., :3] += np.minimum(load, self.limit)[..., None] * direction
         # Not `**`: for arrays its last bit depends on the processor.

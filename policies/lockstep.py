@@ -1,21 +1,22 @@
 """Agents that act together: N episodes, one control step at a time.
 
-A Gaussian-process agent spends most of a control step on NumPy's cost per call. Agents
-of one composition that act in lockstep share it, and decide as they would alone.
+A compliant agent spends most of a control step on NumPy's cost per call. Agents with
+one configuration that act in lockstep share it, and decide as they would alone.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Protocol, SupportsIndex, runtime_checkable
+from typing import Any, Protocol, SupportsIndex, runtime_checkable
 
 import numpy as np
 
-from policies.agent import Agent, GaussianProcessAgent
-from policies.composition import Composition
+from policies.agent import Agent, CompliantAgent, as_agent
+from policies.compliance import ComplianceController
+from policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
 from policies.members import members_of
-from policies.steps import AgentSteps, Observation
+from policies.steps import AgentStep, Observation
 from policies.trajectory import GaussianTrajectory
 
 __all__ = ["AgentBatch", "batch_agents"]
@@ -36,7 +37,7 @@ class AgentBatch(Protocol):
             mask: Which members begin, (N,); None means all.
         """
 
-    def act(self, observations: Observation, mask: Mask | None = None) -> AgentSteps:
+    def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
         """Return the commands for the next control period.
 
         Args:
@@ -49,21 +50,22 @@ class AgentBatch(Protocol):
         """Return what one member now expects of the whole task, or None."""
 
 
-def batch_agents(agents: Sequence[Agent]) -> AgentBatch:
+def batch_agents(agents: Sequence[object]) -> AgentBatch:
     """Let agents act together.
 
     The batch takes the agents over: until they are reset, they do not act on their own
     any more.
 
     Args:
-        agents: One per member, each an object of its own, as `make_agent` makes them.
+        agents: One per member, each an object of its own, as `make_agent` makes them,
+            or anything else that `policies.agent.as_agent` takes.
 
     Returns:
-        A batch that decides for all members at once if they are Gaussian-process agents
-        of one composition, and asks one after the other if not.
+        A batch that decides for all members at once if they are `CompliantAgent`s with
+        one configuration, and asks one after the other if not.
 
     Raises:
-        ValueError: If there is no agent, or one is given twice.
+        ValueError: If there is no agent, one is given twice, or one cannot act.
     """
     if not agents:
         raise ValueError("no agents were given; a batch needs at least one")
@@ -72,58 +74,57 @@ def batch_agents(agents: Sequence[Agent]) -> AgentBatch:
             "an agent is given twice, but it can open only one door at a time; make "
             "one agent per member"
         )
-    alike = [agent for agent in agents if isinstance(agent, GaussianProcessAgent)]
-    if len(alike) < len(agents):
-        return _OneByOne(agents)
-    first = alike[0]
-    if any(_composition(agent) != _composition(first) for agent in alike):
-        return _OneByOne(agents)
+    checked = [as_agent(agent) for agent in agents]
+    alike = [agent for agent in checked if isinstance(agent, CompliantAgent)]
+    if len(alike) < len(checked):
+        return _OneByOne(checked)
+    if any(_shared(agent) != _shared(alike[0]) for agent in alike):
+        return _OneByOne(checked)
     return _AllAtOnce(alike)
 
 
-def _composition(agent: GaussianProcessAgent) -> tuple[object, ...]:
-    """Everything that members of one batch share."""
-    gains = [
-        np.ravel(getattr(part, one.name)).tobytes()
-        for part in (agent.profile, agent.dynamics)
-        for one in dataclasses.fields(part)
-    ]
+def _shared(agent: CompliantAgent) -> tuple[object, ...]:
+    """Everything that members of one batch share; records of arrays as their bytes."""
+
+    def comparable(part: object) -> object:
+        if isinstance(part, StiffnessProfile | VirtualDynamics):
+            return [np.ravel(each).tobytes() for each in _values(part)]
+        return part
+
     rule = type(agent.phases), agent.phases.settings
-    return (agent.policy.n_grid, rule, agent.load, agent.config, *gains)
+    return (agent.movement.n_grid, rule, *map(comparable, _values(agent.config)))
+
+
+def _values(record: Any) -> list[Any]:
+    return [getattr(record, one.name) for one in dataclasses.fields(record)]
 
 
 class _AllAtOnce:
-    """Gaussian-process agents of one composition."""
+    """Compliant agents with one configuration."""
 
-    def __init__(self, agents: Sequence[GaussianProcessAgent]) -> None:
-        first = agents[0]
-        self._policies = [agent.policy for agent in agents]
-        self._composition = Composition(
-            self._policies,
-            phases=first.phases.stacked([agent.phases for agent in agents]),
-            load=first.load,
-            profile=first.profile,
-            dynamics=first.dynamics,
-            config=first.config,
-        )
+    def __init__(self, agents: Sequence[CompliantAgent]) -> None:
+        self._movements = [agent.movement for agent in agents]
+        rule = agents[0].phases.stacked([agent.phases for agent in agents])
+        self._controller = ComplianceController(self._movements, rule, agents[0].config)
         self._actions = np.full((len(agents), 6), np.nan)
 
     def reset(self, observations: Observation, mask: Mask | None = None) -> None:
         """Let members begin an episode."""
-        self._composition.reset(members_of(mask, len(self._policies)))
+        self._controller.reset(members_of(mask, len(self._movements)))
 
-    def act(self, observations: Observation, mask: Mask | None = None) -> AgentSteps:
+    def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
         """Return the commands for the next control period."""
-        members = members_of(mask, len(self._policies))
+        members = members_of(mask, len(self._movements))
         poses, wrenches = observations["ee_pose"], observations["wrench"]
-        decided = self._composition.decide(poses[members], wrenches[members], members)
-        steps = AgentSteps(**decided).among(members, self._actions)
+        steps = self._controller.decide(
+            poses[members], wrenches[members], members
+        ).among(members, self._actions)
         self._actions = steps.action
         return steps
 
     def forecast(self, member: SupportsIndex) -> GaussianTrajectory:
         """Return what one member now expects of the whole task."""
-        return self._policies[member].trajectory()
+        return self._movements[member].trajectory()
 
 
 class _OneByOne:
@@ -139,10 +140,10 @@ class _OneByOne:
         for member in self._numbers[members_of(mask, self._numbers.size)].tolist():
             self._agents[member].reset(_row(observations, member))
 
-    def act(self, observations: Observation, mask: Mask | None = None) -> AgentSteps:
+    def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
         """Return the commands for the next control period."""
         members = members_of(mask, self._numbers.size)
-        steps = AgentSteps.of(
+        steps = AgentStep.stacked(
             [
                 self._agents[member].act(_row(observations, member))
                 for member in self._numbers[members].tolist()

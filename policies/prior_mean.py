@@ -13,6 +13,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 
+from policies.records import freeze, short_repr
+
 __all__ = ["PosePath", "PriorMean"]
 
 
@@ -52,9 +54,11 @@ class PosePath:
     poses: Float[np.ndarray, "N 6"]
     """Pose at each of them [m, rad], task frame."""
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
-        phases = np.array(self.phases, dtype=np.float64)
-        poses = np.array(self.poses, dtype=np.float64)
+        freeze(self, "phases", "poses")
+        phases, poses = self.phases, self.poses
         if phases.ndim != 1 or phases.size < 2 or poses.shape != (phases.size, 6):
             raise ValueError(
                 "a path needs phases of shape (N,) and poses of shape (N, 6), N at "
@@ -64,9 +68,6 @@ class PosePath:
             raise ValueError("phases and poses of a path must be finite")
         if np.any(np.diff(phases) <= 0.0):
             raise ValueError(f"phases of a path must increase strictly, got {phases}")
-        for name, array in (("phases", phases), ("poses", poses)):
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
 
     @cached_property
     def _curve(self) -> PchipInterpolator:

@@ -7,37 +7,42 @@ returns to m(t); variances do not depend on m(t). Via-points are shifted likewis
 (``test_adaptation_is_that_of_the_residual_plus_the_prior_mean``).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from policies.adaptation import Adaptation
 from policies.aligned import AlignedDemonstrations
-from policies.movement import Movement, Predictor, adapted
+from policies.movement import (
+    AdaptationForm,
+    LearnedMovement,
+    Movement,
+)
 from policies.prior_mean import PriorMean
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
-__all__ = ["ResidualAdaptation", "ResidualMovement", "fit_residual", "residual_form"]
 
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ResidualMovement:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ResidualMovement(LearnedMovement):
     """A prior mean and a movement learned from the rest; made by `fit_residual`."""
 
-    aligned: AlignedDemonstrations
-    """The demonstrations it was learned from, prior mean included."""
     prior_mean: PriorMean
     """m(t)."""
     residual: Movement
     """Learned from the demonstrations less m(t), with a prior mean of zero."""
 
-    @property
-    def duration(self) -> float:
-        """Nominal duration of phases 0 to 1 [s]."""
-        return self.aligned.duration
+    def save(self, path: str | Path) -> None:
+        """Refuse: a prior mean may be any code, which no file of arrays holds.
+
+        Raises:
+            ValueError: always.
+        """
+        raise ValueError(
+            f"a movement around a prior mean cannot be saved to {path}: the prior mean "
+            "may be any code. Save the demonstrations, and learn from them again"
+        )
 
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The distribution of the pose at ``times``.
@@ -46,29 +51,6 @@ class ResidualMovement:
             times: phases, shape (M,). Far outside the demonstrated range the mean is
                 the prior mean.
         """
-        return _raised(self.residual.predict(times), self.prior_mean)
-
-    def adapt(self, via_points: Sequence[ViaPoint]) -> "_AdaptedResidual":
-        """The movement conditioned on ``via_points``, all of them at once.
-
-        Raises:
-            ValueError: The residual's method has no via-points.
-        """
-        lowered = tuple(_lowered(point, self.prior_mean) for point in via_points)
-        return _AdaptedResidual(
-            residual=adapted(self.residual, lowered), prior_mean=self.prior_mean
-        )
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _AdaptedResidual:
-    """A prior mean and a residual conditioned on via-points."""
-
-    residual: Predictor
-    prior_mean: PriorMean
-
-    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
-        """The conditioned distribution at ``times``."""
         return _raised(self.residual.predict(times), self.prior_mean)
 
 
@@ -109,7 +91,7 @@ class ResidualAdaptation:
 
     def __init__(
         self,
-        form: Callable[[Any, np.ndarray], Adaptation],
+        form: AdaptationForm,
         movement: ResidualMovement,
         grid: Float[np.ndarray, " M"],
     ) -> None:
@@ -136,23 +118,6 @@ class ResidualAdaptation:
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid."""
         return _raised(self._residual.trajectory(), self._prior_mean)
-
-
-def residual_form(
-    form: Callable[[Any, np.ndarray], Adaptation],
-) -> Callable[[Any, np.ndarray], Adaptation]:
-    """Make a form of adaptation take movements with and without a prior mean.
-
-    Args:
-        form: takes a movement without, and a grid of phases.
-    """
-
-    def build(movement: Any, grid: np.ndarray) -> Adaptation:
-        if isinstance(movement, ResidualMovement):
-            return ResidualAdaptation(form, movement, grid)
-        return form(movement, grid)
-
-    return build
 
 
 def _raised(rest: GaussianTrajectory, prior_mean: PriorMean) -> GaussianTrajectory:

@@ -6,10 +6,9 @@ priori, each with the kernel of Eq. (13) and its own noise r(t), Eq. (15).
 """
 
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cached_property, partial
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -22,12 +21,11 @@ from policies.gp.kersting import KerstingNoise
 from policies.gp.multi_output import MultiOutputGP, OutputMoments
 from policies.gp.noise import HomoscedasticNoise, MapNoise
 from policies.gp.noise_profile import NoiseModel
-from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
+from policies.movement import LearnedMovement
+from policies.skill_archive import read_skill, write_skill
+from policies.trajectory import GaussianTrajectory, checked_times
 
-if TYPE_CHECKING:
-    from policies.adaptation import AdaptationForm, AdaptedSkill
-
-__all__ = ["NOISE_MODELS", "Skill", "fit_skill"]
+__all__ = ["NOISE_MODELS", "Skill", "fit_skill", "load_skill"]
 
 NOISE_MODELS: dict[str, NoiseModel] = {
     "map": MapNoise(),
@@ -43,19 +41,12 @@ _WINDOW = 0.1
 the shortest length-scale that the noise models allow."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Skill:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Skill(LearnedMovement):
     """The learned policy π(t); made by `fit_skill`, immutable."""
 
-    aligned: AlignedDemonstrations
-    """The demonstrations it was learned from."""
     processes: MultiOutputGP
     """The six processes (x, y, z, θu_x, θu_y, θu_z)."""
-
-    @property
-    def duration(self) -> float:
-        """Nominal duration of the task [s]; rates per second are rates / duration."""
-        return self.aligned.duration
 
     @property
     def count(self) -> int:
@@ -137,17 +128,13 @@ class Skill:
             self.smoothness / self.count * moments.noise_rate,
         )
         std = np.sqrt(variance)
-
-        def covariance() -> Float[np.ndarray, "6 M M"]:
-            return self._covariance(times, moments)
-
         return GaussianTrajectory(
             times=times,
             mean=moments.mean,
             std=std,
             mean_rate=moments.mean_rate,
             std_rate=variance_rate / (2.0 * std),
-            covariance_function=covariance,
+            covariance_function=partial(self._covariance, times, moments),
             degrees_of_freedom=self.degrees_of_freedom,
         )
 
@@ -165,28 +152,41 @@ class Skill:
         covariance[:, diagonal, diagonal] = variance.T
         return covariance
 
-    def adapt(
-        self,
-        via_points: Sequence[ViaPoint],
-        form: "str | AdaptationForm" = "process",
-    ) -> "AdaptedSkill":
-        """Condition the policy on via-points.
+    def save(self, path: str | Path) -> None:
+        """Keep the skill in a file, complete or not at all; `load_skill` reads it.
+
+        An archive of arrays (.npz): the aligned demonstrations, the parameters of the
+        six processes, and those of the deviations. Nothing in it is code.
 
         Args:
-            via_points: poses to be reached, in any order.
-            form: "process" (default), "product" (the paper's Eqs. 19–21) or "exact",
-                or a callable (skill, grid) → `policies.adaptation.Adaptation`, such as
-                ``partial(ProductAdaptation, prior_mean="zero")``.
+            path: file to write; an existing one is replaced.
 
         Raises:
-            ValueError: for an unknown form.
+            ValueError: if a user's own noise model does not build on
+                `policies.gp.noise_profile.NoiseProfile.basis_over`.
+            OSError: if the file cannot be written.
         """
-        # Adaptation builds on skills; importing it here keeps modules acyclic.
-        from policies.adaptation import AdaptedSkill, adaptation_form
+        deviations = self.deviations if self.count > 1 else ()
+        write_skill(path, self.aligned, self.processes, deviations)
 
-        return AdaptedSkill(
-            skill=self, via_points=tuple(via_points), form=adaptation_form(form)
-        )
+
+def load_skill(path: str | Path) -> Skill:
+    """Read a skill that `Skill.save` wrote.
+
+    It predicts and adapts as the one that was saved, bit for bit on the same machine
+    (``test_a_loaded_skill_is_the_saved_one_bit_for_bit``).
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if the file is damaged, holds something else, or has the layout of
+            another version.
+    """
+    aligned, processes, deviations = read_skill(path)
+    skill = Skill(aligned=aligned, processes=processes)
+    if deviations:
+        # Learned when first asked for; of this skill they were learned before.
+        vars(skill)["deviations"] = deviations
+    return skill
 
 
 def fit_skill(
@@ -205,12 +205,19 @@ def fit_skill(
             any other see `policies.residual.fit_residual`.
 
     Raises:
+        TypeError: for anything else than aligned demonstrations.
         ValueError: for an unknown name, poses or times that are not finite, or too few
             demonstrations for the noise model.
 
     Warns:
         UserWarning: for three demonstrations or fewer.
     """
+    if not isinstance(aligned, AlignedDemonstrations):
+        raise TypeError(
+            "fit_skill learns from policies.AlignedDemonstrations, got a "
+            f"{type(aligned).__name__}; call fit_skill(align(demonstrations)) with a "
+            "sequence of policies.Demonstration"
+        )
     if isinstance(noise, str):
         if noise not in NOISE_MODELS:
             raise ValueError(

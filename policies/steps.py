@@ -1,150 +1,121 @@
-"""What agents decide in one control step: the records between policy and robot."""
+"""What agents decide in one control step: the record between policy and robot."""
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Final, SupportsIndex
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from policies.members import Members
-
-__all__ = ["AgentStep", "AgentSteps", "Observation"]
+from policies.members import Members, Numbers
 
 Observation = Mapping[str, Float[np.ndarray, "..."]]
 """What the robot measures, by name; of a batch, one row per member."""
 
-Pose = Float[np.ndarray, " 6"]
-Poses = Float[np.ndarray, "N 6"]
+Poses = Float[np.ndarray, "*N 6"]
+Phases = Float[Numbers, "*N"]
+
+_NAN: Final[Any] = math.nan
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AgentStep:
-    """What an agent decided in one control step, and why.
+    """What an agent decided in one control step, and why; read-only.
 
-    An agent without uncertainty or without compliance fills what it has no notion of
-    with NaN.
+    The steps of N agents are one record whose arrays have a leading axis N. Everything
+    but `action` may be left out: what an agent has no notion of is NaN.
 
-    Attributes:
-        action: Commanded hand pose, task frame [m, rad].
-        desired: The policy's mean at the command phase [m, rad].
-        std: The policy's standard deviation there, which sets the stiffness [m, rad].
-        std_rate: Rate of the σ the controller really used, jumps included [1/s].
-        stiffness: Rendered stiffness, after the governor [N/m, N m/rad].
-        stiffness_rate: Its rate over this step [N/m/s, N m/rad/s].
-        stability_margin: Pointwise stability bound minus `stiffness_rate`.
-        phase: Command phase: where along the task the set-point is, 0..1.
-        observed_phase: Where along the task the hand is, 0..1.
-        predicted_mean: Mean at `observed_phase`, before this observation adapted the
-            policy; the phase itself was told by it.
-        predicted_std: Standard deviation there [m, rad].
-        via_point: This observation was taken as a via-point.
-    """
-
-    action: Pose
-    desired: Pose
-    std: Pose
-    std_rate: Pose
-    stiffness: Pose
-    stiffness_rate: Pose
-    stability_margin: Pose
-    phase: float
-    observed_phase: float
-    predicted_mean: Pose
-    predicted_std: Pose
-    via_point: bool
-
-    @classmethod
-    def of(cls, fields: Mapping[str, Any]) -> AgentStep:
-        """Make the record from fields without leading axis: numbers of NumPy."""
-        return cls(
-            **{name: fields[name] for name in _POSES},
-            phase=float(fields["phase"]),
-            observed_phase=float(fields["observed_phase"]),
-            via_point=bool(fields["via_point"]),
-        )
-
-    def __post_init__(self) -> None:
-        poses = np.array([getattr(self, name) for name in _POSES], dtype=np.float64)
-        poses.flags.writeable = False
-        for name, pose in zip(_POSES, poses, strict=True):
-            object.__setattr__(self, name, pose)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class AgentSteps:
-    """What N agents decided in one control step: the fields of `AgentStep`, stacked.
-
-    The fields mean what they mean there; poses are (N, 6), phases (N,), ``via_point``
-    is boolean (N,). A member that did not act has its last action, ``via_point`` false
-    and NaN elsewhere. The record takes its arrays over: they become read-only.
+    Raises:
+        ValueError: If an array has another shape than the action asks for.
     """
 
     action: Poses
-    desired: Poses
-    std: Poses
-    std_rate: Poses
-    stiffness: Poses
-    stiffness_rate: Poses
-    stability_margin: Poses
-    phase: Float[np.ndarray, " N"]
-    observed_phase: Float[np.ndarray, " N"]
-    predicted_mean: Poses
-    predicted_std: Poses
-    via_point: Bool[np.ndarray, " N"]
+    """Commanded hand pose, task frame [m, rad]."""
+    desired: Poses = _NAN
+    """The movement's mean at the command phase [m, rad]."""
+    std: Poses = _NAN
+    """Its standard deviation there, which sets the stiffness [m, rad]."""
+    std_rate: Poses = _NAN
+    """Rate of the σ the controller really used, jumps included [m/s, rad/s]."""
+    stiffness: Poses = _NAN
+    """Rendered stiffness, after the governor [N/m, N m/rad]."""
+    stiffness_rate: Poses = _NAN
+    """Its rate over this step [N/(m s), N m/(rad s)]."""
+    stability_margin: Poses = _NAN
+    """Pointwise stability bound minus `stiffness_rate` [N/(m s), N m/(rad s)]."""
+    phase: Phases | float = _NAN
+    """Command phase: where along the task the set-point is, 0..1."""
+    observed_phase: Phases | float = _NAN
+    """Where along the task the hand is, 0..1."""
+    predicted_mean: Poses = _NAN
+    """Mean at `observed_phase`, before this observation adapted the movement; the phase
+    itself was found with it [m, rad]."""
+    predicted_std: Poses = _NAN
+    """Standard deviation there [m, rad]."""
+    via_point: Bool[np.ndarray | np.bool_, "*N"] | bool = False
+    """Whether this observation was taken as a via-point."""
 
     def __post_init__(self) -> None:
-        for name in _FIELDS:
-            getattr(self, name).setflags(write=False)
+        leading = np.shape(self.action)[:-1]
+        for name, shape in STEP_SHAPES.items():
+            dtype = np.bool_ if name == "via_point" else np.float64
+            array: np.ndarray = np.array(getattr(self, name), dtype=dtype)
+            expected = leading + shape
+            if array.shape != expected:
+                if array.shape or name == "action":
+                    raise ValueError(
+                        f"AgentStep.{name} must have shape {expected}, got "
+                        f"{array.shape}"
+                    )
+                array = np.full(expected, array)
+            array.setflags(write=False)
+            # The empty index: arrays without axes become numbers of NumPy.
+            object.__setattr__(self, name, array[()])
 
     def row(self, member: SupportsIndex) -> AgentStep:
-        """Return what one member decided."""
-        return AgentStep.of({name: getattr(self, name)[member] for name in _FIELDS})
+        """Return what one of N agents decided."""
+        return AgentStep(**{name: getattr(self, name)[member] for name in STEP_SHAPES})
 
     @classmethod
-    def of(cls, steps: Sequence[AgentStep]) -> AgentSteps:
-        """Stack the decisions of single agents."""
-        poses = {
-            name: np.reshape([getattr(step, name) for step in steps], (len(steps), 6))
-            for name in _POSES
-        }
+    def stacked(cls, steps: Sequence[AgentStep]) -> AgentStep:
+        """Return the decisions of single agents as one record."""
+        if not steps:
+            return cls(action=np.empty((0, 6)))
         return cls(
-            **poses,
-            phase=np.array([step.phase for step in steps], dtype=np.float64),
-            observed_phase=np.array(
-                [step.observed_phase for step in steps], dtype=np.float64
-            ),
-            via_point=np.array([step.via_point for step in steps], dtype=np.bool_),
+            **{
+                name: np.stack([getattr(step, name) for step in steps])
+                for name in STEP_SHAPES
+            }
         )
 
-    def among(self, members: Members, last_actions: Poses) -> AgentSteps:
+    def among(self, members: Members, last_actions: Poses) -> AgentStep:
         """Return the steps of a whole batch of which only these members acted.
 
         Args:
             members: Numbers of the rows of this record within the batch.
-            last_actions: What every member of the batch last did, (N, 6).
+            last_actions: What every member of the batch last did, (N, 6). A member that
+                did not act keeps it; all else of it is NaN.
         """
         if isinstance(members, tuple):
             return self
-        count = len(last_actions)
-        fields: dict[str, np.ndarray] = {
-            name: np.full((count, 6), np.nan) for name in _POSES
-        }
-        fields |= {name: np.full(count, np.nan) for name in _PHASES}
-        fields |= {
-            "action": last_actions.copy(),
-            "via_point": np.zeros(count, np.bool_),
-        }
+        everyone = AgentStep(action=last_actions)
+        fields = {name: getattr(everyone, name).copy() for name in STEP_SHAPES}
         for name, array in fields.items():
             array[members] = getattr(self, name)
-        return AgentSteps(**fields)
+        return AgentStep(**fields)
 
 
-_POSES: Final = (
-    *("action", "desired", "std", "std_rate", "stiffness", "stiffness_rate"),
-    *("stability_margin", "predicted_mean", "predicted_std"),
+_NUMBERS: Final = ("phase", "observed_phase", "via_point")
+
+STEP_SHAPES: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
+    {
+        field.name: () if field.name in _NUMBERS else (6,)
+        for field in dataclasses.fields(AgentStep)
+    }
 )
-_PHASES: Final = ("phase", "observed_phase")
-_FIELDS: Final = (*_POSES, *_PHASES, "via_point")
+"""The fields of `AgentStep` with the shape that each has for one agent."""

@@ -1,20 +1,21 @@
 """What a policy predicts, and what may be asked of it: distributions and via-points."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri, stdtrit
+
+from policies.records import freeze, read_only, short_repr
+from policies.trajectory_csv import write_csv
 
 __all__ = ["GaussianTrajectory", "ViaPoint", "checked_times"]
 
-
-def _read_only(array: np.ndarray) -> np.ndarray:
-    copy = np.array(array, dtype=np.float64)
-    copy.setflags(write=False)
-    return copy
+_FINEST = 1e-6
+"""No pose is predicted more finely than to a micrometre or a microradian."""
 
 
 def checked_times(times: np.ndarray) -> Float[np.ndarray, " M"]:
@@ -55,9 +56,10 @@ class GaussianTrajectory:
     degrees_of_freedom: float | None = None
     """Degrees of freedom behind `std`, for Student-t quantiles; None means normal."""
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
-        for name in ("times", "mean", "std", "mean_rate", "std_rate"):
-            object.__setattr__(self, name, _read_only(getattr(self, name)))
+        freeze(self, *_ARRAYS)
 
     @classmethod
     def from_moments(
@@ -96,7 +98,17 @@ class GaussianTrajectory:
     @cached_property
     def covariance(self) -> Float[np.ndarray, "6 M M"]:
         """Covariance over time of every output, shape (6, M, M); on first use."""
-        return _read_only(self.covariance_function())
+        return read_only(self.covariance_function())
+
+    def __getitem__(
+        self, rows: slice | Int[np.ndarray, " N"] | Bool[np.ndarray, " M"]
+    ) -> "GaussianTrajectory":
+        """The same distribution at some of its times."""
+        return replace(
+            self,
+            **{name: getattr(self, name)[rows] for name in _ARRAYS},
+            covariance_function=partial(_covariance_between, self, rows),
+        )
 
     def interval(
         self, level: float = 0.95
@@ -109,14 +121,72 @@ class GaussianTrajectory:
         Raises:
             ValueError: if ``level`` is not in (0, 1).
         """
+        width = self._quantile(level) * self.std
+        return self.mean - width, self.mean + width
+
+    def inside(
+        self,
+        poses: Float[np.ndarray, "*K M 6"],
+        level: float = 0.95,
+        *,
+        normal: bool = False,
+    ) -> Bool[np.ndarray, "*K M 6"]:
+        """Which numbers of ``poses`` are inside their central intervals.
+
+        Args:
+            poses: observed at `times`, shape (..., M, 6).
+            level: share of repetitions that an interval is to hold.
+            normal: whether the quantiles are those of a normal distribution, for every
+                method alike, or those of `interval`, which know of few demonstrations.
+
+        Returns:
+            One truth value per number; false where the standard deviation is NaN.
+
+        Raises:
+            ValueError: if ``level`` is not in (0, 1).
+        """
+        width = self._quantile(level, normal) * np.maximum(self.std, _FINEST)
+        return np.asarray(np.abs(poses - self.mean) <= width)
+
+    def coverage(
+        self,
+        poses: Float[np.ndarray, "*K M 6"],
+        level: float = 0.95,
+        *,
+        normal: bool = False,
+    ) -> float:
+        """Share of the numbers of ``poses`` that are `inside`; arguments as there.
+
+        It is ``level`` if the distribution is right, and NaN for a method without
+        standard deviations.
+        """
+        if np.isnan(self.std).any():
+            return np.nan
+        return float(np.mean(self.inside(poses, level, normal=normal)))
+
+    def nlpd(self, poses: Float[np.ndarray, "*K M 6"]) -> float:
+        """Negative log predictive density per number: less is better.
+
+        Mean of ½ log 2π + log σ + ½ ((y − μ)/σ)² over all numbers y of ``poses``, each
+        by itself and as of a normal distribution, in metres and radians. NaN for a
+        method without standard deviations.
+
+        Args:
+            poses: observed at `times`, shape (..., M, 6).
+        """
+        std = np.maximum(self.std, _FINEST)
+        error = (poses - self.mean) / std
+        terms = 0.5 * np.log(2.0 * np.pi) + np.log(std) + 0.5 * error**2
+        return float(np.mean(terms))
+
+    def _quantile(self, level: float, normal: bool = False) -> float:
+        """Half the width of an interval, in standard deviations."""
         if not 0.0 < level < 1.0:
             raise ValueError(f"level must be in (0, 1), got {level}.")
         upper = 0.5 * (1.0 + level)
-        if self.degrees_of_freedom is None:
-            width = float(ndtri(upper))
-        else:
-            width = float(stdtrit(self.degrees_of_freedom, upper))
-        return self.mean - width * self.std, self.mean + width * self.std
+        if normal or self.degrees_of_freedom is None:
+            return float(ndtri(upper))
+        return float(stdtrit(self.degrees_of_freedom, upper))
 
     def samples(
         self, count: int, rng: np.random.Generator
@@ -130,6 +200,51 @@ class GaussianTrajectory:
             normal = rng.standard_normal((count, len(values)))
             draws[:, :, output] = self.mean[:, output] + normal @ root.T
         return draws
+
+    def to_csv(self, path: str | Path, *, duration: float) -> None:
+        """Write the trajectory as a table for a robot, complete or not at all.
+
+        Columns with their units: time, position, quaternion (scalar last, continuous
+        sign), and the standard deviations; `policies.trajectory_csv` says in which
+        frame. One row per time of this trajectory, so predict at those that the robot
+        needs::
+
+            times = np.arange(0.0, duration, 0.01)
+            skill.predict(times / duration).to_csv("opening.csv", duration=duration)
+
+        Args:
+            path: file to write; an existing one is replaced.
+            duration: time that phases 0 to 1 take [s], such as ``skill.duration``.
+
+        Raises:
+            ValueError: if the duration is not positive and finite, the times do not
+                increase, or a pose is not finite.
+            OSError: if the file cannot be written.
+        """
+        if not 0.0 < duration < np.inf:
+            raise ValueError(
+                f"duration must be positive and finite [s], got {duration}."
+            )
+        write_csv(path, duration * self.times, self.mean, self.std)
+
+
+_ARRAYS = ("times", "mean", "std", "mean_rate", "std_rate")
+
+
+def _covariance_between(
+    trajectory: GaussianTrajectory, rows: slice | np.ndarray
+) -> Float[np.ndarray, "6 N N"]:
+    """Covariance between some of the times of a trajectory."""
+    between: np.ndarray = trajectory.covariance[:, rows][:, :, rows]
+    return between
+
+
+def white_covariance(
+    variance: Float[np.ndarray, "M 6"],
+) -> Float[np.ndarray, "6 M M"]:
+    """Covariance over time of poses that deviate independently from time to time."""
+    diagonal: np.ndarray = variance.T[:, :, None] * np.eye(len(variance))
+    return diagonal
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -152,7 +267,7 @@ class ViaPoint:
     def __post_init__(self) -> None:
         if not np.isfinite(self.phase):
             raise ValueError(f"The phase of a via-point must be finite: {self.phase}.")
-        pose = _read_only(self.pose)
+        pose = read_only(self.pose)
         if pose.shape != (6,):
             raise ValueError(
                 "A via-point pose has six entries (x, y, z, θu_x, θu_y, θu_z), NaN for "
@@ -163,7 +278,7 @@ class ViaPoint:
                 f"A via-point pose must be finite, or NaN for outputs left free; got "
                 f"{pose}."
             )
-        std = _read_only(np.broadcast_to(np.asarray(self.std), (6,)))
+        std = read_only(np.broadcast_to(np.asarray(self.std), (6,)))
         if not (std >= 0.0).all():
             raise ValueError(f"Via-point standard deviations must be >= 0, got {std}.")
         object.__setattr__(self, "pose", pose)

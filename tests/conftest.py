@@ -1,13 +1,92 @@
-"""Settings of the whole suite; nothing here imports MuJoCo."""
+"""Settings of the whole suite, and what tests need beyond Python packages.
 
+A test that needs a part of the machine says so, ``@pytest.mark.needs("xvfb")``. Where
+the part is missing the test is skipped, with what to install; with GPLFD_REQUIRE_ALL=1
+in the environment it fails instead. Nothing here imports MuJoCo.
+"""
+
+import ctypes.util
+import functools
 import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
 
+import pytest
 from hypothesis import settings
 
-if "DISPLAY" not in os.environ:
+if "DISPLAY" not in os.environ and ctypes.util.find_library("EGL"):
     # Read by MuJoCo when it is imported: without a display, pictures come from EGL.
+    # Where there is no EGL, this would make the import itself fail.
     os.environ.setdefault("MUJOCO_GL", "egl")
 
 # The same examples in every run, and no deadline: a first call may compile a scene.
 settings.register_profile("suite", derandomize=True, deadline=None, max_examples=50)
 settings.load_profile("suite")
+
+_ROOT = Path(__file__).parents[1]
+_DRAW = (
+    "import mujoco\n"
+    "mujoco.Renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), 8, 8).render()"
+)
+
+
+class Part(NamedTuple):
+    """What a machine may lack: how to find out, and how to get it."""
+
+    present: Callable[[], bool]
+    remedy: str
+
+
+def _runs(*command: str) -> bool:
+    """Whether a command ends well; in a process of its own, which OpenGL may kill."""
+    try:
+        ran = subprocess.run(
+            command, cwd=_ROOT, capture_output=True, check=False, timeout=120
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return ran.returncode == 0
+
+
+PARTS = {
+    "opengl": Part(
+        lambda: _runs(sys.executable, "-c", _DRAW),
+        "OpenGL that draws without a screen: apt-get install libegl1 libegl-mesa0 "
+        "libgl1-mesa-dri (other systems: docs/environment.md)",
+    ),
+    "xvfb": Part(
+        lambda: shutil.which("Xvfb") is not None,
+        "a virtual display for the window: apt-get install xvfb libgl1-mesa-dri "
+        "(other systems: docs/environment.md)",
+    ),
+    "git": Part(lambda: _runs("git", "--version"), "git: apt-get install git"),
+    "clone": Part(
+        lambda: _runs("git", "ls-files", "--error-unmatch", "pyproject.toml"),
+        "git, and a checkout that it made (git clone) instead of an unpacked archive",
+    ),
+}
+
+
+@functools.cache
+def _present(part: str) -> bool:
+    return PARTS[part].present()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line(
+        "markers", f"needs(*parts): parts of the machine, of {', '.join(PARTS)}"
+    )
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    needed = [part for mark in item.iter_markers("needs") for part in mark.args]
+    missing = [PARTS[part].remedy for part in needed if not _present(part)]
+    if missing:
+        reason = f"needs {'; and '.join(missing)}"
+        if os.environ.get("GPLFD_REQUIRE_ALL") == "1":
+            pytest.fail(f"{reason} (GPLFD_REQUIRE_ALL=1)", pytrace=False)
+        pytest.skip(reason)

@@ -1,4 +1,4 @@
-"""``gplfd report``: a study's result files told on one page."""
+"""``gplfd report``: a study's result files on one page."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from experiments.interruption import postponed_interruption
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Report:
-    """Tell a study: rankings with intervals, paired tests, Table 1 measured, plots.
+    """Report a study: rankings with intervals, paired tests, Table 1 measured, plots.
 
     Reads DIR/tasks/*.json and DIR/study.json, runs nothing, and writes report.html (one
     page that needs nothing else), report.md and figures/. The same results give the
@@ -26,6 +26,9 @@ class Report:
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder to write to; the study's own by default."""
 
+    reference: Annotated[str, tyro.conf.arg(metavar="POLICY")] = "gp"
+    """Policy with which the others are compared; the best if the study lacks it."""
+
     def execute(self) -> int:
         """Write the pages and print where they are."""
         with postponed_interruption():
@@ -34,6 +37,6 @@ class Report:
 
         if self.out is not None:
             check_folder(self.out)
-        page = write_report(self.folder, self.out)
+        page = write_report(self.folder, self.out, self.reference)
         print(f"{page} and {page.with_suffix('.md')}")
         return 0

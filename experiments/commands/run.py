@@ -52,7 +52,8 @@ class Run:
     def execute(self) -> int:
         """Open the doors and print a table."""
         with postponed_interruption():
-            from experiments.episodes.table import table
+            from experiments.files.table import text_table
+            from experiments.results.table import run_table
             from experiments.runs import open_doors
 
         folder = self.out or Path("results") / f"{self.policy}-seed{self.seed}"
@@ -66,7 +67,7 @@ class Run:
             looks=self.looks,
             options=recorded(self),
         )
-        print(table(metrics))
+        print(text_table(run_table(metrics)))
         doors = [one.door for one in metrics]
         shown = "medium" if "medium" in doors else doors[0]
         print(f"\nlook at it:  gplfd view {folder / f'{shown}.rrd'}")

@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 
 from experiments.commands.options import Quiet, recorded
-
-if TYPE_CHECKING:
-    from experiments.benchmarks.report import Result
-    from policies.demonstrations import Demonstration
+from experiments.interruption import postponed_interruption
 
 RESULTS = "speed.json"
 
-PartName = Literal[
-    "fit", "scaling", "predict", "adapt", "align", "environment", "accuracy"
-]
+PartName = Literal["fit", "adapt", "align", "environment"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -37,18 +30,7 @@ class Speed:
     """Parts to run; all by default."""
 
     repeats: int = 5
-    """Measurements of every time, and draws of random data, 1 or more."""
-
-    demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Also score these recorded demonstrations, each left out once: an .npz file of
-    this project, or an .npy array (demonstrations, samples, 7) of positions and
-    quaternions."""
-
-    unit: Literal["m", "cm", "mm"] = "m"
-    """Unit of the positions of an .npy array."""
-
-    quaternions: Literal["wxyz", "xyzw"] = "wxyz"
-    """Order of the quaternions of an .npy array."""
+    """Measurements of every time, 1 or more."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/speed")
     """Folder to write to."""
@@ -58,80 +40,24 @@ class Speed:
 
     def execute(self) -> int:
         """Measure, print tables and write the results."""
-        from threadpoolctl import threadpool_limits
-
-        from experiments.atomic_write import write_json
-        from experiments.benchmarks.report import target_table
-
-        recordings = self._check()
-        with threadpool_limits(1):
-            results = self._measure(recordings)
-            record = _record(self, results)
-        targets = [target for result in results.values() for target in result.targets()]
-        if targets:
-            print(target_table(targets))
-        write_json(self.out / RESULTS, record)
-        return 0
-
-    def _check(self) -> tuple[Demonstration, ...] | None:
-        """Check all arguments and read the recordings, before anything slow.
-
-        Raises:
-            ValueError: An argument is wrong, or a part asked for lacks a library.
-            OSError: The recordings cannot be read.
-        """
-        from experiments.arguments import check_folder, check_least
-        from experiments.benchmarks.parts import PARTS
-        from experiments.benchmarks.peers import require
-        from experiments.benchmarks.recorded import load_recordings
+        with postponed_interruption():
+            from experiments.arguments import check_folder, check_least
+            from experiments.files.plain_data import write_json
+            from experiments.files.provenance import provenance
+            from experiments.progress import LOG
+            from experiments.speed.machine import machine
+            from experiments.speed.parts import PARTS, announcement
+            from experiments.speed.report import measure_all
 
         check_least("--repeats", self.repeats, 1)
         check_folder(self.out)
-        for name in self.only:
-            require(PARTS[name].needs)
-        if self.demonstrations is None:
-            return None
-        return load_recordings(self.demonstrations, self.unit, self.quaternions)
-
-    def _measure(
-        self, recordings: tuple[Demonstration, ...] | None
-    ) -> dict[str, Result]:
-        from experiments.benchmarks.parts import PARTS
-        from experiments.benchmarks.recorded import score_recordings
-
-        results: dict[str, Result] = {}
-        for name in PARTS:
-            if self.only and name not in self.only:
-                continue
-            for what, measure in PARTS[name].measures.items():
-                logging.getLogger("gplfd").info("measuring: %s", what)
-                results[what] = measure(self.repeats)
-                _show(results[what])
-        if recordings is not None:
-            results["recorded"] = score_recordings(recordings, str(self.demonstrations))
-            _show(results["recorded"])
-        return results
-
-
-def _show(result: Result) -> None:
-    for table in result.tables():
-        print(f"{table}\n", flush=True)
-
-
-def _record(speed: Speed, results: Mapping[str, Result]) -> dict[str, Any]:
-    """Everything measured, and where; JSON-able."""
-    from experiments.benchmarks.machine import machine
-    from experiments.files.provenance import provenance
-
-    return provenance(recorded(speed)) | {
-        "measured_on": machine(),
-        "results": {
-            name: dataclasses.asdict(result)  # type: ignore[call-overload]
-            for name, result in results.items()
-        },
-        "targets": [
-            dataclasses.asdict(target) | {"met": target.met}
-            for result in results.values()
-            for target in result.targets()
-        ],
-    }
+        chosen = [name for name in PARTS if not self.only or name in self.only]
+        LOG.info(announcement(chosen, self.repeats))
+        measures = {k: v for name in chosen for k, v in PARTS[name].measures.items()}
+        found = measure_all(measures, self.repeats)
+        record = provenance(recorded(self)) | {
+            "measured_on": machine(),
+            "results": {name: dataclasses.asdict(one) for name, one in found.items()},
+        }
+        write_json(self.out / RESULTS, record)
+        return 0

@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.npz_archive import read_archive, write_archive
 from policies.demonstrations import Demonstration
+from policies.storage import Members, read_archive, write_archive
 
 KIND: Final = "gplfd demonstrations"
 """What the file says it holds."""
@@ -29,13 +29,32 @@ FRAME: Final = "task: closed handle, x pull, y up, z = x cross y; relative to 1s
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LabelledDemonstrations:
-    """Demonstrations and the doors they were given on."""
+    """Demonstrations and the doors they were given on.
+
+    Raises:
+        ValueError: There is none, another number of radii, or a radius that no door
+            has.
+    """
 
     demonstrations: tuple[Demonstration, ...]
     """Demonstrations in the order of the file."""
 
     radii: tuple[float | None, ...]
     """Radius of each one's door [m]; None when unknown."""
+
+    def __post_init__(self) -> None:
+        number = len(self.demonstrations)
+        if number == 0 or number != len(self.radii):
+            raise ValueError(
+                f"{number} demonstrations and {len(self.radii)} radii; give at least "
+                "one demonstration, and one radius (or None) for each or no radii"
+            )
+        for radius in self.radii:
+            if radius is not None and not 0.0 < radius < math.inf:
+                raise ValueError(
+                    f"a door's radius is {radius}; it must be positive [m], or None "
+                    "(NaN in a file) where it is unknown"
+                )
 
 
 def save_demonstrations(
@@ -52,22 +71,19 @@ def save_demonstrations(
             An unknown radius is stored as NaN.
 
     Raises:
-        ValueError: No demonstration, or another number of radii.
+        ValueError: As `LabelledDemonstrations`.
         OSError: The file cannot be written.
     """
-    if radii is None:
-        radii = [None] * len(demonstrations)
-    if len(demonstrations) == 0 or len(demonstrations) != len(radii):
-        raise ValueError(
-            f"{len(demonstrations)} demonstrations and {len(radii)} radii; give at "
-            "least one demonstration, and one radius (or None) for each or no radii"
-        )
+    given = LabelledDemonstrations(
+        demonstrations=tuple(demonstrations),
+        radii=tuple([None] * len(demonstrations) if radii is None else radii),
+    )
     arrays: dict[str, Any] = {
         "units": np.array(UNITS),
         "frame": np.array(FRAME),
-        "radii": np.array([math.nan if r is None else r for r in radii]),
+        "radii": np.array([math.nan if r is None else r for r in given.radii]),
     }
-    for number, demonstration in enumerate(demonstrations):
+    for number, demonstration in enumerate(given.demonstrations):
         arrays[f"times_{number}"] = demonstration.times
         arrays[f"poses_{number}"] = demonstration.poses
     write_archive(path, kind=KIND, version=VERSION, arrays=arrays)
@@ -81,32 +97,36 @@ def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
         ValueError: The file is cut, holds something else, has another version, units
             or frame, or an invalid demonstration.
     """
-    arrays = read_archive(path, kind=KIND, version=VERSION)
-    for field, expected in (("units", UNITS), ("frame", FRAME)):
-        found = str(arrays.get(field, "nothing"))
+    return read_archive(path, kind=KIND, version=VERSION, build=_labelled)
+
+
+def _labelled(members: Members) -> LabelledDemonstrations:
+    for name, expected in (("units", UNITS), ("frame", FRAME)):
+        found = str(members(name))
         if found != expected:
-            raise ValueError(f"{path}: {field} is {found!r}, must be {expected!r}")
-    try:
-        radii = arrays["radii"]
-        demonstrations = tuple(
-            _demonstration(arrays, number) for number in range(radii.size)
-        )
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"{path} is incomplete: {error}") from error
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-    if not demonstrations:
-        raise ValueError(f"{path} holds no demonstration")
+            raise ValueError(f"{name} is {found!r:.80}, must be {expected!r}")
+    radii = _numbers(members, "radii")
+    if radii.ndim != 1:
+        raise ValueError(f"radii has shape {radii.shape}, must be a list of numbers")
     return LabelledDemonstrations(
-        demonstrations=demonstrations,
+        demonstrations=tuple(
+            _demonstration(members, number) for number in range(radii.size)
+        ),
         radii=tuple(None if math.isnan(r) else float(r) for r in radii),
     )
 
 
-def _demonstration(arrays: dict[str, NDArray[Any]], number: int) -> Demonstration:
+def _demonstration(members: Members, number: int) -> Demonstration:
+    times = _numbers(members, f"times_{number}")
+    poses = _numbers(members, f"poses_{number}")
     try:
-        return Demonstration(
-            times=arrays[f"times_{number}"], poses=arrays[f"poses_{number}"]
-        )
+        return Demonstration(times=times, poses=poses)
     except ValueError as error:
         raise ValueError(f"demonstration {number}: {error}") from error
+
+
+def _numbers(members: Members, name: str) -> NDArray[Any]:
+    array = members(name)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} holds {array.dtype}, must hold numbers")
+    return array

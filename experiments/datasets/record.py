@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from experiments.arguments import check_folder, check_least
-from experiments.datasets.minari import Recorder, new_dataset
+from experiments.datasets.minari import RecordedEpisode, Recorder, write_dataset
 from experiments.datasets.minari.contents import outcome
+from experiments.episodes.agents import learned
 from experiments.episodes.doors import named_doors
 from experiments.progress import LOG, progress_bar
 from experiments.teacher import DEMONSTRATED_RADII, Teacher
@@ -22,7 +23,12 @@ from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DoorConfig
 from gplfd_env.randomization import door_randomization
 from policies.agent import Agent
-from policies.registry import make_agent, policy_entry
+from policies.method import TrainingInput
+from policies.policy import Policy
+from policies.registry import policy_named
+
+_Plan = Sequence[tuple[str, DoorConfig, int]]
+"""Door's name, its configuration and the seed of every episode."""
 
 
 def record_dataset(
@@ -57,14 +63,14 @@ def record_dataset(
         The number of episodes.
 
     Raises:
-        ValueError: An argument is wrong, or Minari is not installed.
+        ValueError: An argument is wrong.
         OSError: The data set cannot be written.
     """
     check_least("--episodes", episodes, 1)
     check_least("--seed", seed, 0)
     check_least("--demonstrations-per-door", demonstrations_per_door, 1)
     check_least("--max-steps", max_steps, 1)
-    policy_entry(policy)
+    chosen = policy_named(policy)
     door_randomization(randomization)
     check_folder(folder.parent)
     plan = [
@@ -72,31 +78,39 @@ def record_dataset(
         for name, config in named_doors(doors).items()
         for number in range(episodes)
     ]
-    arguments: dict[str, Any] = {}
+    # The environment of the first door, to which resets bring the others.
+    arguments: dict[str, Any] = {"door": dataclasses.asdict(plan[0][1])}
     if randomization != "none":
         arguments["randomization"] = randomization
     if max_steps is not None:
         arguments["max_episode_steps"] = max_steps
-    with (
-        contextlib.closing(gym.make(ENVIRONMENT_ID, **arguments)) as env,
-        new_dataset(
-            folder, env=env, policy=policy, config=options, overwrite=overwrite
-        ) as dataset,
-    ):
-        recorder = Recorder(env)
-        for name, config, number in progress_bar(
-            plan, desc="recording", unit="episode"
-        ):
-            shown = Teacher().demonstrate_doors(
-                DEMONSTRATED_RADII,
-                demonstrations_per_door,
-                rng=np.random.default_rng(number),
-            )
-            agent = make_agent(policy, shown, seed=number, radius=config.radius)
-            _act(agent, recorder, config, number)
-            dataset.add(recorder.episode)
-            LOG.info("%s, seed %d: %s", name, number, outcome(recorder.episode))
+    with contextlib.closing(gym.make(ENVIRONMENT_ID, **arguments)) as env:
+        write_dataset(
+            folder,
+            _recorded(env, plan, chosen, demonstrations_per_door),
+            env=env,
+            policy=policy,
+            config=options,
+            overwrite=overwrite,
+        )
     return len(plan)
+
+
+def _recorded(
+    env: gym.Env[Any, Any], plan: _Plan, policy: Policy, demonstrations_per_door: int
+) -> Iterator[RecordedEpisode]:
+    """Run and yield every episode of the plan."""
+    recorder = Recorder(env)
+    for door, config, seed in progress_bar(plan, desc="recording", unit="episode"):
+        shown = Teacher().demonstrate_doors(
+            DEMONSTRATED_RADII, demonstrations_per_door, rng=np.random.default_rng(seed)
+        )
+        training = TrainingInput(demonstrations=shown, seed=seed)
+        agent = learned(policy, training)(config.radius)
+        _act(agent, recorder, config, seed)
+        episode = recorder.episode
+        LOG.info("%s, seed %d: %s", door, seed, outcome(episode))
+        yield episode
 
 
 def _act(agent: Agent, env: Recorder, door: DoorConfig, seed: int) -> None:

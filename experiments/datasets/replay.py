@@ -1,13 +1,13 @@
 """Running a recorded episode again, and comparing bit for bit.
 
 Two runs are compared by what MuJoCo's next step depends on (the physics state, part by
-part), by what the agent saw, and by what it was told of the outcome.
+part), by what the agent saw, and by how the episode went.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -15,14 +15,14 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.datasets.minari.episode import Episode, Recorder
+from experiments.datasets.minari.episode import RecordedEpisode, Recorder
 from experiments.datasets.minari.physics import arithmetic
 from experiments.datasets.minari.reading import Dataset
 from experiments.datasets.minari.writing import REPRODUCING
 from experiments.files.provenance import versions
-from experiments.progress import progress_bar
 
 Array = NDArray[Any]
+FloatArray = NDArray[np.float64]
 
 _OUTCOMES: Final = ("rewards", "terminations", "truncations")
 
@@ -77,26 +77,11 @@ class Comparison:
         return "; ".join(text)
 
 
-def replays(
-    dataset: Dataset, numbers: Sequence[int]
-) -> Iterator[tuple[int, Comparison]]:
-    """Run episodes again; yield the number of each and how it compares.
-
-    Raises:
-        ValueError: An episode is damaged.
-        OSError: The file cannot be read.
-    """
-    for number in progress_bar(numbers, desc="replaying", unit="episode"):
-        episode = dataset.episode(number)
-        with contextlib.closing(dataset.make_environment()) as env:
-            yield number, compare(episode, replay(episode, env))
-
-
-def replay(recorded: Episode, env: gym.Env[Any, Any]) -> Episode:
+def replay(recorded: RecordedEpisode, env: gym.Env[Any, Any]) -> RecordedEpisode:
     """Reset as recorded, repeat the actions until the episode ends.
 
     Args:
-        recorded: Episode of a data set.
+        recorded: RecordedEpisode of a data set.
         env: Environment made anew, see `Dataset.make_environment`.
 
     Raises:
@@ -111,40 +96,52 @@ def replay(recorded: Episode, env: gym.Env[Any, Any]) -> Episode:
     return recorder.episode
 
 
-def compare(recorded: Episode, again: Episode) -> Comparison:
+def replays(
+    dataset: Dataset, numbers: Iterable[int]
+) -> Iterator[tuple[int, Comparison]]:
+    """Run episodes of a data set again; yield the number of each and how it compares.
+
+    Raises:
+        ValueError: There is no such episode, it cannot be read, or not be run.
+    """
+    for number in numbers:
+        recorded = dataset.episode(number)
+        with contextlib.closing(dataset.make_environment()) as env:
+            try:
+                again = replay(recorded, env)
+            except (TypeError, ValueError) as error:
+                raise ValueError(
+                    f"{dataset.path}: episode {number} cannot be run: {error}"
+                ) from error
+        yield number, compare(recorded, again)
+
+
+def compare(recorded: RecordedEpisode, again: RecordedEpisode) -> Comparison:
     """Find the first bit that differs, and how far the episodes part."""
     first, second = _signals(recorded), _signals(again)
     rows = min(len(recorded), len(again)) + 1
-    at: dict[str, int] = {}
-    distances: dict[str, Array] = {}
-    for name, values in first.items():
-        if name not in second or second[name].shape[1:] != values.shape[1:]:
-            at[name], distances[name] = 0, np.full(rows, np.inf)
-            continue
-        a, b = values[:rows], second[name][:rows]
-        differs = np.any(_bytes(a) != _bytes(b), axis=1)
-        if differs.any():
-            at[name], distances[name] = int(differs.argmax()), _distance(a, b)
-    for name in second.keys() - first.keys():
-        at[name], distances[name] = 0, np.full(rows, np.inf)
+    gaps = {
+        name: _gaps(first.get(name), second.get(name), rows) for name in first | second
+    }
+    starts = {
+        name: int(np.argmax(~np.isnan(gap)))
+        for name, gap in gaps.items()
+        if not np.isnan(gap).all()
+    }
     departure = None
-    if at:
-        step = min(at.values())
+    if starts:
+        step = min(starts.values())
         departure = Departure(
             step=step,
-            fields={n: float(distances[n][step]) for n in at if at[n] == step},
-            largest={n: float(distances[n].max()) for n in at},
+            fields={n: float(gaps[n][step]) for n in starts if starts[n] == step},
+            largest={n: float(np.nanmax(gaps[n])) for n in starts},
         )
-    parts = {**recorded.model_digests, **again.model_digests}
+    parts = recorded.model_digests.items() ^ again.model_digests.items()
     return Comparison(
         steps=len(recorded),
         replayed_steps=len(again),
         departure=departure,
-        model_parts=tuple(
-            part
-            for part in sorted(parts)
-            if recorded.model_digests.get(part) != again.model_digests.get(part)
-        ),
+        model_parts=tuple(sorted({part for part, _ in parts})),
     )
 
 
@@ -165,7 +162,7 @@ def changes_since(origin: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
     }
 
 
-def _signals(episode: Episode) -> dict[str, Array]:
+def _signals(episode: RecordedEpisode) -> dict[str, FloatArray]:
     """Everything that is compared: one row per step, the reset first."""
     signals: dict[str, Array] = {}
     start = 0
@@ -175,23 +172,31 @@ def _signals(episode: Episode) -> dict[str, Array]:
     for name, values in episode.observations.items():
         signals[f"observed {name}"] = values.reshape(len(values), -1)
     for name in _OUTCOMES:
-        values = np.asarray(getattr(episode, name), dtype=np.float64)
-        signals[name] = np.concatenate([[0.0], values])[:, None]
-    return signals
+        signals[name] = np.append(0.0, getattr(episode, name))[:, None]
+    return {
+        name: np.ascontiguousarray(values, dtype=np.float64)
+        for name, values in signals.items()
+    }
+
+
+def _gaps(a: FloatArray | None, b: FloatArray | None, rows: int) -> FloatArray:
+    """Largest absolute difference in every row, NaN where all bits are the same.
+
+    Args:
+        a: A signal, (at least ``rows``, N); None where an episode has none.
+        b: The other episode's.
+        rows: How many to compare.
+    """
+    if a is None or b is None or a.shape[1:] != b.shape[1:]:
+        return np.full(rows, np.inf)
+    a, b = a[:rows], b[:rows]
+    same = a.view(np.uint64) == b.view(np.uint64)
+    with np.errstate(invalid="ignore"):
+        gap = np.abs(a - b)
+    gap[same | (np.isnan(a) & np.isnan(b))] = 0.0
+    gap[np.isnan(gap)] = np.inf
+    return np.where(same.all(axis=1), np.nan, gap.max(axis=1))
 
 
 def _distances(fields: Mapping[str, float]) -> str:
     return ", ".join(f"{name} by {gap:.2g}" for name, gap in fields.items())
-
-
-def _bytes(values: Array) -> Array:
-    return np.ascontiguousarray(values).view(np.uint8).reshape(len(values), -1)
-
-
-def _distance(a: Array, b: Array) -> Array:
-    """Largest absolute difference in every row, (rows,)."""
-    with np.errstate(invalid="ignore"):
-        gap = np.abs(a - b)
-    gap[(a == b) | (np.isnan(a) & np.isnan(b))] = 0.0
-    distance: Array = np.where(np.isnan(gap), np.inf, gap).max(axis=1)
-    return distance

@@ -16,9 +16,6 @@ FloatArray = NDArray[np.float64]
 PROGRESS: Final = (0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
 """Door angles at which forecasts are judged, as shares of the demonstrated angle."""
 
-STANDARD_ANGLE: Final = math.radians(67.0)
-"""Angle to which the standard `experiments.teacher.TeacherConfig` opens doors [rad]."""
-
 _LATEST: Final = 0.1
 """A forecast made this share of the demonstrated angle too late, or later, does not
 count: it knows what the next one should."""
@@ -88,7 +85,7 @@ def handle_path(log: EpisodeLog, angles: FloatArray) -> FloatArray:
 
 
 def _arc(radius: float, angles: FloatArray) -> FloatArray:
-    return np.array([handle_pose_on_arc(radius, phi)[:3] for phi in angles.tolist()])
+    return handle_pose_on_arc(radius, angles)[:, :3]
 
 
 def _plane(positions: FloatArray) -> NDArray[np.complex128]:

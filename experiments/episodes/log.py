@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from experiments.npz_archive import read_archive, write_archive
+from policies.storage import Members, read_archive, settings, write_archive
 
 Number = Float[np.ndarray, " T"]
 Pose = Float[np.ndarray, "T 6"]
@@ -172,12 +172,12 @@ class EpisodeLog:
             FileNotFoundError: There is no such file.
             ValueError: The file is cut, holds something else or another version.
         """
-        arrays = read_archive(path, kind=KIND, version=VERSION)
-        try:
-            header: dict[str, Any] = json.loads(str(arrays.pop("header")))
-            return cls(**(header | arrays))
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"{path} is not a valid episode log: {error}") from error
+        return read_archive(path, kind=KIND, version=VERSION, build=cls._of)
+
+    @classmethod
+    def _of(cls, members: Members) -> "EpisodeLog":
+        arrays: dict[str, Any] = {name: members(name) for name in ARRAYS}
+        return cls(**(settings(members("header")) | arrays))
 
 
 ARRAYS: Final[Mapping[str, Any]] = MappingProxyType(

@@ -20,10 +20,10 @@ from scipy.signal import savgol_filter
 
 from experiments.episodes.forecast_error import (
     PROGRESS,
-    STANDARD_ANGLE,
     forecast_errors,
 )
 from experiments.episodes.log import EpisodeLog
+from gplfd_env.task import DEMONSTRATED_ANGLE
 
 FloatArray = NDArray[np.float64]
 
@@ -117,7 +117,7 @@ class EpisodeMetrics:
 
 
 def episode_metrics(
-    log: EpisodeLog, *, demonstrated_angle: float = STANDARD_ANGLE
+    log: EpisodeLog, *, demonstrated_angle: float = DEMONSTRATED_ANGLE
 ) -> EpisodeMetrics:
     """Compute all measures of one episode.
 

@@ -13,7 +13,8 @@ from threadpoolctl import threadpool_limits
 
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
-from policies.agent import Agent, AgentStep
+from policies.agent import Agent, as_agent
+from policies.steps import AgentStep
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -33,7 +34,7 @@ class Progress:
 
 def rollout(
     env: gym.Env[Any, Any],
-    agent: Agent,
+    agent: object,
     *,
     policy: str,
     door: str,
@@ -46,7 +47,7 @@ def rollout(
 
     Args:
         env: Door environment; its ``unwrapped.data`` is the MuJoCo state.
-        agent: Policy and controller.
+        agent: Anything that `policies.agent.as_agent` takes.
         policy: Name of the policy, for the log.
         door: Name of the door, for the log.
         door_config: Fields of the door's configuration, for the log; those of the
@@ -60,8 +61,10 @@ def rollout(
         The log of the episode; its last row is the state in which it ended.
 
     Raises:
-        ValueError: The environment's information lacks an entry.
+        ValueError: The agent does not return poses, or the environment's information
+            lacks an entry.
     """
+    agent = as_agent(agent)
     inner: Any = env.unwrapped
     # Matrices of a hundred rows: sharing them out among threads would cost
     # ten times the work itself.

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from experiments.atomic_write import complete_or_absent
+from policies.storage import complete_or_absent
 
 FILE: Final = "captions.md"
 

@@ -20,41 +20,14 @@ from experiments.figures.material import Entry
 
 FIGURES: Final[Mapping[str, Entry]] = MappingProxyType(
     {
-        "fig02": Entry(
-            title="One noise level against a local one",
-            make=fig02_heteroscedastic.make,
-        ),
-        "fig03": Entry(
-            title="Alignment by distance and by task completion",
-            make=fig03_alignment.make,
-        ),
-        "fig04": Entry(
-            title="Strong and weak via-points",
-            make=fig04_via_points.make,
-        ),
-        "fig06": Entry(
-            title="From demonstrations to a policy, output by output",
-            make=fig06_policy.make,
-        ),
-        "fig07": Entry(
-            title="The policy on the plane of the door",
-            make=fig07_region.make,
-        ),
-        "fig09": Entry(
-            title="Adaptation while the door opens",
-            make=fig09_adaptation.make,
-            doors=fig09_adaptation.DOORS,
-        ),
-        "fig10": Entry(
-            title="Stiffness and its stability",
-            make=fig10_stiffness.make,
-            doors=fig10_stiffness.DOORS,
-        ),
-        "forecasts": Entry(
-            title="Forecasts of the rest of the opening",
-            make=forecasts.make,
-            doors=forecasts.DOORS,
-        ),
+        "fig02": fig02_heteroscedastic.FIGURE,
+        "fig03": fig03_alignment.FIGURE,
+        "fig04": fig04_via_points.FIGURE,
+        "fig06": fig06_policy.FIGURE,
+        "fig07": fig07_region.FIGURE,
+        "fig09": fig09_adaptation.FIGURE,
+        "fig10": fig10_stiffness.FIGURE,
+        "forecasts": forecasts.FIGURE,
     }
 )
 """Figures of the paper by their number, and one of our own."""

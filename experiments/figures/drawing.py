@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from experiments.arguments import check_folder, check_least
-from experiments.atomic_write import write_json
 from experiments.figures.captions import section, update_captions
 from experiments.figures.catalogue import FIGURES, chosen
 from experiments.figures.episodes import material
 from experiments.figures.material import Entry, Material
 from experiments.figures.style import paper_style, write_figure
+from experiments.files.plain_data import write_json
 from experiments.files.provenance import provenance
 from experiments.progress import progress_bar
 

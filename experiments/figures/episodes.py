@@ -15,9 +15,10 @@ from typing import Any, Final
 import gymnasium as gym
 import numpy as np
 
+import experiments.episodes
+import experiments.teacher
 import gplfd_env
 import policies
-from experiments.atomic_write import write_json
 from experiments.datasets.npz import (
     LabelledDemonstrations,
     load_demonstrations,
@@ -26,6 +27,7 @@ from experiments.datasets.npz import (
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.rollout import rollout
 from experiments.figures.material import Material
+from experiments.files.plain_data import write_json
 from experiments.files.provenance import versions
 from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_env import ENVIRONMENT_ID
@@ -97,12 +99,9 @@ def _digest(settings: Mapping[str, Any]) -> str:
 def _source_digest() -> str:
     """Hash of the code that acts in a run: a changed policy makes old runs stale."""
     digest = hashlib.sha256()
-    roots = [Path(package.__path__[0]) for package in (gplfd_env, policies)]
-    files = [file for root in roots for file in root.rglob("*.py")]
-    here = Path(__file__).resolve().parents[1]
-    files += [here / name for name in ("teacher.py", "random_motion.py", "rollout.py")]
-    for file in sorted(files):
-        digest.update(file.read_bytes())
+    for package in (gplfd_env, policies, experiments.teacher, experiments.episodes):
+        for file in sorted(Path(package.__path__[0]).rglob("*.py")):
+            digest.update(file.read_bytes())
     return digest.hexdigest()[:16]
 
 

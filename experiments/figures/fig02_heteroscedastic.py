@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from experiments.figures import style
-from experiments.figures.material import Drawing, Material
+from experiments.figures.material import Entry
 from experiments.figures.pick_and_place import (
     HEIGHT,
     PHASES,
@@ -151,19 +151,12 @@ def draw(shown: LocalNoise) -> Figure:
 
 
 def _draw_policy(axes: Axes, shown: LocalNoise, name: str) -> None:
+    axes.plot(PHASES, shown.demonstrations.T, color=style.DEMONSTRATION, linewidth=0.5)
+    axes.lines[0].set_label("demonstrations")
     policy = shown.policies[name]
-    low, high = policy.interval()
-    for number, curve in enumerate(shown.demonstrations):
-        axes.plot(
-            *(PHASES, curve),
-            color=style.DEMONSTRATION,
-            linewidth=0.5,
-            label="demonstrations" if number == 0 else None,
-        )
-    style.band(
-        axes, PHASES, low[:, HEIGHT], high[:, HEIGHT], style.ADAPTED, label="95 %"
+    style.mean_and_interval(
+        axes, policy, HEIGHT, style.ADAPTED, band_label="95 %", label="mean"
     )
-    axes.plot(PHASES, policy.mean[:, HEIGHT], color=style.ADAPTED, label="mean")
 
 
 def _draw_noise(axes: Axes, shown: LocalNoise) -> None:
@@ -224,7 +217,9 @@ def caption(shown: LocalNoise) -> str:
     )
 
 
-def make(material: Material) -> Drawing:
-    """Make Fig. 2; of the material it uses the seed."""
-    shown = measure(material.seed)
-    return Drawing(figure=draw(shown), caption=caption(shown))
+FIGURE: Final = Entry(
+    title="One noise level against a local one",
+    measure=lambda material: measure(material.seed),
+    draw=draw,
+    caption=caption,
+)

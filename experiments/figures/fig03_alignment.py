@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from experiments.figures import style
-from experiments.figures.material import Drawing, Material
+from experiments.figures.material import Entry
 from experiments.figures.pick_and_place import HEIGHT, ShelfMotion, shelf_motions
 from policies import AlignedDemonstrations, align
 from policies.completion import task_completion_index
@@ -34,7 +34,7 @@ class Alignments:
     """What Fig. 3 shows."""
 
     motions: tuple[ShelfMotion, ...]
-    """What was recorded."""
+    """Motions as they were recorded."""
     completion: tuple[FloatArray, ...]
     """Task completion index of each, (N,)."""
     aligned: Mapping[str, AlignedDemonstrations]
@@ -130,12 +130,8 @@ def draw(shown: Alignments) -> Figure:
         panel.set_ylabel("height [m]")
         panel.set_ylim(-0.03, 0.52)
     index.set_ylabel("completion ζ")
-    figure.legend(
-        handles=[recorded.lines[-1], recorded.lines[0]],
-        labels=["high shelf", "low shelf"],
-        loc="outside upper center",
-        ncols=2,
-    )
+    shelves = {"high shelf": recorded.lines[-1], "low shelf": recorded.lines[0]}
+    style.legend_above(figure, shelves)
     style.letter(recorded, "a", "as recorded")
     style.letter(euclidean, "b", "Euclidean DTW")
     style.letter(completed, "c", "completion index")
@@ -151,7 +147,9 @@ def _draw_aligned(axes: Axes, shown: Alignments, name: str) -> None:
     axes.set_xlim(0.0, 1.0)
     axes.set_xticks([0.0, 0.5, 1.0])
     axes.text(
-        *(0.05, 0.98, f"phase error {100.0 * shown.phase_error[name]:.1f} %"),
+        0.05,
+        0.98,
+        f"phase error {100.0 * shown.phase_error[name]:.1f} %",
         transform=axes.transAxes,
         verticalalignment="top",
         fontsize=6.5,
@@ -186,7 +184,9 @@ def caption(shown: Alignments) -> str:
     )
 
 
-def make(material: Material) -> Drawing:
-    """Make Fig. 3; of the material it uses the seed."""
-    shown = measure(material.seed)
-    return Drawing(figure=draw(shown), caption=caption(shown))
+FIGURE: Final = Entry(
+    title="Alignment by distance and by task completion",
+    measure=lambda material: measure(material.seed),
+    draw=draw,
+    caption=caption,
+)

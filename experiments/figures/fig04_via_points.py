@@ -17,9 +17,14 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from experiments.figures import style
-from experiments.figures.material import Drawing, Material
+from experiments.figures.material import Entry
 from experiments.figures.pick_and_place import HEIGHT, PHASES, constrained_set
-from policies.adaptation import AdaptationForm, ProcessAdaptation, ProductAdaptation
+from policies.adaptation import (
+    AdaptationForm,
+    ProcessAdaptation,
+    ProductAdaptation,
+    adapt,
+)
 from policies.skill import Skill, fit_skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
@@ -81,7 +86,7 @@ def measure(seed: int) -> ViaPoints:
     skill = fit_skill(demonstrations)
     via_points = (_via_point(skill, *_STRONG), _via_point(skill, *_WEAK))
     adapted = {
-        name: skill.adapt(via_points, form=form).predict(grid)
+        name: adapt(skill, via_points, form).predict(grid)
         for name, (form, grid) in _FORMS.items()
     }
     return ViaPoints(
@@ -112,14 +117,22 @@ def draw(shown: ViaPoints) -> Figure:
     for panel, letter, (name, title) in zip(
         panels, "abcd", titles.items(), strict=True
     ):
+        policy = shown.policies[name]
         if name == DEMONSTRATED:
-            for curve in shown.demonstrations:
-                panel.plot(PHASES, curve, color=style.DEMONSTRATION, linewidth=0.5)
-            _draw_policy(panel, shown.policies[name], style.BEFORE)
+            curves = shown.demonstrations.T
+            panel.plot(PHASES, curves, color=style.DEMONSTRATION, linewidth=0.5)
+            style.mean_and_interval(panel, policy, HEIGHT, style.BEFORE)
         else:
             mean = shown.policies[DEMONSTRATED].mean[:, HEIGHT]
             panel.plot(_GRID, mean, color=style.BEFORE, linestyle="--")
-            _draw_policy(panel, shown.policies[name], style.ADAPTED)
+            style.mean_and_interval(
+                panel,
+                policy,
+                HEIGHT,
+                style.ADAPTED,
+                marker="." if name == COARSE else None,
+                markersize=4.0,
+            )
             _draw_via_points(panel, shown.via_points)
         panel.set_xlabel("phase")
         style.letter(panel, letter, title)
@@ -128,23 +141,13 @@ def draw(shown: ViaPoints) -> Figure:
     return figure
 
 
-def _draw_policy(axes: Axes, policy: GaussianTrajectory, colour: str) -> None:
-    low, high = policy.interval()
-    style.band(axes, policy.times, low[:, HEIGHT], high[:, HEIGHT], colour)
-    coarse = policy.times.size == _COARSE_GRID.size
-    axes.plot(
-        *(policy.times, policy.mean[:, HEIGHT]),
-        color=colour,
-        marker="." if coarse else None,
-        markersize=4.0,
-    )
-
-
 def _draw_via_points(axes: Axes, via_points: tuple[ViaPoint, ViaPoint]) -> None:
     for via_point in via_points:
         half = 1.959964 * float(np.asarray(via_point.std)[HEIGHT])
         axes.errorbar(
-            *(via_point.phase, via_point.pose[HEIGHT], half),
+            via_point.phase,
+            via_point.pose[HEIGHT],
+            half,
             color=style.TRUTH,
             marker="o",
             markersize=3.0,
@@ -190,7 +193,9 @@ def caption(shown: ViaPoints) -> str:
     )
 
 
-def make(material: Material) -> Drawing:
-    """Make Fig. 4; of the material it uses the seed."""
-    shown = measure(material.seed)
-    return Drawing(figure=draw(shown), caption=caption(shown))
+FIGURE: Final = Entry(
+    title="Strong and weak via-points",
+    measure=lambda material: measure(material.seed),
+    draw=draw,
+    caption=caption,
+)

@@ -12,11 +12,12 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from experiments.datasets.npz import LabelledDemonstrations
 from experiments.figures import style
-from experiments.figures.material import Drawing, Material
+from experiments.figures.material import Entry
 from policies.alignment import align
 from policies.skill import Skill, fit_skill
 from policies.trajectory import GaussianTrajectory
@@ -33,11 +34,11 @@ class Learning:
     """What Fig. 6 shows."""
 
     recorded: LabelledDemonstrations
-    """As recorded."""
+    """Demonstrations and their doors, the first row."""
     skill: Skill
-    """Its ``aligned`` is the second row."""
+    """Learned from them; its ``aligned`` is the second row."""
     policy: GaussianTrajectory
-    """The third row."""
+    """Its prediction at all phases, the third row."""
 
     def spread_between_doors(self, output: int) -> tuple[float, float]:
         """Rms spread between the doors' means and within doors, over phases."""
@@ -52,7 +53,7 @@ class Learning:
 
 
 def measure(recorded: LabelledDemonstrations) -> Learning:
-    """Align and learn."""
+    """Align the demonstrations and learn from them."""
     skill = fit_skill(align(recorded.demonstrations))
     policy = skill.predict(skill.aligned.times)
     return Learning(recorded=recorded, skill=skill, policy=policy)
@@ -71,7 +72,7 @@ def draw(shown: Learning) -> Figure:
             aligned = shown.skill.aligned
             poses = aligned.poses[number, :, output]
             rows[1, output].plot(aligned.times, poses, **line)
-        _draw_policy(rows[2, output], shown.policy, output)
+        style.mean_and_interval(rows[2, output], shown.policy, output, style.BEFORE)
         _scale(rows[0, output], shown, output)
         rows[0, output].set_title(f"{OUTPUTS[output]} [{UNITS[output]}]")
         rows[0, output].set_xlabel("time [s]")
@@ -97,12 +98,6 @@ def door_colours(radii: tuple[float | None, ...]) -> list[str]:
     ]
 
 
-def _draw_policy(axes: Axes, policy: GaussianTrajectory, output: int) -> None:
-    low, high = policy.interval()
-    style.band(axes, policy.times, low[:, output], high[:, output], style.BEFORE)
-    axes.plot(policy.times, policy.mean[:, output], color=style.BEFORE)
-
-
 def _scale(axes: Axes, shown: Learning, output: int) -> None:
     """Give the outputs of a kind one scale, or say how much larger it is."""
     extents = _extents(shown)
@@ -112,7 +107,9 @@ def _scale(axes: Axes, shown: Learning, output: int) -> None:
     magnified = next(m for m in _MAGNIFICATIONS if m * (high - low) <= span)
     if magnified > 1:
         axes.text(
-            *(0.5, 0.98, f"{magnified} × enlarged"),
+            0.5,
+            0.98,
+            f"{magnified} × enlarged",
             transform=axes.transAxes,
             horizontalalignment="center",
             verticalalignment="top",
@@ -132,16 +129,12 @@ def _extents(shown: Learning) -> FloatArray:
 
 
 def _legend(figure: Figure, axes: Axes, radii: tuple[float | None, ...]) -> None:
-    first = {radius: number for number, radius in reversed(list(enumerate(radii)))}
-    figure.legend(
-        handles=[axes.lines[number] for number in first.values()][::-1],
-        labels=[
-            "unknown radius" if radius is None else f"door of {radius:.2f} m"
-            for radius in first
-        ][::-1],
-        loc="outside upper center",
-        ncols=len(first),
-    )
+    """Name the first line of each door."""
+    entries: dict[str, Line2D] = {}
+    for line, radius in zip(axes.lines, radii, strict=True):
+        name = "unknown radius" if radius is None else f"door of {radius:.2f} m"
+        entries.setdefault(name, line)
+    style.legend_above(figure, entries)
 
 
 def caption(shown: Learning) -> str:
@@ -171,7 +164,9 @@ def caption(shown: Learning) -> str:
     )
 
 
-def make(material: Material) -> Drawing:
-    """Make Fig. 6."""
-    shown = measure(material.demonstrations)
-    return Drawing(figure=draw(shown), caption=caption(shown))
+FIGURE: Final = Entry(
+    title="From demonstrations to a policy, output by output",
+    measure=lambda material: measure(material.demonstrations),
+    draw=draw,
+    caption=caption,
+)

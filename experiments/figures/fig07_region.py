@@ -20,7 +20,7 @@ from scipy.special import chdtri, fdtri
 from experiments.datasets.npz import LabelledDemonstrations
 from experiments.figures import style
 from experiments.figures.fig06_policy import door_colours
-from experiments.figures.material import Drawing, Material
+from experiments.figures.material import Entry
 from gplfd_env.task import handle_pose_on_arc
 from policies.alignment import align
 from policies.skill import Skill, fit_skill
@@ -67,11 +67,11 @@ class Region:
     """What Fig. 7 shows."""
 
     demonstrations: LabelledDemonstrations
-    """As recorded."""
+    """Demonstrations and their doors."""
     skill: Skill
-    """Learned from them."""
+    """What was learned from them."""
     policy: GaussianTrajectory
-    """At 201 phases."""
+    """Its prediction at 201 phases."""
     arcs: tuple[FloatArray, ...]
     """True paths (200, 2) of the demonstrated doors' handles [m], to the mean angle."""
     arc_inside: tuple[float, float]
@@ -116,8 +116,7 @@ def _known(radii: Sequence[float | None]) -> list[float]:
 
 def arc(radius: float, angles: FloatArray) -> FloatArray:
     """True path of a handle on the plane, (N, 2) [m]."""
-    poses = np.array([handle_pose_on_arc(radius, angle) for angle in angles])
-    return poses[:, PLANE]
+    return handle_pose_on_arc(radius, angles)[:, PLANE]
 
 
 def draw(shown: Region) -> Figure:
@@ -150,7 +149,8 @@ def _name_region(axes: Axes, policy: GaussianTrajectory, name: str) -> None:
     reach = np.sqrt(squared_radius(policy.degrees_of_freedom)) * policy.std[:, Z]
     lowest = int(np.argmin(policy.mean[:, Z] - reach))
     axes.text(
-        *(policy.mean[lowest, X], policy.mean[lowest, Z] - reach[lowest] + 0.015),
+        policy.mean[lowest, X],
+        policy.mean[lowest, Z] - reach[lowest] + 0.015,
         f"95 %, {name}",
         horizontalalignment="center",
         fontsize=6.0,
@@ -196,7 +196,9 @@ def caption(shown: Region) -> str:
     )
 
 
-def make(material: Material) -> Drawing:
-    """Make Fig. 7."""
-    shown = measure(material.demonstrations)
-    return Drawing(figure=draw(shown), caption=caption(shown))
+FIGURE: Final = Entry(
+    title="The policy on the plane of the door",
+    measure=lambda material: measure(material.demonstrations),
+    draw=draw,
+    caption=caption,
+)

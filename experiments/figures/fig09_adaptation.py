@@ -12,12 +12,11 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from experiments.figures import style
-from experiments.figures.material import Drawing, Material
+from experiments.figures.material import Entry, Material
 from experiments.figures.opening import Opening, measure
 from policies.registry import make_agent
 from policies.trajectory import GaussianTrajectory
@@ -27,6 +26,7 @@ DOORS: Final = ("small", "medium", "large", "0.42")
 _STAGES: Final = (0.15, 0.4, 0.65)
 """Observed phases at which the posterior is shown."""
 _OUTPUTS: Final = {0: "x", 2: "z"}
+_DOTTED: Final = (0, (1.0, 1.0))
 
 
 def draw(openings: Mapping[str, Opening]) -> Figure:
@@ -52,7 +52,17 @@ def draw(openings: Mapping[str, Opening]) -> Figure:
         panel.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
     for panel in rows[1:].flat:
         panel.set_xlabel("phase")
-    _legend(figure)
+    style.legend_above(
+        figure,
+        {
+            "adaptive": style.legend_line(style.ADAPTED),
+            "demonstrations only": style.legend_line(style.BEFORE, "--"),
+            "true motion": style.legend_line(style.TRUTH, _DOTTED),
+            "via-points": Patch(color=style.SEEN),
+            "$x$ (e to h)": style.legend_line("0.3"),
+            "$z$ (e to h)": style.legend_line("0.3", ":"),
+        },
+    )
     return figure
 
 
@@ -60,13 +70,9 @@ def _draw_stage(
     axes: Axes, opening: Opening, stage: GaussianTrajectory, phase: float, output: int
 ) -> None:
     axes.axvspan(0.0, phase, color=style.SEEN, linewidth=0.0, zorder=0)
-    for policy, colour, line in (
-        (opening.initial, style.BEFORE, "--"),
-        (stage, style.ADAPTED, "-"),
-    ):
-        low, high = policy.interval()
-        style.band(axes, policy.times, low[:, output], high[:, output], colour)
-        axes.plot(policy.times, policy.mean[:, output], color=colour, linestyle=line)
+    initial = opening.initial
+    style.mean_and_interval(axes, initial, output, style.BEFORE, linestyle="--")
+    style.mean_and_interval(axes, stage, output, style.ADAPTED)
     _draw_truth(axes, opening, output)
 
 
@@ -91,7 +97,7 @@ def _draw_truth(axes: Axes, opening: Opening, output: int) -> None:
         opening.log.handle_pose[order, output],
         color=style.TRUTH,
         linewidth=1.0,
-        linestyle=(0, (1.0, 1.0)),
+        linestyle=_DOTTED,
         zorder=4,
     )
 
@@ -110,29 +116,8 @@ def _draw_errors(axes: Axes, opening: Opening) -> None:
     order = np.argsort(phases, kind="stable")
     for errors, colour in ((fixed, style.BEFORE), (adaptive, style.ADAPTED)):
         for output, line in zip(_OUTPUTS, ("-", ":"), strict=True):
-            axes.semilogy(
-                *(phases[order], errors[order, output]),
-                color=colour,
-                linestyle=line,
-                linewidth=0.8,
-            )
-
-
-def _legend(figure: Figure) -> None:
-    lines = {
-        "adaptive": Line2D([], [], color=style.ADAPTED),
-        "demonstrations only": Line2D([], [], color=style.BEFORE, linestyle="--"),
-        "true motion": Line2D([], [], color=style.TRUTH, linestyle=(0, (1.0, 1.0))),
-        "via-points": Patch(color=style.SEEN),
-        "$x$ (e to h)": Line2D([], [], color="0.3"),
-        "$z$ (e to h)": Line2D([], [], color="0.3", linestyle=":"),
-    }
-    figure.legend(
-        handles=list(lines.values()),
-        labels=list(lines),
-        loc="outside upper center",
-        ncols=len(lines),
-    )
+            shown = phases[order], errors[order, output]
+            axes.semilogy(*shown, color=colour, linestyle=line, linewidth=0.8)
 
 
 def caption(openings: Mapping[str, Opening]) -> str:
@@ -173,10 +158,15 @@ def caption(openings: Mapping[str, Opening]) -> str:
     )
 
 
-def make(material: Material) -> Drawing:
-    """Make Fig. 9."""
+def _measure(material: Material) -> dict[str, Opening]:
     agent = make_agent("gp", material.demonstrations.demonstrations)
-    openings = {
-        door: measure(material.episodes[door], agent, _STAGES) for door in DOORS
-    }
-    return Drawing(figure=draw(openings), caption=caption(openings))
+    return {door: measure(material.episodes[door], agent, _STAGES) for door in DOORS}
+
+
+FIGURE: Final = Entry(
+    title="Adaptation while the door opens",
+    measure=_measure,
+    draw=draw,
+    caption=caption,
+    doors=DOORS,
+)

@@ -8,17 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from experiments.episodes.log import EpisodeLog
 from experiments.figures import style
-from experiments.figures.material import Drawing, Material
+from experiments.figures.material import Entry
 from policies.controllers.stability import (
     printed_uncertainty_fall_bound,
     uncertainty_fall_bound,
@@ -32,6 +31,14 @@ AXES: Final = {0: ("x", style.AXIS_X), 2: ("z", style.AXIS_Z)}
 _LINEAR: Final = 0.03
 """Up to this fall of σ its axis is linear, beyond it is logarithmic [m/s]."""
 _TICKS: Final = (-0.02, 0.0, 0.02, 0.1, 1.0)
+_MARK: Final[Mapping[str, Any]] = {"marker": "v", "linestyle": "", "markersize": 5.0}
+_DOT: Final[Mapping[str, Any]] = {
+    "marker": "o",
+    "linestyle": "",
+    "markersize": 1.7,
+    "markeredgewidth": 0.0,
+    "zorder": 3,
+}
 _INTERVENTION: Final = 1e-6
 """The governor intervenes where stiffness is this far below the profile's [N/m]."""
 
@@ -41,7 +48,7 @@ class Stability:
     """What Fig. 10 shows of one episode; arrays over its steps."""
 
     log: EpisodeLog
-    """The episode."""
+    """What happened in the episode."""
     fall: FloatArray
     """-dσ/dt of the σ that the controller used, (T, 6) [m/s, rad/s]."""
     fixed_stiffness: FloatArray
@@ -103,7 +110,16 @@ def draw(shown: Mapping[str, Stability]) -> Figure:
     rows[0, 0].set_ylabel("$k_p$ [N/m]")
     rows[1, 0].set_ylabel(r"$-\mathrm{d}σ/\mathrm{d}t$ [m/s]")
     rows[2, 0].set_ylabel(r"$\dot{k}_p$ / its bound")
-    _legend(figure)
+    style.legend_above(
+        figure,
+        {f"${name}$": style.legend_line(colour) for name, colour in AXES.values()}
+        | {
+            "without via-points": style.legend_line("0.4", "--"),
+            "bound": style.legend_line(style.LIMIT),
+            "bound, printed constant": style.legend_line(style.LIMIT, ":"),
+            "governor intervenes": style.legend_line(style.LIMIT, **_MARK),
+        },
+    )
     return figure
 
 
@@ -130,54 +146,21 @@ def _draw_use(axes: Axes, one: Stability) -> None:
     axes.axhline(1.0, color=style.LIMIT)
     for output in AXES:
         governed = one.governed[:, output]
-        axes.plot(
-            *(one.log.times[governed], one.used[governed, output]),
-            color=style.LIMIT,
-            marker="v",
-            markersize=5.0,
-            linestyle="",
-        )
+        marked = one.log.times[governed], one.used[governed, output]
+        axes.plot(*marked, color=style.LIMIT, **_MARK)
 
 
 def _dots(axes: Axes, one: Stability, values: FloatArray) -> None:
     """One dot per control step: between them there is nothing."""
     for output, (_, colour) in AXES.items():
-        axes.plot(
-            *(one.log.times, values[:, output]),
-            color=colour,
-            linestyle="",
-            marker="o",
-            markersize=1.7,
-            markeredgewidth=0.0,
-            zorder=3,
-        )
-
-
-def _legend(figure: Figure) -> None:
-    handles = {
-        **{f"${name}$": Line2D([], [], color=colour) for name, colour in AXES.values()},
-        "without via-points": Line2D([], [], color="0.4", linestyle="--"),
-        "bound": Line2D([], [], color=style.LIMIT),
-        "bound, printed constant": Line2D([], [], color=style.LIMIT, linestyle=":"),
-        "governor intervenes": Line2D(
-            *([], []), color=style.LIMIT, marker="v", linestyle="", markersize=5.0
-        ),
-    }
-    figure.legend(
-        handles=list(handles.values()),
-        labels=list(handles),
-        loc="outside upper center",
-        ncols=len(handles),
-    )
+        axes.plot(one.log.times, values[:, output], color=colour, **_DOT)
 
 
 def caption(shown: Mapping[str, Stability]) -> str:
     """Say what is seen, and the numbers."""
     outputs = list(AXES)
-    tight, printed = (
-        float(next(iter(shown.values())).tight[0]),
-        float(next(iter(shown.values())).printed[0]),
-    )
+    first = next(iter(shown.values()))
+    tight, printed = float(first.tight[0]), float(first.printed[0])
     numbers = [
         f"{door} door: {int((one.fall[:, outputs] > tight).any(axis=1).sum())} of "
         f"{one.log.times.size} steps above it (and above the printed one in "
@@ -209,7 +192,10 @@ def caption(shown: Mapping[str, Stability]) -> str:
     )
 
 
-def make(material: Material) -> Drawing:
-    """Make Fig. 10."""
-    shown = {door: measure(material.episodes[door]) for door in DOORS}
-    return Drawing(figure=draw(shown), caption=caption(shown))
+FIGURE: Final = Entry(
+    title="Stiffness and its stability",
+    measure=lambda material: {door: measure(material.episodes[door]) for door in DOORS},
+    draw=draw,
+    caption=caption,
+    doors=DOORS,
+)

@@ -16,15 +16,14 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from experiments.episodes.log import EpisodeLog
 from experiments.figures import style
 from experiments.figures.fig07_region import PLANE, arc, shade_region
-from experiments.figures.hindsight import expectation, replay
-from experiments.figures.material import Drawing, Material
+from experiments.figures.hindsight import decisions, expectation
+from experiments.figures.material import Entry, Material
 from policies.agent import Agent
 from policies.registry import make_agent
 from policies.trajectory import GaussianTrajectory
@@ -70,7 +69,7 @@ class Forecasts:
     """All forecasts in one opening."""
 
     log: EpisodeLog
-    """The episode."""
+    """What happened in the episode."""
     phases: tuple[float, ...]
     """Observed phase at each share of the opening."""
     by_form: Mapping[str, tuple[Forecast, ...]]
@@ -99,9 +98,9 @@ def measure(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
 
 def _forecasts(log: EpisodeLog, agent: Agent, rows: list[int]) -> Iterator[Forecast]:
     """One form's forecasts after the observations of some rows."""
-    for row, decision in enumerate(replay(log, agent)):
+    for row, decision in enumerate(decisions(log, agent)):
         if row in rows:
-            rest = _after(expectation(agent), decision.observed_phase)
+            rest = _after(expectation(agent), float(decision.observed_phase))
             yield Forecast(rest=rest, truth=_truth(log, rest.times))
         if row == rows[-1]:
             return
@@ -132,8 +131,9 @@ def _truth(log: EpisodeLog, phases: FloatArray) -> FloatArray:
     )
 
 
-def draw(shown: Forecasts) -> Figure:
-    """Draw forms in columns and shares of the opening in rows, at equal scales."""
+def draw(openings: Mapping[str, Forecasts]) -> Figure:
+    """Draw one door: forms in columns, shares of the opening in rows, equal scales."""
+    shown = openings[SHOWN]
     figure = style.new_figure(style.PAGE, 5.9)
     rows = figure.subplots(3, 3, sharex=True, sharey=True)
     angles = np.linspace(0.0, float(shown.log.door_angle.max()), 200)
@@ -149,7 +149,14 @@ def draw(shown: Forecasts) -> Figure:
         panel.set_xlabel("$x$ [m]")
     rows[0, 0].set_xlim(-0.06, 0.92)
     rows[0, 0].set_ylim(-0.62, 0.06)
-    _legend(figure)
+    style.legend_above(
+        figure,
+        {
+            "true arc (thick: seen)": style.legend_line(style.TRUTH),
+            "mean of the forecast": style.legend_line(style.ADAPTED, "--"),
+            "its 95 % region": Patch(color=style.ADAPTED, alpha=0.2),
+        },
+    )
     return figure
 
 
@@ -167,20 +174,6 @@ def _draw_forecast(
 def _score(forecast: Forecast) -> str:
     error, inside = 1e3 * forecast.rms_error(), 100.0 * forecast.coverage()
     return f"{error:.0f} mm off, {inside:.0f} % inside"
-
-
-def _legend(figure: Figure) -> None:
-    handles = {
-        "true arc (thick: seen)": Line2D([], [], color=style.TRUTH),
-        "mean of the forecast": Line2D([], [], color=style.ADAPTED, linestyle="--"),
-        "its 95 % region": Patch(color=style.ADAPTED, alpha=0.2),
-    }
-    figure.legend(
-        handles=list(handles.values()),
-        labels=list(handles),
-        loc="outside upper center",
-        ncols=len(handles),
-    )
 
 
 def caption(openings: Mapping[str, Forecasts]) -> str:
@@ -217,10 +210,16 @@ def caption(openings: Mapping[str, Forecasts]) -> str:
     )
 
 
-def make(material: Material) -> Drawing:
-    """Make the figure of forecasts."""
-    agents = {
-        name: make_agent(name, material.demonstrations.demonstrations) for name in FORMS
-    }
-    openings = {door: measure(material.episodes[door], agents) for door in DOORS}
-    return Drawing(figure=draw(openings[SHOWN]), caption=caption(openings))
+def _measure(material: Material) -> dict[str, Forecasts]:
+    given = material.demonstrations.demonstrations
+    agents = {name: make_agent(name, given) for name in FORMS}
+    return {door: measure(material.episodes[door], agents) for door in DOORS}
+
+
+FIGURE: Final = Entry(
+    title="Forecasts of the rest of the opening",
+    measure=_measure,
+    draw=draw,
+    caption=caption,
+    doors=DOORS,
+)

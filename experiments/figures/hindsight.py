@@ -1,4 +1,4 @@
-"""What an agent would have thought, shown a logged episode."""
+"""What an agent decides and expects when it is shown a logged episode."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from policies.agent import Agent, AgentStep, Observation
 from policies.trajectory import GaussianTrajectory
 
 
-def replay(log: EpisodeLog, agent: Agent) -> Iterator[AgentStep]:
+def decisions(log: EpisodeLog, agent: Agent) -> Iterator[AgentStep]:
     """Show an agent the observations of a logged episode, row by row.
 
     Nothing is simulated: the door has moved as it has moved, whatever this agent

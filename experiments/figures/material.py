@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from matplotlib.figure import Figure
 
-    from experiments.datasets.npz import LabelledDemonstrations
-    from experiments.episodes.log import EpisodeLog
+from experiments.datasets.npz import LabelledDemonstrations
+from experiments.episodes.log import EpisodeLog
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -37,11 +36,20 @@ class Drawing:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Entry:
-    """One figure of the catalogue."""
+    """One figure of the catalogue, in three steps."""
 
     title: str
     """Its subject, in a few words."""
-    make: Callable[[Material], Drawing]
-    """Measures, draws and describes."""
+    measure: Callable[[Material], Any]
+    """Computes everything that is shown; the others take what it returns."""
+    draw: Callable[[Any], Figure]
+    """Draws what was measured."""
+    caption: Callable[[Any], str]
+    """Says what is seen, and the numbers."""
     doors: tuple[str, ...] = ()
     """Doors whose episodes it shows: names or radii in metres."""
+
+    def make(self, material: Material) -> Drawing:
+        """Measure, draw and describe."""
+        shown = self.measure(material)
+        return Drawing(figure=self.draw(shown), caption=self.caption(shown))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import opening_motion, prediction_errors
-from experiments.figures.hindsight import expectation, replay
+from experiments.figures.hindsight import decisions, expectation
 from policies.agent import Agent
 from policies.trajectory import GaussianTrajectory
 
@@ -82,9 +82,9 @@ def measure(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
     """
     width = np.empty(log.times.size)
     stages: list[GaussianTrajectory] = []
-    decisions = replay(log, agent)
+    decided = decisions(log, agent)
     initial = belief = expectation(agent)
-    for row, decision in enumerate(decisions):
+    for row, decision in enumerate(decided):
         width[row] = _half_width(belief)
         if decision.via_point:
             belief = expectation(agent)

@@ -28,7 +28,7 @@ HEIGHT: Final = 1
 
 PHASES: Final = np.linspace(0.0, 1.0, 201)
 PHASES.flags.writeable = False
-"""Phases of `constrained_set`."""
+"""Phases of `constrained_set`, (201,)."""
 
 _CORRELATION: Final = 0.25
 """Length over which a repetition deviates to the same side, in phase."""
@@ -75,7 +75,7 @@ class ShelfMotion:
     level: float
     """Height of the shelf [m]."""
     demonstration: Demonstration
-    """What was recorded."""
+    """Poses of the hand over time."""
     progress: FloatArray
     """How much of the task is truly done at each sample, (N,), 0 to 1."""
 

@@ -13,13 +13,16 @@ from typing import Any, Final
 
 import matplotlib.style
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from experiments.atomic_write import complete_or_absent
 from experiments.recording import colours
+from policies.storage import complete_or_absent
+from policies.trajectory import GaussianTrajectory
 
 COLUMN: Final = 3.5
 """Width of a journal's column [inch]."""
@@ -122,7 +125,7 @@ def write_figure(figure: Figure, folder: Path, name: str) -> None:
         (".svg", {"Date": None, "Creator": None}),
     ):
         with complete_or_absent(folder / f"{name}{suffix}") as path:
-            figure.savefig(path, metadata=metadata)
+            figure.savefig(path, format=suffix[1:], metadata=metadata)
 
 
 def letter(axes: Axes, name: str, title: str = "") -> None:
@@ -138,5 +141,46 @@ def band(
     colour: str,
     label: str | None = None,
 ) -> None:
-    """Shade an interval."""
+    """Shade an interval over x; all arrays have one size."""
     axes.fill_between(x, low, high, color=colour, alpha=0.22, linewidth=0, label=label)
+
+
+def mean_and_interval(
+    axes: Axes,
+    policy: GaussianTrajectory,
+    output: int,
+    colour: str,
+    *,
+    band_label: str | None = None,
+    **line: Any,
+) -> None:
+    """Draw an output's mean over phase on its shaded 95 % interval.
+
+    Args:
+        axes: Panel to draw on.
+        policy: What to draw.
+        output: Which of its six outputs.
+        colour: Of both.
+        band_label: Name of the interval in the legend.
+        line: How the mean is drawn.
+    """
+    low, high = policy.interval()
+    band(axes, policy.times, low[:, output], high[:, output], colour, band_label)
+    axes.plot(policy.times, policy.mean[:, output], color=colour, **line)
+
+
+def legend_line(colour: str, linestyle: Any = "-", **line: Any) -> Line2D:
+    """A line that stands in the legend alone."""
+    return Line2D([], [], color=colour, linestyle=linestyle, **line)
+
+
+def legend_above(
+    figure: Figure, entries: Mapping[str, Artist], columns: int | None = None
+) -> None:
+    """Name lines and areas above all panels, in one row unless ``columns`` says."""
+    figure.legend(
+        handles=list(entries.values()),
+        labels=list(entries),
+        loc="outside upper center",
+        ncols=columns or len(entries),
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import importlib.metadata
 import os
 import platform
@@ -43,6 +44,16 @@ def provenance(config: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def content_hash(path: Path) -> str:
+    """Return the SHA-256 of a file's content, by which it is known again.
+
+    Raises:
+        OSError: The file cannot be read.
+    """
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
 @functools.cache
 def code_state() -> Mapping[str, Any]:
     """Which code this process runs: package ``versions`` and ``git`` state.
@@ -51,7 +62,7 @@ def code_state() -> Mapping[str, Any]:
     """
     state = {
         "versions": dict(versions()),
-        "git": git_state(Path(__file__).resolve().parents[1]),
+        "git": git_state(Path(__file__).resolve().parents[2]),
     }
     return MappingProxyType(state)
 

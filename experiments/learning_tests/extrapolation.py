@@ -9,10 +9,11 @@ import numpy as np
 
 from experiments.learning_tests.accuracy import inside
 from experiments.learning_tests.folds import Fold
-from experiments.learning_tests.methods import Method, learn
+from experiments.learning_tests.methods import learn
 from experiments.learning_tests.prior_mean import prior_mean_used
 from policies.completion import task_completion_index
 from policies.demonstrations import Demonstration
+from policies.method import Method
 
 __all__ = ["beyond"]
 

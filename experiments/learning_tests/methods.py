@@ -1,4 +1,4 @@
-"""What is measured of a policy: how it learns, and how it takes via-points."""
+"""How a policy learns what is measured of it, and how long that takes."""
 
 from __future__ import annotations
 
@@ -6,34 +6,16 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
+import scipy.signal  # noqa: F401  (a method imports it late: not part of its learning)
 
-from policies.adaptation import Adaptation
 from policies.demonstrations import Demonstration
-from policies.gridded import Demonstrated
+from policies.method import Method, TrainingInput
 from policies.movement import Movement
 from policies.prior_mean import PriorMean
-from policies.registry import TrainingInput, policy_entry
-
-__all__ = ["Learned", "Method", "cpu_seconds", "learn", "method_named"]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Method:
-    """A way to learn movements, as the registry has it."""
-
-    learn: Callable[[TrainingInput], Movement]
-    """Aligns and learns, as its author would."""
-    form: Callable[[Any, Any], Adaptation]
-    """Makes an adaptation to via-points from a movement and a grid of phases;
-    `policies.gridded.Demonstrated` if the method has none."""
-
-    @property
-    def adapts(self) -> bool:
-        """Whether the method takes via-points."""
-        return self.form is not Demonstrated
+from policies.registry import POLICIES, policy_named
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -50,15 +32,16 @@ def method_named(policy: str) -> Method:
     """Return the method of a policy.
 
     Raises:
-        ValueError: An unknown policy, or one that learns nothing.
+        ValueError: An unknown policy, or one that learns no movement.
     """
-    entry = policy_entry(policy)
-    if entry.learn is None:
+    method = policy_named(policy).method
+    if method is None:
+        learning = [name for name, one in POLICIES.items() if one.method is not None]
         raise ValueError(
-            f"policy {policy!r} learns nothing from demonstrations, so there is no "
-            "skill to measure; choose one of policies.registry.TABLE_1"
+            f"policy {policy!r} learns no movement from demonstrations, so there is "
+            f"nothing to measure; choose one of {', '.join(sorted(learning))}"
         )
-    return Method(learn=entry.learn, form=entry.form)
+    return method
 
 
 def learn(
@@ -83,7 +66,7 @@ def learn(
         ValueError: The method cannot learn from them, or be given a prior mean.
     """
     training = TrainingInput(
-        demonstrations=tuple(demonstrations), seed=seed, prior_mean=prior_mean
+        demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
     )
 
     def able_to_predict() -> Movement:

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from experiments.learning_tests.methods import Method, learn
+from experiments.learning_tests.methods import learn
 from policies.demonstrations import Demonstration
-from policies.learning import NO_PRIOR_MEAN
+from policies.method import Method
 from policies.movement import Movement
 from policies.prior_mean import PosePath
 
@@ -42,18 +42,15 @@ def prior_mean_used(
     Returns:
         The way of the prediction from where it is without the prior mean towards the
         latter, as a share of the whole way, within [0, 1]: 1 returns to it, 0 ignores
-        it. Metres and radians count alike. None for a method that refuses.
+        it. Metres and radians count alike. None for a method that takes none.
     """
+    if not method.accepts_prior_mean:
+        return None
     aligned = plain.aligned
     prior = PosePath(
         phases=aligned.times, poses=aligned.poses.mean(axis=0) + _DISPLACEMENT
     )
-    try:
-        learned = learn(method, demonstrations, seed, prior)
-    except ValueError as refusal:
-        if NO_PRIOR_MEAN not in str(refusal):
-            raise
-        return None
+    learned = learn(method, demonstrations, seed, prior)
     without = plain.predict(_FAR).mean
     moved, whole = learned.movement.predict(_FAR).mean - without, prior.mean(_FAR)
     whole = whole - without

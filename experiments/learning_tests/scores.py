@@ -41,10 +41,11 @@ from experiments.learning_tests.accuracy import accuracy, averaged, spread_follo
 from experiments.learning_tests.criteria import CRITERIA, Criterion, Mark, mark
 from experiments.learning_tests.extrapolation import beyond
 from experiments.learning_tests.folds import Fold, folds, lay
-from experiments.learning_tests.methods import Method, cpu_seconds, learn, method_named
+from experiments.learning_tests.methods import cpu_seconds, learn, method_named
 from experiments.learning_tests.tumbling import tumbling
 from experiments.learning_tests.via_points import adaptation
 from experiments.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
+from policies.method import Method
 from policies.movement import Movement
 
 __all__ = [

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from experiments.learning_tests.accuracy import density, rms_rotation
-from experiments.learning_tests.methods import Learned, Method, learn
+from experiments.learning_tests.methods import Learned, learn
 from experiments.teacher.random_motion import smooth_functions
 from policies.demonstrations import Demonstration
+from policies.method import Method
 
 __all__ = ["TUMBLE_STD", "tumble", "tumbled_rotations", "tumbling"]
 

@@ -15,8 +15,10 @@ from experiments.learning_tests.accuracy import (
     rms_rotation,
 )
 from experiments.learning_tests.folds import Laid
-from experiments.learning_tests.methods import Learned, Method, cpu_seconds
-from policies.agent import AgentConfig
+from experiments.learning_tests.methods import Learned, cpu_seconds
+from policies.adaptation import begin_adaptation
+from policies.compliance import ComplianceConfig
+from policies.method import Method
 from policies.trajectory import ViaPoint
 
 __all__ = ["GRID", "adaptation"]
@@ -74,10 +76,10 @@ def _hits(method: Method, learned: Learned, laid: Laid) -> Mapping[str, float | 
     demanded = laid.at(GRID[list(_PLACES)])
     for name, std in (("via_error", _STD), ("via_error_strict", _STRICT_STD)):
         names = (f"{name}_position_m", f"{name}_rotation_rad")
-        if not method.adapts:
+        if method.adaptation is None:
             errors |= dict.fromkeys(names)
             continue
-        adapted = method.form(learned.movement, GRID)
+        adapted = begin_adaptation(learned.movement, method.adaptation, GRID)
         for place, pose in zip(_PLACES, demanded, strict=True):
             adapted.observe(ViaPoint(phase=float(GRID[place]), pose=pose, std=std))
         passed = adapted.mean[list(_PLACES)]
@@ -90,13 +92,13 @@ def _far_changes(
     method: Method, learned: Learned, laid: Laid
 ) -> Mapping[str, float | None]:
     names = ("via_far_change", "via_far_std_change")
-    if not method.adapts:
+    if method.adaptation is None:
         return dict.fromkeys(names)
     before = learned.movement.predict(GRID)
     changes: list[FloatArray] = []
     for place in _PLACES:
         phase = float(GRID[place])
-        adapted = method.form(learned.movement, GRID)
+        adapted = begin_adaptation(learned.movement, method.adaptation, GRID)
         pose = laid.at(GRID[[place]])[0]
         adapted.observe(ViaPoint(phase=phase, pose=pose, std=_STRICT_STD))
         far = np.abs(GRID - phase) > _FAR
@@ -109,9 +111,9 @@ def _far_changes(
 def _rest(method: Method, learned: Learned, laid: Laid) -> Mapping[str, float | None]:
     truth, ahead = laid.at(GRID), GRID > _SEEN
     before = learned.movement.predict(GRID)
-    adapted = method.form(learned.movement, GRID)
+    adapted = begin_adaptation(learned.movement, method.adaptation, GRID)
     cpu_s = None
-    if method.adapts:
+    if method.adaptation is not None:
         seen = _observations(laid)
 
         def observe() -> None:
@@ -135,7 +137,7 @@ def _rest(method: Method, learned: Learned, laid: Laid) -> Mapping[str, float | 
 
 def _observations(laid: Laid) -> tuple[ViaPoint, ...]:
     """Via-points as an agent takes them while it opens a door."""
-    config = AgentConfig()
+    config = ComplianceConfig()
     count = round(_SEEN / config.via_spacing)
     phases: FloatArray = config.via_spacing * np.arange(1.0, count + 1.0)
     return tuple(

@@ -18,6 +18,7 @@ import numpy as np
 import rerun as rr
 
 from experiments.arguments import check_least
+from experiments.episodes.agents import learned
 from experiments.episodes.doors import named_doors
 from experiments.episodes.log import EpisodeLog
 from experiments.progress import LOG
@@ -27,7 +28,8 @@ from experiments.recording.stream import open_stream
 from experiments.recording.viewer import has_display, viewer
 from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_env import ENVIRONMENT_ID
-from policies.registry import make_agent, policy_entry
+from policies.method import TrainingInput
+from policies.registry import policy_named
 
 LOOPBACK: Final = "127.0.0.1"
 """Where the viewer listens: nobody on another machine can reach it."""
@@ -62,13 +64,14 @@ def watch(
     check_least("--seed", seed, 0)
     _check_speed(speed)
     _check_screen(serve=serve)
-    policy_entry(policy)
+    chosen = policy_named(policy)
     [(name, config)] = named_doors([door]).items()
     env = gym.make(ENVIRONMENT_ID, door=config, randomization=randomization)
     demonstrations = Teacher().demonstrate_doors(
         DEMONSTRATED_RADII, 2, rng=np.random.default_rng(seed)
     )
-    agent = make_agent(policy, demonstrations, seed=seed, radius=config.radius)
+    training = TrainingInput(demonstrations=demonstrations, seed=seed)
+    agent = learned(chosen, training)(config.radius)
 
     def show(stream: rr.RecordingStream, viewer: subprocess.Popen[bytes]) -> EpisodeLog:
         model: Any = env.unwrapped.model  # type: ignore[attr-defined]

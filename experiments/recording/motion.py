@@ -165,7 +165,7 @@ def _spaced(
 def _arc_and_hinge(radius: float) -> tuple[Chunk, ...]:
     """The handle's true arc, and the leaf as lines from the hinge."""
     angles = np.radians(np.linspace(0.0, _TRUE_ARC_DEG, 76))
-    arc = np.stack([handle_pose_on_arc(radius, angle)[:3] for angle in angles])
+    arc = handle_pose_on_arc(radius, angles)[:, :3]
     hinge, leaf = [0.0, 0.0, -radius], [[[0.0, 0.0, 0.0], [0.0, 0.0, radius]]]
     true_arc = rr.LineStrips3D([arc], colors=colours.TRUTH, radii=_LINE)
     at_hinge = rr.Transform3D(translation=hinge)

@@ -1,18 +1,19 @@
 """A page as a value: what it says, apart from how HTML or Markdown writes it.
 
-Texts may hold ``**bold**``, ```code``` and ``[links](address)``; everything else is
-shown as it stands.
+Texts may hold ``**bold**``, ```code```, ``[links](address)`` and backslashes before
+characters that are none of these marks; everything else is shown as it stands. What
+comes from a file goes through `code` or `literal`.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from matplotlib.figure import Figure
 
-    from matplotlib.figure import Figure
+from experiments.files.table import Table
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -38,21 +39,7 @@ class Verbatim:
     """Text as it was written elsewhere: commands, error messages."""
 
     text: str
-    """Lines."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Table:
-    """Texts in rows; the first cell of each names the row."""
-
-    columns: tuple[str, ...]
-    """Heads with units."""
-    rows: tuple[tuple[str, ...], ...]
-    """Cells, as many as there are heads; what stands after a line break is small."""
-    note: str = ""
-    """What a reader has to know to read it."""
-    left: bool = False
-    """Whether all cells are text, flush left, rather than numbers."""
+    """Lines, without marks."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -104,3 +91,18 @@ class Document:
             for block in section.blocks
             if isinstance(block, Picture)
         )
+
+
+def code(text: object) -> str:
+    """Return a name or another text of a file, to be shown as code."""
+    return f"`{' '.join(str(text).split()).replace('`', chr(39))}`"
+
+
+def literal(text: object) -> str:
+    """Return a text of a file, to be shown as it stands."""
+    return re.sub(r"([\\`*\[\]])", r"\\\1", " ".join(str(text).split()))
+
+
+def names(policies: Iterable[str]) -> str:
+    """List policies in a sentence."""
+    return ", ".join(map(code, policies))

@@ -4,70 +4,80 @@ from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from experiments.files.table import Table
+from experiments.report.columns import Column, count, policy_table
 from experiments.report.document import (
     Block,
     Items,
     Paragraph,
     Section,
-    Table,
     Verbatim,
+    code,
+    literal,
+    names,
 )
-from experiments.results.grouping import by_condition, by_policy, named
-from experiments.results.records import Outcome, StudyResults
+from experiments.results.grouping import by_condition, by_policy, grouped
+from experiments.results.records import EpisodeResult, StudyResults, TaskResult
+from experiments.results.table import error_count
+
+TITLE = "What was run"
+_LEFT_OUT = "Files without a result, left out"
 
 
 def header(results: StudyResults) -> tuple[Block, ...]:
-    """Where every number comes from."""
-    study, outcomes = results.study, results.outcomes
-    failed = sum(bool(one.error) for one in outcomes)
+    """Say what is missing, and where every number comes from."""
+    warnings = [literal(error_count(results.episodes))]
+    if failed := sum(bool(one.error) for one in results.tests):
+        tests = f"{failed} of {len(results.tests)} learning tests ended in an error."
+        warnings.append(tests)
+    if results.unreadable:
+        warnings.append(f"{_LEFT_OUT}: {len(results.unreadable)}.")
+    warning = " ".join(filter(None, warnings))
+    started = results.study.get("created")
+    command = results.study.get("command")
     blocks: list[Block] = [
         Paragraph(
             text=f"{len(results.episodes)} episodes and {len(results.tests)} learning "
-            f"tests of {len(by_policy(outcomes))} policies"
-            + (f", started {study['created']}" if "created" in study else "")
-            + (f"; **{failed} ended in an error**" if failed else "; no errors")
+            f"tests of {len(by_policy(results.all))} policies"
+            + (f", started {literal(started)}" if isinstance(started, str) else "")
             + ". Every number on this page is computed from the result files of"
         ),
-        Verbatim(text=_command(study)),
+        Verbatim(
+            text=shlex.join(map(str, command))
+            if isinstance(command, list) and command
+            else "(study.json with the command is missing)"
+        ),
     ]
+    if warning:
+        text = f"{warning} The reasons are under “{TITLE}”."
+        blocks.insert(0, Paragraph(text=text, warning=True))
     return tuple(blocks)
 
 
-def _command(study: Mapping[str, Any]) -> str:
-    command = study.get("command")
-    if not isinstance(command, list) or not command:
-        return "(study.json with the command is missing)"
-    return shlex.join(map(str, command))
-
-
 def origin_section(results: StudyResults) -> Section:
-    """Provenance, counts, errors and warnings."""
-    blocks: list[Block] = [*_code(results)]
-    if results.study:
-        blocks.append(Items(texts=_machine(results.study)))
-    blocks.append(_counts(results))
-    blocks.extend(_gaps(results))
-    blocks.extend(_errors(results))
+    """Provenance, counts, errors and what could not be read."""
+    blocks: list[Block] = [
+        *_code(results.all),
+        *_sources(results.all),
+        *_machine(results.study),
+        _counts(results),
+        *_gaps(results.episodes),
+        *_errors(results.all),
+    ]
     if results.unreadable:
-        blocks.append(
-            Paragraph(
-                text=f"{len(results.unreadable)} files hold no result and are left "
-                "out:",
-                warning=True,
-            )
-        )
+        blocks.append(Paragraph(text=f"{_LEFT_OUT}:", warning=True))
         blocks.append(Verbatim(text="\n".join(results.unreadable)))
-    return Section(title="What was run", anchor="origin", blocks=tuple(blocks))
+    return Section(title=TITLE, anchor="origin", blocks=tuple(blocks))
 
 
-def _code(results: StudyResults) -> list[Block]:
-    codes = Counter(one.code for one in results.outcomes)
+def _code(results: Sequence[TaskResult]) -> list[Block]:
+    codes = Counter(one.code for one in results).most_common()
     if len(codes) == 1:
-        return [Paragraph(text=f"All results were made by {next(iter(codes))}.")]
-    listed = sorted(codes.items(), key=lambda item: (-item[1], item[0]))
+        return [Paragraph(text=f"All results were made by {literal(codes[0][0])}.")]
+    listed = sorted(codes, key=lambda item: (-item[1], item[0]))
     return [
         Paragraph(
             text="These results were not all made by the same code; differences "
@@ -75,65 +85,63 @@ def _code(results: StudyResults) -> list[Block]:
             "or delete the folder, to have one version.",
             warning=True,
         ),
-        Items(texts=tuple(f"{count} results: {code}" for code, count in listed)),
+        Items(texts=tuple(f"{n} results: {literal(text)}" for text, n in listed)),
     ]
 
 
-def _machine(study: Mapping[str, Any]) -> tuple[str, ...]:
+def _sources(results: Sequence[TaskResult]) -> list[Block]:
+    """Where the policies came from that are not this project's."""
+    own = grouped(results, lambda one: (one.policy, one.policy_source))
+    texts = [f"{code(policy)}: {code(source)}" for policy, source in own if source]
+    blocks: list[Block] = []
+    if texts:
+        blocks.append(Paragraph(text="Policies that are not this project's:"))
+        blocks.append(Items(texts=tuple(texts)))
+    times = Counter(policy for policy, _ in own)
+    if several := [policy for policy, number in times.items() if number > 1]:
+        text = f"Results of {names(several)} were made by more than one source."
+        blocks.append(Paragraph(text=text, warning=True))
+    return blocks
+
+
+def _machine(study: Mapping[str, Any]) -> list[Block]:
     texts = []
-    platform = study.get("platform")
-    if isinstance(platform, Mapping):
-        told = ", ".join(f"{name} {value}" for name, value in platform.items())
-        texts.append(f"Machine: {told}.")
-    settings = study.get("config")
-    if isinstance(settings, Mapping):
-        told = "; ".join(
-            f"{name} = {_value(value)}" for name, value in settings.items()
-        )
-        texts.append(f"Settings of the last command: {told}.")
-    return tuple(texts)
+    for title, key, form in (
+        ("Machine", "platform", "{} {}"),
+        ("Settings of the last command", "config", "{} = {}"),
+    ):
+        entries = study.get(key)
+        if isinstance(entries, dict):
+            parts = (form.format(name, _value(each)) for name, each in entries.items())
+            texts.append(f"{title}: {literal('; '.join(parts))}.")
+    return [Items(texts=tuple(texts))] if texts else []
 
 
 def _value(value: object) -> str:
-    if isinstance(value, list):
-        return " ".join(map(str, value))
-    return str(value)
+    return " ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def _counts(results: StudyResults) -> Table:
-    conditions = list(by_condition(results.episodes))
-    rows = []
-    for policy, own in by_policy(results.outcomes).items():
-        episodes = [one for one in results.episodes if one.policy == policy]
-        tests = [one for one in results.tests if one.policy == policy]
-        rows.append(
-            (
-                f"`{policy}`",
-                *(
-                    str(sum(one.condition == condition for one in episodes))
-                    for condition in conditions
-                ),
-                str(len(tests)),
-                str(sum(bool(one.error) for one in own)),
-            )
-        )
-    heads = (f"episodes: {condition}" for condition in conditions)
-    return Table(
-        columns=("policy", *heads, "learning tests", "errors"), rows=tuple(rows)
-    )
+    columns: dict[str, Column] = {
+        f"episodes: {condition}": (by_policy(own), count)
+        for condition, own in by_condition(results.episodes).items()
+    }
+    columns["learning tests"] = (by_policy(results.tests), count)
+    columns["errors"] = (by_policy(one for one in results.all if one.error), count)
+    return policy_table(by_policy(results.all), columns)
 
 
-def _gaps(results: StudyResults) -> list[Block]:
+def _gaps(episodes: Sequence[EpisodeResult]) -> list[Block]:
     """Tasks that some policies ran and others did not."""
-    every = {one.pair for one in results.episodes}
+    every = {one.pair for one in episodes}
     gaps = {
         policy: missing
-        for policy, own in by_policy(results.episodes).items()
+        for policy, own in by_policy(episodes).items()
         if (missing := len(every - {one.pair for one in own}))
     }
     if not gaps:
         return []
-    listed = ", ".join(f"`{policy}` {count}" for policy, count in gaps.items())
+    listed = ", ".join(f"{code(policy)} {count}" for policy, count in gaps.items())
     return [
         Paragraph(
             text=f"Of the {len(every)} episodes that any policy ran, some have none: "
@@ -143,30 +151,21 @@ def _gaps(results: StudyResults) -> list[Block]:
     ]
 
 
-def _errors(results: StudyResults) -> list[Block]:
-    failed = [one for one in results.outcomes if one.error]
+def _errors(results: Sequence[TaskResult]) -> list[Block]:
+    failed = [one for one in results if one.error]
     if not failed:
         return [Paragraph(text="No task ended in an error.")]
-    reasons: dict[str, list[Outcome]] = {}
-    for one in failed:
-        reasons.setdefault(one.error, []).append(one)
+    reasons = grouped(failed, lambda one: one.error)
     rows = sorted(reasons.items(), key=lambda item: (-len(item[1]), item[0]))
-    told = "\n".join(
-        f"{len(group)} × {_plainly(group)}: {reason}" for reason, group in rows
-    )
-    return [
-        Paragraph(
-            text=f"{len(failed)} tasks ended in an error, of "
-            f"{named(by_policy(failed))}. An episode that ended in an error counts as "
-            "a door not opened.",
-            warning=True,
-        ),
-        Verbatim(text=told),
-    ]
+    listed = (f"{len(own)} × {_where(own)}: {reason}" for reason, own in rows)
+    text = f"Tasks of {names(by_policy(failed))} that ended in an error:"
+    return [Paragraph(text=text, warning=True), Verbatim(text="\n".join(listed))]
 
 
-def _plainly(group: list[Outcome]) -> str:
-    kinds = Counter(
-        f"{one.policy}, {one.task.get('door') or 'learning test'}" for one in group
-    )
-    return "; ".join(kinds)
+def _where(failed: Sequence[TaskResult]) -> str:
+    tasks = (f"{one.policy}, {_subject(one)}" for one in failed)
+    return "; ".join(dict.fromkeys(tasks))
+
+
+def _subject(one: TaskResult) -> str:
+    return one.task.door if isinstance(one, EpisodeResult) else "learning test"

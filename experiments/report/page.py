@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
-from experiments.atomic_write import complete_or_absent
-from experiments.report.document import Block, Document, Paragraph, Picture, Section
+from experiments.figures.style import paper_style, write_figure
+from experiments.report.document import (
+    Block,
+    Document,
+    Paragraph,
+    Picture,
+    Section,
+    code,
+    names,
+)
 from experiments.report.doors import (
-    HOW_TO_READ,
     paired_tests,
     quality_tables,
-    rate_tables,
-    verdicts,
+    rate_table,
+    sentences,
 )
 from experiments.report.html import html_page
 from experiments.report.learning import learning_section
@@ -24,21 +31,29 @@ from experiments.report.plots import (
     success_by_radius,
 )
 from experiments.report.recordings import recording_section
+from experiments.report.sentences import PRIVILEGED
 from experiments.report.shortfalls import shortfall_section
 from experiments.report.table_one import table_one_section
-from experiments.results.grouping import by_condition, difference, ranked
-from experiments.results.records import Episode, StudyResults, read_results
-from experiments.study.settings import Condition
+from experiments.results.grouping import (
+    Comparison,
+    comparisons,
+    difference,
+)
+from experiments.results.reading import read_results
+from experiments.results.records import StudyResults
+from policies.storage import complete_or_absent
 
 HTML, MARKDOWN = "report.html", "report.md"
 
 
-def write_report(study: Path, out: Path | None = None) -> Path:
+def write_report(study: Path, out: Path | None = None, reference: str = "gp") -> Path:
     """Write the report of a study's folder.
 
     Args:
         study: Folder of a `gplfd benchmark`.
         out: Folder for report.html, report.md and figures/; the study's by default.
+        reference: Policy with which the others are compared; where the study has none
+            of this name, the best of those that it has.
 
     Returns:
         The path of the HTML page.
@@ -48,73 +63,93 @@ def write_report(study: Path, out: Path | None = None) -> Path:
         ValueError: It is not the folder of a study.
         OSError: A file cannot be written.
     """
-    from experiments.figures.style import paper_style, write_figure
-
-    results = read_results(study)
     folder = study if out is None else out
-    document = report(results, study, folder)
+    document = report(read_results(study), study, folder, reference)
     images: dict[str, bytes] = {}
     for picture in document.pictures:
         with paper_style():
             write_figure(picture.draw(), folder / FIGURES, picture.name)
         images[picture.name] = (folder / FIGURES / f"{picture.name}.svg").read_bytes()
-    _write(folder / MARKDOWN, markdown_page(document))
-    _write(folder / HTML, html_page(document, images))
+    for name, text in (
+        (MARKDOWN, markdown_page(document)),
+        (HTML, html_page(document, images)),
+    ):
+        with complete_or_absent(folder / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
     return folder / HTML
 
 
-def _write(path: Path, text: str) -> None:
-    with complete_or_absent(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def report(results: StudyResults, study: Path, folder: Path) -> Document:
-    """Tell a study.
+def report(
+    results: StudyResults, study: Path, folder: Path, reference: str
+) -> Document:
+    """Say everything about a study.
 
     Args:
         results: What the study's folder holds.
         study: That folder, for links to recordings.
         folder: Where the page will be.
+        reference: As in `write_report`.
     """
-    policies = sorted({one.policy for one in results.outcomes})
+    conditions = comparisons(results.episodes)
+    policies = sorted({one.policy for one in results.all})
+    ranking = [*(conditions[0].runs if conditions else ()), *policies]
+    lead = list(header(results))
+    if reference not in policies:
+        best = next((one for one in ranking if one not in PRIVILEGED), ranking[0])
+        text = f"{code(reference)} is not in this study; {code(best)} takes its place."
+        lead.append(Paragraph(text=text))
+        reference = best
+    if conditions:
+        lead += [sentences(conditions[0], reference), _how_to_read(conditions[0])]
     sections = [table_one_section(results.tests)]
-    conditions = by_condition(results.episodes)
-    for place, (condition, episodes) in enumerate(conditions.items()):
-        told = difference(condition, next(iter(conditions)))
-        sections.extend(_door_sections(condition, episodes, place, told))
-    sections.append(learning_section(results.tests))
-    if results.episodes:
+    for place, comparison in enumerate(conditions):
+        after = difference(comparison.condition, conditions[0].condition)
+        sections += _door_sections(comparison, reference, place, after)
+    sections.append(learning_section(results.tests, reference))
+    if conditions:
         sections.append(shortfall_section(results.episodes))
     sections.append(recording_section(study, folder, policies))
     sections.append(origin_section(results))
-    lead: tuple[Block, ...] = header(results)
-    if conditions:
-        standard = next(iter(conditions.values()))
-        lead = (*lead, verdicts(standard), Paragraph(text=HOW_TO_READ))
     return Document(
         title="Opening doors: the policies compared",
-        lead=lead,
+        lead=tuple(lead),
         sections=tuple(sections),
     )
 
 
+def _how_to_read(comparison: Comparison) -> Paragraph:
+    text = (
+        "Numbers are compared pair by pair, at the same tasks (for forces, times and "
+        "slip: doors that both opened), not by their medians: typical difference, its "
+        "95 % interval, number of pairs. Beaten: the interval leaves zero out, or the "
+        "rate is below the best's interval."
+    )
+    if privileged := sorted(PRIVILEGED & comparison.runs.keys()):
+        text += (
+            f" {names(privileged)} knows what a robot cannot and is not among the "
+            "compared."
+        )
+    return Paragraph(text=text)
+
+
 def _door_sections(
-    condition: Condition, episodes: Sequence[Episode], place: int, told: str
+    comparison: Comparison, reference: str, place: int, after: str
 ) -> list[Section]:
     """Rates, quality and tests under one condition; plots of the first only."""
-    suffix, after = (f"-{place + 1}", f": {told}") if place else ("", "")
-    text = f"{str(condition)[0].upper()}{str(condition)[1:]}."
-    rates: list[Block] = [Paragraph(text=text), *rate_tables(episodes)]
-    quality = quality_tables(episodes)
+    suffix, after = (f"-{place + 1}", f": {after}") if place else ("", "")
+    condition = str(comparison.condition)
+    rates: list[Block] = [Paragraph(text=f"{condition[0].upper()}{condition[1:]}.")]
+    quality = quality_tables(comparison)
     if place:
-        rates.insert(1, verdicts(episodes))
+        rates.append(sentences(comparison, reference))
     else:
-        rates.insert(1, _rate_plot(episodes))
-        quality = [_force_plot(episodes), *quality, *_forecast_plots(episodes)]
+        success, force, *forecast = _plots(comparison, reference)
+        rates.append(success)
+        quality = [force, *quality, *forecast]
     parts = {
-        ("opened", "Doors opened"): rates,
+        ("opened", "Doors opened"): [*rates, rate_table(comparison)],
         ("quality", "Forces, times and forecasts"): quality,
-        ("tests", "Paired tests"): paired_tests(episodes),
+        ("tests", "Paired tests"): [paired_tests(comparison, reference)],
     }
     return [
         Section(title=f"{title}{after}", anchor=f"{name}{suffix}", blocks=tuple(blocks))
@@ -122,48 +157,36 @@ def _door_sections(
     ]
 
 
-def _rate_plot(episodes: Sequence[Episode]) -> Picture:
-    runs = ranked(episodes)
-    return Picture(
+def _plots(comparison: Comparison, reference: str) -> list[Picture]:
+    success = Picture(
         name="success",
-        draw=lambda: success_by_radius(runs),
+        draw=partial(success_by_radius, comparison, reference),
         caption="**Doors opened to 60° by the handle's radius,** with Wilson's 95 % "
-        "intervals. Blue stripes: radii that were demonstrated. Pale violet: `gp`. "
-        "Policies in order of success, then of radial force; doors with other hinges "
-        "are left out.",
+        "intervals. Blue stripes: radii that were demonstrated. Pale violet: "
+        f"{code(reference)}. Policies in order of success, then of radial force; "
+        "non-standard doors are left out.",
         alternative="Success rate against radius, a panel per policy",
     )
-
-
-def _force_plot(episodes: Sequence[Episode]) -> Picture:
-    runs = ranked(episodes)
-    return Picture(
+    force = Picture(
         name="radial_force",
-        draw=lambda: force_by_radius(runs),
+        draw=partial(force_by_radius, comparison, reference),
         caption="**Peak radial force on the doors opened to 60°:** a dot per episode, "
         "a line through the medians. It does no work and tells how badly the path fits "
         "the door. Red: the 22.2 N of ADA 404.2.9.",
         alternative="Peak radial force against radius, a panel per policy",
     )
-
-
-def _forecast_plots(episodes: Sequence[Episode]) -> list[Block]:
-    runs = ranked(episodes)
-    told = any(
-        error is not None
-        for one in episodes
-        for error in one.numbers("forecast_error_mm")
+    forecast = Picture(
+        name="forecast",
+        draw=partial(forecast_by_progress, comparison.runs, reference),
+        caption="**Error of the forecast of the rest of the path** as the door opens: "
+        "median and middle half of all episodes, those included that failed later. A "
+        "falling curve is a policy that learns which door it has.",
+        alternative="Forecast error against progress, a panel per policy",
     )
-    if not told:
-        return []
-
-    return [
-        Picture(
-            name="forecast",
-            draw=lambda: forecast_by_progress(runs),
-            caption="**Error of the forecast of the rest of the path** as the door "
-            "opens: median and middle half of all episodes, those included that failed "
-            "later. A falling curve is a policy that learns which door it has.",
-            alternative="Forecast error against progress, a panel per policy",
-        )
-    ]
+    known = any(
+        error is not None
+        for own in comparison.runs.values()
+        for one in own
+        for error in one.metrics["forecast_error_mm"]
+    )
+    return [success, force, *([forecast] if known else [])]

@@ -1,15 +1,18 @@
-"""Links to the recordings that a study has kept."""
+"""The recordings that a study has kept: their names, their index, and links to them."""
 
 from __future__ import annotations
 
-import json
+import hashlib
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from experiments.report.document import Block, Paragraph, Section, Table
+from experiments.files.plain_data import entry, read_json
+from experiments.files.table import Table
+from experiments.report.document import Block, Paragraph, Section, code, literal
 
 FOLDER, INDEX = "recordings", "index.json"
 COMPARISONS: Final = ("comparison.rrd", "comparison-widest.rrd")
@@ -18,67 +21,82 @@ RANKS: Final = ("best", "median", "worst")
 """Episodes of each policy that are recorded, by success, radial force and angle."""
 
 
-def recording_section(study: Path, page: Path, policies: list[str]) -> Section:
-    """List the recordings there are, with links relative to the page's folder."""
+def recording_name(policy: str, rank: str) -> str:
+    """Return the file name of a recording, whatever the policy is called."""
+    safe = re.sub(r"[^\w-]+", "_", policy, flags=re.ASCII)[:60]
+    if safe != policy:
+        # Other policies may become the same text.
+        safe += f"-{hashlib.sha256(policy.encode()).hexdigest()[:8]}"
+    return f"{safe}-{rank}.rrd"
+
+
+def recording_section(study: Path, page: Path, policies: Iterable[str]) -> Section:
+    """List the recordings there are, with links relative to the page's folder.
+
+    Args:
+        study: The study's folder.
+        page: Folder in which the page will be.
+        policies: All that the study has, in order.
+    """
     folder = study / FOLDER
     prefix = Path(os.path.relpath(folder, page)).as_posix()
-    index = _index(folder / INDEX)
+    links = {
+        path.name: f"[{literal(path.name)}]({quote(f'{prefix}/{path.name}')})"
+        for path in folder.glob("*.rrd")
+    }
     blocks: list[Block] = []
-    there = [file for file in COMPARISONS if (folder / file).is_file()]
-    if there:
-        links = ", ".join(f"[{file}]({_address(prefix, file)})" for file in there)
-        text = f"Several policies at the same door, side by side: {links}."
+    if there := [links[file] for file in COMPARISONS if file in links]:
+        text = f"Several policies at the same door, side by side: {', '.join(there)}."
         blocks.append(Paragraph(text=text))
-    rows = []
-    for policy in policies:
-        cells = [_cell(folder, prefix, policy, rank, index) for rank in RANKS]
-        if any(cell != "–" for cell in cells):
-            rows.append((f"`{policy}`", *cells))
-    if rows:
-        blocks.append(
-            Table(
-                columns=("policy", *RANKS),
-                rows=tuple(rows),
-                note="Ordered by success, then peak radial force, then final angle. "
-                "Open one with `gplfd view FILE`.",
-                left=True,
-            )
+    index: Mapping[str, str] = {}
+    try:
+        index = _index(folder / INDEX)
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError) as error:
+        text = f"What the recordings show is not known: {literal(error)}"
+        blocks.append(Paragraph(text=text, warning=True))
+    if rows := _rows(policies, links, index):
+        note = (
+            "Ordered by success, then peak radial force, then final angle. Open one "
+            "with `gplfd view FILE`."
         )
+        table = Table(columns=("policy", *RANKS), rows=rows, note=note, left=True)
+        blocks.append(table)
     if not blocks:
-        blocks.append(
-            Paragraph(text="None here; `gplfd benchmark --record` makes them.")
-        )
+        text = "None here; `gplfd benchmark --record` makes them."
+        blocks.append(Paragraph(text=text))
     return Section(title="Recordings", anchor="recordings", blocks=tuple(blocks))
 
 
-def _cell(
-    folder: Path,
-    prefix: str,
-    policy: str,
-    rank: str,
-    index: Mapping[str, Mapping[str, Any]],
-) -> str:
-    file = f"{policy}-{rank}.rrd"
-    if not (folder / file).is_file():
-        return "–"
-    entry = index.get(file, {})
-    text = f"[{file}]({_address(prefix, file)})"
-    if "door" in entry:
-        text += f" {entry['door']}, seed {entry['seed']}"
-    if entry.get("repeated") is False:
-        names = ", ".join(entry.get("different", ())).replace("_", " ")
-        text += f" (**differs from the stored result:** {names})"
+def _rows(
+    policies: Iterable[str], links: Mapping[str, str], index: Mapping[str, str]
+) -> tuple[tuple[str, ...], ...]:
+    rows = []
+    for policy in policies:
+        files = [recording_name(policy, rank) for rank in RANKS]
+        cells = [f"{links.get(f, '')} {index.get(f, '')}".strip() for f in files]
+        if any(cells):
+            rows.append((code(policy), *(cell or "–" for cell in cells)))
+    return tuple(rows)
+
+
+def _index(path: Path) -> Mapping[str, str]:
+    """Return what the index says of each file.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is no index.
+    """
+    entries = entry(read_json(path), "episodes", tuple[dict[str, Any], ...])
+    return {entry(one, "file", str): _about(one) for one in entries}
+
+
+def _about(one: Mapping[str, Any]) -> str:
+    text = f"{literal(entry(one, 'door', str))}, seed {entry(one, 'seed', int)}"
+    if "error" in one:
+        return f"{text} (**not repeated:** {code(entry(one, 'error', str))})"
+    if not entry(one, "repeated", bool):
+        metrics = ", ".join(entry(one, "different", dict[str, Any])).replace("_", " ")
+        return f"{text} (**differs from the stored result:** {literal(metrics)})"
     return text
-
-
-def _address(prefix: str, file: str) -> str:
-    return quote(f"{prefix}/{file}")
-
-
-def _index(path: Path) -> Mapping[str, Mapping[str, Any]]:
-    """Entries of the index by file; empty without one that can be read."""
-    try:
-        entries = json.loads(path.read_text(encoding="utf-8"))["episodes"]
-        return {str(entry["file"]): entry for entry in entries if entry.get("file")}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return {}

@@ -11,10 +11,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from experiments.files.table import Table
 from experiments.learning_tests.scores import CRITERIA, Criterion, Mark, mark
-from experiments.report.document import Block, Items, Paragraph, Section, Table
-from experiments.results.grouping import by_condition, by_policy, named
-from experiments.results.records import LearningTest
+from experiments.report.document import Block, Items, Paragraph, Section, code, names
+from experiments.results.grouping import by_condition, by_policy
+from experiments.results.records import LearningTestResult
 from policies.registry import TABLE_1
 
 _SIGN: Final = {True: "✓", False: "✗", None: "?"}
@@ -22,7 +23,7 @@ _TINY: Final = 1e-3
 """Smaller numbers are shown as being so."""
 
 
-def table_one_section(tests: Sequence[LearningTest]) -> Section:
+def table_one_section(tests: Sequence[LearningTestResult]) -> Section:
     """The paper's rows and methods, our marks, and where the two disagree."""
     return Section(
         title="Table 1 of the paper, measured",
@@ -31,7 +32,7 @@ def table_one_section(tests: Sequence[LearningTest]) -> Section:
     )
 
 
-def _blocks(tests: Sequence[LearningTest]) -> list[Block]:
+def _blocks(tests: Sequence[LearningTestResult]) -> list[Block]:
     measured = _measured(tests)
     if not measured:
         return [
@@ -60,8 +61,8 @@ def _blocks(tests: Sequence[LearningTest]) -> list[Block]:
         "to the letter and `gp` as developed here."
     )
     if missing:
-        note += f" Not in this study, or only with errors: {named(missing)}."
-    columns = ("", *(f"`{policy}`" for policy in measured))
+        note += f" Not in this study, or only with errors: {names(missing)}."
+    columns = ("", *map(code, measured))
     return [
         Table(columns=columns, rows=rows, note=note),
         Paragraph(text=_summary(marks)),
@@ -69,15 +70,18 @@ def _blocks(tests: Sequence[LearningTest]) -> list[Block]:
     ]
 
 
-def _measured(tests: Sequence[LearningTest]) -> dict[str, list[Mapping[str, Any]]]:
-    """Metrics of the table's policies under the standard condition."""
-    of_table = [one for one in tests if one.metrics and one.policy in TABLE_1]
-    if not of_table:
-        return {}
-    standard = by_policy(next(iter(by_condition(of_table).values())))
+def _measured(
+    tests: Sequence[LearningTestResult],
+) -> dict[str, list[Mapping[str, Any]]]:
+    """Metrics under the standard condition: the table's policies, then users' own."""
+    ran = [one for one in tests if not one.error]
+    own = dict.fromkeys(one.policy for one in ran if one.policy_source)
+    shown = dict.fromkeys((*TABLE_1, *own))
+    conditions = by_condition(one for one in ran if one.policy in shown)
+    standard = by_policy(next(iter(conditions.values()), []))
     return {
-        policy: [one.metrics for one in standard[policy] if one.metrics]
-        for policy in TABLE_1
+        policy: [one.metrics for one in standard[policy]]
+        for policy in shown
         if policy in standard
     }
 
@@ -105,7 +109,8 @@ def _limit(criterion: Criterion) -> str:
 
 
 def _disagrees(criterion: Criterion, policy: str, found: Mark) -> bool:
-    return found.passed is not None and found.passed != (policy in criterion.paper)
+    judged = found.passed is not None and policy in TABLE_1
+    return judged and found.passed != (policy in criterion.paper)
 
 
 def _summary(marks: Mapping[str, Mapping[str, Mark]]) -> str:
@@ -113,7 +118,7 @@ def _summary(marks: Mapping[str, Mapping[str, Mark]]) -> str:
         _disagrees(CRITERIA[row], policy, found)
         for row, own in marks.items()
         for policy, found in own.items()
-        if found.passed is not None
+        if found.passed is not None and policy in TABLE_1
     ]
     return (
         f"Measurement and paper disagree in {sum(judged)} of {len(judged)} marks. The "
@@ -131,8 +136,8 @@ def _explained(criterion: Criterion, marks: Mapping[str, Mark]) -> str:
             others.setdefault((found.passed, found.text), []).append(policy)
     if not others:
         return f"{text} As in the paper."
-    told = "; ".join(
-        f"{named(policies)} {_SIGN[passed]}, the paper {_SIGN[not passed]} ({numbers})"
+    differing = "; ".join(
+        f"{names(policies)} {_SIGN[passed]}, the paper {_SIGN[not passed]} ({numbers})"
         for (passed, numbers), policies in others.items()
     )
-    return f"{text} Otherwise than in the paper: {told}."
+    return f"{text} Otherwise than in the paper: {differing}."

@@ -1,34 +1,52 @@
-"""What of an episode or a learning test is compared, by name."""
+"""What of an episode or a learning test is compared, by the name of its metric."""
 
 from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from experiments.results.records import Outcome
+from experiments.results.records import TaskResult
 
 ADA_FORCE: Final = 22.2
 """Largest force that opens an interior hinged door, 5 lbf, by section 404.2.9 of the
 ADA Standards for Accessible Design [N]."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Measure:
-    """A number of an outcome; less is better."""
+    """A number of a result; less is better."""
 
+    metric: str
+    """What it is computed from."""
     title: str
-    """Name with unit, for the head of a column."""
-    phrase: str
-    """Name in a sentence."""
-    unit: str
-    """Unit; "" for none."""
-    digits: int
+    """Name for the head of a column, its unit in brackets at the end."""
+    phrase: str = ""
+    """Name in a sentence, of a measure that gets one."""
+    digits: int = 2
     """Decimals that are shown."""
-    of: Callable[[Outcome], float | None]
-    """The number; None where there is none."""
+    convert: Callable[[float], float] = float
+    """From the metric to this number."""
+    if_opened: bool = False
+    """Whether only opened doors have it: a policy that lets go feels no force."""
+
+    def of(self, result: TaskResult) -> float | None:
+        """Return the number; None where there is none."""
+        value = result.number(self.metric)
+        if self.if_opened and result.number("time_to_60_deg") is None:
+            return None
+        return None if value is None else self.convert(value)
+
+    def median(self, results: Iterable[TaskResult]) -> float | None:
+        """Return the median of the results that have it; None if none has."""
+        return median(map(self.of, results))
+
+    @property
+    def unit(self) -> str:
+        """What stands in brackets at the end of the title; "" for none."""
+        return self.title.rpartition("[")[2][:-1] if self.title.endswith("]") else ""
 
     def text(self, value: float | None, *, unit: bool = False, finer: int = 0) -> str:
         """Write a value of this measure, or a dash.
@@ -59,146 +77,94 @@ def median(values: Iterable[float | None]) -> float | None:
     return statistics.median(known) if known else None
 
 
-def _metric(name: str, scale: float = 1.0) -> Callable[[Outcome], float | None]:
-    def read(outcome: Outcome) -> float | None:
-        value = outcome.number(name)
-        return None if value is None else scale * value
-
-    return read
+def _thousandfold(value: float) -> float:
+    return 1e3 * value
 
 
-def _when_opened(name: str, scale: float = 1.0) -> Callable[[Outcome], float | None]:
-    """A metric of an opened door; a policy that lets go feels no force."""
-    read = _metric(name, scale)
-
-    def of(outcome: Outcome) -> float | None:
-        opened = outcome.number("time_to_60_deg") is not None
-        return read(outcome) if opened else None
-
-    return of
+def _opposite(value: float) -> float:
+    return -value
 
 
-def _prediction_error(outcome: Outcome) -> float | None:
-    squared = outcome.number("prediction_error_position")
-    return None if squared is None else 1e3 * math.sqrt(squared)
+def _root_in_mm(square_metres: float) -> float:
+    return 1e3 * math.sqrt(square_metres)
 
 
-def _measure(
-    title: str,
-    phrase: str,
-    unit: str,
-    digits: int,
-    of: Callable[[Outcome], float | None],
-) -> Measure:
-    return Measure(title=title, phrase=phrase, unit=unit, digits=digits, of=of)
+def _of_opened(metric: str, title: str, phrase: str = "", digits: int = 1) -> Measure:
+    return Measure(metric, title, phrase, digits, if_opened=True)
 
 
-EPISODE_MEASURES: Final[Mapping[str, Measure]] = {
-    "time_30": _measure("to 30° [s]", "time to 30°", "s", 2, _metric("time_to_30_deg")),
-    "time_60": _measure("to 60° [s]", "time to 60°", "s", 2, _metric("time_to_60_deg")),
-    "tangential": _measure(
-        "tangential peak [N]",
-        "peak tangential force",
-        "N",
-        1,
-        _when_opened("force_tangential_peak"),
-    ),
-    "tangential_p95": _measure(
-        "tangential p95 [N]",
-        "95th percentile of the tangential force",
-        "N",
-        1,
-        _when_opened("force_tangential_p95"),
-    ),
-    "radial": _measure(
-        "radial peak [N]",
-        "peak radial force",
-        "N",
-        1,
-        _when_opened("force_radial_peak"),
-    ),
-    "radial_p95": _measure(
-        "radial p95 [N]",
-        "95th percentile of the radial force",
-        "N",
-        1,
-        _when_opened("force_radial_p95"),
-    ),
-    "slip": _measure(
-        "slip [mm]", "slip in the hand", "mm", 1, _when_opened("slip_max_mm")
-    ),
-    "work": _measure("work [J]", "work on the door", "J", 2, _when_opened("work")),
-    "error": _measure(
-        "√E[ε²] [mm]", "prediction error √E[ε²]", "mm", 1, _prediction_error
-    ),
-    "margin": _measure(
-        "stability margin [N/(m s)]",
-        "smallest margin to the stability bound",
-        "N/(m s)",
-        0,
-        _metric("stability_margin_translation"),
-    ),
-    "decision": _measure(
-        "decision [ms]",
-        "CPU time of a decision",
-        "ms",
-        2,
-        _metric("latency_median_ms"),
-    ),
+PREDICTION_ERROR: Final = Measure(
+    "prediction_error_position",
+    "√E[ε²] [mm]",
+    "prediction error √E[ε²]",
+    digits=1,
+    convert=_root_in_mm,
+)
+
+EPISODE_MEASURES: Final = {
+    measure.metric: measure
+    for measure in (
+        Measure("time_to_30_deg", "to 30° [s]"),
+        Measure("time_to_60_deg", "to 60° [s]", "time to 60°"),
+        _of_opened(
+            "force_tangential_peak", "tangential peak [N]", "peak tangential force"
+        ),
+        _of_opened("force_tangential_p95", "tangential p95 [N]"),
+        _of_opened("force_radial_peak", "radial peak [N]", "peak radial force"),
+        _of_opened("force_radial_p95", "radial p95 [N]"),
+        _of_opened("slip_max_mm", "slip [mm]", "slip in the hand"),
+        _of_opened("work", "work [J]", digits=2),
+        PREDICTION_ERROR,
+        Measure("stability_margin_translation", "stability margin [N/(m·s)]", digits=0),
+        Measure("latency_median_ms", "decision [ms]", "CPU time of a decision"),
+    )
 }
 """Measures of episodes."""
 
-SKILL_MEASURES: Final[Mapping[str, Measure]] = {
-    "rmse_position": _measure(
-        "position [mm]",
-        "error of the predicted position",
-        "mm",
-        1,
-        _metric("rmse_position_m", 1e3),
-    ),
-    "rmse_rotation": _measure(
-        "rotation [°]",
-        "error of the predicted rotation",
-        "°",
-        2,
-        _metric("rmse_rotation_rad", math.degrees(1.0)),
-    ),
-    "nlpd": _measure("NLPD", "negative log predictive density", "", 2, _metric("nlpd")),
-    "coverage_50": _measure(
-        "inside 50 %", "share inside 50 %", "", 2, _metric("coverage_50")
-    ),
-    "coverage_90": _measure(
-        "inside 90 %", "share inside 90 %", "", 2, _metric("coverage_90")
-    ),
-    "coverage_95": _measure(
-        "inside 95 %", "share inside 95 %", "", 2, _metric("coverage_95")
-    ),
-    "via_position": _measure(
-        "via-point [mm]",
-        "error at a via-point",
-        "mm",
-        2,
-        _metric("via_error_position_m", 1e3),
-    ),
-    "via_far": _measure(
-        "far change [σ]", "change far from it", "σ", 2, _metric("via_far_change")
-    ),
-    "jerk": _measure(
-        "−log jerk", "roughness", "", 2, _metric("log_dimensionless_jerk", -1.0)
-    ),
-    "fit": _measure("fit [s]", "CPU time to learn", "s", 2, _metric("cpu_fit_s")),
-    "predict": _measure(
-        "predict [ms]", "CPU time to predict", "ms", 2, _metric("cpu_predict_s", 1e3)
-    ),
-    "adapt": _measure(
-        "adapt [ms]", "CPU time to adapt", "ms", 2, _metric("cpu_adapt_s", 1e3)
-    ),
+LEARNING_MEASURES: Final = {
+    measure.metric: measure
+    for measure in (
+        Measure(
+            "rmse_position_m",
+            "position [mm]",
+            "error of the predicted position",
+            digits=1,
+            convert=_thousandfold,
+        ),
+        Measure(
+            "rmse_rotation_rad",
+            "rotation [°]",
+            "error of the predicted rotation",
+            convert=math.degrees,
+        ),
+        Measure("nlpd", "NLPD", "negative log predictive density"),
+        *(Measure(f"coverage_{level}", f"inside {level} %") for level in (50, 90, 95)),
+        Measure("via_error_position_m", "via-point [mm]", convert=_thousandfold),
+        Measure("via_far_change", "far change [σ]"),
+        Measure("log_dimensionless_jerk", "−log jerk", convert=_opposite),
+        Measure("cpu_fit_s", "fit [s]"),
+        Measure("cpu_predict_s", "predict [ms]", convert=_thousandfold),
+        Measure("cpu_adapt_s", "adapt [ms]", convert=_thousandfold),
+    )
 }
 """Measures of learning tests."""
 
-HEADLINES: Final = ("radial", "tangential", "time_60", "slip", "error", "decision")
+HEADLINES: Final = (
+    "force_radial_peak",
+    "force_tangential_peak",
+    "time_to_60_deg",
+    "slip_max_mm",
+    "prediction_error_position",
+    "latency_median_ms",
+)
 """Episode measures that get a sentence."""
-SKILL_HEADLINES: Final = ("nlpd", "rmse_position", "rmse_rotation")
+LEARNING_HEADLINES: Final = ("nlpd", "rmse_position_m", "rmse_rotation_rad")
 """Measures of learning tests that get a sentence."""
-TESTED: Final = ("radial", "radial_p95", "tangential", "tangential_p95", "time_60")
+TESTED: Final = (
+    "force_radial_peak",
+    "force_radial_p95",
+    "force_tangential_peak",
+    "force_tangential_p95",
+    "time_to_60_deg",
+)
 """Episode measures that get a paired test."""

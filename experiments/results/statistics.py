@@ -9,23 +9,25 @@ on rank tests*, Annals of Mathematical Statistics 34:598-611, 1963.
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest, wilcoxon
+from scipy.stats import binomtest, norm, wilcoxon
 
 FloatArray = NDArray[np.float64]
+
+ValueT = TypeVar("ValueT")
 
 FEWEST_PAIRS: Final = 6
 """With fewer pairs no two-sided signed-rank test can reach 5 %."""
 
 _EXACT_UP_TO: Final = 60
 _LEVEL: Final = 0.95
-_NORMAL_QUANTILE: Final = 1.959963984540054
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -52,6 +54,34 @@ class Shift:
     """Upper end of its 95 % interval; infinity with too few pairs."""
     n: int
     """Number of pairs."""
+
+
+def paired(
+    first: Mapping[str, ValueT], second: Mapping[str, ValueT]
+) -> tuple[list[ValueT], list[ValueT]]:
+    """Return the values of two policies at the tasks that both have, in one order."""
+    shared = sorted(first.keys() & second.keys())
+    return [first[key] for key in shared], [second[key] for key in shared]
+
+
+@functools.cache
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """Return the Wilson score interval of a success rate at 95 %.
+
+    Args:
+        successes: Number of successes, 0 to ``trials``.
+        trials: Number of trials, at least 1.
+    """
+    found = binomtest(successes, trials).proportion_ci(_LEVEL, method="wilson")
+    return float(found.low), float(found.high)
+
+
+def interval_text(successes: int, trials: int) -> str:
+    """Write the interval of a success rate; a dash where nothing was tried."""
+    if not trials:
+        return "–"
+    low, high = wilson_interval(successes, trials)
+    return f"{low:.2f}–{high:.2f}"
 
 
 def mcnemar(first: Sequence[bool], second: Sequence[bool]) -> PairedTest:
@@ -104,7 +134,7 @@ def _signed_rank_quantile(n: int) -> int:
     tail = 0.5 * (1.0 - _LEVEL)
     if n > _EXACT_UP_TO:
         spread = math.sqrt(n * (n + 1) * (2 * n + 1) / 24.0)
-        return max(1, math.floor(n * (n + 1) / 4.0 - _NORMAL_QUANTILE * spread))
+        return max(1, math.floor(n * (n + 1) / 4.0 + norm.ppf(tail) * spread))
     # ways[s]: how many of the 2ⁿ signs give the rank sum s.
     ways = np.zeros(n * (n + 1) // 2 + 1)
     ways[0] = 1.0

@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from experiments.atomic_write import complete_or_absent
-from experiments.results.table import summary_table
+from experiments.files.table import markdown_table
+from experiments.results.reading import read_files
+from experiments.results.table import error_count, study_table
 from experiments.study.plan import conditions, episodes
 from experiments.study.settings import StudySettings
-from experiments.study.store import stored_result
+from experiments.study.store import result_path
+from policies.storage import complete_or_absent
 
 
 def write_tables(folder: Path, settings: StudySettings) -> str:
     """Write DIR/table.md, a table per condition of the study, and return its text.
 
     Raises:
-        ValueError: A stored result is damaged.
-        OSError: A file cannot be read or written.
+        OSError: The file cannot be written.
     """
     text = "\n\n".join(_tables(folder, settings))
     with complete_or_absent(folder / "table.md") as path:
@@ -26,11 +27,13 @@ def write_tables(folder: Path, settings: StudySettings) -> str:
 
 
 def _tables(folder: Path, settings: StudySettings) -> Iterator[str]:
+    """Yield a table per condition of the study, and what is missing in it."""
     several = list(conditions(settings))
     for condition in several:
-        stored = (
-            stored_result(folder, task)
-            for task in episodes(settings, condition, range(settings.seeds))
-        )
-        table = summary_table(result for result in stored if result is not None)
-        yield table if len(several) == 1 else f"{condition}:\n\n{table}"
+        tasks = episodes(settings, condition, range(settings.seeds))
+        files = (result_path(folder, task) for task in tasks)
+        results, _, unreadable = read_files(files)
+        if len(several) > 1:
+            yield f"{condition}:"
+        yield from filter(None, (error_count(results), *unreadable))
+        yield markdown_table(study_table(results))

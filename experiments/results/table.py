@@ -1,79 +1,94 @@
-"""A study in a table: one row per policy and door, with its uncertainty."""
+"""A study, and the doors of one run, as tables for the terminal."""
 
 from __future__ import annotations
 
-import math
-import statistics
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Final
 
-COLUMNS = (
-    *("policy", "door", "opened", "95 %", "to 60° [s]", "radial force [N]"),
-    *("tangential [N]", "slip [mm]", "√E[ε²] [mm]", "governed [%]", "decision [ms]"),
+from experiments.episodes.metrics import EpisodeMetrics
+from experiments.files.table import Table
+from experiments.results.grouping import by_policy, grouped
+from experiments.results.measures import (
+    EPISODE_MEASURES,
+    PREDICTION_ERROR,
+    Measure,
 )
-"""Heads of the table."""
+from experiments.results.records import EpisodeResult
+from experiments.results.statistics import interval_text
+
+_OF_SOLVED: Final = (
+    Measure("time_to_60_deg", "to 60° [s]", digits=1),
+    Measure("force_radial_peak", "radial force [N]", digits=1),
+    Measure("force_tangential_peak", "tangential [N]", digits=1),
+    Measure("slip_max_mm", "slip [mm]", digits=1),
+)
+_OF_ALL: Final = (
+    PREDICTION_ERROR,
+    Measure("governed_share", "governed [%]", digits=1, convert=lambda x: 100.0 * x),
+    EPISODE_MEASURES["latency_median_ms"],
+)
+_OF_RUN: Final = (
+    Measure("radius", "radius [m]"),
+    Measure("final_angle_deg", "angle [°]", digits=1),
+    Measure("time_to_30_deg", "to 30° [s]", digits=1),
+    *_OF_SOLVED,
+    PREDICTION_ERROR,
+    Measure("latency_p95_ms", "decision [ms p95]"),
+)
 
 
-def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
-    """Return the Wilson score interval of a success rate at 95 %.
+def error_count(episodes: Sequence[EpisodeResult]) -> str:
+    """Say how many episodes ended in an error; "" if none did."""
+    failed = [one for one in episodes if one.error]
+    if not failed:
+        return ""
+    whose = ", ".join(f"{name} {len(own)}" for name, own in by_policy(failed).items())
+    return (
+        f"{len(failed)} of {len(episodes)} episodes ended in an error and count "
+        f"neither as opened nor as closed: {whose}."
+    )
 
-    Args:
-        successes: Number of successes, 0 to ``trials``.
-        trials: Number of trials, at least 1.
+
+def study_table(episodes: Iterable[EpisodeResult]) -> Table:
+    """Return a row per policy and door, in the order in which they come.
+
+    Rates are over the episodes that ran. Forces, slip and times are medians over the
+    successes; the prediction error, the share of decisions in which the stability bound
+    limited the stiffness, and the decision time are medians over all that ran.
     """
-    z = 1.959963984540054
-    rate = successes / trials
-    scale = 1.0 + z * z / trials
-    middle = (rate + z * z / (2 * trials)) / scale
-    spread = rate * (1.0 - rate) / trials + (z / (2 * trials)) ** 2
-    half = z / scale * math.sqrt(spread)
-    return max(0.0, middle - half), min(1.0, middle + half)
+    groups = grouped(episodes, lambda one: (one.policy, one.task.door))
+    measures = (*_OF_SOLVED, *_OF_ALL)
+    return Table(
+        columns=("policy", "door", "opened", "95 %", *(one.title for one in measures)),
+        rows=tuple((*names, *_cells(own)) for names, own in groups.items()),
+    )
 
 
-def summary_table(results: Iterable[Mapping[str, Any]]) -> str:
-    """Return a Markdown table of a study.
-
-    Forces, slip and times are medians over the successes; the prediction error, the
-    share of decisions in which the stability bound limited the stiffness, and the
-    decision time are medians over all episodes.
-
-    Args:
-        results: What `experiments.study.runner.run_study` yields.
-    """
-    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    for result in results:
-        key = (result["task"]["policy"], result["task"]["door"])
-        groups.setdefault(key, []).append(result)
-    rows = [_row(*key, group) for key, group in groups.items()]
-    lines = [list(COLUMNS), ["---"] * len(COLUMNS), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+def _cells(own: Sequence[EpisodeResult]) -> tuple[str, ...]:
+    ran = [one for one in own if not one.error]
+    solved = [one for one in ran if one.solved]
+    return (
+        f"{len(solved)}/{len(ran)}",
+        interval_text(len(solved), len(ran)),
+        *(measure.text(measure.median(solved)) for measure in _OF_SOLVED),
+        *(measure.text(measure.median(ran)) for measure in _OF_ALL),
+    )
 
 
-def _row(policy: str, door: str, group: Sequence[Mapping[str, Any]]) -> list[str]:
-    episodes = [result["metrics"] for result in group if "metrics" in result]
-    opened = [episode for episode in episodes if episode["success"]]
-    low, high = wilson_interval(len(opened), len(group))
-    error = _median(episodes, "prediction_error_position")
-    governed = _median(episodes, "governed_share")
-    return [
-        policy,
-        door,
-        f"{len(opened)}/{len(group)}",
-        f"{low:.2f}–{high:.2f}",
-        _text(_median(opened, "time_to_60_deg"), 1),
-        _text(_median(opened, "force_radial_peak"), 1),
-        _text(_median(opened, "force_tangential_peak"), 1),
-        _text(_median(opened, "slip_max_mm"), 1),
-        _text(None if error is None else 1e3 * math.sqrt(error), 1),
-        _text(None if governed is None else 100.0 * governed, 1),
-        _text(_median(episodes, "latency_median_ms"), 2),
-    ]
+def run_table(metrics: Iterable[EpisodeMetrics]) -> Table:
+    """Return the most telling metrics of a run, a row per door."""
 
+    def text(measure: Measure, one: EpisodeMetrics) -> str:
+        value = getattr(one, measure.metric)
+        return measure.text(None if value is None else measure.convert(value))
 
-def _median(episodes: Sequence[Mapping[str, Any]], name: str) -> float | None:
-    values = [episode[name] for episode in episodes if episode[name] is not None]
-    return statistics.median(values) if values else None
-
-
-def _text(value: float | None, digits: int) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
+    heads = (measure.title.replace(" [", "\n[") for measure in _OF_RUN)
+    rows = (
+        (
+            one.door,
+            "yes" if one.success else one.failure.replace("_", " "),
+            *(text(measure, one) for measure in _OF_RUN),
+        )
+        for one in metrics
+    )
+    return Table(columns=("door", "opened", *heads), rows=tuple(rows))

@@ -15,6 +15,7 @@ import gymnasium as gym
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from experiments.episodes.agents import learned
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import episode_metrics
 from experiments.episodes.rollouts import rollouts
@@ -25,7 +26,8 @@ from experiments.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
 from gplfd_env import ENVIRONMENT_ID
 from policies.agent import Agent
 from policies.lockstep import batch_agents
-from policies.registry import TrainingInput, policy_entry
+from policies.method import TrainingInput
+from policies.registry import policy_named
 
 FORECAST_PERIOD: Final = 0.05
 """Simulated time between forecasts [s]: at most a degree of a demonstrated opening."""
@@ -99,13 +101,13 @@ def _episode_results(tasks: Sequence[EpisodeTask]) -> list[Result]:
     if not tasks:
         return []
     try:
-        learned = _learned(tasks[0])
+        agent_for = _learned(tasks[0])
     except Exception as error:
         reason, trace = f"{type(error).__name__}: {error}", traceback.format_exc()
         return [failed(task, reason, trace) for task in tasks]
 
     def measure(some: Sequence[EpisodeTask]) -> list[dict[str, Any]]:
-        return _episode_metrics(some, learned)
+        return _episode_metrics(some, agent_for)
 
     results = _attempt(tasks, measure)
     if len(tasks) > 1 and "error" in results[0]:
@@ -115,11 +117,11 @@ def _episode_results(tasks: Sequence[EpisodeTask]) -> list[Result]:
 
 
 def _episode_metrics(
-    tasks: Sequence[EpisodeTask], learned: Callable[[float], Agent]
+    tasks: Sequence[EpisodeTask], agent_for: Callable[[float], Agent]
 ) -> list[dict[str, Any]]:
     return [
         episode_metrics(log, demonstrated_angle=task.teacher["angle_mean"]).as_json()
-        for task, log in zip(tasks, _open(tasks, learned), strict=True)
+        for task, log in zip(tasks, _open(tasks, agent_for), strict=True)
     ]
 
 
@@ -138,7 +140,6 @@ def _skill_metrics(tasks: Sequence[SkillTask]) -> list[Mapping[str, Any]]:
 
 def _learned(task: EpisodeTask) -> Callable[[float], Agent]:
     """Learn the task's policy; return what makes an agent for a door's radius [m]."""
-    entry = policy_entry(task.policy)
     training = TrainingInput(
         demonstrations=Teacher(TeacherConfig(**task.teacher)).demonstrate_doors(
             DEMONSTRATED_RADII,
@@ -147,17 +148,13 @@ def _learned(task: EpisodeTask) -> Callable[[float], Agent]:
         ),
         seed=task.seed,
     )
-    learn, follow = entry.learn, entry.follow
-    if learn is None or follow is None:
-        return lambda radius: entry.make(dataclasses.replace(training, radius=radius))
-    movement = learn(training)
-    return lambda radius: follow(movement, entry.form)
+    return learned(policy_named(task.policy), training)
 
 
 def _open(
-    tasks: Sequence[EpisodeTask], learned: Callable[[float], Agent]
+    tasks: Sequence[EpisodeTask], agent_for: Callable[[float], Agent]
 ) -> tuple[EpisodeLog, ...]:
-    agents = [learned(task.door_config["radius"]) for task in tasks]
+    agents = [agent_for(task.door_config["radius"]) for task in tasks]
     envs: Any = gym.make_vec(
         ENVIRONMENT_ID,
         num_envs=len(tasks),

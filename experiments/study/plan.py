@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final
 
@@ -14,7 +14,7 @@ from experiments.study.settings import TABLE_1_NAME, Condition, StudySettings
 from experiments.study.tasks import EpisodeTask, SkillTask, Task
 from experiments.teacher import standard_teacher
 from gplfd_env.randomization import door_randomization
-from policies.registry import TABLE_1, policy_entry
+from policies.registry import TABLE_1, policy_named
 
 _NOISY: Final = (
     *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),
@@ -22,10 +22,11 @@ _NOISY: Final = (
 )
 """Fields of `experiments.teacher.TeacherConfig` that the noise level multiplies."""
 
-_LARGEST_NOISE: Final = 20.0
-
 LARGEST_STUDY: Final = 100_000
-"""Tasks of a study at most; each is a file, and all of them are in memory."""
+"""Tasks at most; each is a file, and all of them are in memory."""
+_MOST_GIVEN: Final = 1_000
+"""Demonstrations per door; exact Gaussian processes of as many take hours."""
+_LARGEST_NOISE: Final = 20
 
 
 def checked(settings: StudySettings) -> StudySettings:
@@ -37,7 +38,7 @@ def checked(settings: StudySettings) -> StudySettings:
     """
     settings = dataclasses.replace(settings, policies=_policies(settings.policies))
     for policy in settings.policies:
-        policy_entry(policy)
+        policy_named(policy)
     named_doors(settings.doors)
     for name in settings.randomizations:
         door_randomization(name)
@@ -45,12 +46,20 @@ def checked(settings: StudySettings) -> StudySettings:
         values = getattr(settings, field.name)
         if isinstance(values, tuple):
             _check_list(field.name.replace("_", "-"), values)
-    _check_range("seeds", [settings.seeds], 1, math.inf)
-    _check_range(
-        "demonstrations-per-door", settings.demonstrations_per_door, 1, math.inf
-    )
-    _check_range("teacher-noise", settings.teacher_noise, 0.0, _LARGEST_NOISE)
-    _check_size(settings)
+    for option, values, low, high in (
+        ("seeds", (settings.seeds,), 1, LARGEST_STUDY),
+        ("demonstrations-per-door", settings.demonstrations_per_door, 1, _MOST_GIVEN),
+        ("teacher-noise", settings.teacher_noise, 0, _LARGEST_NOISE),
+    ):
+        for value in values:
+            if not low <= value <= high:
+                raise ValueError(f"--{option} {value} must be {low} to {high}")
+    number = settings.seeds * len(tasks(dataclasses.replace(settings, seeds=1)))
+    if number > LARGEST_STUDY:
+        raise ValueError(
+            f"--seeds {settings.seeds} makes a study of {number:,} tasks; at most "
+            f"{LARGEST_STUDY:,} are allowed in one folder"
+        )
     return settings
 
 
@@ -67,25 +76,9 @@ def _policies(names: Sequence[str]) -> tuple[str, ...]:
 def _check_list(option: str, values: Sequence[object]) -> None:
     if not values:
         raise ValueError(f"--{option} needs at least one value")
-    for value in values:
-        if values.count(value) > 1:
-            raise ValueError(f"{value} is given twice in --{option}")
-
-
-def _check_range(option: str, values: Sequence[float], low: float, high: float) -> None:
-    for value in values:
-        if not low <= value <= high:
-            allowed = f"{low:g} or more" if high == math.inf else f"{low:g} to {high:g}"
-            raise ValueError(f"--{option} {value} must be {allowed}")
-
-
-def _check_size(settings: StudySettings) -> None:
-    number = settings.seeds * len(tasks(dataclasses.replace(settings, seeds=1)))
-    if number > LARGEST_STUDY:
-        raise ValueError(
-            f"--seeds {settings.seeds} makes a study of {number:,} tasks; at most "
-            f"{LARGEST_STUDY:,} are allowed in one folder"
-        )
+    value, times = Counter(values).most_common(1)[0]
+    if times > 1:
+        raise ValueError(f"{value} is given twice in --{option}")
 
 
 def conditions(settings: StudySettings) -> Iterator[Condition]:
@@ -128,7 +121,7 @@ def learning_tests(settings: StudySettings, seed: int) -> Iterator[SkillTask]:
         settings.policies,
         HELD_OUT,
     ):
-        if policy_entry(policy).learn is not None:
+        if policy_named(policy).method is not None:
             yield SkillTask(
                 policy=policy,
                 seed=seed,

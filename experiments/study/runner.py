@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Generator, Sequence
 from pathlib import Path
 
-from experiments.atomic_write import write_json
+from experiments.files.plain_data import write_json
 from experiments.study.engines import Engine, Lost
 from experiments.study.engines.serial import Serial
 from experiments.study.jobs import failed, run_job

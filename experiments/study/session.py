@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from experiments.arguments import check_folder
-from experiments.atomic_write import write_json
+from experiments.files.plain_data import write_json
 from experiments.files.provenance import provenance
 from experiments.progress import LOG, progress_bar
 from experiments.study.engines import Engine
@@ -18,7 +18,12 @@ from experiments.study.plan import tasks
 from experiments.study.runner import run_study
 from experiments.study.settings import StudySettings
 from experiments.study.settings_file import write_settings
-from experiments.study.store import is_finished, made_by_other_code, stored_result
+from experiments.study.store import (
+    damaged_results,
+    is_finished,
+    made_by_other_code,
+    stored_result,
+)
 from experiments.study.tasks import Result, Task
 
 _SHOWN_ERRORS: Final = 3
@@ -39,14 +44,15 @@ def carry_out(
         The number of tasks that ended in an error.
 
     Raises:
-        ValueError: A stored result is damaged.
-        OSError: A file cannot be read or written, or the engine not be reached.
+        OSError: A file cannot be written, or the engine not be reached.
     """
     check_folder(folder)
     study = tasks(settings)
     config = dataclasses.asdict(settings) | dict(options)
     write_json(folder / "study.json", provenance(config))
     write_settings(folder / "study.toml", settings)
+    for reason in damaged_results(folder, study):
+        LOG.warning("warning: %s; its task is run again", reason)
     others = made_by_other_code(folder, study)
     _warn_of_other_code(others, len(study), folder)
     _run(study, folder, engine)

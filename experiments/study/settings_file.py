@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import tomllib
-from collections.abc import Callable, Mapping
+import typing
+from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Final
+from typing import Any
 
-from experiments.atomic_write import complete_or_absent
+from experiments.files.plain_data import entry, read_toml
 from experiments.study.settings import PRESETS, StudySettings
 from gplfd_env.config import nearest_name
+from policies.storage import complete_or_absent
 
 
 def settings_named(name: str) -> StudySettings:
@@ -20,6 +20,7 @@ def settings_named(name: str) -> StudySettings:
 
     Raises:
         ValueError: There is neither, or the file is wrong.
+        OSError: It cannot be read.
     """
     if name in PRESETS:
         return PRESETS[name]
@@ -41,36 +42,11 @@ def read_settings(path: Path) -> StudySettings:
             type.
         OSError: It cannot be read.
     """
+    entries = read_toml(path)
     try:
-        entries = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not a TOML file: {error}") from error
-    return settings_from(entries, str(path))
-
-
-def settings_from(entries: Mapping[str, Any], where: str) -> StudySettings:
-    """Return settings from plain values by name.
-
-    Args:
-        entries: As TOML gives them.
-        where: Named in errors.
-
-    Raises:
-        ValueError: An unknown key or a value of the wrong type.
-    """
-    for name in entries:
-        if name not in _READERS:
-            raise ValueError(
-                f"{where}: unknown key {name!r}{nearest_name(name, _READERS)}; keys: "
-                f"{', '.join(_READERS)}"
-            )
-    values = {}
-    for name, value in entries.items():
-        try:
-            values[name] = _READERS[name](value)
-        except TypeError as error:
-            raise ValueError(f"{where}: {name} = {value!r} must be {error}") from error
-    return StudySettings(**values)
+        return _settings(entries)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def write_settings(path: Path, settings: StudySettings) -> None:
@@ -90,54 +66,17 @@ def write_settings(path: Path, settings: StudySettings) -> None:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _whole(value: object) -> int:
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise TypeError("a whole number")
-    return value
-
-
-def _number(value: object) -> float:
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        raise TypeError("a number")
-    return float(value)
-
-
-def _truth(value: object) -> bool:
-    if not isinstance(value, bool):
-        raise TypeError("true or false")
-    return value
-
-
-def _name(value: object) -> str:
-    if not isinstance(value, str):
-        raise TypeError("a text")
-    return value
-
-
-def _door(value: object) -> str:
-    return value if isinstance(value, str) else repr(_number(value))
-
-
-def _list_of(read: Callable[[object], Any]) -> Callable[[object], tuple[Any, ...]]:
-    def read_all(value: object) -> tuple[Any, ...]:
-        try:
-            if isinstance(value, list):
-                return tuple(read(part) for part in value)
-        except TypeError as error:
-            raise TypeError(f"a list, each of it {error}") from error
-        raise TypeError("a list, in [brackets]")
-
-    return read_all
-
-
-_READERS: Final[Mapping[str, Callable[[object], Any]]] = MappingProxyType(
-    {
-        "policies": _list_of(_name),
-        "doors": _list_of(_door),
-        "seeds": _whole,
-        "demonstrations_per_door": _list_of(_whole),
-        "teacher_noise": _list_of(_number),
-        "randomizations": _list_of(_name),
-        "skill": _truth,
-    }
-)
+def _settings(entries: Mapping[str, Any]) -> StudySettings:
+    kinds = typing.get_type_hints(StudySettings)
+    for name in entries:
+        if name not in kinds:
+            raise ValueError(
+                f"unknown key {name!r:.80}{nearest_name(name, kinds)}; keys: "
+                f"{', '.join(kinds)}"
+            )
+    # In a file, a radius need not be written as a text.
+    kinds["doors"] = tuple[str | float, ...]
+    values = {name: entry(entries, name, kinds[name]) for name in entries}
+    if "doors" in values:
+        values["doors"] = tuple(map(str, values["doors"]))
+    return StudySettings(**values)

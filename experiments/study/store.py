@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from experiments.files.plain_data import entry, read_json
 from experiments.files.provenance import code_state
-from experiments.study.tasks import Result, Task
+from experiments.study.tasks import Result, Task, task_from
 
 
 def made_by_other_code(folder: Path, study: Iterable[Task]) -> int:
@@ -26,6 +26,19 @@ def made_by_other_code(folder: Path, study: Iterable[Task]) -> int:
     )
 
 
+def damaged_results(folder: Path, study: Iterable[Task]) -> tuple[str, ...]:
+    """Say of every result file that is there and holds no result what is wrong."""
+    reasons = []
+    for task in study:
+        try:
+            _read(folder, task)
+        except FileNotFoundError:
+            continue
+        except (OSError, ValueError) as error:
+            reasons.append(str(error))
+    return tuple(reasons)
+
+
 def is_finished(result: Mapping[str, Any] | None) -> bool:
     """Tell whether a result stays: it is there, and no error."""
     return result is not None and "error" not in result
@@ -37,9 +50,26 @@ def result_path(folder: Path, task: Task) -> Path:
 
 
 def stored_result(folder: Path, task: Task) -> Result | None:
-    """Return the result of a task, which may be an error; None if there is none."""
-    path = result_path(folder, task)
-    if not path.is_file():
+    """Return the result of a task, which may be an error.
+
+    None if there is none: no file, or one of those that `damaged_results` names.
+    """
+    try:
+        return _read(folder, task)
+    except (OSError, ValueError):
         return None
-    result: Result = json.loads(path.read_text(encoding="utf-8"))
+
+
+def _read(folder: Path, task: Task) -> Result:
+    path = result_path(folder, task)
+    result = read_json(path)
+    try:
+        if "error" in result:
+            entry(result, "error", str)
+        else:
+            entry(result, "metrics", dict[str, Any])
+        if task_from(entry(result, "task", dict[str, Any])).key != task.key:
+            raise ValueError("it holds the result of another task")
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
     return result

@@ -32,6 +32,7 @@ from experiments.teacher.random_motion import (
     smooth_functions,
     uneven_timing,
 )
+from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
 from policies.demonstrations import Demonstration
 
 FloatArray = NDArray[np.float64]
@@ -55,7 +56,7 @@ class TeacherConfig:
     """Standard deviation of the duration [s]; no opening is shorter than half the
     mean."""
 
-    angle_mean: float = math.radians(67.0)
+    angle_mean: float = DEMONSTRATED_ANGLE
     """Mean final door angle [rad], 0.1 to 2.5."""
 
     angle_std: float = math.radians(1.0)
@@ -206,15 +207,13 @@ class Teacher:
     ) -> tuple[FloatArray, Rotation]:
         """Where the sensor on the hand really is: (N, 3) [m] and N rotations."""
         config = self.config
-        door = Rotation.from_rotvec(np.outer(angles, [0.0, 1.0, 0.0]))
-        arc = radius * np.stack(
-            [np.sin(angles), np.zeros_like(angles), np.cos(angles) - 1.0], axis=1
-        )
+        arc = handle_pose_on_arc(radius, angles)
+        door = Rotation.from_rotvec(arc[:, 3:])
         offset = config.grasp_offset_std * rng.standard_normal(3)
         wobble = smooth_functions(times, config.wobble_time, 6, rng)
         slip = offset + config.wobble_position_std * wobble[:, :3]
         turn = Rotation.from_rotvec(config.wobble_rotation_std * wobble[:, 3:])
-        return arc + door.apply(slip), door * turn
+        return arc[:, :3] + door.apply(slip), door * turn
 
     def _suit(
         self,

@@ -10,6 +10,8 @@ variance are reported has no influence on them:
 ``test_sequential_updates_equal_batch_conditioning`` settles it.
 """
 
+from functools import partial
+
 import numpy as np
 from jaxtyping import Float
 
@@ -166,21 +168,28 @@ class ConditionedProcess:
             [2.0 * np.sum(slopes @ part * rows, axis=1) for part in covariance], axis=1
         )
         variance_rate = smooth_rate + self._white * (slopes @ self._log_white)
-        variance = spread**2
-
-        def on_grid() -> Float[np.ndarray, "6 M M"]:
-            full: np.ndarray = rows @ covariance @ rows.T
-            diagonal = np.arange(len(rows))
-            full[:, diagonal, diagonal] = variance.T
-            scaled: np.ndarray = stretch[:, None, None] ** 2 * full
-            return scaled
-
         return GaussianTrajectory(
             times=self.grid,
             mean=self._mean,
             std=stretch * spread,
             mean_rate=slopes @ self._weights.T,
             std_rate=stretch * variance_rate / (2.0 * spread),
-            covariance_function=on_grid,
+            covariance_function=partial(
+                _covariance_on_grid, rows, covariance, spread**2, stretch
+            ),
             degrees_of_freedom=degrees_of_freedom,
         )
+
+
+def _covariance_on_grid(
+    rows: Float[np.ndarray, "M Q"],
+    covariance: Float[np.ndarray, "6 Q Q"],
+    variance: Float[np.ndarray, "M 6"],
+    stretch: Float[np.ndarray, "6"],
+) -> Float[np.ndarray, "6 M M"]:
+    """Covariance over time of smooth and white part together."""
+    full: np.ndarray = rows @ covariance @ rows.T
+    diagonal = np.arange(len(rows))
+    full[:, diagonal, diagonal] = variance.T
+    scaled: np.ndarray = stretch[:, None, None] ** 2 * full
+    return scaled

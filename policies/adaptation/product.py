@@ -4,6 +4,7 @@ Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstratio
 arXiv:2002.09979, Eqs. (19)–(21).
 """
 
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -124,7 +125,6 @@ class ProductAdaptation:
         A product is defined on the grid only, so its rates are differences of
         neighbouring predictions, except before the first via-point.
         """
-        covariances = self._covariances.copy()
         rates = (self._demonstrated.mean_rate, self._demonstrated.std_rate)
         grid = self._demonstrated.times
         if self._via_points and len(grid) > 1:
@@ -139,7 +139,7 @@ class ProductAdaptation:
             std=self.std,
             mean_rate=rates[0],
             std_rate=rates[1],
-            covariance_function=lambda: covariances,
+            covariance_function=partial(np.asarray, self._covariances.copy()),
             degrees_of_freedom=self._skill.degrees_of_freedom,
         )
 

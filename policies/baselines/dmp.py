@@ -38,17 +38,18 @@ of Pastor et al. takes its place, for position and orientation alike.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
-from scipy.signal import lsim
 
 from gplfd_env.rotation_paths import unwrap_rotvecs
 from gplfd_env.se3 import compose_rotvecs
 from policies.aligned import AlignedDemonstrations
-from policies.trajectory import GaussianTrajectory, checked_times
+from policies.movement import LearnedMovement
+from policies.records import freeze
+from policies.trajectory import GaussianTrajectory, checked_times, white_covariance
 
 __all__ = ["DMPConfig", "DynamicMovementPrimitive", "fit_dmp"]
 
@@ -87,16 +88,14 @@ class DMPConfig:
             raise ValueError(f"overlap must be in (0, 1), got {self.overlap}.")
 
 
-@dataclass(frozen=True, kw_only=True)
-class DynamicMovementPrimitive:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class DynamicMovementPrimitive(LearnedMovement):
     """A point attractor shaped by a learned forcing term; made by `fit_dmp`.
 
     It knows one movement and no spread: standard deviations and covariances are NaN,
     and there are no via-points, only another goal.
     """
 
-    aligned: AlignedDemonstrations
-    """The demonstrations it was learned from."""
     config: DMPConfig
     """Its constants."""
     start: Float[np.ndarray, " 6"]
@@ -108,10 +107,8 @@ class DynamicMovementPrimitive:
     weights: Float[np.ndarray, "N 6"]
     """W, the weights of the forcing term."""
 
-    @property
-    def duration(self) -> float:
-        """Nominal duration of phases 0 to 1 [s]."""
-        return self.aligned.duration
+    def __post_init__(self) -> None:
+        freeze(self, "start", "goal", "start_error", "weights")
 
     def with_goal(self, pose: Float[np.ndarray, " 6"]) -> "DynamicMovementPrimitive":
         """The movement to another goal.
@@ -132,7 +129,7 @@ class DynamicMovementPrimitive:
             raise ValueError(f"A goal must be finite in all six entries, got {pose}.")
         error = compose_rotvecs(pose[3:], -self.start[3:])
         nearest = unwrap_rotvecs(np.stack([self.start_error, error]))[1]
-        return replace(self, goal=_read_only(pose), start_error=_read_only(nearest))
+        return replace(self, goal=pose, start_error=nearest)
 
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The rollout at ``times``; standard deviations and covariance are NaN.
@@ -155,7 +152,7 @@ class DynamicMovementPrimitive:
             std=unknown,
             mean_rate=np.where(moving, self._rollout(within, 1), 0.0),
             std_rate=unknown,
-            covariance_function=lambda: np.full((6, times.size, times.size), np.nan),
+            covariance_function=partial(white_covariance, unknown),
         )
 
     @cached_property
@@ -212,10 +209,10 @@ def fit_dmp(
     return DynamicMovementPrimitive(
         aligned=aligned,
         config=config,
-        start=_read_only(mean[0]),
-        goal=_read_only(mean[-1]),
-        start_error=_read_only(states[0, 3:]),
-        weights=_read_only(weights),
+        start=mean[0],
+        goal=mean[-1],
+        start_error=states[0, 3:],
+        weights=weights,
     )
 
 
@@ -251,6 +248,9 @@ def _oscillate(
     alpha: float,
 ) -> Float[np.ndarray, "M 6"]:
     """Solve ξ̈ + α ξ̇ + α β ξ = drive, exactly for a drive linear between its samples."""
+    # Here, because importing it takes 0.5 s, as much as all the rest of the policies.
+    from scipy.signal import lsim
+
     dynamics = np.array([[0.0, 1.0], [-0.25 * alpha**2, -alpha]])
     system = (
         np.kron(dynamics, np.eye(6)),
@@ -260,9 +260,3 @@ def _oscillate(
     )
     _, states, _ = lsim(system, drive, clock, X0=np.append(start, np.zeros(6)))
     return np.array(states)
-
-
-def _read_only(array: np.ndarray) -> np.ndarray:
-    copy = np.array(array, dtype=np.float64)
-    copy.setflags(write=False)
-    return copy

@@ -42,6 +42,7 @@ from policies.baselines.mixture_kernel import (
     MixtureKernel,
     fit_kernel,
 )
+from policies.movement import LearnedMovement
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
 __all__ = ["GMMGPConfig", "GMMGaussianProcess", "fit_gmm_gp"]
@@ -94,8 +95,8 @@ class _Posterior:
         return constrained
 
 
-@dataclass(frozen=True, kw_only=True)
-class GMMGaussianProcess:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class GMMGaussianProcess(LearnedMovement):
     """A learned movement that via-points adapt; made by `fit_gmm_gp`, immutable.
 
     For V via-points and M phases a prediction costs O(V³ D³ + V² D² M D), D = 6; no
@@ -111,16 +112,6 @@ class GMMGaussianProcess:
     def regression(self) -> GaussianMixtureRegression:
         """The regression that is the prior mean."""
         return self.kernel.regression
-
-    @property
-    def aligned(self) -> AlignedDemonstrations:
-        """The demonstrations it was learned from."""
-        return self.regression.aligned
-
-    @property
-    def duration(self) -> float:
-        """Nominal duration of phases 0 to 1 [s]."""
-        return self.aligned.duration
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "GMMGaussianProcess":
         """The process conditioned on further via-points.
@@ -203,20 +194,10 @@ class GMMGaussianProcess:
             ValueError: if there are no times, or they do not increase.
         """
         times = checked_phases(times)
-        standardisation = self.regression.standardisation
         with threadpool_limits(limits=1, user_api="blas"):
             mean, variance = self._moments(times)
-
-        def over_time() -> Float[np.ndarray, "6 M M"]:
-            scale = standardisation.scale[:, None, None]
-            covariance: np.ndarray = scale**2 * self._covariance(times)
-            return covariance
-
-        return GaussianTrajectory.from_moments(
-            times,
-            standardisation.undo(mean),
-            standardisation.scale * np.sqrt(variance),
-            over_time,
+        return self.regression.standardisation.trajectory(
+            times, mean, variance, self._covariance
         )
 
 
@@ -236,4 +217,4 @@ def fit_gmm_gp(
     regression = fit_gmr(aligned, config.mixture)
     with threadpool_limits(limits=1, user_api="blas"):
         kernel = fit_kernel(regression, config.length_scales, config.weight_power)
-    return GMMGaussianProcess(kernel=kernel)
+    return GMMGaussianProcess(aligned=aligned, kernel=kernel)

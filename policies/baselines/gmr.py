@@ -13,7 +13,7 @@ way, the result does not depend on units (``test_result_does_not_depend_on_units
 
 import warnings
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +23,9 @@ from threadpoolctl import threadpool_limits
 
 from policies.aligned import AlignedDemonstrations
 from policies.baselines.standardisation import Standardisation
-from policies.trajectory import GaussianTrajectory
+from policies.movement import LearnedMovement
+from policies.records import freeze
+from policies.trajectory import GaussianTrajectory, white_covariance
 
 if TYPE_CHECKING:
     from sklearn.mixture import GaussianMixture
@@ -80,15 +82,13 @@ def checked_phases(times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
     return times
 
 
-@dataclass(frozen=True, kw_only=True)
-class GaussianMixtureRegression:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class GaussianMixtureRegression(LearnedMovement):
     """A learned movement without via-points; made by `fit_gmr`, immutable.
 
     The mixture holds phase and standardised pose, in this order.
     """
 
-    aligned: AlignedDemonstrations
-    """The demonstrations it was learned from."""
     standardisation: Standardisation
     """Between poses and what the mixture holds."""
     weights: Float[np.ndarray, " C"]
@@ -99,15 +99,7 @@ class GaussianMixtureRegression:
     """Σ_l."""
 
     def __post_init__(self) -> None:
-        for name in ("weights", "means", "covariances"):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-
-    @property
-    def duration(self) -> float:
-        """Nominal duration of phases 0 to 1 [s]."""
-        return self.aligned.duration
+        freeze(self, "weights", "means", "covariances")
 
     @cached_property
     def slopes(self) -> Float[np.ndarray, "C 6"]:
@@ -176,13 +168,8 @@ class GaussianMixtureRegression:
         times = checked_phases(times)
         mean, covariance = self.moments(times)
         variance = np.diagonal(covariance, axis1=1, axis2=2)
-
-        def over_time() -> Float[np.ndarray, "6 M M"]:
-            diagonal: np.ndarray = variance.T[:, :, None] * np.eye(len(times))
-            return diagonal
-
         return GaussianTrajectory.from_moments(
-            times, mean, np.sqrt(variance), over_time
+            times, mean, np.sqrt(variance), partial(white_covariance, variance)
         )
 
 

@@ -27,6 +27,7 @@ from policies.baselines.gmr import (
     fit_gmr,
 )
 from policies.baselines.smoothed_reference import Reference, SmoothedReference
+from policies.movement import LearnedMovement
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
 __all__ = ["KMPConfig", "KernelizedMovementPrimitive", "fit_kmp"]
@@ -77,8 +78,8 @@ class KMPConfig:
                 raise ValueError(f"{name} must be positive and finite, got {value}.")
 
 
-@dataclass(frozen=True, kw_only=True)
-class KernelizedMovementPrimitive:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class KernelizedMovementPrimitive(LearnedMovement):
     """A learned movement that via-points adapt; made by `fit_kmp`, immutable."""
 
     regression: GaussianMixtureRegression
@@ -87,16 +88,6 @@ class KernelizedMovementPrimitive:
     """Length-scale and regularisations."""
     reference: Reference
     """What is smoothed, via-points included; standardised."""
-
-    @property
-    def aligned(self) -> AlignedDemonstrations:
-        """The demonstrations it was learned from."""
-        return self.regression.aligned
-
-    @property
-    def duration(self) -> float:
-        """Nominal duration of phases 0 to 1 [s]."""
-        return self.aligned.duration
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "KernelizedMovementPrimitive":
         """The primitive with via-points in its reference.
@@ -149,21 +140,10 @@ class KernelizedMovementPrimitive:
             ValueError: if there are no times, or they do not increase.
         """
         times = checked_phases(times)
-        standardisation = self.regression.standardisation
         with threadpool_limits(limits=1, user_api="blas"):
-            smoothed = self._smoothed
-            mean, variance = smoothed.moments(times)
-
-        def over_time() -> Float[np.ndarray, "6 M M"]:
-            scale = standardisation.scale[:, None, None]
-            covariance: np.ndarray = scale**2 * smoothed.covariance(times)
-            return covariance
-
-        return GaussianTrajectory.from_moments(
-            times,
-            standardisation.undo(mean),
-            standardisation.scale * np.sqrt(variance),
-            over_time,
+            mean, variance = self._smoothed.moments(times)
+        return self.regression.standardisation.trajectory(
+            times, mean, variance, self._smoothed.covariance
         )
 
 
@@ -190,5 +170,5 @@ def fit_kmp(
         phases=phases, means=means, precisions=np.linalg.inv(covariances)
     )
     return KernelizedMovementPrimitive(
-        regression=regression, config=config, reference=reference
+        aligned=aligned, regression=regression, config=config, reference=reference
     )

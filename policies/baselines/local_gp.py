@@ -28,6 +28,7 @@ The method has no via-points.
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -39,6 +40,7 @@ from policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
 from policies.gp.hyperparameters import fit_kernel_and_noise
 from policies.gp.noise_profile import NoiseProfile
 from policies.gp.replicates import Replicates
+from policies.movement import LearnedMovement
 from policies.trajectory import GaussianTrajectory, checked_times
 
 __all__ = ["LocalGPConfig", "LocalGaussianProcesses", "fit_local_gp"]
@@ -81,12 +83,10 @@ class _Product:
     """√w_k v / v_k: how the errors of the local predictions add up."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class LocalGaussianProcesses:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class LocalGaussianProcesses(LearnedMovement):
     """A movement of local Gaussian processes; made by `fit_local_gp`, immutable."""
 
-    aligned: AlignedDemonstrations
-    """The demonstrations it was learned from."""
     centres: Float[np.ndarray, " C"]
     """Centres c_k of the clusters, in phase."""
     width: float
@@ -94,11 +94,6 @@ class LocalGaussianProcesses:
     processes: tuple[tuple[HeteroscedasticGP, ...], ...]
     """Per cluster the six processes (x, y, z, θu_x, θu_y, θu_z), each with one noise
     variance."""
-
-    @property
-    def duration(self) -> float:
-        """Nominal duration of phases 0 to 1 [s]."""
-        return self.aligned.duration
 
     def weights(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "C M"]:
         """The weights w_k(t) of the clusters, which sum to one."""
@@ -122,13 +117,11 @@ class LocalGaussianProcesses:
         # Small matrices: sharing them out among threads costs ten times the work.
         with threadpool_limits(limits=1, user_api="blas"):
             product = self._product(times)
-
-        def covariance() -> Float[np.ndarray, "6 M M"]:
-            with threadpool_limits(limits=1, user_api="blas"):
-                return self._covariance(times, product)
-
         return GaussianTrajectory.from_moments(
-            times, product.mean, np.sqrt(product.variance), covariance
+            times,
+            product.mean,
+            np.sqrt(product.variance),
+            partial(self._covariance, times, product),
         )
 
     def _product(self, times: Float[np.ndarray, " M"]) -> _Product:
@@ -164,12 +157,13 @@ class LocalGaussianProcesses:
         shares s_k: v on the diagonal, and the covariance of a plain process for C = 1.
         """
         total = np.zeros((6, len(times), len(times)))
-        for share, outputs in zip(product.shares, self.processes, strict=True):
-            for column, process in enumerate(outputs):
-                local = process.latent.covariance(times)
-                local[np.diag_indices_from(local)] += process.noise.variance(times)
-                scaled = process.scale * share[:, column]
-                total[column] += np.outer(scaled, scaled) * local
+        with threadpool_limits(limits=1, user_api="blas"):
+            for share, outputs in zip(product.shares, self.processes, strict=True):
+                for column, process in enumerate(outputs):
+                    local = process.latent.covariance(times)
+                    local[np.diag_indices_from(local)] += process.noise.variance(times)
+                    scaled = process.scale * share[:, column]
+                    total[column] += np.outer(scaled, scaled) * local
         return total
 
 

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE, handle_pose_on_arc
 from policies.agent import AgentStep, Observation
 from policies.trajectory import GaussianTrajectory
 
@@ -26,8 +22,8 @@ class OracleAgent:
         radius: float,
         *,
         duration: float = 6.0,
-        final_angle: float = math.radians(67.0),
-        control_period: float = 0.01,
+        final_angle: float = DEMONSTRATED_ANGLE,
+        control_period: float = CONTROL_PERIOD,
     ) -> None:
         self._radius = radius
         self._final_angle = final_angle
@@ -39,29 +35,12 @@ class OracleAgent:
         self._phase = 0.0
 
     def act(self, observation: Observation) -> AgentStep:
-        """Return the next pose on the arc; nothing observed is used.
-
-        What an oracle has no notion of (uncertainty, stiffness, prediction) is NaN.
-        """
+        """Return the next pose on the arc; nothing observed is used."""
         self._phase = min(1.0, self._phase + self._step)
         s = self._phase
         angle = self._final_angle * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
         pose = handle_pose_on_arc(self._radius, angle)
-        none = np.full(6, np.nan)
-        return AgentStep(
-            action=pose,
-            desired=pose,
-            std=none,
-            std_rate=none,
-            stiffness=none,
-            stiffness_rate=none,
-            stability_margin=none,
-            phase=s,
-            observed_phase=s,
-            predicted_mean=none,
-            predicted_std=none,
-            via_point=False,
-        )
+        return AgentStep(action=pose, desired=pose, phase=s, observed_phase=s)
 
     def forecast(self) -> GaussianTrajectory | None:
         """The oracle knows; it does not forecast."""

@@ -25,6 +25,7 @@ published; raise `ProMPConfig.shrinkage` for a covariance of full rank.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -32,6 +33,8 @@ from scipy.linalg import pinvh
 from threadpoolctl import threadpool_limits
 
 from policies.aligned import AlignedDemonstrations
+from policies.movement import LearnedMovement
+from policies.records import freeze
 from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
 
 __all__ = ["ProMPConfig", "ProbabilisticMovementPrimitive", "fit_promp"]
@@ -68,12 +71,10 @@ class ProMPConfig:
             raise ValueError(f"shrinkage must be in [0, 1], got {self.shrinkage}.")
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ProbabilisticMovementPrimitive:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ProbabilisticMovementPrimitive(LearnedMovement):
     """A Gaussian distribution over movements; made by `fit_promp`, immutable."""
 
-    aligned: AlignedDemonstrations
-    """The demonstrations it was learned from."""
     config: ProMPConfig
     """Its constants."""
     weight_mean: Float[np.ndarray, " W"]
@@ -83,10 +84,8 @@ class ProbabilisticMovementPrimitive:
     noise_variance: Float[np.ndarray, " 6"]
     """R, what the basis functions do not explain [m², rad²]."""
 
-    @property
-    def duration(self) -> float:
-        """Nominal duration of phases 0 to 1 [s]."""
-        return self.aligned.duration
+    def __post_init__(self) -> None:
+        freeze(self, "weight_mean", "weight_covariance", "noise_variance")
 
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The distribution of the pose at ``times``, observation noise included.
@@ -107,20 +106,22 @@ class ProbabilisticMovementPrimitive:
         half_rate = np.einsum("dmj,mj->md", spread, slope)
         std = np.sqrt(np.maximum(variance, 0.0) + self.noise_variance)
         moving = std > 0.0  # an output that never varies has no rate either
-
-        def covariance() -> Float[np.ndarray, "6 M M"]:
-            noise = self.noise_variance[:, None, None] * np.eye(times.size)
-            between: np.ndarray = np.einsum("dmj,nj->dmn", spread, basis)
-            return between + noise
-
         return GaussianTrajectory(
             times=times,
             mean=basis @ mean.T,
             std=std,
             mean_rate=slope @ mean.T,
             std_rate=np.divide(half_rate, std, out=np.zeros_like(std), where=moving),
-            covariance_function=covariance,
+            covariance_function=partial(self._covariance, spread, basis),
         )
+
+    def _covariance(
+        self, spread: Float[np.ndarray, "6 M B"], basis: Float[np.ndarray, "M B"]
+    ) -> Float[np.ndarray, "6 M M"]:
+        """Covariance over time; ``spread`` is that of movement and weights."""
+        noise = self.noise_variance[:, None, None] * np.eye(len(basis))
+        between: np.ndarray = np.einsum("dmj,nj->dmn", spread, basis)
+        return between + noise
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "ProbabilisticMovementPrimitive":
         """The movement conditioned on ``via_points``, all of them at once.
@@ -158,8 +159,8 @@ class ProbabilisticMovementPrimitive:
             covariance += (gain * variance) @ gain.T
         return replace(
             self,
-            weight_mean=_read_only(mean),
-            weight_covariance=_read_only(covariance),
+            weight_mean=mean,
+            weight_covariance=covariance,
         )
 
     def _output_covariances(self) -> Float[np.ndarray, "6 B B"]:
@@ -211,11 +212,10 @@ def fit_promp(
     return ProbabilisticMovementPrimitive(
         aligned=aligned,
         config=config,
-        weight_mean=_read_only(weights.mean(axis=0)),
-        weight_covariance=_read_only(
-            (1.0 - config.shrinkage) * sample + config.shrinkage * diagonal
-        ),
-        noise_variance=_read_only(np.sum(residuals**2, axis=(0, 1)) / freedom),
+        weight_mean=weights.mean(axis=0),
+        weight_covariance=(1.0 - config.shrinkage) * sample
+        + config.shrinkage * diagonal,
+        noise_variance=np.sum(residuals**2, axis=(0, 1)) / freedom,
     )
 
 
@@ -252,9 +252,3 @@ def _inverse(matrix: Float[np.ndarray, "V V"]) -> np.ndarray:
     units = np.outer(scale, scale)
     inverse: np.ndarray = pinvh(matrix / units) / units
     return inverse
-
-
-def _read_only(array: np.ndarray) -> np.ndarray:
-    copy = np.array(array, dtype=np.float64)
-    copy.setflags(write=False)
-    return copy

@@ -111,8 +111,9 @@ class SmoothedReference:
     features: _Features
     weights: Float[np.ndarray, "6 R"]
     """A⁻¹ Σ_i (φ_i ⊗ Σ_i⁻¹ μ_i) / λ."""
-    covariances: Float[np.ndarray, "6 R R"]
-    """Blocks of A_c⁻¹ for one output with itself."""
+    blocks: Float[np.ndarray, "6 R R"]
+    """Blocks of A_c⁻¹ for one output with itself, transposed: as LAPACK leaves them in
+    memory, so that a copy multiplies to the same bits."""
     amplitude: float
     """N/λ_c, the variance far from every reference phase."""
 
@@ -152,7 +153,7 @@ class SmoothedReference:
         return cls(
             features=features,
             weights=weights.reshape(6, size) / mean_regularisation,
-            covariances=np.stack([blocks[d, :, d] for d in range(6)]),
+            blocks=np.stack([blocks[d, :, d].T for d in range(6)]),
             amplitude=len(reference.phases) / covariance_regularisation,
         )
 
@@ -162,12 +163,12 @@ class SmoothedReference:
         """Mean and variance of every output."""
         rows = self.features(times)
         beyond = np.maximum(1.0 - np.sum(rows**2, axis=1), 0.0)
-        within = np.sum((rows @ self.covariances) * rows, axis=2).T
+        within = np.sum((rows @ self.blocks.mT) * rows, axis=2).T
         return rows @ self.weights.T, self.amplitude * (beyond[:, None] + within)
 
     def covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "6 M M"]:
         """Covariance between phases of every output."""
         rows = self.features(times)
         beyond = self.features.kernel(times, times) - rows @ rows.T
-        covariance: np.ndarray = beyond + rows @ self.covariances @ rows.T
+        covariance: np.ndarray = beyond + rows @ self.blocks.mT @ rows.T
         return self.amplitude * covariance

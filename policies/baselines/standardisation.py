@@ -1,9 +1,13 @@
 """Outputs of order one, for methods whose settings are absolute numbers."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
+
+from policies.trajectory import GaussianTrajectory
 
 __all__ = ["Standardisation"]
 
@@ -40,3 +44,33 @@ class Standardisation:
         """Poses [m, rad]."""
         poses: np.ndarray = self.offset + self.scale * standardised
         return poses
+
+    def trajectory(
+        self,
+        times: Float[np.ndarray, " M"],
+        mean: Float[np.ndarray, "M 6"],
+        variance: Float[np.ndarray, "M 6"],
+        covariance: Callable[[np.ndarray], np.ndarray],
+    ) -> GaussianTrajectory:
+        """The distribution of poses of which these are the standardised moments.
+
+        Args:
+            times: phases, strictly increasing, shape (M,).
+            mean: standardised.
+            variance: standardised.
+            covariance: gives that over time, (6, M, M), standardised, for ``times``.
+        """
+        return GaussianTrajectory.from_moments(
+            times,
+            self.undo(mean),
+            self.scale * np.sqrt(variance),
+            partial(self._covariance, covariance, times),
+        )
+
+    def _covariance(
+        self,
+        standardised: Callable[[np.ndarray], np.ndarray],
+        times: Float[np.ndarray, " M"],
+    ) -> Float[np.ndarray, "6 M M"]:
+        covariance: np.ndarray = self.scale[:, None, None] ** 2 * standardised(times)
+        return covariance

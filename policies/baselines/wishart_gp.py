@@ -27,6 +27,7 @@ The method has no via-points.
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -42,6 +43,7 @@ from policies.baselines.wishart_process import (
 from policies.gp.heteroscedastic import HeteroscedasticGP
 from policies.gp.multi_output import MultiOutputGP
 from policies.gp.noise import HomoscedasticNoise
+from policies.movement import LearnedMovement
 from policies.trajectory import GaussianTrajectory, checked_times
 
 __all__ = ["WishartGPConfig", "WishartProcessMovement", "fit_wishart_gp"]
@@ -96,21 +98,14 @@ class WishartGPConfig:
             )
 
 
-@dataclass(frozen=True, kw_only=True)
-class WishartProcessMovement:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class WishartProcessMovement(LearnedMovement):
     """A movement with Wishart variability; made by `fit_wishart_gp`, immutable."""
 
-    aligned: AlignedDemonstrations
-    """The demonstrations it was learned from."""
     processes: MultiOutputGP
     """The mean, and how uncertain it is."""
     variability: WishartPosterior
     """How repetitions of the task vary."""
-
-    @property
-    def duration(self) -> float:
-        """Nominal duration of phases 0 to 1 [s]."""
-        return self.aligned.duration
 
     def aleatoric(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6 6"]:
         """Covariance of the outputs between repetitions, shape (M, 6, 6).
@@ -137,17 +132,22 @@ class WishartProcessMovement:
         with threadpool_limits(limits=1, user_api="blas"):
             moments = self.processes.moments(times)
             spread = np.diagonal(self.aleatoric(times), axis1=1, axis2=2)
-
-        def covariance() -> Float[np.ndarray, "6 M M"]:
-            with threadpool_limits(limits=1, user_api="blas"):
-                total = self.processes.latent_covariance(times)
-            diagonal = np.arange(len(times))
-            total[:, diagonal, diagonal] += spread.T
-            return total
-
         return GaussianTrajectory.from_moments(
-            times, moments.mean, np.sqrt(moments.latent + spread), covariance
+            times,
+            moments.mean,
+            np.sqrt(moments.latent + spread),
+            partial(self._covariance, times, spread),
         )
+
+    def _covariance(
+        self, times: Float[np.ndarray, " M"], spread: Float[np.ndarray, "M 6"]
+    ) -> Float[np.ndarray, "6 M M"]:
+        """Covariance over time: of the mean, and white between repetitions."""
+        with threadpool_limits(limits=1, user_api="blas"):
+            total = self.processes.latent_covariance(times)
+        diagonal = np.arange(len(times))
+        total[:, diagonal, diagonal] += spread.T
+        return total
 
 
 def fit_wishart_gp(

@@ -18,6 +18,7 @@ from policies.gp.legendre import LegendreBasis
 from policies.gp.noise_profile import NoiseModel, NoiseProfile
 from policies.gp.replicates import Replicates
 from policies.gp.spectral import SpectralPosterior
+from policies.records import short_repr
 
 __all__ = ["HeteroscedasticGP", "offset_and_scale"]
 
@@ -61,6 +62,8 @@ class HeteroscedasticGP:
     """Prior covariance of the scaled f."""
     noise: NoiseProfile
     """Noise variance of the scaled output."""
+
+    __repr__ = short_repr
 
     @classmethod
     def fit(

@@ -2,7 +2,7 @@
 
 Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
 arXiv:2002.09979, Eqs. (12)–(13): outputs independent a priori, which is Eq. (6) with a
-diagonal B (`policies.gp.coregionalisation` has the general case and the proof).
+diagonal B.
 """
 
 from dataclasses import dataclass
@@ -14,6 +14,7 @@ from jaxtyping import Float
 from policies.gp.heteroscedastic import HeteroscedasticGP
 from policies.gp.legendre import LegendreBasis
 from policies.gp.spectral import SpectralPosterior
+from policies.records import short_repr
 
 __all__ = ["MultiOutputGP", "OutputMoments"]
 
@@ -51,6 +52,8 @@ class MultiOutputGP:
 
     outputs: tuple[HeteroscedasticGP, ...]
     """One process per output."""
+
+    __repr__ = short_repr
 
     @cached_property
     def _scales(self) -> Float[np.ndarray, " d"]:

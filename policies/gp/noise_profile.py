@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from policies.gp.legendre import LegendreBasis
+from policies.records import short_repr
 
 __all__ = ["LEAST_VARIANCE", "SHORTEST_SCALE", "NoiseModel", "NoiseProfile"]
 
@@ -35,6 +36,8 @@ class NoiseProfile:
     """Basis of the varying part."""
     coefficients: Float[np.ndarray, " Q"]
     """Coefficients of the varying part of log r(t)."""
+
+    __repr__ = short_repr
 
     @staticmethod
     def basis_over(times: Float[np.ndarray, " M"]) -> LegendreBasis:

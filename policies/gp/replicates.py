@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from policies.gp.exact import ExactGP
 from policies.gp.kernels import RBF
+from policies.records import short_repr
 
 __all__ = ["Replicates", "collapsed_log_likelihood"]
 
@@ -35,6 +36,8 @@ class Replicates:
     """Sum of squared deviations SS from the average."""
     count: int
     """Number of demonstrations D."""
+
+    __repr__ = short_repr
 
     @classmethod
     def from_samples(

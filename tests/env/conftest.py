@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import gplfd_env
-from gplfd_env.door_opening import CONTROL_PERIOD, DoorOpeningEnv
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.door_opening import DoorOpeningEnv
+from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
 from gplfd_env.vector import DoorOpeningVectorEnv
 
 
@@ -55,7 +55,7 @@ def arc_commands() -> Callable[..., np.ndarray]:
         time = np.arange(1, round((duration + 2.0) / CONTROL_PERIOD) + 1)
         s = np.minimum(time * CONTROL_PERIOD / duration, 1.0)
         angles = np.radians(degrees) * (10 * s**3 - 15 * s**4 + 6 * s**5)
-        return np.array([handle_pose_on_arc(radius, angle) for angle in angles])
+        return handle_pose_on_arc(radius, angles)
 
     return commands
 

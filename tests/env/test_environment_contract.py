@@ -13,8 +13,8 @@ from gymnasium.utils.env_match import check_environments_match
 
 import gplfd_env
 from gplfd_env.config import DoorConfig
-from gplfd_env.door_opening import CONTROL_PERIOD, DoorOpeningEnv
-from gplfd_env.task import SUCCESS_ANGLE, handle_pose_on_arc
+from gplfd_env.door_opening import DoorOpeningEnv
+from gplfd_env.task import CONTROL_PERIOD, SUCCESS_ANGLE, handle_pose_on_arc
 
 INFO_TYPES = {
     "door_angle": float,
@@ -98,6 +98,7 @@ def test_flat_and_normalised_it_passes_without_a_remark(
         check_env(env, skip_render_check=True)
 
 
+@pytest.mark.needs("opengl")
 def test_a_video_can_be_recorded(make_env: Callable, tmp_path: Path) -> None:
     env = gym.wrappers.RecordVideo(
         make_env(render_mode="rgb_array", width=64, height=48), str(tmp_path / "films")

@@ -6,6 +6,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import data_equivalence
 
 import gplfd_env
 
@@ -34,7 +35,7 @@ def test_unknown_render_mode_names_the_choices() -> None:
         ("smal", ValueError, r"unknown door 'smal' \(did you mean 'small'\?\)"),
         (0.9, ValueError, r"radius = 0\.9 is outside \[0\.3, 0\.65\] m"),
         ({"radius": "wide"}, TypeError, r"radius must be a number, got 'wide' \(str\)"),
-        ({"colour": 1}, ValueError, r"unknown door field 'colour'.*fields: closer_pre"),
+        ({"colour": 1}, ValueError, r"unknown door field 'colour'.*fields: radius, h"),
         (None, TypeError, "door must be a preset's name"),
     ],
 )
@@ -60,6 +61,33 @@ def test_unknown_reset_options_are_named(make_env: Callable) -> None:
         env.reset(options={"radius": 0.4, "dor": "small"})
     with pytest.raises(ValueError, match=r'allowed: "door" \(name, radius, mapping'):
         env.reset(options={"radius": 0.4})
+
+
+@pytest.mark.parametrize("options", ["door", 3, [("door", "small")], []])
+def test_options_that_are_no_mapping(
+    options: Any, make_env: Callable, make_vec: Callable
+) -> None:
+    for env in (make_env(), make_vec(2)):
+        with pytest.raises(ValueError, match=r'must be a mapping such as {"door"'):
+            env.reset(options=options)
+
+
+def test_a_refused_reset_changes_nothing(make_env: Callable) -> None:
+    """Neither by its seed, if the options are wrong, nor the other way round."""
+    env, untouched = (make_env("small", randomization="mild") for _ in range(2))
+    for each in (env, untouched):
+        each.reset(seed=0)
+    with pytest.raises(ValueError, match="unknown door"):
+        env.reset(seed=7, options={"door": "smal"})
+    with pytest.raises(gym.error.Error, match="Seed must be"):
+        env.reset(seed=-1, options={"door": "large"})
+    assert data_equivalence(env.reset(), untouched.reset(), exact=True)
+
+
+@pytest.mark.parametrize("size", [0, -1, 2.5, True, "a", 10**5])
+def test_impossible_sizes_of_pictures(size: Any, make_env: Callable) -> None:
+    with pytest.raises(ValueError, match=r"height = .* whole number of pixels from 1"):
+        make_env(height=size)
 
 
 def test_reset_does_not_change_the_caller_s_options(make_env: Callable) -> None:
@@ -94,6 +122,14 @@ def test_action_that_is_not_finite(axis: int, value: float, make_env: Callable) 
     assert not info["simulation_error"]
 
 
+@pytest.mark.parametrize("action", ["pull", {"x": 0.1}, 6 * [10**400], 6 * ["a"]])
+def test_action_that_is_no_numbers(action: Any, make_env: Callable) -> None:
+    env = make_env("small")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"must be numbers of shape \(6,\), commanded"):
+        env.step(action)
+
+
 def test_opposite_infinities_are_not_finite(make_env: Callable) -> None:
     env = make_env("small")
     env.reset(seed=0)
@@ -110,9 +146,20 @@ def test_huge_finite_action_is_clamped_not_refused(make_env: Callable) -> None:
 
 def test_step_before_reset_is_refused() -> None:
     env = gym.make(gplfd_env.ENVIRONMENT_ID)
-    with pytest.raises(gym.error.ResetNeeded):
-        env.step(np.zeros(6))
+    for each in (env, env.unwrapped):
+        with pytest.raises(gym.error.ResetNeeded):
+            each.step(np.zeros(6))
     env.close()
+
+
+def test_a_closed_environment_goes_on(make_env: Callable, make_vec: Callable) -> None:
+    """Only the renderer is freed; closing twice is as good as once."""
+    for env in (make_env("small"), make_vec(2)):
+        env.reset(seed=0)
+        env.close()
+        env.close()
+        env.step(np.zeros(env.action_space.shape))
+        env.reset()
 
 
 def test_rendering_without_a_mode_warns(make_env: Callable) -> None:

@@ -15,10 +15,11 @@ from scipy.spatial.transform import Rotation
 import gplfd_env
 from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.door import HINGE_RANGE
-from gplfd_env.door_opening import CONTROL_PERIOD, DoorOpeningEnv
+from gplfd_env.door_opening import DoorOpeningEnv
+from gplfd_env.fields import allowed_range
 from gplfd_env.randomization import RANDOMIZATIONS, DoorRandomization
 from gplfd_env.robot import HAND_BODIES, SERVO_DAMPING, SERVO_STIFFNESS
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
 from gplfd_env.vector import DoorOpeningVectorEnv
 
 PAGE = (Path(__file__).parents[2] / "docs" / "environment.md").read_text("utf-8")
@@ -103,6 +104,7 @@ def test_door_table_is_the_configuration() -> None:
     assert [row["parameter"] for row in rows] == [field.name for field in fields]
     for row, field in zip(rows, fields, strict=True):
         assert float(row["default"]) == field.default
+        assert row["unit"] == allowed_range(DoorConfig, field.name).unit
         low, high = bounds(row["range"])
         for value in (low, high):
             DoorConfig(**{field.name: value})

@@ -148,3 +148,14 @@ def test_arc_keeps_its_distance_from_the_hinge(radius: float, angle: float) -> N
     assert math.atan2(x, z + radius) == pytest.approx(angle)
     assert y == 0.0
     assert rotation == [0.0, angle, 0.0]
+
+
+def test_many_poses_on_an_arc_are_those_of_one_at_a_time() -> None:
+    """Bit for bit: a command must not depend on how many were computed with it."""
+    radii, angles = np.array([[0.3], [0.65]]), np.linspace(-0.1, 1.6, 101)
+    poses = handle_pose_on_arc(radii, angles)
+    assert poses.shape == (2, 101, 6)
+    for row, (radius,) in enumerate(radii):
+        for column, angle in enumerate(angles.tolist()):
+            alone = handle_pose_on_arc(radius, angle)
+            assert np.array_equal(poses[row, column], alone)

@@ -17,10 +17,9 @@ from numpy.testing import assert_allclose
 
 import gplfd_env
 from gplfd_env.config import DOORS, DoorConfig
-from gplfd_env.episode import CONTROL_PERIOD
 from gplfd_env.randomization import RANDOMIZATIONS
 from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
 from gplfd_env.variation import Placement, Variation
 
 IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import shutil
 import socket
 import struct
 import subprocess
@@ -27,6 +26,23 @@ def picture(env) -> np.ndarray:
     return image
 
 
+def run_alone(
+    program: str, folder: Path, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Run a program in a process of its own, without a display unless given one."""
+    here = {key: value for key, value in os.environ.items() if "DISPLAY" not in key}
+    return subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=folder,
+        env=here | variables,
+        timeout=120,
+    )
+
+
+@pytest.mark.needs("opengl")
 @pytest.mark.parametrize("camera", ["overview", "top", "head", "hand_camera"])
 def test_colour_picture_from_every_camera(camera: str, make_env: Callable) -> None:
     env = make_env(
@@ -39,6 +55,7 @@ def test_colour_picture_from_every_camera(camera: str, make_env: Callable) -> No
     assert image.std() > 10, "something must be in the picture"
 
 
+@pytest.mark.needs("opengl")
 def test_picture_changes_with_the_door_and_is_reproducible(make_env: Callable) -> None:
     env = make_env("medium", render_mode="rgb_array", width=160, height=120)
     env.reset(seed=0)
@@ -55,6 +72,7 @@ def test_picture_changes_with_the_door_and_is_reproducible(make_env: Callable) -
     assert np.array_equal(picture(env), closed)
 
 
+@pytest.mark.needs("opengl")
 def test_pictures_follow_a_change_of_door(make_env: Callable) -> None:
     env = make_env("small", render_mode="rgb_array", width=160, height=120)
     large = make_env("large", render_mode="rgb_array", width=160, height=120)
@@ -66,6 +84,7 @@ def test_pictures_follow_a_change_of_door(make_env: Callable) -> None:
     assert np.array_equal(picture(env), picture(large))
 
 
+@pytest.mark.needs("opengl")
 def test_depth_picture_is_in_metres(make_env: Callable) -> None:
     env = make_env(
         "medium", render_mode="depth_array", camera_name="top", width=160, height=120
@@ -79,6 +98,7 @@ def test_depth_picture_is_in_metres(make_env: Callable) -> None:
     assert depth.min() == pytest.approx(3.6 - 2.05, abs=0.02)
 
 
+@pytest.mark.needs("opengl")
 def test_colour_and_depth_together(make_env: Callable) -> None:
     size = {"width": 64, "height": 48}
     both = make_env(render_mode="rgbd_tuple", **size)
@@ -92,6 +112,7 @@ def test_colour_and_depth_together(make_env: Callable) -> None:
         assert np.array_equal(one, picture(env))
 
 
+@pytest.mark.needs("opengl")
 @pytest.mark.parametrize("effects", [False, True])
 def test_pictures_leave_the_model_as_it_is(effects: bool, make_env: Callable) -> None:
     """Size and quality are the renderer's; the simulation goes on as if unseen."""
@@ -114,6 +135,7 @@ def test_pictures_leave_the_model_as_it_is(effects: bool, make_env: Callable) ->
         assert visual.quality.offsamples == 4
 
 
+@pytest.mark.needs("opengl")
 def test_effects_are_off_unless_asked_for(make_env: Callable) -> None:
     """Without a graphics card they cost ten times the rest of the picture."""
     images = []
@@ -131,37 +153,53 @@ def test_effects_are_off_unless_asked_for(make_env: Callable) -> None:
 
 
 def test_without_opengl_the_message_says_what_to_install(tmp_path: Path) -> None:
-    """In a process of its own: MuJoCo chooses its OpenGL once."""
-    program = textwrap.dedent(
-        """
+    """Every time: asked again, MuJoCo itself would abort Python.
+
+    In a process of its own, since MuJoCo chooses its OpenGL once.
+    """
+    program = """
         import gymnasium as gym
         import gplfd_env
 
         env = gym.make(gplfd_env.ENVIRONMENT_ID, render_mode="rgb_array")
-        env.reset(seed=0)
+        envs = gym.make_vec(gplfd_env.ENVIRONMENT_ID, 2, render_mode="rgb_array")
+        for each in (env, env, envs):
+            each.reset(seed=0)
+            try:
+                each.render()
+            except RuntimeError as error:
+                print(error)
+            each.step(each.action_space.sample())
+            each.close()
+        """
+    result = run_alone(program, tmp_path, MUJOCO_GL="glfw")
+    assert result.returncode == 0, result.stderr
+    first, *others = result.stdout.splitlines()
+    for part in ("no picture without OpenGL", "MUJOCO_GL=egl", "libegl1", "libosmesa6"):
+        assert part in first
+    assert others == [first, first]
+
+
+@pytest.mark.parametrize("variables", [{}, {"DISPLAY": ":59999"}], ids=["none", "gone"])
+def test_a_window_without_a_display_is_refused(
+    variables: dict[str, str], tmp_path: Path
+) -> None:
+    """In a process of its own, which GLFW would abort."""
+    program = """
+        import gymnasium as gym
+        import gplfd_env
+
         try:
-            env.render()
+            gym.make(gplfd_env.ENVIRONMENT_ID, render_mode="human")
         except RuntimeError as error:
             print(error)
-        env.step(env.action_space.sample())
-        env.close()
         """
-    )
-    environment = {key: v for key, v in os.environ.items() if "DISPLAY" not in key}
-    result = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-        env={**environment, "MUJOCO_GL": "glfw"},
-        timeout=60,
-    )
+    result = run_alone(program, tmp_path, **variables)
     assert result.returncode == 0, result.stderr
-    for part in ("no picture without OpenGL", "MUJOCO_GL=egl", "libegl1", "libosmesa6"):
-        assert part in result.stdout
+    assert "needs a display; without one use" in result.stdout
 
 
+@pytest.mark.needs("opengl")
 def test_default_size_and_a_size_beyond_the_offscreen_buffer(
     make_env: Callable,
 ) -> None:
@@ -173,6 +211,7 @@ def test_default_size_and_a_size_beyond_the_offscreen_buffer(
     assert picture(big).shape == (1000, 1600, 3)
 
 
+@pytest.mark.needs("opengl")
 def test_close_may_be_called_twice_and_rendering_starts_again(
     make_env: Callable,
 ) -> None:
@@ -209,18 +248,12 @@ def wait_for_display(number: str, patience: float = 30.0) -> None:
 @pytest.fixture
 def virtual_display() -> Iterator[str]:
     """Start an X server without a screen on a free display and return its name."""
-    program = shutil.which("Xvfb")
-    if program is None:
-        pytest.fail(
-            "Xvfb is missing; human rendering is tested on a virtual display: "
-            "apt-get install xvfb libgl1-mesa-dri"
-        )
     read_end, write_end = os.pipe()
     # Without -noreset the server starts anew whenever its last client leaves, and
     # refuses connections meanwhile.
     options = ["-displayfd", str(write_end), "-screen", "0", "800x600x24", "-noreset"]
     server = subprocess.Popen(
-        [program, *options, "-nolisten", "tcp"],
+        ["Xvfb", *options, "-nolisten", "tcp"],
         pass_fds=[write_end],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
@@ -239,6 +272,7 @@ def virtual_display() -> Iterator[str]:
         server.wait()
 
 
+@pytest.mark.needs("xvfb")
 def test_window_and_the_checker_s_render_check(
     virtual_display: str, tmp_path: Path
 ) -> None:
@@ -247,8 +281,7 @@ def test_window_and_the_checker_s_render_check(
     Every warning is an error but the declined one about normalised actions; the
     checker opens each render mode, the window among them.
     """
-    program = textwrap.dedent(
-        """
+    program = """
         import warnings
         warnings.simplefilter("error")
         warnings.filterwarnings(
@@ -276,16 +309,6 @@ def test_window_and_the_checker_s_render_check(
         env.close()
         print("done")
         """
-    )
-    environment = {**os.environ, "DISPLAY": virtual_display, "MUJOCO_GL": "glfw"}
-    result = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-        env=environment,
-        timeout=120,
-    )
+    result = run_alone(program, tmp_path, DISPLAY=virtual_display, MUJOCO_GL="glfw")
     assert result.returncode == 0, result.stderr
     assert result.stdout.split() == ["done"]

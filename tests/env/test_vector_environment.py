@@ -125,6 +125,7 @@ def test_wrappers_of_gymnasium_work_on_it(make_vec: Callable) -> None:
     assert_array_equal(infos["episode"]["l"], [6, 6])
 
 
+@pytest.mark.needs("opengl")
 def test_render_returns_a_picture_of_each(
     make_vec: Callable, make_env: Callable
 ) -> None:
@@ -213,10 +214,53 @@ def test_wrong_actions_move_nothing(id: str, make_vec: Callable) -> None:
     assert_array_equal(envs.qpos, before)
 
 
+def test_a_refused_seed_changes_nothing(make_vec: Callable) -> None:
+    envs, untouched = (make_vec(2, randomization="mild") for _ in range(2))
+    for each in (envs, untouched):
+        each.reset(seed=0)
+    for wrong in ([5, -1], [5, 1.5], [5, "a"]):
+        with pytest.raises(gym.error.Error, match="Seed must be"):
+            envs.reset(seed=wrong, options={"door": "large"})
+    assert envs.np_random_seed == (0, 1)
+    assert data_equivalence(envs.reset(), untouched.reset(), exact=True)
+
+
+def test_seeds_may_be_numbers_of_numpy(make_vec: Callable) -> None:
+    envs = make_vec(2)
+    for seeds, expected in (
+        (np.array([3, 2**40]), (3, 2**40)),
+        ([np.int64(7), 2**70], (7, 2**70)),
+        (np.uint8(255), (255, 256)),
+    ):
+        envs.reset(seed=seeds)
+        assert envs.np_random_seed == expected
+
+
+@pytest.mark.parametrize("id", IDS)
+@pytest.mark.parametrize("mode", [AutoresetMode.DISABLED, AutoresetMode.NEXT_STEP])
+def test_actions_of_ended_simulations_are_ignored(
+    mode: AutoresetMode, id: str, make_vec: Callable
+) -> None:
+    """Also if they are not numbers, as of a policy that divides by what is left."""
+    envs, twin = (
+        make_vec(2, id=id, autoreset_mode=mode, max_episode_steps=3) for _ in range(2)
+    )
+    for each in (envs, twin):
+        each.reset(seed=0)
+    rest = np.stack(2 * [envs.command.rest])
+    ended = np.zeros(2, dtype=bool)
+    for _ in range(8):
+        actions = np.where(ended[:, None], np.nan, rest)
+        results = envs.step(actions), twin.step(rest)
+        assert data_equivalence(*results, exact=True)
+        ended = results[0][2] | results[0][3]
+    assert np.isfinite(envs.models[0].actuator_gainprm).all()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"seed": [1, 2, 3]}, "seed must be .* sequence of 2, got 3 seeds"),
+        ({"seed": [1, 2, 3]}, r"seed must be .* sequence of 2, got \[1, 2, 3\]"),
         (
             {"options": {"dor": 1}},
             r"unknown reset option\(s\) 'dor'; allowed: \"door\"",
@@ -226,6 +270,12 @@ def test_wrong_actions_move_nothing(id: str, make_vec: Callable) -> None:
         ({"options": {"reset_mask": np.array([0, 1])}}, "an array of 2 booleans"),
         ({"options": {"reset_mask": np.array([False] * 2)}}, "at least one True"),
         ({"options": {"randomization": "hrad"}}, "did you mean 'hard'"),
+        (
+            {"options": {"door": "large", "randomization": "hrad"}},
+            "did you mean 'hard'",
+        ),
+        ({"seed": 1.5}, "seed must be an integer, None or a sequence of 2, got 1.5"),
+        ({"seed": "ab"}, "seed must be an integer, None or a sequence of 2, got 'ab'"),
     ],
 )
 def test_wrong_resets_change_nothing(

@@ -1,8 +1,11 @@
 """A door in a tiny MuJoCo model, an agent that knows its arc, and logs by formula."""
 
+import dataclasses
+import functools
+import json
 import math
-import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -11,7 +14,12 @@ import numpy as np
 import pytest
 
 from experiments.episodes.log import EpisodeLog
+from experiments.episodes.metrics import episode_metrics
+from experiments.teacher import standard_teacher
+from gplfd_env.config import DoorConfig
 from gplfd_env.task import handle_pose_on_arc
+from policies.steps import AgentStep
+from policies.trajectory import GaussianTrajectory
 
 RADIUS = 0.5
 FINAL_ANGLE = math.radians(66.0)
@@ -121,7 +129,7 @@ class ArcAgent:
         phase = min(1.0, self.calls / self.n_steps)
         action = handle_pose_on_arc(RADIUS, FINAL_ANGLE * float(minimum_jerk(phase)))
         seen = float(observation["ee_pose"][4]) / FINAL_ANGLE
-        return types.SimpleNamespace(
+        return AgentStep(
             action=action,
             desired=action,
             std=np.full(6, 0.01),
@@ -141,7 +149,9 @@ class ArcAgent:
             return None
         arc = [handle_pose_on_arc(RADIUS, FINAL_ANGLE * phase) for phase in self.phases]
         spread = 0.05 / (1.0 + self.calls) * np.outer(self.phases, np.ones(6)) + 1e-3
-        return types.SimpleNamespace(times=self.phases, mean=np.array(arc), std=spread)
+        return GaussianTrajectory.from_moments(
+            self.phases, np.array(arc), spread, covariance_function=lambda: spread
+        )
 
 
 def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
@@ -218,3 +228,106 @@ def arc_agent() -> type[ArcAgent]:
 @pytest.fixture
 def make_log() -> Callable[..., EpisodeLog]:
     return log_by_formula
+
+
+@functools.cache
+def measured() -> dict[str, Any]:
+    return episode_metrics(log_by_formula()).as_json()
+
+
+def episode_file(
+    policy: str,
+    seed: int = 0,
+    radius: float = 0.5,
+    *,
+    radial: float = 1.0,
+    opened: bool = True,
+    **task: Any,
+) -> dict[str, Any]:
+    """What the file of an episode says; its numbers grow a little with the seed."""
+    return {
+        "task": {
+            "kind": "episode",
+            "policy": policy,
+            "door": f"{radius:g}",
+            "door_config": dataclasses.asdict(DoorConfig(radius=radius)),
+            "seed": seed,
+            "demonstrations_per_door": 2,
+            "teacher": standard_teacher(),
+            "randomization": "none",
+            **task,
+        },
+        "versions": {"gplfd": "0.1.0"},
+        "git": {"commit": "0123456789abcdef", "dirty": False},
+        "metrics": {
+            **measured(),
+            "policy": policy,
+            "seed": seed,
+            "radius": radius,
+            "success": opened,
+            "failure": "" if opened else "stalled",
+            "final_angle_deg": 64.0 if opened else 31.5 + seed,
+            "time_to_60_deg": 5.0 + 0.01 * seed if opened else None,
+            "force_tangential_peak": 2.0,
+            "force_radial_peak": radial + 0.01 * seed,
+            "prediction_error_position": 1e-4,
+            "governed_share": 0.055,
+            "latency_median_ms": 0.2,
+        },
+    }
+
+
+def learning_test_file(policy: str, seed: int = 0, **metrics: Any) -> dict[str, Any]:
+    """What the file of a learning test says."""
+    episode = episode_file(policy, seed)
+    for name in ("door", "door_config", "randomization"):
+        del episode["task"][name]
+    return {
+        **episode,
+        "task": {**episode["task"], "kind": "skill", "held_out": "demonstration"},
+        "metrics": {
+            "rmse_position_m": 0.02,
+            "rmse_rotation_rad": 0.03,
+            "nlpd": -2.0,
+            "coverage_50": 0.5,
+            "coverage_90": 0.85,
+            "coverage_95": 0.9,
+            "via_error_position_m": None,
+            "via_far_change": None,
+            "log_dimensionless_jerk": -5.0,
+            "cpu_fit_s": 0.1,
+            "cpu_predict_s": 0.001,
+            "cpu_adapt_s": None,
+            "spread_followed": 0.9,
+            "prior_mean_used": None,
+            **metrics,
+        },
+    }
+
+
+@pytest.fixture
+def write_study(tmp_path: Path) -> Callable[..., Path]:
+    """Write results into a study's folder, and what study.json says."""
+
+    def write(results: Iterable[Any], **study: Any) -> Path:
+        folder = tmp_path / "study"
+        (folder / "tasks").mkdir(parents=True, exist_ok=True)
+        for number, result in enumerate(results):
+            path = folder / "tasks" / f"{number:04}.json"
+            path.write_text(json.dumps(result))
+        command = ["gplfd", "benchmark", "--seeds", "8"]
+        header = {"command": command, "created": "2020-02-02", **study}
+        (folder / "study.json").write_text(json.dumps(header))
+        return folder
+
+    return write
+
+
+@pytest.fixture
+def episode_result() -> Callable[..., dict[str, Any]]:
+    return episode_file
+
+
+@pytest.fixture
+def learning_result() -> Callable[..., dict[str, Any]]:
+    return learning_test_file

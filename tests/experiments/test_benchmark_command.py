@@ -18,27 +18,19 @@ from experiments.study.engines import Lost
 from experiments.study.settings import StudySettings
 from experiments.study.settings_file import read_settings, write_settings
 
-METRICS = dict.fromkeys(
-    (
-        *("time_to_60_deg", "force_radial_peak", "force_tangential_peak"),
-        *("slip_max_mm", "prediction_error_position", "governed_share"),
-        "latency_median_ms",
-    ),
-    1.0,
-) | {"success": True}
-
 
 @pytest.fixture
-def ran(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+def ran(monkeypatch: pytest.MonkeyPatch, episode_result: Any) -> list[Any]:
     """Replace what a worker does; remember the tasks."""
     tasks = []
+    metrics = episode_result("gp", radius=0.35)["metrics"]
 
     def run_job(job: Any) -> list[Any]:
         tasks.extend(job)
         return [
             jobs.failed(task, "ValueError: cannot learn")
             if (task.policy, task.seed) == ("oracle", 1)
-            else {**jobs.failed(task, ""), "metrics": METRICS}
+            else {**jobs.failed(task, ""), "metrics": metrics}
             for task in job
         ]
 
@@ -69,7 +61,11 @@ def test_writes_table_and_settings_and_says_where(
     table = (tmp_path / "table.md").read_text()
     assert table.strip() in printed.out
     assert "| gp | small | 2/2 |" in table
-    assert "| oracle | small | 1/2 |" in table
+    assert "| oracle | small | 1/1 |" in table
+    assert table.startswith(
+        "1 of 4 episodes ended in an error and count neither as opened nor as closed: "
+        "oracle 1.\n"
+    )
     assert f"gplfd report {tmp_path}" in printed.out
     said = [line for line in printed.err.splitlines() if line.startswith("gplfd: ")]
     assert said[0] == "gplfd: 8 tasks, 0 of them done already"
@@ -121,10 +117,11 @@ def test_a_study_of_too_many_tasks_is_refused_at_once(
 ) -> None:
     options = ["--policies", "gp", "oracle", "--doors", "small"]
     assert benchmark(tmp_path / "study", *options, "--seeds", "1000000000") == 2
+    assert "--seeds 1000000000 must be 1 to 100000" in capsys.readouterr().err
+    assert benchmark(tmp_path / "study", *options, "--seeds", "50000") == 2
     printed = capsys.readouterr().err
     # Two episodes and two learning tests per seed.
-    assert "4,000,000,000 tasks" in printed
-    assert "at most 100,000" in printed
+    assert "a study of 200,000 tasks; at most 100,000" in printed
     assert not (tmp_path / "study").exists()
 
 
@@ -234,7 +231,7 @@ def test_warns_of_workers_with_other_code(
         (["--doors", "small", "small"], "door small is given twice"),
         (["--doors", "smal"], "did you mean 'small'"),
         (["--doors", "0.95"], "DoorConfig.radius = 0.95 is outside [0.3, 0.65]"),
-        (["--seeds", "0"], "--seeds 0 must be 1 or more"),
+        (["--seeds", "0"], "--seeds 0 must be 1 to 10000"),
         (["--demonstrations-per-door", "0"], "--demonstrations-per-door 0 must be 1"),
         (["--teacher-noise", "-1"], "--teacher-noise -1.0 must be 0 to 20"),
         (["--randomizations", "mid"], "did you mean 'mild'"),

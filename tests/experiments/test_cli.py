@@ -1,3 +1,4 @@
+import hashlib
 import json
 import os
 import subprocess
@@ -100,6 +101,8 @@ def test_run_writes_metrics_logs_recordings_and_where_they_came_from(
     config = json.loads((out / "run.json").read_text())["config"]
     assert config["policy"] == "oracle"
     assert config["door_configs"]["0.42"]["radius"] == 0.42
+    learned_from = (out / "demonstrations.npz").read_bytes()
+    assert config["demonstrations_sha256"] == hashlib.sha256(learned_from).hexdigest()
     printed = capsys.readouterr()
     assert "small" in printed.out
     assert f"gplfd view {out / 'small.rrd'}" in printed.out

@@ -10,8 +10,9 @@ from experiments.datasets.npz import (
     load_demonstrations,
     save_demonstrations,
 )
-from experiments.npz_archive import read_archive, write_archive
 from experiments.teacher import Teacher
+from policies.demonstrations import Demonstration
+from policies.storage import write_archive
 
 
 @pytest.fixture
@@ -25,10 +26,9 @@ def saved(tmp_path: Path) -> Path:
 
 
 def rewrite(path: Path, **changes: Any) -> None:
-    arrays = read_archive(path, kind=KIND, version=VERSION)
-    arrays.update(changes)
-    kept = {name: array for name, array in arrays.items() if array is not None}
-    write_archive(path, kind=KIND, version=VERSION, arrays=kept)
+    with np.load(path) as archive:
+        arrays = dict(archive) | changes
+    np.savez(path, **{name: a for name, a in arrays.items() if a is not None})
 
 
 def test_round_trip_is_exact(tmp_path: Path, saved: Path) -> None:
@@ -69,15 +69,7 @@ def test_missing_file(tmp_path: Path) -> None:
 def test_cut_file(saved: Path, fraction: float) -> None:
     whole = saved.read_bytes()
     saved.write_bytes(whole[: int(fraction * len(whole))])
-    with pytest.raises(ValueError, match=r"cannot be read as \.npz: it is cut off"):
-        load_demonstrations(saved)
-
-
-def test_damaged_file(saved: Path) -> None:
-    whole = bytearray(saved.read_bytes())
-    whole[len(whole) // 2] ^= 0xFF
-    saved.write_bytes(bytes(whole))
-    with pytest.raises(ValueError, match=r"cannot be read as \.npz"):
+    with pytest.raises(ValueError, match=r"d\.npz cannot be read as gplfd demonst"):
         load_demonstrations(saved)
 
 
@@ -85,14 +77,8 @@ def test_foreign_files(tmp_path: Path, saved: Path) -> None:
     np.savez(tmp_path / "foreign.npz", a=np.zeros(3))
     with pytest.raises(ValueError, match="holds something else"):
         load_demonstrations(tmp_path / "foreign.npz")
-    np.save(tmp_path / "array.npy", np.zeros(3))
-    with pytest.raises(ValueError, match=r"cannot be read as \.npz"):
-        load_demonstrations(tmp_path / "array.npy")
     write_archive(saved, kind="a gplfd episode log", version=1, arrays={})
     with pytest.raises(ValueError, match="it holds a gplfd episode log"):
-        load_demonstrations(saved)
-    np.savez(saved, format=np.array([{}], dtype=object))
-    with pytest.raises(ValueError, match=r"cannot be read as \.npz"):
         load_demonstrations(saved)
 
 
@@ -101,9 +87,19 @@ def test_foreign_files(tmp_path: Path, saved: Path) -> None:
     [
         ({"units": np.array("s, mm, deg")}, "units is 's, mm, deg', must be 's, m, "),
         ({"frame": np.array("world")}, "frame is 'world', must be 'task: "),
-        ({"poses_1": None}, "is incomplete: 'poses_1"),
-        ({"radii": None}, "is incomplete: 'radii"),
-        ({"radii": np.zeros(0)}, "holds no demonstration"),
+        ({"poses_1": None}, "it lacks 'poses_1'"),
+        ({"radii": None}, "it lacks 'radii'"),
+        ({"radii": np.zeros(0)}, "0 demonstrations and 0 radii"),
+        ({"radii": np.array(0.5)}, r"radii has shape \(\)"),
+        ({"radii": np.array([0.5])}, "it holds 'times_1', which does not belong"),
+        ({"radii": np.array([0.5, np.inf])}, "radius is inf; it must be positive"),
+        ({"radii": np.array([0.5, -0.4])}, "radius is -0.4; it must be positive"),
+        ({"radii": np.array([0.5, 0.0])}, "radius is 0.0; it must be positive"),
+        ({"radii": np.array([True, True])}, "radii holds bool, must hold numbers"),
+        ({"radii": np.array(["0.5", "0.4"])}, "radii holds <U3, must hold numbers"),
+        ({"times_1": np.array(["0", "1"])}, "times_1 holds <U1, must hold numbers"),
+        ({"units": np.zeros(3)}, r"units is '\[0. 0. 0.\]', must be 's, m, rad'"),
+        ({"radii": np.array([0.5, 0.4j])}, "'radii' holds complex128, not numbers"),
         (
             {"poses_1": np.zeros((5, 6)), "times_1": np.arange(5.0)},
             "demonstration 1: .* never moves",
@@ -118,7 +114,7 @@ def test_wrong_content(saved: Path, changes: dict[str, Any], message: str) -> No
 
 def test_other_version(saved: Path) -> None:
     write_archive(saved, kind=KIND, version=VERSION + 1, arrays={})
-    with pytest.raises(ValueError, match=r"has version 2 .* reads version 1"):
+    with pytest.raises(ValueError, match=r"has version 2, .* reads version 1"):
         load_demonstrations(saved)
 
 
@@ -127,4 +123,10 @@ def test_every_demonstration_needs_a_label(tmp_path: Path) -> None:
         save_demonstrations(tmp_path / "d.npz", [], [0.5])
     with pytest.raises(ValueError, match="0 demonstrations and 0 radii"):
         save_demonstrations(tmp_path / "d.npz", [])
+    with pytest.raises(ValueError, match=r"radius is -0\.5; it must be positive"):
+        save_demonstrations(tmp_path / "d.npz", [moving()], [-0.5])
     assert list(tmp_path.iterdir()) == []
+
+
+def moving() -> Demonstration:
+    return Demonstration(times=np.arange(2.0), poses=np.eye(2, 6))

@@ -1,17 +1,23 @@
 """``gplfd demos`` at the command line."""
 
+import hashlib
 import json
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
+import minari
+import numpy as np
 import pytest
 
 from experiments import cli
 from experiments.datasets.minari import open_dataset
 
 Gplfd = Callable[..., int]
+DATASETS = "experiments.datasets."
 
 
 @pytest.fixture
@@ -83,6 +89,29 @@ def test_replay_of_some_episodes(
     assert [line.split(":")[0] for line in lines[1:-1]] == ["episode 3", "episode 1"]
 
 
+def test_one_door_is_minaris_own_door_to_recover(gplfd: Gplfd, tmp_path: Path) -> None:
+    assert gplfd(*RECORD, "--doors", "0.42", "--out", "narrow-v0") == 0
+    dataset = minari.MinariDataset(tmp_path / "narrow-v0" / "data")
+    _, info = dataset.recover_environment().reset(seed=0)
+    assert info["door_radius"] == 0.42
+    metadata = json.loads((tmp_path / "narrow-v0/data/metadata.json").read_text())
+    assert "doors" not in metadata["description"]
+
+
+def test_several_doors_are_reached_by_the_options_of_their_episodes(
+    gplfd: Gplfd, recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dataset = minari.MinariDataset(recorded / "data")
+    env = dataset.recover_environment()
+    stored = dataset.storage.get_episode_metadata(range(4))
+    for metadata, radius in zip(stored, (0.35, 0.35, 0.42, 0.42), strict=True):
+        assert env.reset(options=metadata["options"])[1]["door_radius"] == radius
+    assert gplfd("demos", "inspect", str(recorded)) == 0
+    assert "It holds 2 doors, and recover_environment() makes one" in (
+        capsys.readouterr().out
+    )
+
+
 def edit(folder: Path, change: Callable[[Any], None]) -> None:
     file = folder / "data" / "metadata.json"
     metadata = json.loads(file.read_text())
@@ -90,13 +119,22 @@ def edit(folder: Path, change: Callable[[Any], None]) -> None:
     file.write_text(json.dumps(metadata))
 
 
+def edit_arrays(folder: Path, change: Callable[[Any], None]) -> None:
+    """Change the file of the arrays, and the hash that it must have."""
+    file = folder / "data" / "main_data.hdf5"
+    with h5py.File(file, "a") as arrays:
+        change(arrays)
+    sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
+    edit(folder, lambda metadata: metadata["gplfd"].update(sha256=sha256))
+
+
 def test_replay_of_a_tampered_recording_departs_with_status_1(
     gplfd: Gplfd, copied: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    import h5py
-
-    with h5py.File(copied / "data" / "main_data.hdf5", "a") as file:
+    def tamper(file: Any) -> None:
         file["episode_1/infos/physics_state"][6, 1] += 1e-12
+
+    edit_arrays(copied, tamper)
     edit(copied, lambda m: m["gplfd"]["versions"].update(mujoco="3.9.0"))
     assert gplfd("demos", "replay", str(copied)) == 1
     lines = capsys.readouterr().out.splitlines()
@@ -127,25 +165,36 @@ def cut(folder: Path) -> None:
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
 
 
-def lose_an_episode(folder: Path) -> None:
-    import h5py
+def one_bit(folder: Path) -> None:
+    file = folder / "data" / "main_data.hdf5"
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
 
-    with h5py.File(folder / "data" / "main_data.hdf5", "a") as file:
-        del file["episode_3"]
+
+def without(name: str) -> Callable[[Path], None]:
+    return lambda folder: edit_arrays(folder, lambda file: file.__delitem__(name))
 
 
-def lose_the_states(folder: Path) -> None:
-    import h5py
+def with_array(name: str, array: Any) -> Callable[[Path], None]:
+    def change(file: Any) -> None:
+        del file[name]
+        file[name] = array
 
-    with h5py.File(folder / "data" / "main_data.hdf5", "a") as file:
-        del file["episode_0/infos/physics_state"]
+    return lambda folder: edit_arrays(folder, change)
+
+
+def with_endless_array(folder: Path) -> None:
+    def change(file: Any) -> None:
+        del file["episode_0/actions"]
+        file.create_dataset("episode_0/actions", (10**12, 6), "f4", chunks=(1, 6))
+
+    edit_arrays(folder, change)
 
 
 def shorten_the_states(folder: Path) -> None:
-    import h5py
-
-    with h5py.File(folder / "data" / "main_data.hdf5", "a") as file:
-        file["episode_0/infos/physics_state"].resize(5, axis=0)
+    states = "episode_0/infos/physics_state"
+    edit_arrays(folder, lambda file: file[states].resize(5, axis=0))
 
 
 def foreign(metadata: Any) -> None:
@@ -165,20 +214,41 @@ def unknown_argument(metadata: Any) -> None:
     [
         (shutil.rmtree, "is not a data set: there is no data/metadata.json in it"),
         (lambda f: (f / "data/main_data.hdf5").unlink(), "no data/main_data.hdf5"),
-        (cut, "truncated file"),
-        (lose_an_episode, "3 of 4 episodes are in the file"),
-        (lose_the_states, "physics_state"),
-        (shorten_the_states, "an episode of 8 steps has 5 physics states"),
-        (lambda f: (f / "data/metadata.json").write_text("{"), "copy-v0: Expecting"),
+        (cut, "main_data.hdf5 is damaged or was changed after it was recorded"),
+        (one_bit, "main_data.hdf5 is damaged or was changed after it was recorded"),
+        (without("episode_3"), "copy-v0: episode 3 cannot be read: "),
+        (without("episode_0/actions"), "actions"),
+        (without("episode_0/infos/physics_state"), "info physics_state is missing"),
+        (without("episode_0/infos/success"), "info success is missing"),
+        (shorten_the_states, "physics_state has shape (5, 182), must have (9, 182)"),
+        (with_endless_array, "it would take 24,000,0"),
+        (with_array("episode_0/rewards", 3.0), "rewards has shape (), must have (1,)"),
+        (
+            with_array("episode_0/actions", b"text"),
+            "actions is |S4, no array of numbers or text",
+        ),
+        (with_array("episode_0/actions", np.zeros((8, 5))), "episode 0 cannot be run"),
+        (
+            lambda f: (f / "data/metadata.json").write_text("{"),
+            "data/metadata.json cannot be read as JSON: Expecting",
+        ),
         (lambda f: edit(f, lambda m: m.pop("gplfd")), "was not recorded by `gplfd de"),
         (lambda f: edit(f, lambda m: m["gplfd"].update(layout=9)), "layout 9, this"),
         (
             lambda f: edit(f, lambda m: m["gplfd"]["versions"].pop("numpy")),
             "does not say with which numpy",
         ),
-        (lambda f: edit(f, lambda m: m.pop("env_spec")), "incomplete: env_spec"),
+        (
+            lambda f: edit(f, lambda m: m.pop("env_spec")),
+            "it lacks env_spec, which must",
+        ),
         (lambda f: edit(f, foreign), "recorded in CartPole-v1, which is no environ"),
         (lambda f: edit(f, unknown_argument), "cannot make gplfd/DoorOpening-v0 with"),
+        (lambda f: edit(f, lambda m: m.update(env_spec="[]")), "holds [], not an obj"),
+        (
+            lambda f: edit(f, lambda m: m["gplfd"].update(git=[])),
+            "git = [] must be an object in {braces} or null",
+        ),
     ],
 )
 def test_a_bad_data_set_is_one_paragraph_and_status_2(
@@ -194,6 +264,23 @@ def test_a_bad_data_set_is_one_paragraph_and_status_2(
     assert message in printed
     assert len([line for line in printed.splitlines() if "gplfd: " in line]) == 1
     assert "Traceback" not in printed
+
+
+def test_without_minari_the_extra_is_named(
+    gplfd: Gplfd,
+    recorded: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in [name for name in sys.modules if name.startswith(DATASETS)]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "minari", None)
+    for command in (RECORD, ("demos", "replay", str(recorded))):
+        assert gplfd(*command) == 2
+        printed = capsys.readouterr().err
+        assert "pip install '.[minari]'" in printed
+        assert "pip install 'gplfd[minari]'" in printed
+        assert "Traceback" not in printed
 
 
 def test_an_unknown_episode_is_refused_before_any_is_run(

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from experiments.datasets.minari import Episode, Recorder, open_dataset
+from experiments.datasets.minari import RecordedEpisode, Recorder, open_dataset
 from experiments.datasets.replay import Comparison, changes_since, compare, replay
 from experiments.files.provenance import versions
 from gplfd_env import ENVIRONMENT_ID
@@ -31,7 +31,7 @@ episode; a door that is 1 g heavier is above."""
 N_STEPS = 10
 
 
-def record(env: gym.Env[Any, Any], n_steps: int = N_STEPS) -> Episode:
+def record(env: gym.Env[Any, Any], n_steps: int = N_STEPS) -> RecordedEpisode:
     recorder = Recorder(env)
     recorder.reset(seed=1, options={"door": {"radius": 0.45}})
     for step in range(n_steps):
@@ -41,11 +41,13 @@ def record(env: gym.Env[Any, Any], n_steps: int = N_STEPS) -> Episode:
 
 
 @pytest.fixture(scope="module")
-def episode() -> Episode:
+def episode() -> RecordedEpisode:
     return record(gym.make(ENVIRONMENT_ID))
 
 
-def changed_state(episode: Episode, row: int, part: str, amount: float) -> Episode:
+def changed_state(
+    episode: RecordedEpisode, row: int, part: str, amount: float
+) -> RecordedEpisode:
     states = episode.states.copy()
     start = 0
     for name, size in episode.state_layout.items():
@@ -57,7 +59,9 @@ def changed_state(episode: Episode, row: int, part: str, amount: float) -> Episo
     )
 
 
-def test_a_replay_on_the_same_machine_is_the_recording(episode: Episode) -> None:
+def test_a_replay_on_the_same_machine_is_the_recording(
+    episode: RecordedEpisode,
+) -> None:
     comparison = compare(episode, replay(episode, gym.make(ENVIRONMENT_ID)))
     assert comparison == Comparison(
         steps=N_STEPS, replayed_steps=N_STEPS, departure=None, model_parts=()
@@ -67,7 +71,7 @@ def test_a_replay_on_the_same_machine_is_the_recording(episode: Episode) -> None
 
 
 def test_the_first_departure_is_named_with_field_and_distance(
-    episode: Episode,
+    episode: RecordedEpisode,
 ) -> None:
     other = changed_state(changed_state(episode, 7, "qvel", 1e-9), 4, "warmstart", 0.5)
     departure = compare(episode, other).departure
@@ -80,7 +84,9 @@ def test_the_first_departure_is_named_with_field_and_distance(
     assert "at most: qvel by 1e-09, warmstart by 0.5" in text
 
 
-def test_one_bit_is_a_departure(episode: Episode) -> None:
+def test_one_bit_is_a_departure(
+    episode: RecordedEpisode,
+) -> None:
     states = episode.states.copy()
     states[3, 2] = np.nextafter(states[3, 2], 1.0)
     infos = {**episode.infos, "physics_state": states}
@@ -89,7 +95,9 @@ def test_one_bit_is_a_departure(episode: Episode) -> None:
     assert departure.step == 3
 
 
-def test_what_is_no_number_is_infinitely_far(episode: Episode) -> None:
+def test_what_is_no_number_is_infinitely_far(
+    episode: RecordedEpisode,
+) -> None:
     broken = changed_state(episode, 6, "qpos", math.nan)
     assert compare(broken, broken).exact
     departure = compare(episode, broken).departure
@@ -98,7 +106,9 @@ def test_what_is_no_number_is_infinitely_far(episode: Episode) -> None:
     assert departure.step == 6
 
 
-def test_noise_that_only_the_agent_sees_is_a_departure(episode: Episode) -> None:
+def test_noise_that_only_the_agent_sees_is_a_departure(
+    episode: RecordedEpisode,
+) -> None:
     pose = episode.observations["ee_pose"].copy()
     pose[2, 0] += 1e-3
     seen = {**episode.observations, "ee_pose": pose}
@@ -110,7 +120,9 @@ def test_noise_that_only_the_agent_sees_is_a_departure(episode: Episode) -> None
     assert departure.fields == {"observed ee_pose": pytest.approx(1e-3)}
 
 
-def test_another_outcome_is_a_departure(episode: Episode) -> None:
+def test_another_outcome_is_a_departure(
+    episode: RecordedEpisode,
+) -> None:
     rewards = episode.rewards.copy()
     rewards[-1] += 1.0
     departure = compare(
@@ -121,7 +133,9 @@ def test_another_outcome_is_a_departure(episode: Episode) -> None:
     assert departure.fields == {"rewards": pytest.approx(1.0)}
 
 
-def test_another_layout_departs_at_the_reset(episode: Episode) -> None:
+def test_another_layout_departs_at_the_reset(
+    episode: RecordedEpisode,
+) -> None:
     wider = dataclasses.replace(
         episode,
         infos={
@@ -148,13 +162,17 @@ class Heavier(gym.Wrapper[Any, Any, Any, Any]):
         return result
 
 
-def test_another_model_is_named_and_departs(episode: Episode) -> None:
+def test_another_model_is_named_and_departs(
+    episode: RecordedEpisode,
+) -> None:
     comparison = compare(episode, replay(episode, Heavier(gym.make(ENVIRONMENT_ID))))
     assert comparison.model_parts == ("body",)
     assert str(comparison).startswith("the model differs in body; departs at step 1")
 
 
-def test_a_replay_that_ends_early_says_so(episode: Episode) -> None:
+def test_a_replay_that_ends_early_says_so(
+    episode: RecordedEpisode,
+) -> None:
     short = gym.make(ENVIRONMENT_ID, max_episode_steps=N_STEPS - 3)
     comparison = compare(episode, replay(episode, short))
     assert not comparison.exact

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.episodes.log import KIND, VERSION, EpisodeLog
-from experiments.npz_archive import read_archive, write_archive
+from experiments.episodes.log import EpisodeLog
 
 MakeLog = Callable[..., EpisodeLog]
 
@@ -49,8 +48,21 @@ def test_wrong_shape_names_the_array(
 def test_incomplete_file(tmp_path: Path, make_log: MakeLog) -> None:
     path = tmp_path / "log.npz"
     make_log().save(path)
-    arrays = read_archive(path, kind=KIND, version=VERSION)
-    del arrays["wrench"]
-    write_archive(path, kind=KIND, version=VERSION, arrays=arrays)
-    with pytest.raises(ValueError, match=r"is not a valid episode log: .*wrench"):
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files if name != "wrench"}
+    np.savez(path, **arrays)
+    with pytest.raises(ValueError, match=r"log\.npz cannot be read .* lacks 'wrench'"):
+        EpisodeLog.load(path)
+
+
+@pytest.mark.parametrize(
+    "header", ["[1]", "{", '{"seed": 1}', '{"other": 1}', "[" * 9999]
+)
+def test_wrong_header(tmp_path: Path, make_log: MakeLog, header: str) -> None:
+    path = tmp_path / "log.npz"
+    make_log().save(path)
+    with np.load(path) as archive:
+        arrays = dict(archive) | {"header": np.array(header)}
+    np.savez(path, **arrays)
+    with pytest.raises(ValueError, match=r"log\.npz cannot be read as a gplfd episode"):
         EpisodeLog.load(path)

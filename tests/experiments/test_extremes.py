@@ -1,5 +1,6 @@
-"""Which episodes are recorded, and that their repetition is held against the study."""
+"""Which episodes are recorded, and that their repetition is compared with the study."""
 
+import dataclasses
 import json
 
 import pytest
@@ -7,39 +8,26 @@ import pytest
 from experiments import extremes as module
 from experiments.extremes import COMPARED, extremes, record_extremes, same_door
 from experiments.repetition import differences
-from experiments.results.records import read_results
+from experiments.report.recordings import recording_name
+from experiments.results.reading import read_results
 from experiments.study.runner import run_study
 from experiments.study.tasks import EpisodeTask
-from experiments.teacher import standard_teacher
 from gplfd_env.config import DoorConfig
 
-CONFIG = {name: getattr(DoorConfig(), name) for name in DoorConfig.__slots__}
+CONFIG = dataclasses.asdict(DoorConfig())
 
 
 @pytest.fixture
-def episodes(tmp_path):
+def episodes(write_study, episode_result):
     """Read episodes from result files of (policy, seed, success, force, angle)."""
 
-    def read(*rows, radius=0.5):
-        (tmp_path / "tasks").mkdir(exist_ok=True)
-        for number, (policy, seed, success, force, angle) in enumerate(rows):
-            task = {
-                "policy": policy,
-                "seed": seed,
-                "door": "medium",
-                "door_config": CONFIG | {"radius": radius},
-                "demonstrations_per_door": 2,
-                "teacher": standard_teacher(),
-            }
-            metrics = {
-                "success": success,
-                "force_radial_peak": force,
-                "final_angle_deg": angle,
-                "time_to_60_deg": 5.0 if success else None,
-            }
-            path = tmp_path / "tasks" / f"{number}.json"
-            path.write_text(json.dumps({"task": task, "metrics": metrics}))
-        return read_results(tmp_path).episodes
+    def read(*rows):
+        results = []
+        for policy, seed, success, force, angle in rows:
+            result = episode_result(policy, seed, opened=success)
+            result["metrics"] |= {"force_radial_peak": force, "final_angle_deg": angle}
+            results.append(result)
+        return read_results(write_study(results)).episodes
 
     return read
 
@@ -54,7 +42,7 @@ def test_order_is_success_then_force_then_angle(episodes):
             ("gp", 4, True, 1.0, 65.0),
         )
     )
-    assert {rank: one.seed for rank, one in chosen.items()} == {
+    assert {rank: one.task.seed for rank, one in chosen.items()} == {
         "best": 4,
         "median": 1,
         "worst": 3,
@@ -69,17 +57,17 @@ def test_no_episode_is_recorded_twice(episodes, count, ranks):
     rows = [("gp", seed, True, 1.0 + seed, 64.0) for seed in range(count)]
     found = extremes(episodes(*rows)) if rows else extremes([])
     assert list(found) == ranks
-    assert len({one.seed for one in found.values()}) == count
+    assert len({one.task.seed for one in found.values()}) == count
 
 
 def test_the_comparison_goes_from_the_best_to_the_worst(episodes):
     others = [(f"p{k}", 0, True, 2.0 + k, 64.0) for k in range(8)]
     read = episodes(("gp", 0, False, 9.0, 3.0), *others, ("gp", 1, True, 1.0, 64.0))
-    chosen = same_door(read, 0.5)
+    chosen = same_door(read, 0.5, "gp")
     assert list(chosen) == ["gp", "p0", "p2", "p4", "p5", "p7"]
     assert len(chosen) == COMPARED
-    assert {one.seed for one in chosen.values()} == {0}
-    assert same_door(read, 0.65) == {}
+    assert {one.task.seed for one in chosen.values()} == {0}
+    assert same_door(read, 0.65, "gp") == {}
 
 
 def test_only_times_may_differ_in_a_repetition():
@@ -135,20 +123,72 @@ def test_a_number_that_is_not_repeated_is_said(study, monkeypatch):
     assert entry["different"] == {"work": [123.0, true]}
 
 
-def test_a_policy_that_is_gone_does_not_take_the_others_along(study):
+def renamed(study, policy):
+    """Another policy's episode, of which nothing but the name is new."""
     (file,) = (study / "tasks").glob("*.json")
     result = json.loads(file.read_text())
-    result["task"]["policy"] = "gone"
-    (study / "tasks" / "gone.json").write_text(json.dumps(result))
+    result["task"]["policy"] = policy
+    (study / "tasks" / "renamed.json").write_text(json.dumps(result))
+
+
+@pytest.mark.parametrize("error", [LookupError, RuntimeError, OSError, RecursionError])
+def test_what_a_policy_raises_is_noted_and_takes_no_other_along(
+    study, monkeypatch, error
+):
+    renamed(study, "odd")
+
+    def repeat(episode):
+        if episode.policy == "odd":
+            raise error("mine")
+        return again(episode)
+
+    again = module.repeat
+    monkeypatch.setattr(module, "repeat", repeat)
     index = json.loads(record_extremes(study).read_text())
-    gone, oracle = index["episodes"]
-    assert "unknown policy 'gone'" in gone["error"]
+    odd, oracle = index["episodes"]
+    assert odd["error"] == f"{error.__name__}: mine"
+    assert odd["repeated"] is False
     assert oracle["repeated"] is True
-    assert not (study / "recordings" / "gone-best.rrd").exists()
+    assert not (study / "recordings" / "odd-best.rrd").exists()
     assert [each["policy"] for each in index["comparisons"][0]["episodes"]] == [
-        "gone",
+        "odd",
         "oracle",
     ]
+
+
+def test_a_policy_that_is_gone_is_noted(study):
+    renamed(study, "gone")
+    gone, _ = json.loads(record_extremes(study).read_text())["episodes"]
+    assert "unknown policy 'gone'" in gone["error"]
+
+
+def test_a_disk_that_is_full_is_no_policy_s_error(study, monkeypatch):
+    def full(*_):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(module, "record_episode", full)
+    with pytest.raises(OSError, match="no space left"):
+        record_extremes(study)
+
+
+def test_any_name_of_a_policy_can_be_recorded(study, monkeypatch):
+    mine = "my_module:make/a.b"
+    renamed(study, mine)
+
+    def repeat(episode):
+        task = dataclasses.replace(episode.task, policy="oracle")
+        repeated = again(dataclasses.replace(episode, task=task))
+        log = dataclasses.replace(repeated.log, policy=episode.policy)
+        return dataclasses.replace(repeated, log=log)
+
+    again = module.repeat
+    monkeypatch.setattr(module, "repeat", repeat)
+    index = json.loads(record_extremes(study, reference=mine).read_text())
+    files = [entry["file"] for entry in index["episodes"]]
+    assert files == [recording_name(mine, "best"), "oracle-best.rrd"]
+    assert all((study / "recordings" / file).is_file() for file in files)
+    (compared,) = index["comparisons"]
+    assert [entry["policy"] for entry in compared["episodes"]] == [mine, "oracle"]
 
 
 def test_a_folder_without_results_is_refused(tmp_path):

@@ -24,7 +24,7 @@ from experiments.figures import (
 )
 from experiments.figures.captions import section, update_captions
 from experiments.figures.catalogue import FIGURES, chosen
-from experiments.figures.hindsight import expectation, replay
+from experiments.figures.hindsight import decisions, expectation
 from experiments.figures.material import Material
 from experiments.teacher import Teacher
 from policies.registry import make_agent
@@ -126,20 +126,20 @@ def test_drawing_needs_no_window_system(small: Material) -> None:
     assert figure.canvas.manager is None
 
 
-def test_replay_repeats_the_logged_decisions(opened: Material) -> None:
+def test_agents_of_a_log_decide_the_same_again(opened: Material) -> None:
     log = opened.episodes["large"]
     agent = make_agent("gp", opened.demonstrations.demonstrations)
-    decisions = replay(log, agent)
+    repeated = decisions(log, agent)
     for row, time in enumerate(log.times):
         for forecast in log.forecast_mean[log.forecast_times == time]:
             np.testing.assert_array_equal(expectation(agent).mean, forecast)
-        decision = next(decisions)
+        decision = next(repeated)
         for name in ("action", "std", "stiffness", "predicted_mean", "predicted_std"):
             np.testing.assert_array_equal(
                 getattr(decision, name), getattr(log, name)[row]
             )
         assert decision.via_point == log.via_point[row]
-    assert next(decisions, None) is None
+    assert next(repeated, None) is None
 
 
 def test_expectation_of_an_agent_that_makes_no_forecasts(opened: Material) -> None:

@@ -53,8 +53,9 @@ def test_the_whole_command(
     assert files(out) == {*drawn, "captions.md", "figures.json", "logs"}
     (runs,) = (out / "logs").iterdir()
     assert files(runs) == {
-        *("settings.json", "demonstrations.npz", "gp-small.npz", "gp-medium.npz"),
-        *("gp-large.npz", "gp-heavy.npz", "gp-0.42.npz"),
+        "settings.json",
+        "demonstrations.npz",
+        *(f"gp-{door}.npz" for door in ("small", "medium", "large", "heavy", "0.42")),
     }
     captions = (out / "captions.md").read_text()
     heads = [line.split(":")[0] for line in captions.splitlines() if line[:3] == "## "]

@@ -30,7 +30,7 @@ from experiments.figures.material import Material
 from experiments.figures.opening import measure
 from experiments.figures.pick_and_place import HEIGHT, PHASES
 from experiments.teacher import Teacher
-from policies.agent import GaussianProcessAgent
+from policies.agent import CompliantAgent
 from policies.registry import make_agent
 from policies.trajectory import GaussianTrajectory
 
@@ -286,9 +286,9 @@ def test_fig10_uses_the_law_of_the_policy_that_it_shows(
     doors: LabelledDemonstrations,
 ) -> None:
     agent = make_agent(episodes.POLICY, doors.demonstrations)
-    assert isinstance(agent, GaussianProcessAgent)
-    assert agent.profile is fig10_stiffness.DEFAULT_PROFILE
-    assert agent.dynamics is fig10_stiffness.DEFAULT_DYNAMICS
+    assert isinstance(agent, CompliantAgent)
+    assert agent.config.profile is fig10_stiffness.DEFAULT_PROFILE
+    assert agent.config.dynamics is fig10_stiffness.DEFAULT_DYNAMICS
 
 
 def test_forecasts_are_of_what_is_still_to_come(opened: Material) -> None:

@@ -9,14 +9,12 @@ import pytest
 
 from experiments.episodes.forecast_error import (
     PROGRESS,
-    STANDARD_ANGLE,
     forecast_errors,
     handle_path,
     squared_distances,
 )
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import episode_metrics
-from experiments.teacher import TeacherConfig
 from gplfd_env.task import handle_pose_on_arc
 
 MakeLog = Callable[..., EpisodeLog]
@@ -150,7 +148,3 @@ def test_distance_from_a_path_is_that_from_its_nearest_piece() -> None:
     points = np.array([[0.5, -0.2, 0], [2, 2, 0], [-3, 0, 4], [1.5, 0.5, 0]])
     distances: Any = np.sqrt(squared_distances(points, path))
     assert distances == pytest.approx([0.2, math.sqrt(2.0), 5.0, 0.5])
-
-
-def test_the_standard_teacher_opens_to_the_standard_angle() -> None:
-    assert TeacherConfig().angle_mean == STANDARD_ANGLE

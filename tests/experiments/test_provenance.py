@@ -3,6 +3,7 @@ import subprocess
 from pathlib import Path
 
 import mujoco
+import pytest
 
 from experiments.files.provenance import git_state, provenance
 
@@ -20,6 +21,7 @@ def test_provenance_is_json_and_names_what_ran() -> None:
     assert record["command"]
 
 
+@pytest.mark.needs("git")
 def test_git_state_follows_commits_and_edits(tmp_path: Path) -> None:
     assert git_state(tmp_path) is None
     git(tmp_path, "init", "--quiet")

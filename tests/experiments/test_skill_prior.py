@@ -6,14 +6,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from experiments.learning_tests.methods import Method, learn, method_named
+from experiments.learning_tests.methods import learn, method_named
 from experiments.learning_tests.prior_mean import prior_mean_used
 from experiments.teacher import Teacher
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
-from policies.gridded import Demonstrated
+from policies.method import Method, TrainingInput
 from policies.movement import Movement
-from policies.registry import TrainingInput
 from policies.trajectory import GaussianTrajectory
 
 DEMONSTRATIONS = Teacher().demonstrate_doors(
@@ -39,8 +38,18 @@ class Following:
         )
 
 
+class Untaught(Method):
+    """Makes its movement from the whole training input."""
+
+    def learn(self, training: TrainingInput) -> Movement:
+        return self.fit(training)
+
+
 def used(learner: Callable[[TrainingInput], Movement]) -> float | None:
-    method = Method(learn=learner, form=Demonstrated)
+    return used_by(Untaught(fit=learner, accepts_prior_mean=True))
+
+
+def used_by(method: Method) -> float | None:
     plain = learn(method, DEMONSTRATIONS, 0).movement
     return prior_mean_used(method, DEMONSTRATIONS, 0, plain)
 
@@ -79,15 +88,15 @@ def test_correcting_the_prior_mean_everywhere_is_not_returning_to_it() -> None:
 @pytest.mark.parametrize("policy", ["gp", "gp-paper", "local-gp"])
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_processes_return_to_the_prior_mean(policy: str) -> None:
-    assert used(method_named(policy).learn) == pytest.approx(1.0, abs=1e-6)
+    assert used_by(method_named(policy)) == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("policy", ["dmp", "promp", "gmr", "kmp", "gmm-gp"])
-def test_methods_that_refuse_have_no_share(policy: str) -> None:
-    assert used(method_named(policy).learn) is None
+def test_methods_that_take_none_have_no_share(policy: str) -> None:
+    assert used_by(method_named(policy)) is None
 
 
-def test_other_failures_are_not_taken_for_a_refusal() -> None:
+def test_failures_are_not_hidden() -> None:
     def learner(training: TrainingInput) -> Following:
         if training.prior_mean is not None:
             raise ValueError("something else")

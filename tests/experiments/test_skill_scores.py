@@ -1,6 +1,7 @@
 """Every method of Table 1 is measured alike, and learns from what it is given."""
 
 import dataclasses
+import functools
 import json
 from typing import Any
 
@@ -8,15 +9,15 @@ import numpy as np
 import pytest
 
 from experiments.learning_tests.folds import folds
-from experiments.learning_tests.methods import Method, learn
+from experiments.learning_tests.methods import learn
 from experiments.learning_tests.scores import method_metrics, skill_metrics
 from experiments.teacher import Teacher, TeacherConfig
-from policies import learning
+from policies import registry
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
-from policies.baselines.wishart_gp import WishartGPConfig
-from policies.gridded import Demonstrated
-from policies.registry import TABLE_1, TrainingInput
+from policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
+from policies.method import Method, TrainingInput
+from policies.registry import TABLE_1
 from policies.trajectory import GaussianTrajectory
 
 RADII = (0.35, 0.50, 0.65)
@@ -37,6 +38,13 @@ class Still:
         )
 
 
+class Untaught(Method):
+    """Makes its movement from the whole training input."""
+
+    def learn(self, training: TrainingInput) -> Any:
+        return self.fit(training)
+
+
 @pytest.mark.parametrize("held_out", ["demonstration", "radius"])
 def test_methods_are_given_the_folds_and_nothing_else(held_out: str) -> None:
     given: list[TrainingInput] = []
@@ -46,7 +54,7 @@ def test_methods_are_given_the_folds_and_nothing_else(held_out: str) -> None:
         return Still(align(training.demonstrations))
 
     method_metrics(
-        Method(learn=learn_and_tell, form=Demonstrated),
+        Untaught(fit=learn_and_tell),
         seed=3,
         demonstrations_per_door=2,
         teacher=TEACHER,
@@ -70,16 +78,14 @@ def test_learning_time_includes_what_is_put_off_until_prediction() -> None:
             asked.append(times)
             return super().predict(times)
 
-    method = Method(
-        learn=lambda training: Lazy(align(training.demonstrations)), form=Demonstrated
-    )
+    method = Method(fit=Lazy)
     learned = learn(method, [Teacher().demonstrate(0.5, np.random.default_rng(0))], 0)
     assert len(asked) == 1
     assert learned.cpu_s > 0.0
 
 
 def test_oracle_has_no_skill_to_measure() -> None:
-    with pytest.raises(ValueError, match="'oracle' learns nothing"):
+    with pytest.raises(ValueError, match=r"'oracle' learns no movement .*, gp,"):
         metrics_of("oracle", "demonstration")
 
 
@@ -96,7 +102,12 @@ def metrics_of(policy: str, held_out: str) -> dict[str, Any]:
 @pytest.fixture
 def short_chain(monkeypatch: pytest.MonkeyPatch) -> None:
     config = WishartGPConfig(steps=20, discarded=5, times=15, degrees=6)
-    monkeypatch.setattr(learning, "WishartGPConfig", lambda: config)
+    entry = registry.POLICIES["wishart-gp"]
+    short = dataclasses.replace(
+        entry.method, fit=functools.partial(fit_wishart_gp, config=config)
+    )
+    changed = {"wishart-gp": dataclasses.replace(entry, make=short)}
+    monkeypatch.setattr(registry, "POLICIES", {**registry.POLICIES, **changed})
 
 
 def without_times(metrics: dict[str, Any]) -> dict[str, Any]:

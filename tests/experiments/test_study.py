@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import pytest
 
@@ -28,6 +29,14 @@ def episodes(policies, seeds):
     ]
 
 
+def succeeded(task):
+    return {
+        "task": dataclasses.asdict(task),
+        **store.code_state(),
+        "metrics": {"success": True},
+    }
+
+
 @pytest.fixture
 def runs(monkeypatch):
     """Replace what a worker does by a record of which jobs ran."""
@@ -38,8 +47,7 @@ def runs(monkeypatch):
         return [
             jobs.failed(task, "ValueError: cannot learn from this")
             if task.policy == "broken"
-            else {"task": dataclasses.asdict(task)}
-            | {**store.code_state(), "metrics": {"success": True}}
+            else succeeded(task)
             for task in job
         ]
 
@@ -143,11 +151,41 @@ def test_a_task_that_failed_is_run_again(tmp_path, runs, monkeypatch):
         *["ValueError: cannot learn from this"] * 2,
         *[None] * 2,
     ]
-    monkeypatch.setattr(
-        runner, "run_job", lambda job: [{"metrics": {"success": True}} for _ in job]
-    )
-    assert list(run_study(tmp_path, study)) == [{"metrics": {"success": True}}] * 2
+    monkeypatch.setattr(runner, "run_job", lambda job: list(map(succeeded, job)))
+    assert list(run_study(tmp_path, study)) == [succeeded(task) for task in study[:2]]
     assert list(run_study(tmp_path, study)) == []
+
+
+DAMAGES = {
+    "empty": (lambda text: "", "cannot be read as JSON: Expecting value"),
+    "cut": (lambda text: text[: len(text) // 2], "cannot be read as JSON"),
+    "no object": (lambda text: "[1]", "not an object in {braces}"),
+    "nothing in it": (lambda text: "{}", "lacks metrics, which must be an object"),
+    "no metrics": (lambda text: '{"metrics": [1]}', r"metrics = \[1\] must be an obj"),
+    "no reason": (lambda text: '{"error": null}', "error = None must be a text"),
+    "no task": (lambda text: '{"metrics": {}}', "lacks task, which must be an object"),
+    "strange task": (lambda text: '{"error": "", "task": {}}', "not a task of a study"),
+    "other task": (lambda text: text.replace("small", "large"), "of another task"),
+    "NaN": (lambda text: text.replace("true", "NaN"), "infinite or not a number"),
+    "no text": (lambda text: "\udcff", "codec can't decode byte 0xff"),
+}
+
+
+@pytest.mark.parametrize(("damage", "message"), DAMAGES.values(), ids=DAMAGES)
+def test_a_damaged_result_is_named_and_its_task_run_again(
+    tmp_path, runs, damage, message
+):
+    study = episodes(("gp",), range(2))
+    results = list(run_study(tmp_path, study))
+    path = store.result_path(tmp_path, study[0])
+    text = damage(path.read_text())
+    path.write_text(text, encoding="utf-8", errors="surrogateescape")
+    (reason,) = store.damaged_results(tmp_path, study)
+    assert reason.startswith(str(path))
+    assert re.search(message, reason)
+    assert made_by_other_code(tmp_path, study) == 0
+    assert list(run_study(tmp_path, study)) == results[:1]
+    assert store.damaged_results(tmp_path, study) == ()
 
 
 def test_what_no_worker_finished_is_an_error_of_its_tasks(tmp_path):

@@ -17,6 +17,9 @@ from experiments.study.store import stored_result
 from experiments.study.tasks import EpisodeTask, SkillTask, jobs_of
 from gplfd_env.config import door_config
 from policies import registry
+from policies.adaptation import ProcessAdaptation
+from policies.method import Method, TrainingInput
+from policies.skill import fit_skill
 
 MakeLog = Callable[..., Any]
 
@@ -77,14 +80,15 @@ def test_what_is_learned_once_opens_all_doors(
     opened: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     learned = []
-    entry = registry.policy_entry("gp")
-    assert entry.learn is not None
+    entry = registry.policy_named("gp")
 
-    def learn(training: Any) -> Any:
-        learned.append(training)
-        return entry.learn(training)
+    class Noting(Method):
+        def learn(self, training: TrainingInput) -> Any:
+            learned.append(training)
+            return super().learn(training)
 
-    changed = {"gp": dataclasses.replace(entry, learn=learn)}
+    method = Noting(fit=fit_skill, adaptation=ProcessAdaptation)
+    changed = {"gp": dataclasses.replace(entry, make=method)}
     monkeypatch.setattr(registry, "POLICIES", changed)
     slow = {**task().teacher, "duration_mean": 9.0}
     doors = (0.35, 0.42, 0.5)

@@ -1,7 +1,9 @@
 """What a person may write about a study, on the command line and in a file."""
 
 import dataclasses
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -55,12 +57,17 @@ def test_a_file_need_not_say_everything(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("sedes = 3", "unknown key 'sedes' (did you mean 'seeds'?); keys: policies"),
-        ("seeds = ", "is not a TOML file"),
+        ("seeds = ", "cannot be read as TOML: Invalid value"),
         ("seeds = 2.5", "seeds = 2.5 must be a whole number"),
         ("seeds = true", "seeds = True must be a whole number"),
-        ('policies = "gp"', "policies = 'gp' must be a list, in [brackets]"),
-        ("policies = [3]", "policies = [3] must be a list, each of it a text"),
-        ("teacher_noise = [true]", "must be a list, each of it a number"),
+        ('policies = "gp"', "policies = 'gp' must be a list in [brackets], each of it"),
+        ("policies = [3]", "= [3] must be a list in [brackets], each of it a text"),
+        ("teacher_noise = [true]", "a list in [brackets], each of it a number"),
+        ("doors = [[0.4]]", "each of it a text or a number"),
+        ("seeds = 0x" + "f" * 4000, "a number that is infinite or not a number"),
+        ("teacher_noise = [inf]", "a number that is infinite or not a number"),
+        ("seeds = " + 5000 * "[", "is nested too deeply"),
+        ("seeds" + 40 * ".a" + " = 1", "is nested deeper than 32 levels"),
         ("skill = 1", "skill = 1 must be true or false"),
         ("seeds = 3\n[more]", "unknown key 'more'"),
     ],
@@ -72,6 +79,23 @@ def test_a_wrong_file_is_refused(tmp_path: Path, text: str, message: str) -> Non
         read_settings(path)
     assert message in str(raised.value)
     assert str(path) in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"seeds": 1_000_000_000}, "--seeds 1000000000 must be 1 to 10000"),
+        ({"demonstrations_per_door": (2, 10**9)}, "1000000000 must be 1 to 1000"),
+        ({"teacher_noise": (21.0,)}, "--teacher-noise 21.0 must be 0 to 20"),
+        ({"randomizations": ("mild", "mild")}, "mild is given twice"),
+        ({"policies": ()}, "--policies needs at least one value"),
+    ],
+)
+def test_a_study_without_end_or_sense_is_refused(
+    settings: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        checked(StudySettings(**settings))
 
 
 def test_a_study_that_does_not_exist_is_refused() -> None:

@@ -31,7 +31,7 @@ def run(program: str, folder: Path) -> str:
 def test_importing_does_not_load_the_simulator(package: str, tmp_path: Path) -> None:
     program = (
         f"import sys, {package}\n"
-        "heavy = {'mujoco', 'rerun', 'glfw', 'matplotlib', 'sklearn'}\n"
+        "heavy = {'mujoco', 'rerun', 'glfw', 'matplotlib', 'sklearn', 'scipy.stats'}\n"
         "print(sorted(heavy & set(sys.modules)))\n"
     )
     assert run(program, tmp_path).strip() == "[]"

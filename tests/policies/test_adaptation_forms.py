@@ -7,8 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from policies.adaptation import ADAPTATIONS, Adaptation, ProductAdaptation
+from policies.adaptation import (
+    ADAPTATIONS,
+    Adaptation,
+    ProductAdaptation,
+    adapt,
+    begin_adaptation,
+)
 from policies.aligned import AlignedDemonstrations
+from policies.baselines.promp import fit_promp
 from policies.skill import Skill, fit_skill
 from policies.trajectory import ViaPoint
 
@@ -51,7 +58,7 @@ def test_every_form_has_the_interface(skill, form):
 
 @pytest.mark.parametrize("form", ["process", "product"])
 def test_nothing_observed_is_the_demonstrated_policy(skill, form):
-    untouched, adapted = skill.predict(TIMES), skill.adapt([], form).predict(TIMES)
+    untouched, adapted = skill.predict(TIMES), adapt(skill, [], form).predict(TIMES)
     np.testing.assert_allclose(adapted.mean, untouched.mean, atol=1e-9)
     np.testing.assert_allclose(adapted.std, untouched.std, rtol=1e-5)
     np.testing.assert_allclose(adapted.mean_rate, untouched.mean_rate, atol=1e-6)
@@ -61,7 +68,7 @@ def test_nothing_observed_is_the_demonstrated_policy(skill, form):
 @pytest.mark.parametrize("std", [1e-4, 1e-3])
 def test_via_point_is_hit_within_its_noise(skill, form, std):
     point = via(skill, float(TIMES[20]), 0.05, std)
-    adapted = skill.adapt([point], form).predict(TIMES)
+    adapted = adapt(skill, [point], form).predict(TIMES)
     # A point σ_v strong pulls all but σ_v²/(σ² + σ_v²) of the way.
     np.testing.assert_allclose(adapted.mean[20], point.pose, atol=max(4.0 * std, 1e-3))
     before = skill.predict(TIMES).mean[20]
@@ -75,7 +82,7 @@ def test_far_field_is_unchanged(form):
     """Deviations here forget within 0.15 of the phase; so must the adaptation."""
     skill = fit(smooth_curves(40, 0.15, 0))
     untouched = skill.predict(TIMES)
-    adapted = skill.adapt([via(skill, 0.1, 0.05)], form).predict(TIMES)
+    adapted = adapt(skill, [via(skill, 0.1, 0.05)], form).predict(TIMES)
     far = TIMES > 0.8
     # What is left of correlation is what chance leaves in 40 demonstrations.
     scale = 0.35 if form == "process" else 0.05
@@ -86,7 +93,7 @@ def test_far_field_is_unchanged(form):
 @pytest.mark.parametrize("form", FORMS)
 def test_weak_via_points_change_nothing(skill, form):
     reference = ADAPTATIONS[form](skill, TIMES)
-    weak = skill.adapt([via(skill, 0.4, 1.0, 1e6)], form).predict(TIMES)
+    weak = adapt(skill, [via(skill, 0.4, 1.0, 1e6)], form).predict(TIMES)
     # A product multiplies with the via-points' prior, however weak they are.
     np.testing.assert_allclose(weak.mean, reference.mean, atol=1e-9)
     if form != "product":
@@ -96,8 +103,8 @@ def test_weak_via_points_change_nothing(skill, form):
 @pytest.mark.parametrize("form", FORMS)
 def test_order_of_via_points_does_not_matter(skill, form):
     points = [via(skill, phase, 0.03 * k) for k, phase in enumerate((0.2, 0.5, 0.63))]
-    forward = skill.adapt(points, form).predict(TIMES)
-    backward = skill.adapt(points[::-1], form).predict(TIMES)
+    forward = adapt(skill, points, form).predict(TIMES)
+    backward = adapt(skill, points[::-1], form).predict(TIMES)
     np.testing.assert_allclose(forward.mean, backward.mean, atol=1e-9)
     np.testing.assert_allclose(forward.std, backward.std, atol=1e-9)
 
@@ -107,8 +114,8 @@ def test_outputs_may_be_left_free(skill, form):
     point = via(skill, 0.5, 0.05)
     pose = point.pose.copy()
     pose[[1, 3]] = np.nan
-    some = skill.adapt([ViaPoint(phase=0.5, pose=pose)], form).predict(TIMES)
-    every = skill.adapt([point], form).predict(TIMES)
+    some = adapt(skill, [ViaPoint(phase=0.5, pose=pose)], form).predict(TIMES)
+    every = adapt(skill, [point], form).predict(TIMES)
     none = ADAPTATIONS[form](skill, TIMES)
     np.testing.assert_allclose(some.mean[:, [0, 2, 4, 5]], every.mean[:, [0, 2, 4, 5]])
     np.testing.assert_allclose(some.mean[:, [1, 3]], none.mean[:, [1, 3]], atol=1e-12)
@@ -119,10 +126,10 @@ def test_outputs_may_be_left_free(skill, form):
 def test_answer_does_not_depend_on_the_grid(skill, form):
     points = [via(skill, phase, 0.05) for phase in (0.1234, 0.2345, 0.4)]
     common = np.array([0.0, 0.3, 0.95])
-    coarse = skill.adapt(points, form).predict(common)
+    coarse = adapt(skill, points, form).predict(common)
     for size in (10, 100):
         grid = np.union1d(np.linspace(0.0, 1.0, size), common)
-        fine = skill.adapt(points, form).predict(grid)
+        fine = adapt(skill, points, form).predict(grid)
         chosen = np.searchsorted(grid, common)
         np.testing.assert_allclose(fine.mean[chosen], coarse.mean, atol=1e-12)
         np.testing.assert_allclose(fine.std[chosen], coarse.std, atol=1e-12)
@@ -134,7 +141,7 @@ def test_product_depends_on_the_grid():
     skill = fit(smooth_curves(8, 0.15, 0, frequency=2.0))
     points = [via(skill, phase, 0.0) for phase in (0.1, 0.2, 0.3)]
     ends = [
-        np.mean(skill.adapt(points, "product").predict(np.linspace(0, 1, m)).std[-1])
+        np.mean(adapt(skill, points, "product").predict(np.linspace(0, 1, m)).std[-1])
         for m in (3, 10, 100)
     ]
     assert ends[0] > 1.1 * ends[1] > 1.2 * ends[2]
@@ -146,10 +153,10 @@ def test_zero_prior_mean_pulls_the_policy():
     skill, grid = fit(poses), np.linspace(0.0, 1.0, 20)
     points = [via(skill, phase, 0.0) for phase in (0.0, 0.05)]
     mean = skill.predict(grid).mean
-    kept = skill.adapt(points, "product").predict(grid).mean
+    kept = adapt(skill, points, "product").predict(grid).mean
     np.testing.assert_allclose(kept, mean, atol=1e-9)
     paper = partial(ProductAdaptation, prior_mean="zero")
-    pulled = skill.adapt(points, paper).predict(grid).mean
+    pulled = adapt(skill, points, paper).predict(grid).mean
     assert np.max(np.abs(pulled - mean)) > 0.005
 
 
@@ -157,10 +164,10 @@ def test_zero_prior_mean_pulls_the_policy():
 def test_noise_free_and_contradicting_via_points_are_survived(skill, form):
     first, second = via(skill, 0.5, 0.04, 0.0), via(skill, 0.5, -0.02, 0.0)
     near = via(skill, 0.5 + 1e-9, 0.04, 0.0)
-    adapted = skill.adapt([first, first, second, near], form).predict(TIMES)
+    adapted = adapt(skill, [first, first, second, near], form).predict(TIMES)
     assert np.isfinite(adapted.mean).all()
     assert np.isfinite(adapted.std).all()
-    at_point = skill.adapt([first, second], form).predict(np.array([0.5]))
+    at_point = adapt(skill, [first, second], form).predict(np.array([0.5]))
     middle = 0.5 * (first.pose + second.pose)
     np.testing.assert_allclose(at_point.mean[0], middle, atol=2e-3)
 
@@ -175,7 +182,7 @@ def test_trajectory_is_a_snapshot(skill, form):
     np.testing.assert_array_equal(before.mean, mean)
     diagonal = np.diagonal(before.covariance, axis1=1, axis2=2).T
     np.testing.assert_allclose(np.sqrt(diagonal), before.std, atol=1e-9)
-    alone = skill.adapt([via(skill, 0.2, 0.05)], form).predict(TIMES)
+    alone = adapt(skill, [via(skill, 0.2, 0.05)], form).predict(TIMES)
     np.testing.assert_allclose(before.covariance, alone.covariance, atol=1e-12)
     assert np.abs(adaptation.mean - mean).max() > 0.01
 
@@ -193,7 +200,7 @@ def test_views_are_current_and_read_only(skill, form):
 
 @pytest.mark.parametrize("form", GRID_FREE)
 def test_rates_equal_finite_differences(skill, form):
-    adapted = skill.adapt([via(skill, 0.3, 0.05), via(skill, 0.41, 0.02)], form)
+    adapted = adapt(skill, [via(skill, 0.3, 0.05), via(skill, 0.41, 0.02)], form)
     grid, step = np.linspace(0.02, 0.98, 31), 1e-6
     up, down = adapted.predict(grid + step), adapted.predict(grid - step)
     here = adapted.predict(grid)
@@ -213,7 +220,7 @@ def test_rates_equal_finite_differences(skill, form):
 )
 def test_covariance_stays_a_covariance(skill, phases, shift, std, form):
     points = [via(skill, phase, shift, std) for phase in phases]
-    adapted = skill.adapt(points, form).predict(TIMES)
+    adapted = adapt(skill, points, form).predict(TIMES)
     assert (adapted.std > 0.0).all()
     eigenvalues = np.linalg.eigvalsh(adapted.covariance)
     assert (eigenvalues[:, 0] > -1e-10 * eigenvalues[:, -1]).all()
@@ -221,19 +228,46 @@ def test_covariance_stays_a_covariance(skill, phases, shift, std, form):
 
 def test_unknown_form_lists_the_known(skill):
     with pytest.raises(ValueError, match=r"'bayes'.*exact.*process.*product"):
-        skill.adapt([], "bayes")
+        adapt(skill, [], "bayes")
+
+
+def test_other_movements_adapt_in_their_own_form():
+    promp = fit_promp(
+        AlignedDemonstrations(times=TIMES, poses=smooth_curves(8, 0.3, 0))
+    )
+    point = ViaPoint(phase=0.4, pose=promp.predict(TIMES).mean[20] + 0.05)
+    own, ours = (
+        promp.adapt([point]).predict(TIMES),
+        adapt(promp, [point]).predict(TIMES),
+    )
+    np.testing.assert_array_equal(ours.mean, own.mean)
+    np.testing.assert_array_equal(ours.covariance, own.covariance)
+    with pytest.raises(ValueError, match="form of its own: leave form='product' out"):
+        adapt(promp, [point], "product")
+
+
+def test_movements_that_cannot_adapt_say_so(skill):
+    class Fixed:
+        aligned, duration, predict = skill.aligned, skill.duration, skill.predict
+
+    with pytest.raises(ValueError, match=r"Fixed has no via-points: .*adapt\(via"):
+        adapt(Fixed(), [])
+    still = begin_adaptation(Fixed(), None, TIMES)
+    still.observe(via(skill, 0.5, 0.1))
+    assert isinstance(still, Adaptation)
+    np.testing.assert_array_equal(still.mean, skill.predict(TIMES).mean)
 
 
 @pytest.mark.parametrize("form", GRID_FREE)
 def test_via_points_outside_are_refused(skill, form):
     with pytest.raises(ValueError, match=r"phase 1.5 is outside the range"):
-        skill.adapt([via(skill, 1.5, 0.0)], form).predict(TIMES)
+        adapt(skill, [via(skill, 1.5, 0.0)], form).predict(TIMES)
 
 
 @pytest.mark.parametrize("form", GRID_FREE)
 def test_grid_may_reach_beyond_the_demonstrations(skill, form):
     grid = np.linspace(-0.05, 1.1, 40)
-    adapted = skill.adapt([via(skill, 1.05, 0.05)], form).predict(grid)
+    adapted = adapt(skill, [via(skill, 1.05, 0.05)], form).predict(grid)
     assert np.isfinite(adapted.std).all()
     with pytest.raises(ValueError, match="too far beyond"):
         ADAPTATIONS[form](skill, np.array([0.0, 50.0]))

@@ -1,4 +1,4 @@
-"""The agent composes policy, adaptation, stiffness and admittance."""
+"""The compliant agent: movement, adaptation, stiffness and admittance together."""
 
 import dataclasses
 
@@ -8,11 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.task import handle_pose_on_arc
 from policies.adaptation import ProcessAdaptation
-from policies.agent import AgentConfig, GaussianProcessAgent
+from policies.agent import CompliantAgent
+from policies.compliance import ComplianceConfig
 from policies.controllers.stability import stability_margin
 from policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
 from policies.empirical import EmpiricalDistribution
-from policies.gridded import Demonstrated, GriddedPolicy
+from policies.gridded import GriddedMovement
 from policies.load import CarriedLoad, YieldToAll
 from policies.phase import PathPhase
 from policies.trajectory import GaussianTrajectory
@@ -21,13 +22,10 @@ PERIOD = 0.01
 
 
 def agent_of(skill, form=ProcessAdaptation, **config):
-    return GaussianProcessAgent(
-        policy=GriddedPolicy(skill, form, 100),
+    return CompliantAgent(
+        movement=GriddedMovement(skill, form, 100),
         phases=PathPhase(skill, skill.aligned),
-        load=CarriedLoad(limit=20.0),
-        profile=DEFAULT_PROFILE,
-        dynamics=DEFAULT_DYNAMICS,
-        config=AgentConfig(**config),
+        config=ComplianceConfig(load=CarriedLoad(limit=20.0), **config),
     )
 
 
@@ -64,7 +62,7 @@ def test_adaptation_finds_the_radius_of_an_ideal_door(skill, radius):
 
 
 def test_without_adaptation_the_policy_stays_as_demonstrated(skill):
-    agent = agent_of(skill, Demonstrated)
+    agent = agent_of(skill, None)
     before = agent.forecast().mean
     ideal_door(agent, 0.35, 600)
     np.testing.assert_array_equal(agent.forecast().mean, before)
@@ -105,7 +103,7 @@ def test_rendered_stiffness_keeps_the_stability_bound(skill, radius):
 
 def test_via_points_are_weak_along_what_the_phase_leaves_open(skill, monkeypatch):
     agent, seen = agent_of(skill), []
-    monkeypatch.setattr(agent.policy, "observe", seen.append)
+    monkeypatch.setattr(agent.movement, "observe", seen.append)
     agent.reset(observed(np.zeros(6)))
     estimates = []
     for angle in np.linspace(0.0, 0.8, 200):
@@ -141,8 +139,8 @@ def test_steps_are_records_of_their_own(skill):
     ],
 )
 def test_impossible_settings_are_refused(wrong):
-    with pytest.raises(ValueError, match=rf"AgentConfig\.{next(iter(wrong))}"):
-        AgentConfig(**wrong)
+    with pytest.raises(ValueError, match=rf"ComplianceConfig\.{next(iter(wrong))}"):
+        ComplianceConfig(**wrong)
 
 
 def test_clock_runs_at_the_demonstrated_speed_on_a_free_door(skill):
@@ -178,7 +176,7 @@ def test_resistance_along_the_path_is_carried_not_yielded_to(skill):
 
 
 def test_force_across_the_path_is_yielded_to(skill):
-    agent = agent_of(skill, Demonstrated)
+    agent = agent_of(skill, None)
     agent.reset(observed(np.zeros(6)))
     for _ in range(100):
         step = agent.act(observed(np.zeros(6), force=(0.0, 5.0, 0.0)))
@@ -187,7 +185,7 @@ def test_force_across_the_path_is_yielded_to(skill):
 
 
 def test_rotation_offset_is_composed_not_added(skill):
-    agent = agent_of(skill, Demonstrated)
+    agent = agent_of(skill, None)
     pose = handle_pose_on_arc(0.5, 0.8)
     agent.reset(observed(pose))
     observation = observed(pose)
@@ -201,11 +199,11 @@ def test_rotation_offset_is_composed_not_added(skill):
 
 
 def test_rotation_leads_by_less_than_the_pull(skill):
-    agent = agent_of(skill, Demonstrated, max_turn_lead=0.05)
+    agent = agent_of(skill, None, max_turn_lead=0.05)
     agent.reset(observed(np.zeros(6)))
     for _ in range(300):
         step = agent.act(observed(np.zeros(6)))
-    ahead, _ = agent.policy.at(step.observed_phase + 0.05)
+    ahead, _ = agent.movement.at(step.observed_phase + 0.05)
     np.testing.assert_allclose(step.desired[3:], ahead[3:])
     assert step.phase > step.observed_phase + 0.2
 
@@ -235,12 +233,14 @@ def test_direction_is_that_of_the_path_as_just_adapted(skill):
             directions.append(direction)
             return super().share(wrench, direction)
 
-    agent = dataclasses.replace(agent_of(skill), load=Watching())
+    agent = dataclasses.replace(
+        agent_of(skill), config=ComplianceConfig(load=Watching())
+    )
     agent.reset(observed(np.zeros(6)))
     for angle in np.linspace(0.0, 0.9, 150):
         step = agent.act(observed(handle_pose_on_arc(0.42, angle)))
         ahead = min(step.observed_phase + 0.05, 1.0)
-        chord = (agent.policy.at(ahead)[0] - agent.policy.at(ahead - 0.05)[0])[:3]
+        chord = (agent.movement.at(ahead)[0] - agent.movement.at(ahead - 0.05)[0])[:3]
         expected = chord / np.linalg.norm(chord)
         np.testing.assert_allclose(directions[-1], expected, atol=1e-5)
 
@@ -260,12 +260,9 @@ class Curve:
 
 def test_policy_without_uncertainty_is_followed_stiffly(skill):
     curve = Curve(skill)
-    agent = GaussianProcessAgent(
-        policy=GriddedPolicy(curve, Demonstrated, 100),
+    agent = CompliantAgent(
+        movement=GriddedMovement(curve, None, 100),
         phases=PathPhase(EmpiricalDistribution(curve.aligned), curve.aligned),
-        load=CarriedLoad(),
-        profile=DEFAULT_PROFILE,
-        dynamics=DEFAULT_DYNAMICS,
     )
     history = ideal_door(agent, 0.5, 300)
     assert history[-1][1] > np.radians(20.0)
@@ -277,7 +274,7 @@ def test_policy_without_uncertainty_is_followed_stiffly(skill):
             assert np.isnan(value).all() if unknown else np.isfinite(value).all()
 
 
-def test_agents_cannot_be_recomposed_in_place(skill):
+def test_agents_cannot_be_changed_in_place(skill):
     # Their parts are put together once: a change would go unnoticed.
     with pytest.raises(dataclasses.FrozenInstanceError):
-        agent_of(skill).load = CarriedLoad()
+        agent_of(skill).config = ComplianceConfig()

@@ -420,7 +420,9 @@ def test_dtw_cost_equals_the_naive_recursion(rows, columns, seed, ties):
 
 
 def test_dtw_of_very_long_sequences_is_refused_before_it_takes_memory():
-    with pytest.raises(ValueError, match=r"of 20,000 and 30,000 samples.*10,000 samples or fewer"):
+    with pytest.raises(
+        ValueError, match=r"of 20,000 and 30,000 samples.*10,000 samples or fewer"
+    ):
         dynamic_time_warping(lambda row: np.zeros(30_000), 20_000)
 
 

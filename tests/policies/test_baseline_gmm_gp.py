@@ -8,6 +8,7 @@ from scipy.stats import multivariate_normal
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
+from policies.adaptation import OwnAdaptation
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
 from policies.baselines.gmm_gp import GMMGaussianProcess, GMMGPConfig, fit_gmm_gp
@@ -17,7 +18,7 @@ from policies.baselines.mixture_kernel import (
     LengthScaleConfig,
     MixtureKernel,
 )
-from policies.movement import Adaptable, ReadaptedMovement
+from policies.movement import Adaptable
 from policies.trajectory import ViaPoint
 
 GRID = np.linspace(0.0, 1.0, 41)
@@ -311,7 +312,7 @@ def test_same_demonstrations_same_numbers(process, aligned):
 def test_it_adapts_online(process):
     assert isinstance(process, Adaptable)
     assert process.duration == process.aligned.duration
-    online = ReadaptedMovement(process, GRID)
+    online = OwnAdaptation(process, GRID)
     via_points = [shifted(process, phase, 1.0, 1e-3) for phase in (0.3, 0.35, 0.4)]
     for via_point in via_points:
         online.observe(via_point)

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from policies.adaptation import OwnAdaptation
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
 from policies.baselines.gmr import GMRConfig
 from policies.baselines.kmp import KernelizedMovementPrimitive, KMPConfig, fit_kmp
-from policies.movement import Adaptable, ReadaptedMovement
+from policies.movement import Adaptable
 from policies.trajectory import ViaPoint
 
 GRID = np.linspace(0.0, 1.0, 41)
@@ -263,7 +264,7 @@ def test_adapting_returns_another_primitive(primitive):
 def test_it_adapts_online(primitive):
     assert isinstance(primitive, Adaptable)
     assert primitive.duration == primitive.aligned.duration
-    online = ReadaptedMovement(primitive, GRID)
+    online = OwnAdaptation(primitive, GRID)
     via_points = [shifted(primitive, phase, 1.0, 1e-3) for phase in (0.3, 0.35, 0.4)]
     for via_point in via_points:
         online.observe(via_point)

@@ -1,85 +1,95 @@
-"""A policy on a grid: interpolation, adaptation in place, reset."""
+"""A movement on a grid: interpolation, adaptation in place, reset."""
 
 import numpy as np
 import pytest
 
-from policies.adaptation import ProcessAdaptation
+from policies.adaptation import OwnAdaptation, ProcessAdaptation, adapt
 from policies.alignment import align
-from policies.gridded import Demonstrated, GriddedPolicies, GriddedPolicy
-from policies.movement import ReadaptedMovement
+from policies.gridded import GriddedMovement, GriddedMovements
 from policies.skill import fit_skill
 from policies.trajectory import ViaPoint
 
 
-def test_interpolation_meets_the_policy(skill):
-    policy = GriddedPolicy(skill, Demonstrated, 100)
+def test_interpolation_meets_the_movement(skill):
+    movement = GriddedMovement(skill, None, 100)
     phases = np.linspace(0.0, 1.0, 777)
     exact = skill.predict(phases)
     means, stds = (
-        np.stack(rows) for rows in zip(*(policy.at(p) for p in phases), strict=True)
+        np.stack(rows) for rows in zip(*(movement.at(p) for p in phases), strict=True)
     )
     assert np.abs(means - exact.mean)[:, :3].max() < 1e-4
     assert np.abs(stds - exact.std)[:, :3].max() < 5e-4
 
 
 def test_grid_points_are_met_exactly(skill):
-    policy = GriddedPolicy(skill, Demonstrated, 11)
+    movement = GriddedMovement(skill, None, 11)
     exact = skill.predict(np.linspace(0.0, 1.0, 11))
     for index in (0, 5, 10):
-        np.testing.assert_allclose(policy.at(index / 10)[0], exact.mean[index])
+        np.testing.assert_allclose(movement.at(index / 10)[0], exact.mean[index])
 
 
-def test_observing_changes_the_policy_and_reset_undoes_it(skill):
-    policy = GriddedPolicy(skill, ProcessAdaptation, 50)
-    before = policy.at(0.7)[0]
+def test_observing_changes_the_movement_and_reset_undoes_it(skill):
+    movement = GriddedMovement(skill, ProcessAdaptation, 50)
+    before = movement.at(0.7)[0]
     target = skill.predict(np.array([0.6])).mean[0] + 0.05
-    policy.observe(ViaPoint(phase=0.6, pose=target))
-    assert np.abs(policy.at(0.7)[0] - before).max() > 0.01
-    policy.reset()
-    np.testing.assert_array_equal(policy.at(0.7)[0], before)
+    movement.observe(ViaPoint(phase=0.6, pose=target))
+    assert np.abs(movement.at(0.7)[0] - before).max() > 0.01
+    movement.reset()
+    np.testing.assert_array_equal(movement.at(0.7)[0], before)
 
 
 def test_answers_may_be_changed_by_the_caller(skill):
-    policy = GriddedPolicy(skill, Demonstrated, 50)
-    mean, _ = policy.at(0.5)
+    movement = GriddedMovement(skill, None, 50)
+    mean, _ = movement.at(0.5)
     mean += 1.0
-    assert np.abs(policy.at(0.5)[0] - mean).max() > 0.5
+    assert np.abs(movement.at(0.5)[0] - mean).max() > 0.5
 
 
 def test_a_grid_of_one_point_is_refused(skill):
     with pytest.raises(ValueError, match="n_grid must be at least 2, got 1"):
-        GriddedPolicy(skill, Demonstrated, 1)
+        GriddedMovement(skill, None, 1)
 
 
 def test_looking_does_not_forget_via_points(skill):
-    policy = GriddedPolicy(skill, ProcessAdaptation, 50)
-    policy.observe(ViaPoint(phase=0.6, pose=skill.predict(np.array([0.6])).mean[0] + 1))
-    np.testing.assert_array_equal(policy.at(0.6), policy.at(0.6))
-    assert policy.at(0.6)[0][0] > 0.5
+    movement = GriddedMovement(skill, ProcessAdaptation, 50)
+    movement.observe(
+        ViaPoint(phase=0.6, pose=skill.predict(np.array([0.6])).mean[0] + 1)
+    )
+    np.testing.assert_array_equal(movement.at(0.6), movement.at(0.6))
+    assert movement.at(0.6)[0][0] > 0.5
 
 
-def test_any_movement_that_adapts_is_a_policy(skill):
+def test_any_movement_that_adapts_can_be_gridded(skill):
     """Readapted to all via-points at once, it is what online adaptation makes of it."""
     via_points = [
         ViaPoint(phase=phase, pose=skill.predict(np.array([phase])).mean[0] + 0.02)
         for phase in (0.2, 0.4)
     ]
-    policies = [
-        GriddedPolicy(skill, form, 50)
-        for form in (ReadaptedMovement, ProcessAdaptation)
+
+    class Readapted:
+        aligned, duration, predict = skill.aligned, skill.duration, skill.predict
+
+        def adapt(self, via_points):
+            return adapt(skill, via_points)
+
+    movements = [
+        GriddedMovement(Readapted(), OwnAdaptation, 50),
+        GriddedMovement(skill, ProcessAdaptation, 50),
     ]
-    for policy in policies:
+    for movement in movements:
         for via_point in via_points:
-            policy.observe(via_point)
-    readapted, online = (np.stack(policy.at(0.7)) for policy in policies)
+            movement.observe(via_point)
+    readapted, online = (np.stack(movement.at(0.7)) for movement in movements)
     np.testing.assert_allclose(readapted, online, atol=1e-12)
 
 
 def test_members_are_looked_up_as_each_alone(skill, demonstrations):
     other = fit_skill(align(demonstrations[:4]))
-    alone = [GriddedPolicy(one, ProcessAdaptation, 50) for one in (skill, other, skill)]
-    together = GriddedPolicies(
-        [GriddedPolicy(one, ProcessAdaptation, 50) for one in (skill, other, skill)]
+    alone = [
+        GriddedMovement(one, ProcessAdaptation, 50) for one in (skill, other, skill)
+    ]
+    together = GriddedMovements(
+        [GriddedMovement(one, ProcessAdaptation, 50) for one in (skill, other, skill)]
     )
     via_point = ViaPoint(phase=0.6, pose=other.predict(np.array([0.6])).mean[0] + 0.05)
     alone[1].observe(via_point)
@@ -95,8 +105,8 @@ def test_members_are_looked_up_as_each_alone(skill, demonstrations):
 
 
 def test_members_are_reset_alone(skill):
-    together = GriddedPolicies(
-        [GriddedPolicy(skill, ProcessAdaptation, 50) for _ in range(3)]
+    together = GriddedMovements(
+        [GriddedMovement(skill, ProcessAdaptation, 50) for _ in range(3)]
     )
     phases = np.full(3, 0.6)
     before = together.at(phases)[0]

@@ -60,6 +60,7 @@ def test_members_share_as_each_alone(rule):
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     left, pace = rule.share(wrenches, directions)
     for row, (one, direction) in enumerate(zip(wrenches, directions, strict=True)):
-        left_alone, pace_alone = rule.share(one, direction)
+        # Copies: alone, an array begins where memory does.
+        left_alone, pace_alone = rule.share(one.copy(), direction.copy())
         np.testing.assert_array_equal(left[row], left_alone)
         assert pace[row] == pace_alone

@@ -1,24 +1,29 @@
 """Agents in lockstep decide bit for bit as they would alone."""
 
+import copy
 import dataclasses
 from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gplfd_env.task import handle_pose_on_arc
 from policies import POLICIES, make_agent
 from policies.agent import AgentStep
 from policies.baselines.oracle import OracleAgent
+from policies.compliance import ComplianceConfig
 from policies.load import YieldToAll
 from policies.lockstep import AgentBatch, batch_agents
 
 RADII = (0.38, 0.50, 0.62)
-COMPOSITIONS = {
-    (one.form, one.follow, one.learn is None): name
+WAYS_TO_FOLLOW = {
+    (method.adaptation, method.phases, repr(method.config)) if method else name: name
     for name, one in reversed(POLICIES.items())
+    for method in [one.method]
 }.values()
-"""One policy of every composition in the registry; the others learn differently."""
+"""One policy of every way to follow a movement; the others learn differently."""
 FIELDS = [field.name for field in dataclasses.fields(AgentStep)]
 
 
@@ -86,7 +91,7 @@ def steps_of(batch, closing=None, active=lambda time: np.ones(3, dtype=bool)):
     return history
 
 
-@pytest.mark.parametrize("name", COMPOSITIONS)
+@pytest.mark.parametrize("name", WAYS_TO_FOLLOW)
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
     """Member 0 ends early; 1 pauses and then begins anew; 2 starts late and goes on."""
@@ -112,6 +117,62 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
             np.testing.assert_array_equal(forecasts[member].std, expected.std)
 
 
+def off_by_eight_bytes(rows):
+    """Half of the rows begin where no vector register would like them to."""
+    buffer = np.empty(rows.size + 1)
+    shifted = buffer[1:].reshape(rows.shape)
+    shifted[...] = rows
+    return shifted
+
+
+LAYOUTS = {
+    "packed": np.ascontiguousarray,
+    "by columns": np.asfortranarray,
+    "every other number": lambda rows: np.repeat(rows, 2, axis=1)[:, ::2],
+    "off by eight bytes": off_by_eight_bytes,
+}
+
+
+@pytest.fixture(scope="module")
+def seven(agents_of):
+    """Seven agents to act together, and the same seven to act alone."""
+    agents = [agents_of("gp")[member % 3] for member in range(7)]
+    return [[copy.deepcopy(agent) for agent in agents] for _ in range(2)]
+
+
+@given(
+    order=st.permutations(range(7)),
+    count=st.integers(1, 7),
+    layout=st.sampled_from(sorted(LAYOUTS)),
+    seed=st.integers(0, 2**32 - 1),
+)
+@settings(max_examples=12)
+def test_no_other_member_changes_what_one_does(seven, order, count, layout, seed):
+    """Whoever else is there, in whatever order, and wherever the numbers lie."""
+    chosen = order[:count]
+    together, alone = ([agents[member] for member in chosen] for agents in seven)
+    batch = batch_agents(together)
+    rng = np.random.default_rng(seed)
+    angles, radii = np.zeros(count), rng.uniform(0.3, 0.65, count)
+    for time in range(10):
+        poses = [handle_pose_on_arc(*door) for door in zip(radii, angles, strict=True)]
+        observations = {
+            "ee_pose": np.array(poses) + 1e-3 * rng.normal(size=(count, 6)),
+            "wrench": rng.normal(size=(count, 6)) * np.repeat([20.0, 0.5], 3),
+        }
+        if time == 0:
+            batch.reset(observations)
+            for member, agent in enumerate(alone):
+                agent.reset(row(observations, member))
+        acting = rng.random(count) < 0.8
+        placed = {name: LAYOUTS[layout](rows) for name, rows in observations.items()}
+        steps = batch.act(placed, acting)
+        for member in np.flatnonzero(acting):
+            own = {name: rows[member].copy() for name, rows in observations.items()}
+            assert_same_row(steps, member, alone[member].act(own))
+        angles += rng.uniform(0.0, 0.1, count)
+
+
 def test_every_member_takes_via_points(agents_of):
     history = steps_of(batch_agents(agents_of("gp")))
     assert np.sum([steps.via_point for _, steps, _ in history], axis=0).min() > 10
@@ -134,7 +195,7 @@ def test_members_that_do_not_act_hold_still(name, agents_of):
     np.testing.assert_array_equal(again.action, steps.action)
 
 
-def test_batches_of_one_composition_decide_at_once(agents_of):
+def test_batches_of_one_configuration_decide_at_once(agents_of):
     """The load rule is asked once, not once per member."""
     calls = []
 
@@ -144,7 +205,10 @@ def test_batches_of_one_composition_decide_at_once(agents_of):
             return super().share(wrench, direction)
 
     rule = Counting()
-    agents = [dataclasses.replace(agent, load=rule) for agent in agents_of("gp-fixed")]
+    agents = [
+        dataclasses.replace(agent, config=ComplianceConfig(load=rule))
+        for agent in agents_of("gp-fixed")
+    ]
     batch, doors = batch_agents(agents), Doors()
     batch.reset(doors.observe())
     batch.act(doors.observe())
@@ -153,7 +217,7 @@ def test_batches_of_one_composition_decide_at_once(agents_of):
 
 
 @pytest.mark.parametrize("other", ["gp-clock", "gp-constant-stiffness", "oracle"])
-def test_agents_of_any_composition_act_together(other, agents_of):
+def test_agents_of_any_configuration_act_together(other, agents_of):
     members = [*agents_of("gp")[:2], agents_of(other)[2]]
     history = steps_of(batch_agents(members))
     for member, agent in enumerate(members):

@@ -11,13 +11,15 @@ from policies.adaptation import (
     ExactAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
+    adapt,
+    begin_adaptation,
 )
 from policies.aligned import AlignedDemonstrations
 from policies.baselines.local_gp import LocalGPConfig, fit_local_gp
 from policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
 from policies.gp.exact import ExactGP
-from policies.learning import TrainingInput
-from policies.residual import ResidualMovement, fit_residual, residual_form
+from policies.method import TrainingInput
+from policies.residual import ResidualMovement, fit_residual
 from policies.trajectory import ViaPoint
 
 BESIDE = np.array([0.1, 0.02, -0.1, 0.05, 0.3, -0.05])
@@ -136,7 +138,7 @@ def test_adaptation_is_that_of_the_residual_plus_the_prior_mean(form, doors):
     prior_mean = Line()
     raised = replace(doors, poses=doors.poses + prior_mean.mean(doors.times))
     fit = partial(fit_skill, centred=False)
-    whole = residual_form(FORMS[form])(fit_residual(raised, prior_mean, fit), GRID)
+    whole = begin_adaptation(fit_residual(raised, prior_mean, fit), FORMS[form], GRID)
     rest = FORMS[form](fit(doors), GRID)
     for via_point in VIA_POINTS:
         whole.observe(moved(via_point, prior_mean))
@@ -152,10 +154,10 @@ def test_adaptation_is_that_of_the_residual_plus_the_prior_mean(form, doors):
 
 def test_adapting_at_once_equals_adapting_online(movement):
     via_points = [moved(point, Line()) for point in VIA_POINTS]
-    online = residual_form(ProcessAdaptation)(movement, GRID)
+    online = begin_adaptation(movement, ProcessAdaptation, GRID)
     for via_point in via_points:
         online.observe(via_point)
-    at_once = movement.adapt(via_points).predict(GRID)
+    at_once = adapt(movement, via_points).predict(GRID)
     np.testing.assert_array_equal(at_once.mean, online.mean)
     np.testing.assert_array_equal(at_once.covariance, online.trajectory().covariance)
 
@@ -164,11 +166,11 @@ def test_method_without_via_points_has_none_around_a_prior_mean_either(doors):
     fit = partial(fit_local_gp, config=LocalGPConfig(), centred=False)
     learned = fit_residual(doors, Line(), fit)
     with pytest.raises(ValueError, match="LocalGaussianProcesses has no via-points"):
-        learned.adapt(VIA_POINTS)
+        adapt(learned, VIA_POINTS)
 
 
 def test_without_a_prior_mean_nothing_changes(demonstrations, doors):
-    learned = POLICIES["gp"].learn(TrainingInput(demonstrations=demonstrations))
+    learned = POLICIES["gp"].method.learn(TrainingInput(demonstrations=demonstrations))
     plain = fit_skill(doors)
     assert type(learned) is Skill
     for name in ("mean", "std", "mean_rate", "std_rate", "covariance"):
@@ -177,12 +179,15 @@ def test_without_a_prior_mean_nothing_changes(demonstrations, doors):
     process = plain.processes.outputs[0]
     assert process.offset == float(np.mean(doors.poses[:, :, 0]))
     assert process.scale == float(np.std(doors.poses[:, :, 0]))
-    assert type(POLICIES["gp"].form(plain, GRID)) is ProcessAdaptation
+    adaptation = begin_adaptation(plain, POLICIES["gp"].method.adaptation, GRID)
+    assert type(adaptation) is ProcessAdaptation
 
 
 @pytest.mark.parametrize("name", sorted(set(POLICIES) - set(TAKES_ONE)))
 def test_methods_that_cannot_be_given_a_prior_mean_say_so(name, demonstrations):
-    with pytest.raises(ValueError, match=f"^{name} has no prior mean"):
+    with pytest.raises(
+        ValueError, match=f"^{name} has no prior mean.* gp, .*, wishart-gp$"
+    ):
         make_agent(name, demonstrations, radius=0.5, prior_mean=Line())
 
 
@@ -190,13 +195,13 @@ def test_methods_that_cannot_be_given_a_prior_mean_say_so(name, demonstrations):
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_policies_act_and_adapt_around_a_prior_mean(name, demonstrations):
     agent = make_agent(name, demonstrations, prior_mean=Line())
-    assert isinstance(agent.policy.movement, ResidualMovement)
+    assert isinstance(agent.movement.learned, ResidualMovement)
     observation = {"ee_pose": np.zeros(6), "wrench": np.zeros(6)}
     agent.reset(observation)
     step = agent.act(observation)
     assert np.abs(step.action[:3]).max() < 0.01
-    agent.policy.observe(ViaPoint(phase=0.5, pose=np.full(6, 0.01)))
-    assert np.isfinite(agent.policy.trajectory().mean).all()
+    agent.movement.observe(ViaPoint(phase=0.5, pose=np.full(6, 0.01)))
+    assert np.isfinite(agent.movement.trajectory().mean).all()
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])

@@ -1,11 +1,14 @@
 """Policies by name."""
 
+import pickle
+
 import numpy as np
 import pytest
+from jaxtyping import config
+from scipy.spatial.transform import Rotation
 
-from policies import POLICIES, Demonstration, make_agent
-from policies.adaptation import ExactAdaptation, ProductAdaptation
-from policies.gridded import Demonstrated
+from policies import POLICIES, Demonstration, align, make_agent
+from policies.adaptation import ExactAdaptation, NoAdaptation, ProductAdaptation
 from policies.load import YieldToAll
 from policies.phase import ClockPhase
 
@@ -22,13 +25,13 @@ def test_every_policy_makes_a_finite_first_step(name, demonstrations):
 
 def parts(name, demonstrations):
     agent = make_agent(name, demonstrations)
-    noise = agent.policy.movement.processes.outputs[0].noise
+    noise = agent.movement.learned.processes.outputs[0].noise
     return {
-        "form": type(agent.policy.distribution),
+        "form": type(agent.movement.distribution),
         "phase": type(agent.phases),
-        "load": type(agent.load),
-        "k_min": tuple(agent.profile.k_min),
-        "k_max": tuple(agent.profile.k_max),
+        "load": type(agent.config.load),
+        "k_min": tuple(agent.config.profile.k_min),
+        "k_max": tuple(agent.config.profile.k_max),
         "noise varies": np.ptp(noise.variance(np.linspace(0.0, 1.0, 50))) > 0.0,
     }
 
@@ -38,7 +41,7 @@ def parts(name, demonstrations):
     [
         ("gp-product", {"form": ProductAdaptation}),
         ("gp-exact", {"form": ExactAdaptation}),
-        ("gp-fixed", {"form": Demonstrated}),
+        ("gp-fixed", {"form": NoAdaptation}),
         ("gp-clock", {"phase": ClockPhase}),
         ("gp-homoscedastic", {"noise varies": False}),
         ("gp-constant-stiffness", {"k_min": (500.0,) * 3 + (50.0,) * 3}),
@@ -67,6 +70,37 @@ def test_demonstrations_must_start_at_the_closed_handle(shift, demonstrations):
         make_agent("gp", [one, moved])
 
 
+def test_remedy_for_demonstrations_that_start_elsewhere_works(demonstrations):
+    one = demonstrations[0]
+    start = np.array([0.5, 0.1, 0.2, 0.1, -0.4, 0.3])
+    turn = Rotation.from_rotvec(start[3:])
+    moved = Demonstration.from_quaternions(
+        one.times,
+        start[:3] + turn.apply(one.poses[:, :3].copy()),
+        (turn * Rotation.from_rotvec(one.poses[:, 3:].copy())).as_quat(),
+        order="xyzw",
+    )
+    with pytest.raises(ValueError, match=r"demonstration\.relative_to_first\(\)"):
+        make_agent("gp-fixed", [moved])
+    remedied = moved.relative_to_first().poses
+    np.testing.assert_allclose(remedied, one.poses, atol=1e-12)
+
+
+@pytest.mark.parametrize("given", ["one", "arrays", "aligned"])
+def test_only_sequences_of_demonstrations_are_learned_from(
+    given, demonstrations, monkeypatch
+):
+    # What a user meets, whose types nobody checks.
+    monkeypatch.setattr(config, "jaxtyping_disable", True)
+    wrong = {
+        "one": demonstrations[0],
+        "arrays": [one.poses for one in demonstrations],
+        "aligned": align(demonstrations),
+    }[given]
+    with pytest.raises(TypeError, match=r"sequence of .*Demonstration, got .*\[demo"):
+        make_agent("gp", wrong)
+
+
 def test_millimetres_are_noticed(demonstrations):
     one = demonstrations[0]
     scale = np.repeat([1000.0, 1.0], 3)
@@ -84,6 +118,25 @@ def test_same_demonstrations_give_the_same_bits(name, demonstrations):
         agent.reset(observation)
         actions.append([agent.act(observation).action for _ in range(50)])
     np.testing.assert_array_equal(*actions)
+
+
+@pytest.mark.parametrize("name", sorted(POLICIES))
+def test_policies_can_be_sent_to_other_processes(name):
+    policy = pickle.loads(pickle.dumps(POLICIES[name]))
+    assert policy.summary == POLICIES[name].summary
+    assert repr(policy.method) == repr(POLICIES[name].method)
+
+
+def test_agents_can_be_kept_in_the_middle_of_an_episode(demonstrations):
+    agent = make_agent("gp", demonstrations)
+    observation = {"ee_pose": np.full(6, 0.01), "wrench": np.full(6, 0.3)}
+    agent.reset(observation)
+    for _ in range(30):
+        agent.act(observation)
+    again = pickle.loads(pickle.dumps(agent))
+    for _ in range(30):
+        kept, other = agent.act(observation), again.act(observation)
+        np.testing.assert_array_equal(kept.action, other.action)
 
 
 def test_unknown_policy_lists_what_exists(demonstrations):

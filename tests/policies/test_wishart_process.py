@@ -1,5 +1,7 @@
 """Elliptical slice sampling and the Wishart process, against closed forms."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -146,10 +148,12 @@ def test_likelihood_is_that_of_independent_contrasts():
 def test_likelihood_gradient_equals_finite_differences():
     process, _, likelihood = likelihood_case()
     flat = np.random.default_rng(4).standard_normal(process.shape).ravel()
-    step, numeric = 1e-6, np.empty_like(flat)
+    # Shorter steps would differentiate the rounding of a value in the hundreds.
+    step, numeric = 1e-5, np.empty_like(flat)
     for index in range(len(flat)):
         moved = step * (np.arange(len(flat)) == index)
-        numeric[index] = (likelihood(flat + moved) - likelihood(flat - moved)) / 2e-6
+        rise = likelihood(flat + moved) - likelihood(flat - moved)
+        numeric[index] = rise / (2.0 * step)
     np.testing.assert_allclose(likelihood.gradient(flat), numeric, rtol=1e-5, atol=1e-6)
 
 
@@ -162,8 +166,11 @@ def test_posterior_averages_the_covariances_of_its_samples():
     times = np.array([-0.5, 0.0, 0.33, 1.0, 2.0])
     expected = np.mean([process.covariance(w, times) for w in samples], axis=0)
     np.testing.assert_allclose(posterior.covariance(times), expected, rtol=1e-9)
-    np.testing.assert_array_equal(
-        posterior.covariance(times)[[0, 4]], posterior.covariance(times[[1, 3]])
+    # Matrix products of five and of two rows may add in another order.
+    np.testing.assert_allclose(
+        posterior.covariance(times)[[0, 4]],
+        posterior.covariance(times[[1, 3]]),
+        rtol=1e-12,
     )
 
 
@@ -179,9 +186,10 @@ def test_posterior_concentrates_on_the_truth():
     times = np.linspace(0.0, 1.0, 30)
     truth = known_covariance(times)
     roots = np.linalg.cholesky(truth)
-    errors = []
-    for count in (6, 400):
-        rng = np.random.default_rng(0)
+    errors = {6: 0.0, 400: 0.0}
+    # Three data sets: with one of them the sampler alone moves the error by a third.
+    for count, seed in itertools.product(errors, range(3)):
+        rng = np.random.default_rng(seed)
         drawn = np.einsum("tij,ktj->kti", roots, rng.normal(size=(count, 30, 2)))
         deviations = drawn - drawn.mean(axis=0)
         pooled = np.einsum("kti,ktj->ij", deviations, deviations) / (30 * (count - 1))
@@ -189,9 +197,9 @@ def test_posterior_concentrates_on_the_truth():
         likelihood = WishartLikelihood.of(process, times, deviations)
         posterior = sample_posterior(process, likelihood, 600, 200, rng)
         error = np.linalg.norm(posterior.covariance(times) - truth, axis=(1, 2))
-        errors.append(np.mean(error / np.linalg.norm(truth, axis=(1, 2))))
-    assert errors[1] < 0.05
-    assert errors[0] > 3.0 * errors[1]
+        errors[count] += np.mean(error / np.linalg.norm(truth, axis=(1, 2))) / 3
+    assert errors[400] < 0.05
+    assert errors[6] > 3.0 * errors[400]
 
 
 def test_sampler_averages_what_the_posterior_says():

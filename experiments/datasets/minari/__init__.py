@@ -1,12 +1,21 @@
-"""Demonstrations as a Minari data set (HDF5) that can be re-run step by step.
+"""Episodes as a Minari data set (HDF5) that can be run again step by step.
 
 Besides what Minari keeps of an episode (observations, actions, rewards, ends, infos,
 seed, reset options), it holds MuJoCo's whole state at every step, a hash of the model,
 and the versions and kind of processor that computed it.
 """
 
-from experiments.datasets.minari.episode import Episode, Recorder
-from experiments.datasets.minari.reading import Dataset, open_dataset
-from experiments.datasets.minari.writing import new_dataset
+try:
+    import h5py as _h5py  # noqa: F401 - only to say how to install it
+    import minari as _minari  # noqa: F401
+except ImportError as error:
+    raise ModuleNotFoundError(
+        f"data sets need Minari and h5py ({error}); in a checkout of gplfd: "
+        "pip install '.[minari]', elsewhere: pip install 'gplfd[minari]'"
+    ) from error
 
-__all__ = ["Dataset", "Episode", "Recorder", "new_dataset", "open_dataset"]
+from experiments.datasets.minari.episode import RecordedEpisode, Recorder
+from experiments.datasets.minari.reading import Dataset, open_dataset
+from experiments.datasets.minari.writing import write_dataset
+
+__all__ = ["Dataset", "RecordedEpisode", "Recorder", "open_dataset", "write_dataset"]

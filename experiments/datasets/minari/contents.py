@@ -5,19 +5,26 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from experiments.datasets.minari.episode import Episode
+from experiments.datasets.minari.episode import RecordedEpisode
 from experiments.datasets.minari.physics import model_hash
 from experiments.datasets.minari.reading import Dataset
 
 _COLUMNS: Final = (
-    *("episode", "radius", "seed", "steps", "time", "angle", "outcome"),
-    *("return", "model"),
+    ("episode", ""),
+    ("radius", "m"),
+    ("seed", ""),
+    ("steps", ""),
+    ("time", "s"),
+    ("angle", "deg"),
+    ("outcome", ""),
+    ("return", ""),
+    ("model", "hash"),
 )
-_UNITS: Final = ("", "m", "", "", "s", "deg", "", "", "hash")
+"""Heads of the columns and their units."""
 
 
 def title(dataset: Dataset) -> str:
-    """The data set in one line."""
+    """Return the data set in one line."""
     arguments = ", ".join(
         f"{name}={value!r}" for name, value in dataset.arguments.items()
     )
@@ -27,8 +34,8 @@ def title(dataset: Dataset) -> str:
     )
 
 
-def outcome(episode: Episode) -> str:
-    """How an episode ended."""
+def outcome(episode: RecordedEpisode) -> str:
+    """Return how an episode ended: "opened", "stalled", "time limit", ..."""
     if episode.infos["success"][-1]:
         return "opened"
     failure = str(episode.infos["failure"][-1])
@@ -36,7 +43,7 @@ def outcome(episode: Episode) -> str:
 
 
 def contents(dataset: Dataset) -> str:
-    """The data set's origin, and a line per episode.
+    """Return where the data set comes from, and a line per episode.
 
     Raises:
         ValueError: An episode is incomplete.
@@ -44,15 +51,16 @@ def contents(dataset: Dataset) -> str:
     origin = dataset.origin
     versions = {"minari": origin["minari"], **origin["versions"]}
     git = origin["git"]
-    edited = " with edits" if git and git["dirty"] else ""
-    rows: list[tuple[str, ...]] = [_COLUMNS, _UNITS]
+    edited = " with edits" if git and git.get("dirty") else ""
+    rows: list[tuple[str, ...]] = list(zip(*_COLUMNS, strict=True))
     rows += [_row(n, dataset.episode(n)) for n in range(dataset.n_episodes)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(
         [
             title(dataset),
+            dataset.description,
             f"recorded {origin['created']} by `{' '.join(origin['command'])}`"
-            + (f" at git {str(git['commit'])[:10]}{edited}" if git else ""),
+            + (f" at git {str(git.get('commit'))[:10]}{edited}" if git else ""),
             ", ".join(f"{name} {version}" for name, version in versions.items()),
             ", ".join(
                 f"{name} {value}" for name, value in origin["arithmetic"].items()
@@ -66,7 +74,7 @@ def contents(dataset: Dataset) -> str:
     )
 
 
-def _row(number: int, episode: Episode) -> tuple[str, ...]:
+def _row(number: int, episode: RecordedEpisode) -> tuple[str, ...]:
     infos = episode.infos
     return (
         str(number),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import gymnasium as gym
 import numpy as np
@@ -18,18 +18,29 @@ from experiments.datasets.minari.physics import (
 )
 
 Array = NDArray[Any]
-Observation = Mapping[str, Array]
 
-PHYSICS_STATE = "physics_state"
+PHYSICS_STATE: Final = "physics_state"
 """Name of the physics state among the infos."""
+
+_OUTCOME: Final = {
+    "door_angle": "f",
+    "door_radius": "f",
+    "success": "b",
+    "failure": "U",
+}
+"""Infos that say how an episode ended, and NumPy's kinds of their arrays."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Episode:
+class RecordedEpisode:
     """What went into an environment in one episode, and what came out.
 
     T is the number of steps. Observations and infos have T + 1 rows, the first one from
     the reset; the others T.
+
+    Raises:
+        ValueError: There is no step, something is missing, or an array has another
+            number of rows or holds neither numbers nor text.
     """
 
     seed: int
@@ -46,13 +57,30 @@ class Episode:
     """Whether the task ended at this step, (T,)."""
     truncations: Array
     """Whether the episode was cut at this step, (T,)."""
-    infos: Mapping[str, Any]
-    """The environment's infos by name, (T + 1, ...), and `PHYSICS_STATE`, (T + 1, S):
-    MuJoCo's state [SI] after the reset and after every step."""
+    infos: Mapping[str, Array]
+    """The environment's infos by name, parts of nested ones by ``name/part``,
+    (T + 1, ...), and `PHYSICS_STATE`, (T + 1, S): MuJoCo's state [SI] after the reset
+    and after every step."""
     state_layout: Mapping[str, int]
     """Parts of the physics state and their lengths, in order; they add up to S."""
     model_digests: Mapping[str, str]
     """Hashes of the model after the reset; see `physics.model_digests`."""
+
+    def __post_init__(self) -> None:
+        steps = np.size(self.rewards)
+        rows = steps + 1
+        for name in ("rewards", "terminations", "truncations"):
+            _check(name, getattr(self, name), (steps,))
+        _check("actions", self.actions, (steps, *np.shape(self.actions)[1:]))
+        for name, array in self.observations.items():
+            _check(f"observation {name}", array, (rows, *np.shape(array)[1:]))
+        for name, array in self.infos.items():
+            _check(f"info {name}", array, (rows, *np.shape(array)[1:]), "biufU")
+        for name, kind in _OUTCOME.items():
+            _check(f"info {name}", self.infos.get(name), (rows,), kind)
+        _check("observation time", self.observations.get("time"), (rows, 1))
+        width = sum(self.state_layout.values())
+        _check(f"info {PHYSICS_STATE}", self.infos.get(PHYSICS_STATE), (rows, width))
 
     def __len__(self) -> int:
         """Number of steps."""
@@ -61,11 +89,10 @@ class Episode:
     @property
     def states(self) -> Array:
         """Physics states, (T + 1, S)."""
-        states: Array = self.infos[PHYSICS_STATE]
-        return states
+        return self.infos[PHYSICS_STATE]
 
 
-class Recorder(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+class Recorder(gym.Wrapper[Any, Any, Any, Any]):
     """Keeps what passes between an agent and an environment of this package.
 
     Whatever drives the environment can be recorded: wrap it, drive it, and take
@@ -73,11 +100,10 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs)
     """
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self)
         super().__init__(env)
         self._start: dict[str, Any] = {}
         self._in_force: dict[str, Any] = {}
-        self._observations: list[Observation] = []
+        self._observations: list[Mapping[str, Any]] = []
         self._infos: list[Mapping[str, Any]] = []
         self._actions: list[Array] = []
         self._results: list[tuple[float, bool, bool]] = []
@@ -121,7 +147,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs)
         return observation, reward, terminated, truncated, info
 
     @property
-    def episode(self) -> Episode:
+    def episode(self) -> RecordedEpisode:
         """Everything since the last reset.
 
         Raises:
@@ -130,7 +156,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs)
         if not self._results:
             raise ValueError("nothing is recorded yet; reset, then step at least once")
         rewards, terminations, truncations = zip(*self._results, strict=True)
-        return Episode(
+        return RecordedEpisode(
             **self._start,
             observations=_stack("observation", self._observations),
             actions=np.array(self._actions),
@@ -144,52 +170,62 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs)
     def _unwrapped(self) -> Any:
         return self.env.unwrapped
 
-    def _keep(self, observation: Observation, info: Mapping[str, Any]) -> None:
+    def _keep(self, observation: Mapping[str, Any], info: Mapping[str, Any]) -> None:
         state = physics_state(self._unwrapped.model, self._unwrapped.data)
         self._observations.append(_copied(observation))
         self._infos.append({**_copied(info), PHYSICS_STATE: state})
 
 
-def _storable(options: Mapping[str, Any]) -> dict[str, Any]:
+def _check(name: str, array: Any, shape: tuple[int, ...], kinds: str = "biuf") -> None:
+    """Raise unless an array has a shape and one of NumPy's kinds of numbers and text.
+
+    Raises:
+        ValueError: It has not, or there is none.
+    """
+    if array is None:
+        raise ValueError(f"{name} is missing")
+    if array.dtype.kind not in kinds:
+        raise ValueError(f"{name} is {array.dtype}, no array of numbers or text")
+    if array.shape != shape or array.size == 0:
+        raise ValueError(f"{name} has shape {array.shape}, must have {shape}")
+
+
+def _storable(value: Any) -> Any:
     """Options with records as mappings of what they set, which resets also take."""
-    return {
-        name: _storable(
-            {key: part for key, part in _mapping(value).items() if part is not None}
-        )
-        if isinstance(value, Mapping) or dataclasses.is_dataclass(value)
-        else value
-        for name, value in options.items()
-    }
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = dataclasses.asdict(value)
+    if not isinstance(value, Mapping):
+        return value
+    return {name: _storable(part) for name, part in value.items() if part is not None}
 
 
-def _mapping(value: Any) -> Mapping[str, Any]:
-    return value if isinstance(value, Mapping) else dataclasses.asdict(value)
+def flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Return nested mappings as one with names ``a/b/c``, as Minari keeps them."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            found |= flat(value, f"{above}{name}/")
+        else:
+            found[above + name] = value
+    return found
 
 
 def _copied(row: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        name: _copied(value) if isinstance(value, Mapping) else np.copy(value)[()]
-        for name, value in row.items()
-    }
+    return {name: np.copy(value)[()] for name, value in flat(row).items()}
 
 
-def _stack(what: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """One array, or one mapping of arrays, per name.
+def _stack(what: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
+    """Return one array per name.
 
     Raises:
         ValueError: A name is missing in a row, or its values make no array.
     """
-    stacked: dict[str, Any] = {}
+    stacked: dict[str, Array] = {}
     for name in rows[0]:
         try:
-            values = [row[name] for row in rows]
-            nested = isinstance(values[0], Mapping)
-            array = None if nested else np.array(values)
+            stacked[name] = np.array([row[name] for row in rows])
         except (KeyError, ValueError) as error:
             raise ValueError(
                 f"{what} {name!r} must be in every step and keep its shape: {error}"
             ) from error
-        if array is not None and array.dtype == object:
-            raise ValueError(f"{what} {name!r} is no number, text or array of numbers")
-        stacked[name] = _stack(f"{what} {name}", values) if array is None else array
     return stacked

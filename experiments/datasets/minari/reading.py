@@ -1,28 +1,42 @@
-"""Reading a data set that this package wrote."""
+"""Reading a data set that this package wrote, and no other."""
 
 from __future__ import annotations
 
-import contextlib
-import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import gymnasium as gym
+import h5py
 import numpy as np
+from numpy.typing import NDArray
 
-from experiments.datasets.minari.episode import PHYSICS_STATE, Episode
+import gplfd_env  # noqa: F401 - registers the ids
+from experiments.datasets.minari.episode import RecordedEpisode
 from experiments.datasets.minari.writing import (
     DATA,
     KIND,
     LAYOUT,
     MAIN_FILE,
     METADATA_FILE,
+    PER_STEP,
     REPRODUCING,
 )
+from experiments.files.plain_data import entry, parsed_json, read_json
+from experiments.files.provenance import content_hash
 
 _NAMESPACE: Final = "gplfd/"
+_LARGEST_EPISODE: Final = 2**28
+"""Bytes that an episode may unpack to; an hour of standing still takes as many."""
+_ORIGIN: Final[Mapping[str, Any]] = {
+    "created": str,
+    "command": tuple[str, ...],
+    "versions": dict[str, str],
+    "arithmetic": dict[str, str],
+    "git": dict[str, Any] | None,
+    "config": dict[str, Any],
+}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -35,6 +49,8 @@ class Dataset:
     """Its Minari id."""
     policy: str
     """Name of the policy that acted."""
+    description: str
+    """What it says of itself."""
     environment: str
     """Id of the environment."""
     arguments: Mapping[str, Any]
@@ -53,8 +69,6 @@ class Dataset:
         Raises:
             ValueError: The id or its arguments are unknown to the installed version.
         """
-        import gplfd_env  # noqa: F401 - registers the ids
-
         try:
             return gym.make(self.environment, **self.arguments)
         except (gym.error.Error, TypeError, ValueError) as error:
@@ -76,29 +90,36 @@ class Dataset:
                     f"{self.n_episodes - 1}"
                 )
 
-    def episode(self, number: int) -> Episode:
+    def episode(self, number: int) -> RecordedEpisode:
         """Read an episode.
 
         Raises:
             ValueError: There is no such episode, or it is incomplete.
         """
-        import h5py
-
         self.check([number])
-        file = self.path / DATA / MAIN_FILE
-        with _complaints(file), h5py.File(file, "r") as main:
-            return _episode(main[f"episode_{number}"])
+        try:
+            with h5py.File(self.path / DATA / MAIN_FILE, "r") as main:
+                return _episode(main[f"episode_{number}"])
+        # The hash is right, but who wrote it may have written anything.
+        except Exception as error:
+            raise ValueError(
+                f"{self.path}: episode {number} cannot be read: {error}"
+            ) from error
 
 
 def open_dataset(path: str | Path) -> Dataset:
-    """Open a data set.
+    """Open a data set whose content is what was recorded.
+
+    That is told by a hash over the file of the arrays: HDF5 itself would read a changed
+    number as another number, and can hang at a changed index.
 
     Args:
         path: Its folder, or the folder ``data`` in it.
 
     Raises:
         FileNotFoundError: There is no data set.
-        ValueError: It is damaged, of another kind, or Minari is not installed.
+        OSError: It cannot be read.
+        ValueError: It is damaged or of another kind.
     """
     folder = Path(path)
     if not (folder / DATA).is_dir() and (folder / METADATA_FILE).is_file():
@@ -110,106 +131,99 @@ def open_dataset(path: str | Path) -> Dataset:
                 f"{path} is not a data set: there is no {file.relative_to(folder)} in "
                 "it; give the folder that `gplfd demos record` wrote"
             )
+    metadata = read_json(data / METADATA_FILE)
+    sha256 = content_hash(data / MAIN_FILE)
     try:
-        import h5py
-    except ImportError as error:
-        raise ValueError(
-            "h5py is not installed; data sets need pip install 'gplfd[minari]'"
-        ) from error
-    with _complaints(folder):
-        metadata = json.loads((data / METADATA_FILE).read_text(encoding="utf-8"))
-        _check_kind(metadata)
-        with h5py.File(data / MAIN_FILE, "r") as main:
-            n_episodes = len(main)
-        if n_episodes != metadata["total_episodes"]:
-            promised = metadata["total_episodes"]
-            raise ValueError(f"{n_episodes} of {promised} episodes are in the file")
-        environment, arguments = _environment(json.loads(metadata["env_spec"]))
-        return Dataset(
-            path=folder,
-            name=metadata["dataset_id"],
-            policy=metadata["algorithm_name"],
-            environment=environment,
-            arguments=arguments,
-            origin={"minari": metadata["minari_version"], **metadata[KIND]},
-            n_episodes=n_episodes,
-        )
+        return _dataset(folder, metadata, sha256)
+    except ValueError as error:
+        raise ValueError(f"{folder}: {error}") from error
 
 
-def _check_kind(metadata: Mapping[str, Any]) -> None:
+def _dataset(folder: Path, metadata: Mapping[str, Any], sha256: str) -> Dataset:
     if KIND not in metadata:
         raise ValueError(
             "this data set was not recorded by `gplfd demos record`; it lacks the "
             "physics states that a replay needs"
         )
-    layout = metadata[KIND]["layout"]
+    own = entry(metadata, KIND, dict[str, Any])
+    layout = entry(own, "layout", int)
     if layout != LAYOUT:
         raise ValueError(
             f"the data set has layout {layout}, this gplfd reads {LAYOUT}; record it "
             "again or install the version of gplfd that wrote it"
         )
-    versions = metadata[KIND]["versions"]
-    missing = [name for name in REPRODUCING if name not in versions]
+    if entry(own, "sha256", str) != sha256:
+        raise ValueError(
+            f"{DATA}/{MAIN_FILE} is damaged or was changed after it was recorded; copy "
+            "or record the data set again"
+        )
+    origin = {name: entry(own, name, kind) for name, kind in _ORIGIN.items()}
+    missing = [name for name in REPRODUCING if name not in origin["versions"]]
     if missing:
         raise ValueError(
             f"the data set does not say with which {', '.join(missing)} it was made"
         )
+    environment, arguments = _environment(entry(metadata, "env_spec", str))
+    return Dataset(
+        path=folder,
+        name=entry(metadata, "dataset_id", str),
+        policy=entry(metadata, "algorithm_name", str),
+        description=entry(metadata, "description", str),
+        environment=environment,
+        arguments=arguments,
+        origin={"minari": entry(metadata, "minari_version", str), **origin},
+        n_episodes=entry(metadata, "total_episodes", int),
+    )
 
 
-def _environment(spec: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    name = spec["id"]
-    if not name.startswith(_NAMESPACE):
+def _environment(specification: str) -> tuple[str, dict[str, Any]]:
+    spec = parsed_json(specification)
+    name = entry(spec, "id", str)
+    if not (name.startswith(_NAMESPACE) and name in gym.registry):
         raise ValueError(
             f"the data set was recorded in {name}, which is no environment of gplfd"
         )
-    arguments = dict(spec["kwargs"])
-    if spec["max_episode_steps"] is not None:
-        arguments["max_episode_steps"] = spec["max_episode_steps"]
-    return name, arguments
+    arguments = entry(spec, "kwargs", dict[str, Any])
+    limit = entry(spec, "max_episode_steps", int | None)
+    # Nobody watches a replay.
+    arguments.pop("render_mode", None)
+    return name, arguments | ({} if limit is None else {"max_episode_steps": limit})
 
 
-def _episode(group: Any) -> Episode:
-    entries = {name: _plain(value) for name, value in group.attrs.items()}
-    infos = _values(group["infos"])
-    episode = Episode(
-        seed=entries["seed"],
+def _episode(group: Any) -> RecordedEpisode:
+    entries = {
+        name: value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+        for name, value in group.attrs.items()
+    }
+    layout = parsed_json(entry(entries, f"{KIND}/state_layout", str))
+    digests = parsed_json(entry(entries, f"{KIND}/model_digests", str))
+    sizes: list[int] = []
+    group.visititems(lambda _, item: sizes.append(getattr(item, "nbytes", 0)))
+    if sum(sizes) > _LARGEST_EPISODE:
+        raise ValueError(f"it would take {sum(sizes):,} bytes of memory")
+    return RecordedEpisode(
+        seed=entry(entries, "seed", int),
         options=_nested(entries).get("options", {}),
-        observations=_values(group["observations"]),
-        actions=group["actions"][()],
-        rewards=group["rewards"][()],
-        terminations=group["terminations"][()],
-        truncations=group["truncations"][()],
-        infos=infos,
-        state_layout=json.loads(entries[f"{KIND}/state_layout"]),
-        model_digests=json.loads(entries[f"{KIND}/model_digests"]),
+        state_layout={name: entry(layout, name, int) for name in layout},
+        model_digests={name: entry(digests, name, str) for name in digests},
+        observations=_arrays(group["observations"]),
+        infos=_arrays(group["infos"]),
+        **{name: np.asarray(group[name][()]) for name in PER_STEP},
     )
-    rows, width = episode.states.shape
-    if rows != len(episode) + 1 or width != sum(episode.state_layout.values()):
-        raise ValueError(
-            f"an episode of {len(episode)} steps has {rows} physics states of {width} "
-            f"numbers in {PHYSICS_STATE}"
-        )
-    return episode
 
 
-def _values(group: Any) -> dict[str, Any]:
-    """Arrays by name; text as an array of str."""
-    import h5py
+def _arrays(group: Any) -> dict[str, NDArray[Any]]:
+    """Arrays by name, in nested groups by ``group/name``; text as an array of str."""
+    arrays: dict[str, NDArray[Any]] = {}
 
-    values: dict[str, Any] = {}
-    for name, item in group.items():
-        if isinstance(item, h5py.Group):
-            values[name] = _values(item)
-        elif h5py.check_string_dtype(item.dtype) is not None:
-            values[name] = np.array([text.decode() for text in item[()]])
-        else:
-            values[name] = item[()]
-    return values
+    def keep(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            text = h5py.check_string_dtype(item.dtype) is not None
+            found = item.asstr()[()] if text else item[()]
+            arrays[name] = np.array(found, dtype=str if text else None)
 
-
-def _plain(value: Any) -> Any:
-    """A NumPy scalar or array as Python's own."""
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+    group.visititems(keep)
+    return arrays
 
 
 def _nested(flat: Mapping[str, Any]) -> dict[str, Any]:
@@ -222,14 +236,3 @@ def _nested(flat: Mapping[str, Any]) -> dict[str, Any]:
             inner = inner.setdefault(key, {})
         inner[last] = value
     return nested
-
-
-@contextlib.contextmanager
-def _complaints(path: Path) -> Iterator[None]:
-    """Say of what a reading library complains about that this file is damaged."""
-    try:
-        yield
-    except KeyError as error:
-        raise ValueError(f"{path} is incomplete: {error.args[0]}") from error
-    except (OSError, ValueError, TypeError, AttributeError) as error:
-        raise ValueError(f"{path}: {error}") from error

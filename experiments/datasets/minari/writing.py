@@ -3,156 +3,208 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
+import hashlib
+import io
 import json
-import os
 import re
 import tempfile
-import warnings
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import gymnasium as gym
+import h5py
+import minari
+from minari.serialization import serialize_space
+from numpy.typing import NDArray
 
-from experiments.datasets.minari.episode import Episode, Recorder
-from experiments.datasets.minari.packing import pack
+from experiments.datasets.minari.episode import RecordedEpisode, flat
 from experiments.datasets.minari.physics import arithmetic, model_hash
+from experiments.files.plain_data import write_json
 from experiments.files.provenance import provenance
+from policies.storage import complete_or_absent
 
 KIND: Final = "gplfd"
 """Name under which this package keeps its own entries, per data set and episode."""
 
-LAYOUT: Final = 1
+LAYOUT: Final = 2
 """Version of these entries."""
 
 DATA, MAIN_FILE, METADATA_FILE = "data", "main_data.hdf5", "metadata.json"
+
+PER_STEP: Final = ("actions", "rewards", "terminations", "truncations")
+"""Arrays that stand alone in an episode; the others are its observations and infos."""
 
 REPRODUCING: Final = ("gplfd", "mujoco", "gymnasium", "numpy", "scipy")
 """Distributions whose versions can change what an environment computes."""
 
 _ID: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]*-v[0-9]+")
-_NEEDED: Final = ("minari", "h5py", "PIL")
+_COMPACT: Final = ("v110", "v110")
+"""Format of HDF5 1.10 (2016), whose indices are far smaller than the oldest's."""
+_LARGEST_CHUNK: Final = 1500
+"""Rows that are compressed together."""
 
 
-@dataclass(kw_only=True, slots=True)
-class DatasetWriter:
-    """Takes episode after episode; at most one is kept in memory."""
-
-    folder: Path
-    """Minari's root of data sets while writing."""
-    name: str
-    """Id of the data set."""
-    env: gym.Env[Any, Any]
-    """Environment that the episodes ran in; kept as its specification."""
-    policy: str
-    """Name of the policy that acted."""
-    config: Mapping[str, Any]
-    """Settings of the recording; JSON-able."""
-    _dataset: Any = field(init=False, default=None)
-
-    def add(self, episode: Episode) -> None:
-        """Write an episode.
-
-        Raises:
-            ValueError: An info cannot be stored.
-        """
-        from minari.data_collector.episode_buffer import EpisodeBuffer
-
-        buffer = EpisodeBuffer(
-            seed=episode.seed,
-            options=dict(episode.options) or None,
-            observations=dict(episode.observations),
-            actions=episode.actions,
-            rewards=episode.rewards,
-            terminations=episode.terminations,
-            truncations=episode.truncations,
-            infos=_with_plain_text(episode.infos),
-        )
-        if self._dataset is None:
-            self._dataset = self._create(buffer)
-        else:
-            self._dataset.update_dataset_from_buffer([buffer])
-        entries = {
-            f"{KIND}/state_layout": json.dumps(dict(episode.state_layout)),
-            f"{KIND}/model_digests": json.dumps(dict(episode.model_digests)),
-            f"{KIND}/model_hash": model_hash(episode.model_digests),
-        }
-        storage = self._dataset.storage
-        storage.update_episode_metadata([entries], [self._dataset.total_episodes - 1])
-
-    def _create(self, buffer: Any) -> Any:
-        import minari
-
-        origin = provenance(self.config)
-        versions = {name: origin["versions"][name] for name in REPRODUCING}
-        with _minari_root(self.folder), warnings.catch_warnings():
-            # Advice to those who publish: name an author and link the code.
-            warnings.filterwarnings("ignore", ".* is set to None", UserWarning)
-            dataset = minari.create_dataset_from_buffers(
-                self.name,
-                [buffer],
-                env=self.env,
-                eval_env=self.env.spec,
-                algorithm_name=self.policy,
-                description="Door opening, recorded by gplfd; run again with "
-                "`gplfd demos replay`.",
-                data_format="hdf5",
-                requirements=[
-                    f"{name}=={version}"
-                    for name, version in versions.items()
-                    if version != "unknown"
-                ],
-            )
-        entries = {"layout": LAYOUT, "arithmetic": arithmetic(), **origin}
-        dataset.storage.update_metadata({KIND: entries})
-        return dataset
-
-
-@contextlib.contextmanager
-def new_dataset(
+def write_dataset(
     folder: str | Path,
+    episodes: Iterable[RecordedEpisode],
     *,
     env: gym.Env[Any, Any],
     policy: str,
     config: Mapping[str, Any],
     overwrite: bool = False,
-) -> Iterator[DatasetWriter]:
-    """Write a data set that appears at ``folder`` when the block succeeds.
+) -> None:
+    """Write a data set that appears at ``folder`` when its last episode is there.
+
+    Until then its compressed episodes are kept in memory, about a kilobyte per step.
 
     Args:
         folder: Where the data set goes. Its name is the data set's id, so
             ``MINARI_DATASETS_PATH`` set to the folder above it lets
             ``minari.load_dataset`` find it.
-        env: Environment made by ``gym.make``, whose specification is kept.
-        policy: Name of the policy that acts.
+        episodes: At least one; taken when the folder is known to be writable.
+        env: Environment made by ``gym.make`` in which the episodes ran. Its
+            specification is kept, from which Minari's ``recover_environment`` makes it.
+        policy: Name of the policy that acted.
         config: Settings of the recording, for the record; JSON-able.
         overwrite: Replace a data set that is there already.
 
     Raises:
-        ValueError: The name is no id, something is there already, Minari is not
-            installed, the environment's arguments cannot be stored, or no episode was
-            added.
+        ValueError: The name is no id, something is there already, the environment's
+            arguments cannot be stored, or there is no episode.
         OSError: The folder cannot be written.
     """
-    target = _checked_target(folder, overwrite=overwrite)
-    # The environment to make again is the one inside.
-    inside = env.env if isinstance(env, Recorder) else env
-    _check_specification(inside)
+    target = Path(folder).absolute()
+    _check_target(target, overwrite=overwrite)
+    specification = _specification(env)
     target.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(
-        prefix=f".{target.name}.", dir=target.parent
-    ) as temporary:
-        root = Path(temporary)
-        writer = DatasetWriter(
-            folder=root, name=target.name, env=inside, policy=policy, config=config
+    with _replacing(target) as data:
+        packed = _packed(episodes)
+        metadata = {
+            "dataset_id": target.name,
+            "env_spec": specification,
+            "observation_space": serialize_space(env.observation_space),
+            "action_space": serialize_space(env.action_space),
+            "algorithm_name": policy,
+            **_metadata(packed, provenance(config)),
+        }
+        try:
+            with complete_or_absent(data / MAIN_FILE) as path:
+                path.write_bytes(packed.content)
+            write_json(data / METADATA_FILE, metadata)
+        except OSError as error:
+            size = f"the data set takes {len(packed.content) / 1e6:.1f} MB"
+            reason = f"{error.strerror}; {size}"
+            raise OSError(error.errno, reason, str(folder)) from error
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Packed:
+    content: bytes
+    n_episodes: int
+    n_steps: int
+    n_doors: int
+
+
+def _packed(episodes: Iterable[RecordedEpisode]) -> _Packed:
+    """Make the HDF5 file in memory: on a full disk, HDF5 ends the process.
+
+    Raises:
+        ValueError: There is no episode.
+    """
+    steps, doors = [], set()
+    image = io.BytesIO()
+    with h5py.File(image, "w", libver=_COMPACT, track_order=True) as file:
+        for number, episode in enumerate(episodes):
+            group = file.create_group(f"episode_{number}")
+            group.attrs.update(_attributes(number, episode))
+            for name, array in _arrays(episode).items():
+                _add(group, name, array)
+            steps.append(len(episode))
+            doors.add(repr(episode.options.get("door")))
+    if not steps:
+        raise ValueError("a data set needs at least one episode; none was added")
+    return _Packed(
+        content=image.getvalue(),
+        n_episodes=len(steps),
+        n_steps=sum(steps),
+        n_doors=len(doors),
+    )
+
+
+def _attributes(number: int, episode: RecordedEpisode) -> dict[str, Any]:
+    """What Minari keeps beside an episode's arrays, and what this package adds."""
+    return {
+        "id": number,
+        "seed": episode.seed,
+        "total_steps": len(episode),
+        **flat({"options": episode.options}),
+        f"{KIND}/state_layout": json.dumps(dict(episode.state_layout)),
+        f"{KIND}/model_digests": json.dumps(dict(episode.model_digests)),
+        f"{KIND}/model_hash": model_hash(episode.model_digests),
+    }
+
+
+def _arrays(episode: RecordedEpisode) -> dict[str, NDArray[Any]]:
+    """All arrays of an episode by the names that Minari gives them."""
+    own = {name: getattr(episode, name) for name in PER_STEP}
+    return own | flat({"observations": episode.observations, "infos": episode.infos})
+
+
+def _add(group: Any, name: str, array: NDArray[Any]) -> None:
+    """Write an array: compressed, for states repeat, and so that Minari can append."""
+    text = array.dtype.kind == "U"
+    group.create_dataset(
+        name,
+        data=array.tolist() if text else array,
+        dtype=h5py.string_dtype() if text else array.dtype,
+        chunks=(min(len(array), _LARGEST_CHUNK), *array.shape[1:]),
+        maxshape=(None, *array.shape[1:]),
+        compression="gzip",
+        shuffle=True,
+    )
+
+
+def _metadata(packed: _Packed, origin: Mapping[str, Any]) -> dict[str, Any]:
+    description = (
+        "Door opening, recorded by gplfd; run again with `gplfd demos replay`."
+    )
+    if packed.n_doors > 1:
+        description += (
+            f" It holds {packed.n_doors} doors, and recover_environment() makes one: "
+            "reset it with the options of an episode to have that episode's door."
         )
-        yield writer
+    versions = {name: origin["versions"][name] for name in REPRODUCING}
+    return {
+        "total_episodes": packed.n_episodes,
+        "total_steps": packed.n_steps,
+        "dataset_size": round(len(packed.content) / 1e6, 1),
+        "data_format": "hdf5",
+        "jpeg_encoding": False,
+        "minari_version": minari.__version__,
+        "description": description,
+        "requirements": [
+            f"{name}=={version}"
+            for name, version in versions.items()
+            if version != "unknown"
+        ],
+        KIND: {
+            "layout": LAYOUT,
+            "sha256": hashlib.sha256(packed.content).hexdigest(),
+            "arithmetic": arithmetic(),
+            **origin,
+        },
+    }
+
+
+@contextlib.contextmanager
+def _replacing(target: Path) -> Iterator[Path]:
+    """Give a folder for the data, whose parent becomes ``target`` after the block."""
+    with tempfile.TemporaryDirectory(prefix=".", dir=target.parent) as temporary:
+        root = Path(temporary)
         written = root / target.name
-        if not written.exists():
-            raise ValueError("a data set needs at least one episode; none was added")
-        pack(written / DATA / MAIN_FILE)
+        yield written / DATA
         if target.exists():
             target.rename(root / "replaced")
         try:
@@ -163,69 +215,32 @@ def new_dataset(
             raise
 
 
-def _checked_target(folder: str | Path, *, overwrite: bool) -> Path:
-    """Return the folder's path; nothing is written.
-
-    Raises:
-        ValueError: See `new_dataset`.
-    """
-    target = Path(folder).absolute()
+def _check_target(target: Path, *, overwrite: bool) -> None:
+    """Raise ValueError unless a data set may be written there."""
     if not _ID.fullmatch(target.name):
         raise ValueError(
-            f"{folder}: a data set's folder is named after its Minari id, letters, "
+            f"{target}: a data set's folder is named after its Minari id, letters, "
             "digits, _ and - with a version at the end, for example door-opening-v0"
         )
-    missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
-    if missing:
-        raise ValueError(
-            f"{' and '.join(missing)} not installed; data sets need "
-            "pip install 'gplfd[minari]'"
-        )
     if not target.exists():
-        return target
+        return
     if not (target / DATA / METADATA_FILE).is_file():
-        raise ValueError(f"{folder} exists and is not a data set; give another folder")
+        raise ValueError(f"{target} exists and is not a data set; give another folder")
     if not overwrite:
         raise ValueError(
-            f"{folder} exists; give another folder, or --overwrite to replace it"
+            f"{target} exists; give another folder, or --overwrite to replace it"
         )
-    return target
 
 
-def _check_specification(env: gym.Env[Any, Any]) -> None:
+def _specification(env: gym.Env[Any, Any]) -> str:
+    """Return what the environment is made from, as JSON."""
     spec = env.spec
     if spec is None:
         raise ValueError("the environment must be made by gym.make to be made again")
     try:
-        spec.to_json()
+        return spec.to_json()
     except TypeError as error:
         raise ValueError(
             f"the arguments {spec.kwargs} of {spec.id} cannot be stored ({error}); "
             "give names, numbers or mappings instead of objects"
         ) from error
-
-
-@contextlib.contextmanager
-def _minari_root(folder: Path) -> Iterator[None]:
-    """Let Minari make its data sets under ``folder``; only its environment tells it."""
-    name = "MINARI_DATASETS_PATH"
-    before = os.environ.get(name)
-    os.environ[name] = str(folder)
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[name]
-        else:
-            os.environ[name] = before
-
-
-def _with_plain_text(infos: Mapping[str, Any]) -> dict[str, Any]:
-    """Text as lists of str, which is how Minari stores it."""
-    plain: dict[str, Any] = {}
-    for name, value in infos.items():
-        if isinstance(value, Mapping):
-            plain[name] = _with_plain_text(value)
-        else:
-            plain[name] = value.tolist() if value.dtype.kind == "U" else value
-    return plain

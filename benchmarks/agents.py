@@ -1,0 +1,183 @@
+"""Agents in the loop, and what recording them costs: python benchmarks/agents.py."""
+
+from __future__ import annotations
+
+import copy
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import tyro
+
+from experiments.episodes.rollout import rollout
+from experiments.recording import record_episode
+from experiments.speed.machine import load
+from experiments.speed.report import Measurement, at_least, at_most, measure_all
+from experiments.speed.timing import Timed, after, measure, repeated
+from experiments.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd_env import ENVIRONMENT_ID
+from policies.agent import Agent
+from policies.demonstrations import Demonstration
+from policies.lockstep import batch_agents
+from policies.registry import make_agent
+
+ALONE = "one agent, gym.make"
+TOGETHER = "{} agents in lockstep, gym.make_vec on 2 threads"
+
+Observation = Mapping[str, np.ndarray]
+
+
+def demonstrations() -> tuple[Demonstration, ...]:
+    """Two openings of each demonstrated door."""
+    return Teacher().demonstrate_doors(
+        DEMONSTRATED_RADII, per_radius=2, rng=np.random.default_rng(0)
+    )
+
+
+class Loop:
+    """A closed loop of agents and simulations.
+
+    Args:
+        envs: One door or many.
+        reset: Lets the agents begin.
+        act: Gives their actions.
+        count: How many doors.
+        periods: Control periods of one run; so few that no episode ends.
+
+    Attributes:
+        timed: Runs of control steps, which begin at closed doors.
+        deciding: CPU seconds that the agents took per control step, run by run.
+    """
+
+    def __init__(
+        self,
+        envs: Any,
+        reset: Callable[[Observation], None],
+        act: Callable[[Observation], Any],
+        *,
+        count: int,
+        periods: int,
+    ) -> None:
+        self._envs, self._reset, self._act, self._periods = envs, reset, act, periods
+        self._steps = count * periods
+        self.timed: Timed = after(self._begin, self._run, self._steps)
+        self.deciding: list[float] = []
+
+    def _begin(self) -> None:
+        self._observation, _ = self._envs.reset(seed=0)
+        self._reset(self._observation)
+
+    def _run(self) -> None:
+        observation, spent = self._observation, 0
+        for _ in range(self._periods):
+            started = time.thread_time_ns()
+            action = self._act(observation).action
+            spent += time.thread_time_ns() - started
+            observation, *_ = self._envs.step(action)
+        self.deciding.append(1e-9 * spent / self._steps)
+
+
+def loop_of(agent: Agent, count: int, periods: int) -> Loop:
+    """Return copies of an agent in lockstep, at doors of the demonstrated radii."""
+    doors = [DEMONSTRATED_RADII[row % len(DEMONSTRATED_RADII)] for row in range(count)]
+    envs = gym.make_vec(
+        ENVIRONMENT_ID,
+        num_envs=count,
+        door=doors,
+        num_threads=2,
+        autoreset_mode="Disabled",
+    )
+    # One learning serves all: a copy is an agent of its own.
+    agents = batch_agents([copy.deepcopy(agent) for _ in range(count)])
+    return Loop(envs, agents.reset, agents.act, count=count, periods=periods)
+
+
+def measure_loops(
+    repeats: int, counts: tuple[int, ...] = (2, 16, 64), periods: int = 250
+) -> Measurement:
+    """Let agents open doors, one alone and many together, in turns.
+
+    Args:
+        repeats: Rounds of ``periods`` control steps of every agent.
+        counts: How many agents open doors together, rising.
+        periods: Control periods of one run; so few that no episode ends.
+    """
+    agent = make_agent("gp", demonstrations())
+    env = gym.make(ENVIRONMENT_ID, door="medium")
+    loops = {ALONE: Loop(env, agent.reset, agent.act, count=1, periods=periods)} | {
+        TOGETHER.format(count): loop_of(agent, count, periods) for count in counts
+    }
+    times = measure({name: loop.timed for name, loop in loops.items()}, repeats)
+    most = TOGETHER.format(counts[-1])
+    return Measurement(
+        title=f"agent in the loop ({load()})",
+        rows={
+            name: {
+                "control steps/s": times[name].rate,
+                "CPU µs/step": 1e6 * times[name].cpu_median,
+                "of which agent": 1e6 * statistics.median(loop.deciding[-repeats:]),
+            }
+            for name, loop in loops.items()
+        },
+        targets=(
+            at_least(f"loop: {most} [control steps/s]", times[most].rate, 5000.0),
+        ),
+    )
+
+
+def measure_recording(repeats: int) -> Measurement:
+    """Open the medium door and record it, in turns; all threads' CPU time.
+
+    Args:
+        repeats: Episodes, all the same.
+    """
+    given = demonstrations()
+    agent = make_agent("gp", given)
+    env: Any = gym.make(ENVIRONMENT_ID, door="medium")
+    episode = partial(rollout, env, agent, policy="gp", door="medium", seed=0)
+    log = episode()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "medium.rrd"
+        record = partial(record_episode, path, log, env.unwrapped.model, given)
+        times = measure(
+            {"rollout": after(env.reset, episode), "recording": repeated(record)},
+            repeats,
+        )
+        size = path.stat().st_size
+    env.close()
+    return Measurement(
+        title=f"recording of an episode of {len(log.times)} control steps, "
+        f"{size / 1e6:.1f} MB",
+        rows={name: {"CPU ms [quartiles]": cpu} for name, cpu in times.items()},
+        targets=(
+            at_most(
+                "recording: CPU time over the rollout's",
+                times["recording"].cpu_over(times["rollout"]),
+                0.10,
+            ),
+        ),
+    )
+
+
+def main(
+    repeats: int = 5, counts: tuple[int, ...] = (2, 16, 64), periods: int = 250
+) -> None:
+    """Measure the policy ``gp`` in the loop, and what recording an episode costs.
+
+    Args:
+        repeats: Measurements of every time.
+        counts: How many agents open doors together, rising.
+        periods: Control periods of a run; 250 are half an opening.
+    """
+    loops = partial(measure_loops, counts=counts, periods=periods)
+    measure_all({"loops": loops, "recording": measure_recording}, repeats)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,1 +1,0 @@
-"""How fast and how accurate the Gaussian processes are, beside other libraries."""

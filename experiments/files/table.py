@@ -1,0 +1,84 @@
+"""A table of texts, and how it is written for a terminal, in Markdown and in HTML."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Table:
+    """Texts in rows; the first cell of each row names it."""
+
+    columns: tuple[str, ...]
+    """Heads with units."""
+    rows: tuple[tuple[str, ...], ...]
+    """Cells, as many as there are heads; what stands after a line break is small."""
+    note: str = ""
+    """What a reader has to know to read it."""
+    left: bool = False
+    """Whether all cells are text, flush left, rather than numbers after a name."""
+
+
+def text_table(table: Table) -> str:
+    """Write aligned columns; a cell with a line break takes two lines."""
+    lines = [
+        line
+        for row in (table.columns, *table.rows)
+        for line in itertools.zip_longest(*map(str.splitlines, row), fillvalue="")
+    ]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if table.left or not place else cell.rjust(width)
+            for place, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
+        for line in lines
+    )
+
+
+def markdown_table(table: Table, shown: Callable[[str], str] = str) -> str:
+    """Write a table of GitHub's Markdown.
+
+    Args:
+        table: What to write, but for its note.
+        shown: Writes the text of a cell.
+    """
+
+    def line(cells: tuple[str, ...]) -> str:
+        return f"| {' | '.join(cells)} |"
+
+    def written(cell: str) -> str:
+        return shown(cell).replace("|", "\\|").replace("\n", "<br>")
+
+    rule = tuple(
+        ":--" if table.left or not place else "--:"
+        for place in range(len(table.columns))
+    )
+    head, *rows = (tuple(map(written, row)) for row in (table.columns, *table.rows))
+    return "\n".join(map(line, (head, rule, *rows)))
+
+
+def html_table(table: Table, shown: Callable[[str], str]) -> str:
+    """Write a ``table`` element, of class "text" if it is flush left.
+
+    Args:
+        table: What to write, but for its note.
+        shown: Writes a text, escaped.
+    """
+
+    def written(cell: str) -> str:
+        first, *rest = map(shown, cell.split("\n"))
+        return first + "".join(f"<br><small>{line}</small>" for line in rest)
+
+    heads = "".join(f'<th scope="col">{written(head)}</th>' for head in table.columns)
+    rows = "\n".join(
+        f"<tr>{''.join(f'<td>{written(cell)}</td>' for cell in row)}</tr>"
+        for row in table.rows
+    )
+    kind = ' class="text"' if table.left else ""
+    return (
+        f"<table{kind}>\n<thead><tr>{heads}</tr></thead>\n"
+        f"<tbody>\n{rows}\n</tbody>\n</table>"
+    )

@@ -1,0 +1,155 @@
+"""Sentences that say how one policy stands among the others, from the data alone.
+
+Two policies are compared on the tasks that both ran. A rate that is below the best is
+*within the interval of the best* when it lies in the best's 95 % Wilson interval; a
+number, when the 95 % interval of the paired difference holds zero. Otherwise the policy
+is beaten.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Final, TypeVar
+
+from experiments.report.document import code, names
+from experiments.results.measures import Measure, median
+from experiments.results.statistics import (
+    interval_text,
+    paired,
+    shift,
+    wilson_interval,
+)
+
+NumberT = TypeVar("NumberT", bound=float)
+
+PRIVILEGED: Final = frozenset({"oracle"})
+"""Policies that know what a robot cannot: compared, but never called the best."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Rival:
+    """Another policy beside the one that a sentence is about."""
+
+    name: str
+    lead: float
+    """How much better it is; negative: worse."""
+    beats: bool
+    """Whether its lead is more than chance."""
+    text: str
+    """Its numbers."""
+    unsettled: bool = False
+    """Whether there are too few pairs to say so."""
+
+
+def rate_sentence(
+    title: str, successes: Mapping[str, Mapping[str, bool]], policy: str
+) -> str:
+    """Say how a policy's success rate stands.
+
+    Args:
+        title: What succeeds.
+        successes: Success by policy and task.
+        policy: The policy the sentence is about.
+    """
+    own = successes.get(policy, {})
+    if not own:
+        return f"**{title}:** {code(policy)} has no episode that ran."
+    opened, n = sum(own.values()), len(own)
+    count = f"{opened} of {n} ({interval_text(opened, n)})"
+    rivals = _rivals(successes, policy, _rate_rival)
+    return f"**{title}:** {_standing(policy, count, rivals)}"
+
+
+def _rate_rival(name: str, ours: Sequence[bool], theirs: Sequence[bool]) -> _Rival:
+    n, opened = len(ours), sum(theirs)
+    low, _ = wilson_interval(opened, n)
+    return _Rival(
+        name=name,
+        lead=(opened - sum(ours)) / n,
+        beats=sum(ours) / n < low,
+        text=f"{opened} of {n} ({interval_text(opened, n)}) against {sum(ours)}",
+    )
+
+
+def value_sentence(
+    measure: Measure, numbers: Mapping[str, Mapping[str, float]], policy: str
+) -> str:
+    """Say how a policy's numbers stand; less is better.
+
+    Args:
+        measure: What the numbers are.
+        numbers: Number by policy and task.
+        policy: The policy the sentence is about.
+    """
+    title = measure.phrase[0].upper() + measure.phrase[1:]
+    own = numbers.get(policy, {})
+    if not own:
+        return f"**{title}:** {code(policy)} has no value."
+    middle = f"median {measure.text(median(own.values()), unit=True)}"
+    rivals = _rivals(numbers, policy, partial(_value_rival, measure))
+    return f"**{title}:** {_standing(policy, middle, rivals)}"
+
+
+def _value_rival(
+    measure: Measure, name: str, ours: Sequence[float], theirs: Sequence[float]
+) -> _Rival:
+    found = shift(ours, theirs)
+    size = abs(found.estimate)
+    # A small difference is shown with the decimals that it takes.
+    finer = next((n for n in (0, 1) if round(size, measure.digits + n) != 0.0), 2)
+    side = "ahead" if found.estimate > 0.0 else "behind"
+    interval = "too few for an interval"
+    if math.isfinite(found.low):
+        sign = 1.0 if found.estimate > 0.0 else -1.0
+        ends = sorted((sign * found.low, sign * found.high))
+        interval = " to ".join(measure.text(end, finer=finer) for end in ends)
+    size_text = measure.text(size, unit=True, finer=finer)
+    return _Rival(
+        name=name,
+        lead=found.estimate,
+        beats=found.low > 0.0,
+        text=f"{side} by {size_text} ({interval}, n = {found.n})",
+        unsettled=math.isinf(found.low),
+    )
+
+
+def _standing(policy: str, own: str, rivals: Sequence[_Rival]) -> str:
+    """Say whether a policy is best, within the interval of the best, or beaten."""
+    subject = f"{code(policy)}, {own},"
+    if not rivals:
+        return f"{subject} has nothing to compare with."
+    order = sorted(rivals, key=lambda rival: (-rival.lead, rival.name))
+    best = order[0]
+    if best.lead <= 0.0:
+        equal = [rival.name for rival in order if rival.lead == 0.0]
+        together = f" together with {names(equal)}" if equal else ""
+        behind = order[len(equal) :]
+        following = (
+            f"; next is {code(behind[0].name)}, {behind[0].text}" if behind else ""
+        )
+        return f"{subject} is best{together}{following}."
+    if beaten := [rival for rival in order if rival.beats]:
+        winners = "; ".join(f"{code(rival.name)}, {rival.text}" for rival in beaten)
+        return f"{subject} is beaten by {winners}."
+    if best.unsettled:
+        return f"{subject} may be beaten by {code(best.name)}, {best.text}."
+    return (
+        f"{subject} is within the interval of the best, {code(best.name)}, {best.text}."
+    )
+
+
+def _rivals(
+    runs: Mapping[str, Mapping[str, NumberT]],
+    policy: str,
+    compare: Callable[[str, Sequence[NumberT], Sequence[NumberT]], _Rival],
+) -> list[_Rival]:
+    """Compare a policy with the others on the tasks that both have."""
+    rivals = []
+    for name in runs.keys() - PRIVILEGED - {policy}:
+        ours, theirs = paired(runs[policy], runs[name])
+        if ours:
+            rivals.append(compare(name, ours, theirs))
+    return rivals

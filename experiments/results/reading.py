@@ -1,0 +1,231 @@
+"""From the files of a study to records; a file that cannot be read is named."""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from experiments.episodes.metrics import EpisodeMetrics
+from experiments.files.plain_data import entry, read_json
+from experiments.learning_tests.folds import HELD_OUT
+from experiments.results.measures import LEARNING_MEASURES
+from experiments.results.records import (
+    DEMONSTRATED,
+    NON_STANDARD,
+    UNDEMONSTRATED,
+    EpisodeResult,
+    LearningTestResult,
+    StudyResults,
+)
+from experiments.study.settings import Condition
+from experiments.study.tasks import EpisodeTask, SkillTask, Task, task_from
+from experiments.teacher import DEMONSTRATED_RADII, TeacherConfig
+from gplfd_env.config import DoorConfig
+from gplfd_env.randomization import door_randomization
+
+STUDY, TASKS = "study.json", "tasks"
+
+_SAME_RADIUS: Final = 1e-3
+"""Doors whose radii differ by less are the same to a hand [m]."""
+_LARGEST: Final = 1e9
+"""No metric is larger; what is computed from any of them stays finite."""
+_LONGEST: Final = 200
+"""Characters of a name, and of a reason."""
+
+_LEARNING_TEST: Final[Mapping[str, Any]] = {
+    "policy": str,
+    "seed": int,
+    "demonstrations_per_door": int,
+    "teacher": dict[str, float],
+}
+_EPISODE: Final = {
+    **_LEARNING_TEST,
+    "door": str,
+    "door_config": dict[str, float],
+    "randomization": str,
+}
+_SOURCE: Final = dict[str, str | None] | None
+_BY_OUTPUTS: Final = dict[str, float | None]
+_OUTPUTS: Final = frozenset({"outputs_cpu_s", "outputs_nlpd"})
+# The runner writes None for what is not finite.
+_EPISODE_METRICS: Final = {
+    name: float | None if kind is float else kind
+    for name, kind in typing.get_type_hints(EpisodeMetrics).items()
+}
+
+
+def read_results(folder: Path) -> StudyResults:
+    """Read a study's folder.
+
+    Raises:
+        FileNotFoundError: There is no such folder.
+        ValueError: It holds no result that can be read.
+    """
+    if not folder.is_dir():
+        raise FileNotFoundError(
+            f"there is no folder {folder}; `gplfd benchmark --out {folder}` makes one"
+        )
+    # A file that is being written, or was when its process was killed, has a dot first.
+    files = sorted((folder / TASKS).glob("[!.]*.json"))
+    if not files:
+        raise ValueError(
+            f"{folder} is not the folder of a study: it has no {TASKS}/*.json. Give "
+            "the --out of a `gplfd benchmark`"
+        )
+    episodes, tests, unreadable = read_files(files)
+    if not (episodes or tests):
+        raise ValueError(
+            f"none of the {len(files)} files in {folder / TASKS} holds a result; "
+            f"the first: {unreadable[0]}"
+        )
+    study: dict[str, Any] = {}
+    if (folder / STUDY).exists():
+        try:
+            study = read_json(folder / STUDY)
+        except (OSError, ValueError) as error:
+            unreadable.append(_reason(folder / STUDY, error))
+    return StudyResults(
+        study=study,
+        episodes=tuple(sorted(episodes, key=_episode_order)),
+        tests=tuple(sorted(tests, key=_test_order)),
+        unreadable=tuple(unreadable),
+    )
+
+
+def read_files(
+    files: Iterable[Path],
+) -> tuple[list[EpisodeResult], list[LearningTestResult], list[str]]:
+    """Read results, and name the files that hold none, with the reason."""
+    episodes, tests, unreadable = [], [], []
+    for file in files:
+        try:
+            result = _result(read_json(file))
+        except (OSError, ValueError, TypeError) as error:
+            unreadable.append(_reason(file, error))
+            continue
+        if isinstance(result, EpisodeResult):
+            episodes.append(result)
+        else:
+            tests.append(result)
+    return episodes, tests, unreadable
+
+
+def _reason(file: Path, error: Exception) -> str:
+    text = " ".join(str(error).split()).replace(str(file), "it")
+    return f"{file.name}: {text[:_LONGEST]}"
+
+
+def _episode_order(one: EpisodeResult) -> tuple[Any, ...]:
+    task = one.task
+    return one.policy, str(one.condition), one.radius, task.door, task.seed, one.pair
+
+
+def _test_order(one: LearningTestResult) -> tuple[Any, ...]:
+    task = one.task
+    return one.policy, str(one.condition), task.held_out, task.seed, one.pair
+
+
+def _result(record: Mapping[str, Any]) -> EpisodeResult | LearningTestResult:
+    fields = dict(entry(record, "task", dict[str, Any]))
+    source = entry({"policy_source": None, **fields}, "policy_source", _SOURCE) or {}
+    fields.pop("policy_source", None)
+    task, failed = _task(fields), "error" in record
+    shared: dict[str, Any] = {
+        "task": task,
+        "condition": _condition(task),
+        "pair": dataclasses.replace(task, policy="").key,
+        "metrics": {} if failed else entry(record, "metrics", dict[str, Any]),
+        "error": entry(record, "error", str) or "no reason given" if failed else "",
+        "code": _code(record),
+        "policy_source": ", ".join(f"{name} {said}" for name, said in source.items()),
+    }
+    if isinstance(task, EpisodeTask):
+        return _episode(task, shared)
+    return _learning_test(shared)
+
+
+def _task(fields: Mapping[str, Any]) -> Task:
+    kinds = _EPISODE if entry(fields, "kind", str) == "episode" else _LEARNING_TEST
+    for name, kind in kinds.items():
+        value = entry(fields, name, kind)
+        if kind is str and not (value.isprintable() and 0 < len(value) <= _LONGEST):
+            raise ValueError(f"{name} = {value[:_LONGEST]!r} is not a name in one line")
+        if kind is int and value < 0:
+            raise ValueError(f"{name} = {value} must be 0 or more")
+    task = task_from(fields)
+    if isinstance(task, EpisodeTask):
+        door_randomization(task.randomization)
+    elif isinstance(task, SkillTask) and task.held_out not in HELD_OUT:
+        raise ValueError(f"held_out must be one of {HELD_OUT}, got {task.held_out!r}")
+    return task
+
+
+def _condition(task: Task) -> Condition:
+    noise = TeacherConfig(**task.teacher).wobble_position_std
+    return Condition(
+        demonstrations_per_door=task.demonstrations_per_door,
+        teacher_noise=round(noise / TeacherConfig().wobble_position_std, 6),
+        randomization=task.randomization if isinstance(task, EpisodeTask) else "none",
+    )
+
+
+def _episode(task: EpisodeTask, shared: Mapping[str, Any]) -> EpisodeResult:
+    planned = drawn = DoorConfig(**task.door_config)
+    if not shared["error"]:
+        metrics = shared["metrics"]
+        _check(metrics, _EPISODE_METRICS)
+        drawn = dataclasses.replace(planned, radius=metrics["radius"])
+        if len(metrics["forecast_progress"]) != len(metrics["forecast_error_mm"]):
+            raise ValueError("forecast_progress and forecast_error_mm differ in length")
+    if dataclasses.replace(planned, radius=DoorConfig().radius) != DoorConfig():
+        kind = NON_STANDARD
+    elif any(abs(drawn.radius - each) < _SAME_RADIUS for each in DEMONSTRATED_RADII):
+        kind = DEMONSTRATED
+    else:
+        kind = UNDEMONSTRATED
+    return EpisodeResult(
+        radius=drawn.radius,
+        drawn=abs(drawn.radius - planned.radius) > _SAME_RADIUS,
+        kind=kind,
+        **shared,
+    )
+
+
+def _learning_test(shared: Mapping[str, Any]) -> LearningTestResult:
+    metrics = shared["metrics"]
+    if not shared["error"]:
+        # Those of a criterion may be missing, those of a table not.
+        kinds = dict.fromkeys((*metrics, *LEARNING_MEASURES), float | None)
+        _check(metrics, kinds | {name: _BY_OUTPUTS for name in _OUTPUTS & kinds.keys()})
+    outputs = metrics.get("outputs_cpu_s") or {}
+    seconds = {int(n): float(each) for n, each in outputs.items() if each is not None}
+    return LearningTestResult(outputs_cpu_s=seconds, **shared)
+
+
+def _check(metrics: Mapping[str, Any], kinds: Mapping[str, Any]) -> None:
+    """Raise ValueError for a metric that is missing, or that cannot be computed with.
+
+    Args:
+        metrics: By name.
+        kinds: Type of each, as of `entry`.
+    """
+    for name, kind in kinds.items():
+        value = entry(metrics, name, kind)
+        low = 0.0 if name.startswith("prediction_error") else -_LARGEST
+        parts = value.values() if isinstance(value, Mapping) else value
+        for part in parts if isinstance(value, Mapping | tuple) else [value]:
+            if isinstance(part, int | float) and not low <= part <= _LARGEST:
+                raise ValueError(f"{name} = {part:g} is no plausible measurement")
+
+
+def _code(record: Mapping[str, Any]) -> str:
+    versions = entry(record, "versions", dict[str, str])
+    packages = ", ".join(f"{name} {version}" for name, version in versions.items())
+    git = entry(record, "git", dict[str, str | bool | None] | None)
+    if git is None:
+        return packages
+    edited = " with edits" if git.get("dirty") else ""
+    return f"commit {str(git.get('commit'))[:12]}{edited}, {packages}"

@@ -1,0 +1,83 @@
+"""Asking a skill, and taking in via-points."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from experiments.speed.known_process import KnownProcess
+from experiments.speed.report import Measurement, at_least, at_most
+from experiments.speed.timing import Action, Timed, measure, repeated
+from policies.adaptation import ADAPTATIONS, AdaptationForm
+from policies.skill import Skill, fit_skill
+from policies.trajectory import ViaPoint
+
+_GRID: Final = np.linspace(0.0, 1.0, 200)
+_VIA_POINTS: Final = 10
+_PREDICTIONS: Final = 50
+
+
+def measure_adaptation(repeats: int, seed: int = 0) -> Measurement:
+    """Time predictions, and via-points under every form of adaptation.
+
+    Args:
+        repeats: Measurements of each.
+        seed: Seed of demonstrations and via-points.
+    """
+    rng = np.random.default_rng(seed)
+    process = KnownProcess.on_grid(len(_GRID))
+    given = process.demonstrations(6, "smooth", rng)
+    skill = fit_skill(given)
+    skill.deviations  # noqa: B018  (made on first use; belongs to learning)
+    path = process.draw(1, "smooth", rng)[0]
+    points = [
+        ViaPoint(phase=float(_GRID[place]), pose=path[place])
+        for place in range(0, 4 * _VIA_POINTS, 4)
+    ]
+    actions = {
+        "predict, 200 phases": repeated(partial(skill.predict, _GRID), _PREDICTIONS),
+        "predict, 1 phase": repeated(
+            partial(skill.predict, _GRID[100:101]), _PREDICTIONS
+        ),
+        "predict, 200 phases, first time": Timed(
+            prepare=lambda: partial(fit_skill(given).predict, _GRID)
+        ),
+    }
+    for form, build in ADAPTATIONS.items():
+        actions[f"{form}: begin"] = repeated(partial(build, skill, _GRID))
+        actions[f"{form}: one via-point"] = Timed(
+            prepare=partial(_updating, build, skill, points), operations=_VIA_POINTS
+        )
+    times = measure(actions, repeats)
+    process_time = times["process: one via-point"]
+    return Measurement(
+        title=f"adapt: six outputs, {len(_GRID)} phases; via-points {_VIA_POINTS} in a "
+        "row, mean and standard deviation read after each",
+        rows={name: {"CPU ms [quartiles]": time} for name, time in times.items()},
+        targets=(
+            at_most(
+                "adapt: predict, 200 phases [ms]",
+                1e3 * times["predict, 200 phases"].cpu_median,
+                0.5,
+            ),
+            at_most("adapt: one via-point [ms]", 1e3 * process_time.cpu_median, 0.2),
+            at_least(
+                "adapt: product's time / process's",
+                times["product: one via-point"].cpu_over(process_time),
+                15.0,
+            ),
+        ),
+    )
+
+
+def _updating(build: AdaptationForm, skill: Skill, points: list[ViaPoint]) -> Action:
+    adaptation = build(skill, _GRID)
+
+    def update() -> None:
+        for point in points:
+            adaptation.observe(point)
+            _ = adaptation.mean, adaptation.std
+
+    return update

@@ -1,0 +1,99 @@
+"""Bringing two demonstrations onto one clock: interpolation and time warping."""
+
+from __future__ import annotations
+
+import warnings
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiments.speed.peers import NOT_INSTALLED, dtw_python, installed
+from experiments.speed.report import Measurement, at_least
+from experiments.speed.timing import Timed, measure, repeated
+from experiments.teacher import Teacher
+from policies.alignment import align
+from policies.completion import measure_completion
+from policies.demonstrations import Demonstration
+from policies.dynamic_time_warping import WarpingPath, dynamic_time_warping
+
+Array = NDArray[np.float64]
+
+_SIZES = (200, 1000, 5000)
+_MATCH, _MATCH_PEER = "matching: interpolation", "matching: dtw-python"
+_ALIGN = "align(), interpolation"
+
+
+def measure_alignment(repeats: int, seed: int = 0) -> Measurement:
+    """Time alignment at 200, 1000 and 5000 samples, beside dtw-python's.
+
+    Args:
+        repeats: Measurements of each.
+        seed: Seed of the demonstrations.
+    """
+    recorded = Teacher().demonstrate_doors(
+        (0.35, 0.65), 1, rng=np.random.default_rng(seed)
+    )
+    with warnings.catch_warnings():
+        # Sensor noise is part of the demonstrations, and `align` says so.
+        warnings.simplefilter("ignore", UserWarning)
+        times = {
+            size: measure(
+                _candidates([_resampled(demo, size) for demo in recorded]), repeats
+            )
+            for size in _SIZES
+        }
+    at_1000 = times[1000]
+    targets = [
+        at_least(
+            f"align: dtw-python's matching / {ours}, 1000 samples",
+            at_1000[_MATCH_PEER].cpu_over(at_1000[line]),
+            100.0,
+        )
+        for ours, line in (("ours", _MATCH), ("whole align()", _ALIGN))
+        if _MATCH_PEER in at_1000
+    ]
+    return Measurement(
+        title="align: two demonstrations, CPU ms [quartiles]; matching alone starts "
+        "from completion indices",
+        rows={
+            line: {
+                f"{size} samples": times[size].get(line, NOT_INSTALLED)
+                for size in _SIZES
+            }
+            for line in (*at_1000, _MATCH_PEER)
+        },
+        targets=tuple(targets),
+    )
+
+
+def _resampled(recorded: Demonstration, size: int) -> Demonstration:
+    times = np.linspace(recorded.times[0], recorded.times[-1], size)
+    columns = [np.interp(times, recorded.times, column) for column in recorded.poses.T]
+    return Demonstration(times=times, poses=np.column_stack(columns))
+
+
+def _candidates(two: list[Demonstration]) -> dict[str, Timed]:
+    def completions() -> list[Array]:
+        return [measure_completion(demo, 0.5, denoise=True).index for demo in two]
+
+    first, second = completions()
+    size = len(first)
+    many = max(1, 5000 // size)
+    candidates = {
+        "completion indices of both": repeated(completions, many),
+        # ζ rises, so the match of each sample of one is where the other reaches it.
+        _MATCH: repeated(partial(np.interp, first, second, np.arange(size)), many),
+        "matching: our exact DTW": repeated(partial(_warp, first, second)),
+        _ALIGN: repeated(partial(align, two), many),
+        "align(), dtw": repeated(partial(align, two, method="dtw")),
+    }
+    if installed("dtw"):
+        candidates[_MATCH_PEER] = repeated(partial(dtw_python, first, second))
+    return candidates
+
+
+def _warp(first: Array, second: Array) -> WarpingPath:
+    return dynamic_time_warping(
+        lambda row: np.abs(second - first[row]), n_rows=len(first)
+    )

@@ -1,0 +1,124 @@
+"""Gymnasium's conventions: reset options; of many, seeds and masks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gplfd_env.config import DoorConfig, DoorSpec, door_config
+
+Mask = NDArray[np.bool_]
+Doors = DoorSpec | Sequence[DoorSpec]
+"""One door for all simulations, or one for each."""
+
+Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
+"""One seed to count up from, or one or None for each."""
+
+
+def checked_options(options: object, allowed: Mapping[str, str]) -> dict[str, Any]:
+    """Return the options that a reset is given; None is as good as nothing.
+
+    Args:
+        options: As a caller gave them.
+        allowed: What each option may be, for messages.
+
+    Raises:
+        ValueError: It is no mapping or has an unknown key.
+    """
+    if not isinstance(options, Mapping | None):
+        raise ValueError(
+            f'options must be a mapping such as {{"door": "small"}}, got {options!r}'
+        )
+    given = options or {}
+    unknown = [repr(name) for name in given if name not in allowed]
+    if unknown:
+        choices = [f'"{name}" ({meaning})' for name, meaning in allowed.items()]
+        raise ValueError(
+            f"unknown reset option(s) {', '.join(unknown)}; allowed: "
+            f"{', '.join(choices)}"
+        )
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def masked(values: Mapping[str, Any], rows: Mask) -> dict[str, Any]:
+    """Return values with a mask ``"_key"`` beside each: the rows that are meant.
+
+    All of them share one mask, nested values and their masks included.
+    """
+    nested = {
+        name: masked(unmasked(value), rows)
+        for name, value in values.items()
+        if isinstance(value, dict)
+    }
+    masks = dict.fromkeys(_mask_names(tuple(values)), rows.copy())
+    return {**values, **nested, **masks}
+
+
+@lru_cache(maxsize=64)
+def _mask_names(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(f"_{name}" for name in names)
+
+
+def unmasked(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values without their masks; those of nested values stay."""
+    return {name: value for name, value in values.items() if not name.startswith("_")}
+
+
+def each_door(door: Doors, n: int) -> list[DoorConfig]:
+    """Return the door of every simulation.
+
+    Raises:
+        ValueError: A sequence of another length, or an impossible door.
+    """
+    if not isinstance(door, list | tuple):
+        return [door_config(door)] * n  # type: ignore[arg-type]
+    if len(door) != n:
+        raise ValueError(
+            f"door must be one for all simulations or a sequence of {n}, got "
+            f"{len(door)} doors"
+        )
+    return [door_config(one) for one in door]
+
+
+def each_seed(seed: Seeds, n: int) -> list[int | None]:
+    """Return the seed of every simulation.
+
+    Raises:
+        ValueError: A sequence of another length.
+    """
+    given = seed.tolist() if isinstance(seed, np.ndarray | np.generic) else seed
+    if given is None:
+        return [None] * n
+    if isinstance(given, int):
+        return [given + row for row in range(n)]
+    if not isinstance(given, list | tuple) or len(given) != n:
+        raise ValueError(
+            f"seed must be an integer, None or a sequence of {n}, got {seed!r}"
+        )
+    return [int(one) if isinstance(one, np.integer) else one for one in given]
+
+
+def chosen_rows(mask: Any, n: int, *, begun: bool) -> Mask:
+    """Return which simulations to reset.
+
+    Raises:
+        ValueError: The mask is not (n,) bool, selects none, or leaves simulations out
+            of the first reset.
+    """
+    if mask is None:
+        return np.ones(n, dtype=bool)
+    array = np.asarray(mask)
+    if array.shape != (n,) or array.dtype != np.bool_ or not array.any():
+        raise ValueError(
+            f"reset_mask must be an array of {n} booleans with at least one True, got "
+            f"{mask!r}"
+        )
+    if not begun and not array.all():
+        raise ValueError(
+            "the first reset must reset all simulations; leave out the mask"
+        )
+    return array

@@ -1,0 +1,126 @@
+"""Numbers of configuration records: each field declares its unit and its range once.
+
+A record declares ``radius: float = quantity(0.5, unit="m", low=0.3, high=0.65)``, says
+in the docstring below what the number means, and calls `check_quantities` in its
+``__post_init__``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import numbers
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any, Final
+
+_RANGE: Final = "range"
+"""Key of a field's metadata."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Range:
+    """The numbers from `low` to `high` between `above` and `below`.
+
+    Attributes:
+        low: Least number; by default there is none.
+        high: Greatest number; by default there is none.
+        above: Only greater numbers are allowed.
+        below: Only less numbers are allowed.
+        unit: Their unit; of whole numbers, what they count.
+        reason: What sets the limits, for messages.
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+    above: float = -math.inf
+    below: float = math.inf
+    unit: str = ""
+    reason: str = ""
+
+    def __contains__(self, number: float) -> bool:
+        return self.low <= number <= self.high and self.above < number < self.below
+
+    def __str__(self) -> str:
+        low = f"[{self.low:g}" if self.low > self.above else f"({self.above:g}"
+        high = f"{self.high:g}]" if self.high < self.below else f"{self.below:g})"
+        reason = f" ({self.reason})" if self.reason else ""
+        return f"{low}, {high} {self.unit}".rstrip() + reason
+
+
+def quantity(default: float, **allowed: Any) -> Any:
+    """Declare a field that is a finite number; a whole one if annotated `int`.
+
+    Args:
+        default: Its value if none is given.
+        **allowed: Attributes of `Range`.
+    """
+    return dataclasses.field(default=default, metadata={_RANGE: Range(**allowed)})
+
+
+def allowed_range(record: type, field: str) -> Range:
+    """Return what a record's field declared."""
+    declared = {one.name: one for one in dataclasses.fields(record)}
+    allowed: Range = declared[field].metadata[_RANGE]
+    return allowed
+
+
+def check_quantities(record: Any) -> None:
+    """Check every declared number of a frozen record and make it a float or an int.
+
+    Raises:
+        ValueError: A number is not finite or not allowed.
+        TypeError: A value is not a number.
+    """
+    for field in dataclasses.fields(record):
+        if _RANGE in field.metadata:
+            checked = checked_count if field.type in (int, "int") else checked_number
+            name = f"{type(record).__name__}.{field.name}"
+            value = checked(name, getattr(record, field.name), field.metadata[_RANGE])
+            object.__setattr__(record, field.name, value)
+
+
+def checked_number(name: str, value: Any, allowed: Range) -> float:
+    """Return a value as a float.
+
+    Args:
+        name: What messages call it.
+        value: To be checked.
+        allowed: The numbers that it may be.
+
+    Raises:
+        ValueError: It is not finite or not allowed.
+        TypeError: It is not a number.
+    """
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise TypeError(
+            f"{name} must be a number, got {value!r} ({type(value).__name__})"
+        )
+    number = float(value)
+    if number not in allowed:
+        raise ValueError(f"{name} = {number!r} is outside {allowed}")
+    return number
+
+
+def checked_count(name: str, value: Any, allowed: Range) -> int:
+    """Return a value as an int; the arguments are those of `checked_number`.
+
+    Raises:
+        ValueError: It is not a whole number or not allowed.
+    """
+    whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    if not whole or int(value) not in allowed:
+        of = f" of {allowed.unit}" if allowed.unit else ""
+        to = f" to {allowed.high:g}" if math.isfinite(allowed.high) else ""
+        raise ValueError(
+            f"{name} = {value!r} must be a whole number{of} from {allowed.low:g}{to}"
+        )
+    return int(value)
+
+
+def check_choice(name: str, value: object, allowed: Collection[object]) -> None:
+    """Raise a ValueError that lists what is allowed unless a value is among it."""
+    if value not in tuple(allowed):
+        raise ValueError(
+            f"{name} = {value!r} is not one of {', '.join(map(repr, allowed))}"
+        )

@@ -1,0 +1,105 @@
+"""Physics and commands of one robot before its door; knows no task."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gplfd_env.command import Command, ServoGains
+from gplfd_env.config import DoorConfig
+from gplfd_env.robot import Grasp
+from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
+from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.variation import Variation
+
+Array = NDArray[np.float64]
+
+BAD_STATE: Final = slice(
+    int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
+)
+"""MuJoCo's warnings that it has reset a diverged state."""
+
+
+class DoorSimulation:
+    """One simulation; `gplfd_env.batch.DoorBatch` is many.
+
+    A deep or unpickled copy is a simulation of its own in the same state.
+
+    Args:
+        door: The first door.
+        grasp: See `gplfd_env.scene.build_spec`.
+        command: The meaning of an action.
+
+    Attributes:
+        model: The scene; the same object whatever door it is brought to.
+        data: Its state.
+        sensordata: MuJoCo's sensor array; live.
+        variation: The door and what is around it.
+    """
+
+    def __init__(self, door: DoorConfig, grasp: Grasp, command: Command) -> None:
+        self._grasp, self._command = grasp, command
+        self.variation = Variation(door=door)
+        self.model = build_scene(door, grasp, control=command.control)
+        self.data = mujoco.MjData(self.model)
+        self._bind()
+
+    def _bind(self) -> None:
+        """Take the live views of model and data that every step needs."""
+        self.sensordata: Array = self.data.sensordata
+        self._pose: Array = self.data.ctrl[:6]
+        self._divergences = self.data.warning.number[BAD_STATE]
+        impedance = self._command.control == "impedance"
+        self._gains = ServoGains(self.model) if impedance else None
+        self._substeps = round(CONTROL_PERIOD / self.model.opt.timestep)
+
+    def restart(self, variation: Variation) -> None:
+        """Begin at rest before a door, its handle in the hand.
+
+        Raises:
+            ValueError: The handle is out of reach; nothing has changed.
+        """
+        now = self.variation
+        if (variation.door, variation.placement) != (now.door, now.placement):
+            load_scene(
+                self.model,
+                self.data,
+                variation.door,
+                self._grasp,
+                placement=variation.placement,
+                control=self._command.control,
+            )
+        self.variation = variation
+        mujoco.mj_resetDataKeyframe(self.model, self.data, GRASP_KEY)
+        # Before the forward pass: the first observation must not depend on the gains
+        # that the last episode ended with.
+        self._apply(self._command.rest)
+        mujoco.mj_forward(self.model, self.data)
+
+    def advance(self, command: Array) -> bool:
+        """Go on by one control period; return whether MuJoCo reports divergence.
+
+        Args:
+            command: An action, as `Command.check` gives it.
+        """
+        self._apply(command)
+        mujoco.mj_step(self.model, self.data, nstep=self._substeps)
+        return any(self._divergences.tolist())
+
+    def _apply(self, command: Array) -> None:
+        self._pose[:] = command[:6]
+        if self._gains is not None:
+            self._gains.write(command[6:])
+
+    def __getstate__(self) -> tuple[object, ...]:
+        return self._grasp, self._command, self.variation, self.model, self.data
+
+    def __setstate__(self, state: tuple[object, ...]) -> None:
+        self._grasp, self._command, self.variation, self.model, data = state  # type: ignore[assignment]
+        # A copied MjData brings another model, and views do not survive a copy.
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_copyData(self.data, self.model, data)
+        self._bind()

@@ -1,0 +1,259 @@
+"""Compliance control: movement, adaptation, stiffness and admittance, step by step.
+
+Implements Section IV-B of Arduengo et al., *Gaussian-Process-based Robot Learning from
+Demonstration*, arXiv:2002.09979: the door's motion, observed while opening it, adapts
+the movement; its uncertainty sets the stiffness; the virtual dynamics move the
+set-point of a position-controlled arm.
+
+Written once for one hand and for many: arrays of many have a leading axis of members,
+each with a door of its own, which share the cost of NumPy's calls. What a member does
+depends on no other, to the last bit: arithmetic is element by element, a sum over a
+direction is taken by NumPy in one order wherever it lies, and matrices (of one member's
+policy) have the same shape in company as alone. Products that NumPy leaves to BLAS, as
+``vecdot``, are not used across members: some kernels add in an order that depends on
+where in memory a row begins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from gplfd_env.se3 import compose_rotvecs
+from gplfd_env.task import CONTROL_PERIOD
+from policies.controllers.admittance import Admittance
+from policies.controllers.stability import GovernedStiffness, StiffnessGovernor
+from policies.controllers.stiffness import (
+    DEFAULT_DYNAMICS,
+    DEFAULT_PROFILE,
+    StiffnessProfile,
+    VirtualDynamics,
+)
+from policies.gridded import GriddedMovement, GriddedMovements
+from policies.load import CarriedLoad, LoadRule
+from policies.members import EVERY_MEMBER, Members, Numbers
+from policies.phase import PhaseRule
+from policies.steps import AgentStep
+from policies.trajectory import ViaPoint
+
+__all__ = ["ComplianceConfig", "ComplianceController"]
+
+Poses = Float[np.ndarray, "*N 6"]
+Phases = Float[Numbers, "*N"]
+Due = Bool[np.ndarray | np.bool_, "*N"]
+
+_LOOK_AHEAD: Final = 0.05
+"""Stretch of the path, in phase, whose chord is its direction."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ComplianceConfig:
+    """How an agent moves through the task, yields, and takes via-points."""
+
+    load: LoadRule = field(default_factory=CarriedLoad)
+    """What is done about the door's resistance."""
+
+    profile: StiffnessProfile = DEFAULT_PROFILE
+    """Stiffness as a function of uncertainty, Eq. (24)."""
+
+    dynamics: VirtualDynamics = DEFAULT_DYNAMICS
+    """Virtual mass and damping ratio, Eq. (22)."""
+
+    control_period: float = CONTROL_PERIOD
+    """Time between two commands [s]."""
+
+    via_spacing: float = 0.01
+    """Progress between two via-points, in phase."""
+
+    via_std: tuple[float, float] = (1e-3, 3e-2)
+    """Noise of an observed via-point: position [m], rotation [rad]."""
+
+    max_turn_lead: float = 0.05
+    """How far the set-point's rotation may run ahead of the hand, in phase. It turns
+    with the handle: turning first would only twist the hand on the bar."""
+
+    def __post_init__(self) -> None:
+        for name in ("control_period", "via_spacing", "max_turn_lead"):
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise ValueError(
+                    f"ComplianceConfig.{name} must be positive and finite, got {value}"
+                )
+        if len(self.via_std) != 2 or not all(0.0 <= s < math.inf for s in self.via_std):
+            raise ValueError(
+                "ComplianceConfig.via_std must be two finite numbers >= 0, position "
+                f"[m] and rotation [rad], got {self.via_std}"
+            )
+
+
+class _Memory:
+    """What is carried from one step to the next, besides the controllers' states."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.phase = np.zeros(shape)
+        self.observed_phase = np.zeros(shape)
+        self.last_via = np.zeros(shape)
+        self.std = np.full((*shape, 6), np.nan)  # NaN: none yet
+        self.fresh = True
+
+    def reset(self, members: Members) -> None:
+        """Forget what these members carry."""
+        for phase in (self.phase, self.observed_phase, self.last_via):
+            phase[members] = 0.0
+        self.std[members] = np.nan
+        self.fresh = True
+
+
+class ComplianceController:
+    """Decides for one hand, or for many with one rule of the phase and one config.
+
+    Args:
+        movements: The movement that is followed, or one per member, on grids of one
+            size; adapted in place.
+        phases: Tells where along the task the observed poses lie.
+        config: Stiffness, load, timing and via-points.
+    """
+
+    def __init__(
+        self,
+        movements: GriddedMovement | Sequence[GriddedMovement],
+        phases: PhaseRule,
+        config: ComplianceConfig,
+    ) -> None:
+        self._movements = GriddedMovements(movements)
+        self._phases, self._config = phases, config
+        shape = self._movements.durations.shape
+        self._governor = StiffnessGovernor(config.profile, config.dynamics, shape)
+        self._admittance = Admittance(config.dynamics, shape)
+        self._memory = _Memory(shape)
+        self._via_noise = np.repeat(config.via_std, 3)
+
+    def reset(self, members: Members = EVERY_MEMBER) -> None:
+        """Let these members forget their last doors and begin at closed ones."""
+        self._movements.reset(members)
+        self._governor.reset(members)
+        self._admittance.reset(members)
+        self._memory.reset(members)
+
+    def decide(
+        self, poses: Poses, wrenches: Poses, members: Members = EVERY_MEMBER
+    ) -> AgentStep:
+        """Return what these members do in the next control period, and why.
+
+        Args:
+            poses: Poses of these members' hands, task frame [m, rad].
+            wrenches: Forces and moments on them [N, N m].
+            members: Whose they are. Nothing changes for the others.
+        """
+        memory = self._memory
+        # A copy: the rule may return it, and the command phase moves on below.
+        command = memory.phase[members].copy()
+        observed_phase, phase_std = self._phases.update(
+            poses, memory.observed_phase[members], command, members
+        )
+        memory.observed_phase[members] = observed_phase
+        ahead = _ahead(observed_phase)
+        means, stds = self._movements.at(ahead, members)
+        via_point = self._adapt(poses, observed_phase, phase_std, members)
+        path = self._movements.at(ahead, members)[0] if via_point.any() else means
+        direction = _direction(path)
+        wrench, pace = self._config.load.share(wrenches, direction)
+        phase = self._advance(pace, members)
+        desired, std = self._set_point(phase, observed_phase, members)
+        std_rate = self._rate_of(std, members)
+        governed, action = self._render(desired, std, wrench, members)
+        return AgentStep(
+            action=action,
+            desired=desired,
+            std=std,
+            std_rate=std_rate,
+            stiffness=governed.stiffness,
+            stiffness_rate=governed.rate,
+            stability_margin=governed.margin,
+            phase=phase,
+            observed_phase=observed_phase,
+            predicted_mean=means[0],
+            predicted_std=stds[0],
+            via_point=via_point,
+        )
+
+    def _adapt(
+        self, poses: Poses, phases: Phases, phase_stds: Phases, members: Members
+    ) -> Due:
+        """Condition the movements of members that have come far enough; say which."""
+        last_via = self._memory.last_via[members]
+        due = phases >= last_via + self._config.via_spacing
+        if not due.any():
+            return due
+        self._memory.last_via[members] = np.where(due, phases, last_via)
+        # An error of the phase moves the via-point along the path: each output is as
+        # weak as the path runs along it while the phase is uncertain.
+        rate, phase_std = self._phases.rate(phases, members), np.asarray(phase_stds)
+        along = rate * phase_std[..., None]
+        stds = np.sqrt(self._via_noise**2 + along**2)
+        # Indexed by `due`, the arrays of one hand have a leading axis, too.
+        numbers, seen = self._movements.numbers[members][due], np.asarray(phases)[due]
+        for member, phase, pose, std in zip(
+            numbers.tolist(), seen.tolist(), poses[due], stds[due], strict=True
+        ):
+            self._movements.observe(member, ViaPoint(phase=phase, pose=pose, std=std))
+        return due
+
+    def _set_point(
+        self, phase: Phases, observed_phase: Phases, members: Members
+    ) -> tuple[Poses, Poses]:
+        """Mean and σ at the command phase; the rotation leads by less than the pull."""
+        turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
+        means, stds = self._movements.at(np.array([phase, turn_phase]), members)
+        desired = means[0]
+        desired[..., 3:] = means[1, ..., 3:]
+        return desired, stds[0]
+
+    def _advance(self, pace: Phases, members: Members) -> Phases:
+        durations, phase = self._movements.durations[members], self._memory.phase
+        step = pace * self._config.control_period / durations
+        moved: Phases = np.minimum(np.maximum(phase[members] + step, 0.0), 1.0)
+        phase[members] = moved
+        return moved
+
+    def _rate_of(self, std: Poses, members: Members) -> Poses:
+        """Rate of the σ that is really used: between steps, not along one curve."""
+        memory = self._memory
+        previous = memory.std[members]
+        if memory.fresh:
+            previous = np.where(np.isnan(previous), std, previous)
+        rate: Poses = (std - previous) / self._config.control_period
+        memory.std[members] = std
+        memory.fresh = memory.fresh and bool(np.isnan(memory.std).any())
+        return rate
+
+    def _render(
+        self, desired: Poses, std: Poses, wrench: Poses, members: Members
+    ) -> tuple[GovernedStiffness, Poses]:
+        """Return the governed stiffness, and set-points displaced by the wrenches."""
+        period = self._config.control_period
+        wished = self._config.profile.stiffness(std)
+        governed = self._governor.step(wished, period, members)
+        offset = self._admittance.step(governed.stiffness, wrench, period, members)
+        action = desired + offset
+        action[..., 3:] = compose_rotvecs(offset[..., 3:], desired[..., 3:])
+        return governed, action
+
+
+def _ahead(phases: Phases) -> Float[np.ndarray, "*S"]:
+    """Return where hands are, and the ends of a chord of the path ahead of them."""
+    end = np.minimum(phases + _LOOK_AHEAD, 1.0)
+    return np.array([phases, end - _LOOK_AHEAD, end])
+
+
+def _direction(path: Float[np.ndarray, "*S 6"]) -> Float[np.ndarray, "*N 3"]:
+    """Return the directions in which movements lead the hands on, unit vectors."""
+    chord = path[2, ..., :3] - path[1, ..., :3]
+    length = np.sqrt(np.add.reduce(chord * chord, axis=-1)) + 1e-9
+    unit: Float[np.ndarray, "*N 3"] = chord / length[..., None]
+    return unit

@@ -1,0 +1,149 @@
+"""A method: how a movement is learned from demonstrations, adapted and followed."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from policies.agent import CompliantAgent
+from policies.aligned import AlignedDemonstrations
+from policies.alignment import align
+from policies.compliance import ComplianceConfig
+from policies.demonstrations import Demonstration
+from policies.empirical import EmpiricalDistribution
+from policies.gridded import GriddedMovement
+from policies.movement import AdaptationForm, Movement
+from policies.phase import ClockPhase, PathPhase, PhaseRule
+from policies.prior_mean import PriorMean
+from policies.residual import fit_residual
+
+_GRID: Final = 100
+"""Phases at which an agent knows its movement."""
+_START_TOLERANCE: Final = (0.05, 0.2)
+"""How far from the closed handle a demonstration may start [m, rad]."""
+_LARGEST_REACH: Final = 3.0
+"""How far from it a demonstration may ever be [m]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrainingInput:
+    """What a policy may learn from.
+
+    Raises:
+        TypeError: If the demonstrations are not a sequence of demonstrations.
+    """
+
+    demonstrations: Sequence[Demonstration]
+    """At least one, in the task frame."""
+    seed: int = 0
+    """Seeds whatever is random in the learning."""
+    radius: float | None = None
+    """True radius of the door to open [m], or None; privileged: for an oracle."""
+    prior_mean: PriorMean | None = None
+    """What is expected where nothing was demonstrated, or None; some methods only."""
+
+    def __post_init__(self) -> None:
+        given = self.demonstrations
+        several = tuple(given) if isinstance(given, Iterable) else (None,)
+        if not all(isinstance(one, Demonstration) for one in several):
+            raise TypeError(
+                "demonstrations must be a sequence of policies.Demonstration, got "
+                f"{textwrap.shorten(repr(given), 80, placeholder=' ...')}; put a "
+                "single one into a list: [demonstration]"
+            )
+        object.__setattr__(self, "demonstrations", several)
+
+
+def path_phase(movement: Movement) -> PhaseRule:
+    """Find the phase of a pose on the path, by the movement's own mean and spread."""
+    return PathPhase(movement, movement.aligned)
+
+
+def demonstrated_phase(movement: Movement) -> PhaseRule:
+    """Find it by the demonstrations' mean and spread: for movements without any."""
+    return PathPhase(EmpiricalDistribution(movement.aligned), movement.aligned)
+
+
+def clock_phase(movement: Movement) -> PhaseRule:
+    """Take the phase of the command: the paper's time."""
+    return ClockPhase()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Method:
+    """Everything that makes a method what it is; called, it learns and follows.
+
+    A method can be pickled if its functions can: make variants with
+    `dataclasses.replace` and `functools.partial`.
+    """
+
+    fit: Callable[..., Movement]
+    """Learns a movement from `AlignedDemonstrations`."""
+    seeded: bool = False
+    """Whether learning draws random numbers: `fit` then also takes ``seed=``."""
+    accepts_prior_mean: bool = False
+    """Whether it can learn around a prior mean: `fit` then also takes
+    ``centred=False``, for a prior mean of zero."""
+    align: Callable[[Sequence[Demonstration]], AlignedDemonstrations] = align
+    """Brings demonstrations onto common phases."""
+    adaptation: AdaptationForm | None = None
+    """In which form via-points adapt the movement; None for a method without."""
+    phases: Callable[[Movement], PhaseRule] = path_phase
+    """How an agent finds where along the task the hand is."""
+    config: ComplianceConfig = field(default_factory=ComplianceConfig)
+    """How it follows the movement: stiffness, load, timing."""
+
+    def learn(self, training: TrainingInput) -> Movement:
+        """Learn a movement, around the prior mean if one is given.
+
+        Raises:
+            ValueError: There is no demonstration, one is not in the task frame and in
+                metres, or the method takes no prior mean and one is given.
+        """
+        prior_mean = training.prior_mean
+        if prior_mean is not None and not self.accepts_prior_mean:
+            raise ValueError("this method has no prior mean that could be given")
+        aligned = self.align(_in_task_frame(training.demonstrations))
+        fit = partial(self.fit, seed=training.seed) if self.seeded else self.fit
+        if prior_mean is None:
+            return fit(aligned)
+        return fit_residual(aligned, prior_mean, partial(fit, centred=False))
+
+    def follow(self, movement: Movement) -> CompliantAgent:
+        """Return an agent that follows a movement; any number from one movement."""
+        return CompliantAgent(
+            GriddedMovement(movement, self.adaptation, _GRID),
+            phases=self.phases(movement),
+            config=self.config,
+        )
+
+    def __call__(self, training: TrainingInput) -> CompliantAgent:
+        """Learn a movement and follow it."""
+        return self.follow(self.learn(training))
+
+
+def _in_task_frame(demonstrations: Sequence[Demonstration]) -> Sequence[Demonstration]:
+    """Return demonstrations that begin at the closed handle, or say which does not."""
+    if not demonstrations:
+        raise ValueError("no demonstrations were given; a policy needs at least one")
+    for number, demonstration in enumerate(demonstrations):
+        start, reach = demonstration.poses[0], np.abs(demonstration.poses[:, :3]).max()
+        if reach > _LARGEST_REACH:
+            raise ValueError(
+                f"demonstration {number} reaches {reach:.3g} m from the closed handle; "
+                "are its positions in metres, in the task frame?"
+            )
+        distance, turn = np.linalg.norm(start[:3]), np.linalg.norm(start[3:])
+        if distance > _START_TOLERANCE[0] or turn > _START_TOLERANCE[1]:
+            raise ValueError(
+                f"demonstration {number} starts {distance:.3g} m and {turn:.3g} rad "
+                "away from the closed handle, which is the origin of the task frame (x "
+                "pull, y up); demonstration.relative_to_first() gives the motion in "
+                "the axes of its first pose, which must then be these"
+            )
+    return demonstrations

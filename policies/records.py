@@ -1,0 +1,45 @@
+"""What records of arrays share: arrays that nobody changes, and a repr of one line."""
+
+import reprlib
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+
+def read_only(array: np.ndarray) -> np.ndarray:
+    """Return a read-only copy in float64.
+
+    In C order: what is computed from it has the same bits as from another copy, which
+    was pickled or stored in between.
+    """
+    copy = np.array(array, dtype=np.float64, order="C")
+    copy.setflags(write=False)
+    return copy
+
+
+def freeze(record: object, *names: str) -> None:
+    """Replace arrays of a frozen dataclass by read-only copies in float64."""
+    for name in names:
+        object.__setattr__(record, name, read_only(getattr(record, name)))
+
+
+class _Shapes(reprlib.Repr):
+    """Long arrays by their shape, long tuples by their beginning."""
+
+    def repr_ndarray(self, array: np.ndarray, level: int) -> str:
+        return repr(array) if array.size <= 6 else f"array{array.shape}"
+
+
+_SHAPES = _Shapes()
+_SHAPES.maxother, _SHAPES.maxtuple = 200, 2
+
+
+def short_repr(record: Any) -> str:
+    """Return ``Name(field=value, ...)`` with long arrays by their shape."""
+    shown = (
+        f"{field.name}={_SHAPES.repr(getattr(record, field.name))}"
+        for field in fields(record)
+        if field.repr
+    )
+    return f"{type(record).__name__}({', '.join(shown)})"

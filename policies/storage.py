@@ -1,0 +1,189 @@
+"""Files that are complete or absent, and archives of arrays that are read with care."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import math
+import os
+import secrets
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+_LARGEST_EXPANSION: Final = 20
+"""An archive may unpack to this many times its own size; logs reach 2.1 times."""
+_ALLOWANCE: Final = 2**26
+"""And to so many bytes however small it is: constant arrays compress a thousandfold."""
+
+RecordT = TypeVar("RecordT")
+Members = Callable[[str], np.ndarray]
+"""Gives a member of an archive by its name, once."""
+
+
+@contextlib.contextmanager
+def complete_or_absent(path: str | Path) -> Iterator[Path]:
+    """Give a temporary path to write to; it becomes ``path`` when the block succeeds.
+
+    Folders above ``path`` are created. When the block raises, the temporary file is
+    removed and whatever stood at ``path`` before stays as it was. The content is on
+    the disk before it gets its name, so that a loss of power leaves no half of it.
+
+    Raises:
+        OSError: The folder or the file cannot be written.
+    """
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    # No search for *.json or *.npz finds what a killed process leaves.
+    temporary = target.parent / f".{secrets.token_hex(8)}.tmp"
+    temporary.touch(exist_ok=False)
+    try:
+        yield temporary
+        with temporary.open("r+b") as written:
+            os.fsync(written.fileno())
+        temporary.replace(target)
+    except OSError as error:
+        # A full disk does not say for which file, and nobody knows the temporary one.
+        if error.filename in (None, str(temporary)):
+            error.filename = str(target)
+        raise
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_archive(
+    path: str | Path, *, kind: str, version: int, arrays: Mapping[str, Any]
+) -> None:
+    """Write named arrays as one compressed .npz file, complete or not at all.
+
+    Args:
+        path: File to write; an existing one is replaced.
+        kind: What the file holds, checked on reading.
+        version: Version of the layout of ``kind``.
+        arrays: Numbers, strings and arrays of them by name; no objects.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    with complete_or_absent(path) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(
+            stream, format=np.array(kind), format_version=np.array(version), **arrays
+        )
+
+
+def read_archive(
+    path: str | Path, *, kind: str, version: int, build: Callable[[Members], RecordT]
+) -> RecordT:
+    """Build a record from a file of `write_archive`, or say what is wrong with it.
+
+    The file is not trusted. Nothing in it is run, only members that ``build`` asks for
+    are unpacked, their arrays are as large as their bytes and not as their headers
+    claim, and together they take at most 20 times the size of the file, or 64 MiB.
+
+    Args:
+        path: File to read.
+        kind: What it must hold.
+        version: Version of the layout that ``build`` understands.
+        build: Makes the record from the members, which it asks for by name, every one
+            of them once. Whatever it raises is a fault of the file.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        OSError: The file cannot be read.
+        ValueError: The file is cut, is not an .npz, holds something else, has another
+            version, lacks a member, has another one, or ``build`` refuses it.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no file {path}")
+    content = path.read_bytes()
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            members = _Members(archive, limit=_LARGEST_EXPANSION * len(content))
+            members.check(kind, version)
+            record = build(members)
+            members.check_all_taken()
+    # On damaged files zipfile, zlib, NumPy and json raise two dozen kinds of errors.
+    except Exception as error:
+        reason = str(error) or type(error).__name__
+        raise ValueError(
+            f"{path} cannot be read as {kind}: {reason}. Give another file, or make "
+            "this one again"
+        ) from error
+    return record
+
+
+def settings(member: np.ndarray) -> dict[str, Any]:
+    """Parse a member that holds a JSON object.
+
+    Raises:
+        ValueError: It holds something else.
+    """
+    found = json.loads(str(member))
+    if not isinstance(found, dict):
+        raise ValueError(f"its settings must be a JSON object, got {found!r:.40}")
+    return found
+
+
+class _Members:
+    """Gives every member of an archive once; raises whatever damage leads to."""
+
+    def __init__(self, archive: zipfile.ZipFile, limit: int) -> None:
+        self._archive = archive
+        self._free = max(limit, _ALLOWANCE)
+        infos = archive.infolist()
+        self._infos = {info.filename.removesuffix(".npy"): info for info in infos}
+        if len(self._infos) < len(infos):
+            raise ValueError("it holds two members of one name")
+
+    def __call__(self, name: str) -> np.ndarray:
+        if name not in self._infos:
+            raise ValueError(f"it lacks {name!r}")
+        info = self._infos.pop(name)
+        if info.flag_bits & 1 or info.compress_type not in _COMPRESSIONS:
+            raise ValueError(f"{name!r} is encrypted, or compressed in an unusual way")
+        self._free -= info.file_size
+        if self._free < 0:
+            raise ValueError("it unpacks to more than its size allows")
+        with self._archive.open(info) as stream:
+            # Given a number, it unpacks no more, whatever the compressed bytes hold.
+            return _array(stream.read(info.file_size), name)
+
+    def check(self, kind: str, version: int) -> None:
+        """Raise unless the archive says that it holds this."""
+        found = str(self("format")) if "format" in self._infos else "something else"
+        if found != kind:
+            raise ValueError(f"it holds {found:.80}")
+        found_version = self("format_version").tolist()
+        if found_version != version:
+            raise ValueError(
+                f"it has version {found_version!r:.20}, and this program reads version "
+                f"{version}"
+            )
+
+    def check_all_taken(self) -> None:
+        """Raise if a member is left that was not asked for."""
+        for name in self._infos:
+            raise ValueError(f"it holds {name!r:.80}, which does not belong there")
+
+
+_COMPRESSIONS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+
+
+def _array(content: bytes, name: str) -> np.ndarray:
+    """Return the array of a .npy file: of numbers or text, read-only."""
+    stream = io.BytesIO(content)
+    if np.lib.format.read_magic(stream) != (1, 0):
+        raise ValueError(f"{name!r} is not an array of version 1.0")
+    shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+    if dtype.kind not in "biufU" or dtype.itemsize == 0:
+        raise ValueError(f"{name!r} holds {dtype!s:.40}, not numbers or text")
+    start = stream.tell()
+    if math.prod(shape) * dtype.itemsize != len(content) - start:
+        raise ValueError(f"{name!r} is not as large as its header says")
+    order: Final = "F" if fortran else "C"
+    return np.ndarray(shape, dtype, buffer=content, offset=start, order=order)

@@ -1,0 +1,246 @@
+"""Policies from outside: a module of the user's, or an installed package.
+
+* ``module:attribute`` or ``path/to/file.py:attribute`` names something in a file of the
+  user's. Its folder comes first on Python's path while the module is imported, as if
+  the file were run as a script, and not longer.
+* A package offers policies by name in the entry-point group ``gplfd.policies``.
+
+Either way the attribute is a function from `policies.TrainingInput` to an agent, a
+`policies.Method` or a `policies.Policy`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import importlib
+import inspect
+import operator
+import os
+import sys
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Final
+
+from policies.policy import Policy, PolicyOrigin
+
+GROUP: Final = "gplfd.policies"
+"""The entry-point group of packages."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PackagedPolicy:
+    """What an installed package offers under a name."""
+
+    name: str
+    """The name."""
+    package: str
+    """Package and version."""
+    policy: Policy | None
+    """The policy, or None if it cannot be used."""
+    problem: str = ""
+    """Why it cannot."""
+
+
+def module_policy(name: str, folder: Path) -> Policy:
+    """Import a policy from a module of the user's.
+
+    Args:
+        name: ``module:attribute`` or ``path/to/file.py:attribute``.
+        folder: Where relative paths begin, and where modules are looked for first.
+
+    Raises:
+        ValueError: If there is no such file, module or attribute, the module cannot be
+            imported, or the attribute is no policy.
+    """
+    where, _, attribute = name.rpartition(":")
+    first, module_name = folder, where
+    if where.endswith(".py"):
+        file = Path(os.path.abspath(folder / where))
+        first, module_name = file.parent, file.stem
+        if not file.is_file():
+            raise ValueError(f"policy {name!r}: there is no file {file}")
+    try:
+        module = _imported(module_name, first)
+        policy = _policy(module, attribute)
+        source = _source(module)
+    except ValueError as error:
+        raise ValueError(f"policy {name!r}: {error}") from error
+    origin = PolicyOrigin(name=name, kind="module", folder=str(folder), **source)
+    return dataclasses.replace(policy, origin=origin)
+
+
+def packaged_names() -> tuple[str, ...]:
+    """Return the names that installed packages offer, without importing anything."""
+    return tuple(sorted({entry.name for entry in entry_points(group=GROUP)}))
+
+
+def packaged_policy(name: str) -> Policy | None:
+    """Import the policy that an installed package offers under a name, if one does.
+
+    Raises:
+        ValueError: If it cannot be used, or several packages offer the name.
+    """
+    entries = list(entry_points(group=GROUP, name=name))
+    if not entries:
+        return None
+    if len(entries) > 1:
+        packages = " and ".join(sorted(_package(entry) for entry in entries))
+        raise ValueError(f"policy {name!r} is offered by {packages}; uninstall one")
+    try:
+        return _loaded(entries[0])
+    except ValueError as error:
+        package = _package(entries[0])
+        raise ValueError(f"policy {name!r} of {package}: {error}") from error
+
+
+def packaged_policies(taken: Collection[str]) -> tuple[PackagedPolicy, ...]:
+    """Import all that installed packages offer; what is broken is among it.
+
+    Args:
+        taken: Names that packages cannot use.
+    """
+    listed = []
+    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
+        policy, problem = None, "a built-in policy has this name"
+        if entry.name not in taken:
+            try:
+                policy, problem = packaged_policy(entry.name), ""
+            except ValueError as error:
+                problem = str(error)
+        listed.append(
+            PackagedPolicy(
+                name=entry.name, package=_package(entry), policy=policy, problem=problem
+            )
+        )
+    return tuple(listed)
+
+
+def _loaded(entry: EntryPoint) -> Policy:
+    with _importing(entry.module):
+        module = importlib.import_module(entry.module)
+    policy = _policy(module, entry.attr)
+    origin = PolicyOrigin(
+        name=entry.name,
+        kind="package",
+        distribution=entry.dist.name if entry.dist else "",
+        version=entry.dist.version if entry.dist else "",
+        **_source(module),
+    )
+    return dataclasses.replace(policy, origin=origin)
+
+
+def _package(entry: EntryPoint) -> str:
+    return f"{entry.dist.name} {entry.dist.version}" if entry.dist else "a package"
+
+
+def _imported(name: str, folder: Path) -> ModuleType:
+    """Import a module with a folder first on the path, for this import only."""
+    importlib.invalidate_caches()
+    sys.path.insert(0, str(folder))
+    try:
+        with _importing(name):
+            module = importlib.import_module(name)
+    finally:
+        with contextlib.suppress(ValueError):  # the module may have removed it
+            sys.path.remove(str(folder))
+    path = folder.joinpath(*name.split("."))
+    for expected in (path / "__init__.py", path.with_name(f"{path.name}.py")):
+        if expected.is_file() and expected.resolve() != Path(_file(module)).resolve():
+            raise ValueError(
+                f"module {name!r} is already {_file(module)}; rename {expected}"
+            )
+    return module
+
+
+@contextlib.contextmanager
+def _importing(name: str) -> Iterator[None]:
+    """Say in one sentence why a module cannot be imported.
+
+    Raises:
+        ValueError: Whatever went wrong.
+    """
+    try:
+        yield
+    # Anything: it is the user's code that runs here.
+    except (Exception, SystemExit) as error:
+        missing = error.name if isinstance(error, ModuleNotFoundError) else None
+        if missing is not None and f"{name}.".startswith(f"{missing}."):
+            raise ValueError(
+                f"there is no module {missing!r}, neither in the working folder nor on "
+                "Python's path; give module:function or path/to/file.py:function"
+            ) from error
+        raise ValueError(
+            f"importing {name} failed with {type(error).__name__}: {error}"
+        ) from error
+
+
+def _policy(module: ModuleType, attribute: str) -> Policy:
+    """Return what a module has under a name as a policy.
+
+    Raises:
+        ValueError: It has no such thing, or it is no policy.
+    """
+    where = f"{module.__name__} ({_file(module)})"
+    try:
+        found = operator.attrgetter(attribute)(module)
+    except AttributeError:
+        raise ValueError(
+            f"module {where} has no {attribute!r}; it has {_functions(module)}"
+        ) from None
+    if isinstance(found, Policy):
+        return found
+    if not callable(found):
+        raise ValueError(
+            f"{attribute} of {where} is a {type(found).__name__}; it must be a "
+            "function from policies.TrainingInput to an agent, a policies.Method or a "
+            "policies.Policy"
+        )
+    try:
+        inspect.signature(found).bind("training input")
+    except TypeError:
+        raise ValueError(
+            f"{attribute}{inspect.signature(found)} of {where} cannot be called with "
+            "one argument, the policies.TrainingInput that an agent is made from"
+        ) from None
+    except ValueError:
+        pass  # Written in C: it does not say what it takes.
+    named = inspect.isroutine(found) or inspect.isclass(found)
+    text = (inspect.getdoc(found) if named else None) or f"{attribute} of {where}"
+    return Policy(summary=text.splitlines()[0], make=found)
+
+
+def _file(module: ModuleType) -> str:
+    return getattr(module, "__file__", None) or "part of Python"
+
+
+def _functions(module: ModuleType) -> str:
+    own = [
+        name
+        for name, value in vars(module).items()
+        if callable(value) and getattr(value, "__module__", "") == module.__name__
+    ]
+    return ", ".join(sorted(own)) or "no functions"
+
+
+def _source(module: ModuleType) -> dict[str, str]:
+    """Return file and content hash of a module.
+
+    Raises:
+        ValueError: If the file has changed since this process first looked.
+    """
+    file = _file(module)
+    if not Path(file).is_file():
+        return {}
+    sha256 = hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    # Kept with the module: an import reads the file once per process.
+    if vars(module).setdefault("__gplfd_sha256__", sha256) != sha256:
+        raise ValueError(
+            f"{file} has changed since this process imported it; start the process "
+            "(of a cluster: its workers) again"
+        )
+    return {"file": file, "sha256": sha256}

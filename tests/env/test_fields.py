@@ -1,0 +1,101 @@
+"""Numbers of configuration records: ranges, open ends, whole ones, messages."""
+
+import math
+from dataclasses import FrozenInstanceError, dataclass, fields
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gplfd_env.fields import (
+    Range,
+    allowed_range,
+    check_choice,
+    check_quantities,
+    checked_count,
+    quantity,
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Swing:
+    """One field of each kind."""
+
+    length: float = quantity(1.0, unit="m", low=0.5, high=2.0, reason="the room")
+    damping: float = quantity(0.1, unit="N m s/rad", above=0.0)
+    overlap: float = quantity(0.5, above=0.0, below=1.0)
+    share: float = quantity(0.0, low=0.0, below=1.0)
+    turns: int = quantity(3, unit="turns", low=1, high=9)
+    seats: int = quantity(1, low=1)
+    name: str = "swing"
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+def test_values_become_plain_numbers_and_stay() -> None:
+    swing = Swing(length=np.float32(0.5), turns=np.int8(9), damping=3)
+    assert [type(getattr(swing, field.name)) for field in fields(Swing)] == [
+        *4 * [float],
+        *2 * [int],
+        str,
+    ]
+    assert (swing.length, swing.turns, swing.damping) == (0.5, 9, 3.0)
+    assert Swing() == Swing(length=1.0, seats=1)
+    with pytest.raises(FrozenInstanceError):
+        swing.length = 1.0  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("length", 2.5, "Swing.length = 2.5 is outside [0.5, 2] m (the room)"),
+        ("length", math.nan, "Swing.length = nan is outside [0.5, 2] m (the room)"),
+        ("damping", 0.0, "Swing.damping = 0.0 is outside (0, inf) N m s/rad"),
+        ("damping", math.inf, "Swing.damping = inf is outside (0, inf) N m s/rad"),
+        ("overlap", 0, "Swing.overlap = 0.0 is outside (0, 1)"),
+        ("overlap", 1.0, "Swing.overlap = 1.0 is outside (0, 1)"),
+        ("share", 1.0, "Swing.share = 1.0 is outside [0, 1)"),
+        ("turns", 10, "Swing.turns = 10 must be a whole number of turns from 1 to 9"),
+        ("turns", 2.0, "Swing.turns = 2.0 must be a whole number of turns from 1 to 9"),
+        ("seats", 0, "Swing.seats = 0 must be a whole number from 1"),
+        ("seats", True, "Swing.seats = True must be a whole number from 1"),
+    ],
+)
+def test_what_is_not_allowed_is_named_with_what_is(
+    field: str, value: object, message: str
+) -> None:
+    with pytest.raises(ValueError, match="Swing") as error:
+        Swing(**{field: value})  # type: ignore[arg-type]
+    assert str(error.value) == message
+
+
+@pytest.mark.parametrize("value", ["1", None, True, [1.0], 1j])
+def test_other_types_are_refused(value: Any) -> None:
+    with pytest.raises(TypeError, match=r"Swing\.length must be a number, got "):
+        Swing(length=value)
+
+
+@given(value=st.floats(), low=st.floats(-9, 0), high=st.floats(0, 9))
+def test_open_ends_are_outside_and_closed_ones_inside(
+    value: float, low: float, high: float
+) -> None:
+    closed = Range(low=low, high=high)
+    opened = Range(above=low, below=high)
+    assert (value in closed) == (low <= value <= high)
+    assert (value in opened) == (low < value < high)
+    assert (value in Range()) == math.isfinite(value)
+
+
+def test_declared_ranges_can_be_read() -> None:
+    declared = allowed_range(Swing, "length")
+    assert (declared.low, declared.high, declared.unit) == (0.5, 2.0, "m")
+
+
+def test_counts_and_choices_among_arguments() -> None:
+    assert checked_count("width", np.int64(64), Range(low=1)) == 64
+    check_choice("reward", None, (None, "dense"))
+    with pytest.raises(ValueError, match="reward = 'x' is not one of None, 'dense'"):
+        check_choice("reward", "x", (None, "dense"))

@@ -1,0 +1,107 @@
+"""JSON and TOML from anywhere: what is not plain data is refused with one error."""
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from experiments.files.plain_data import (
+    entry,
+    parsed_json,
+    read_json,
+    read_toml,
+    write_json,
+)
+
+
+def test_json_comes_back(tmp_path: Path) -> None:
+    data = {"text": "größer ↦ \x7f", "numbers": [1, -2.5e300, 2**70, None, True]}
+    write_json(tmp_path / "d.json", data)
+    assert read_json(tmp_path / "d.json") == data
+
+
+def test_json_refuses_nan_and_writes_nothing(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_json(tmp_path / "m.json", {"x": math.nan})
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "Expecting value"),
+        (b'{"a": 1', "Expecting ',' delimiter"),
+        (b"[1]", "holds [1], not an object in {braces}"),
+        (b"7" * 5000, "Exceeds the limit"),
+        (b'{"a": "\xff"}', "can't decode byte 0xff"),
+        (b'{"a": "\\ud800"}', "surrogates not allowed"),
+        (b'{"\\ud800": 1}', "surrogates not allowed"),
+        (b'{"a": {"b": 1, "c": 2, "b": 1}}', "it holds 'b' twice"),
+        (b'{"a": NaN}', "a number that is infinite or not a number"),
+        (b'{"a": -Infinity}', "a number that is infinite or not a number"),
+        (b'{"a": 1e999}', "a number that is infinite or not a number"),
+        (b'{"a": ' + b"7" * 400 + b"}", "a number that is infinite or not a number"),
+        (b'{"a": ' + b"[" * 40 + b"]" * 40 + b"}", "nested deeper than 32 levels"),
+        (b'{"a": ' + b"[" * 10**5, "nested too deeply"),
+        (b'{"a": "' + b" " * 2**24 + b'"}', "larger than 16,777,216 bytes"),
+    ],
+)
+def test_what_is_no_plain_object_is_refused(
+    tmp_path: Path, content: bytes, message: str
+) -> None:
+    path = tmp_path / "d.json"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=re.escape(message)) as raised:
+        read_json(path)
+    assert str(raised.value).startswith(f"{path} cannot be read as JSON: ")
+
+
+def test_a_device_or_a_folder_is_no_file(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "nothing", Path("/dev/zero")):
+        for read in (read_json, read_toml):
+            with pytest.raises(FileNotFoundError, match=f"there is no file {path}"):
+                read(path)
+
+
+PLAIN = parsed_json('{"n": 3, "x": 0.5, "t": "a", "all": [1, 2.5], "by": {"a": 1}}')
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "value"),
+    [
+        ("n", int, 3),
+        ("n", float, 3.0),
+        ("t", int | str, "a"),
+        ("all", tuple[float, ...], (1.0, 2.5)),
+        ("by", dict[str, int | None], {"a": 1}),
+        ("by", dict[str, Any], {"a": 1}),
+    ],
+)
+def test_an_entry_is_taken_as_its_type(name: str, kind: Any, value: object) -> None:
+    found = entry(PLAIN, name, kind)
+    assert found == value
+    assert type(found) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "message"),
+    [
+        ("m", bool, "it lacks m, which must be true or false"),
+        ("x", int, "x = 0.5 must be a whole number"),
+        ("n", bool, "n = 3 must be true or false"),
+        ("t", float | None, "t = 'a' must be a number or null"),
+        ("t", tuple[str, ...], "t = 'a' must be a list in [brackets], each of it a te"),
+        ("all", tuple[int, ...], "[1, 2.5] must be a list in [brackets], each of it a"),
+        ("by", dict[str, str], "by = {'a': 1} must be an object in {braces}, each of"),
+    ],
+)
+def test_an_entry_of_another_type_is_named(name: str, kind: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        entry(PLAIN, name, kind)
+
+
+def test_true_is_no_number() -> None:
+    with pytest.raises(ValueError, match="a = True must be a number"):
+        entry({"a": True}, "a", float)

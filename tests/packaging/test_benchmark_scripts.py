@@ -1,0 +1,208 @@
+"""The scripts of benchmarks/ run, with tiny settings, and count as they claim."""
+
+import importlib.util
+import math
+import re
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+import tyro
+from scipy.spatial.transform import Rotation
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "benchmarks"
+
+
+def script(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+agents, calibration, door_forecasts, recorded, scaling = map(
+    script, ("agents", "calibration", "door_forecasts", "recorded", "scaling")
+)
+
+SMALL = {
+    agents: ["--repeats", "1", "--counts", "2", "3", "--periods", "4"],
+    calibration: ["--draws", "1"],
+    door_forecasts: ["--draws", "1", "--every", "80"],
+    scaling: ["--repeats", "1", "--counts", "2", "3", "--samples", "20", "40"],
+}
+SAYS = {
+    agents: "3 agents in lockstep",
+    calibration: "accuracy, 20 smooth: in stated 95 %",
+    door_forecasts: "2 of 3 radii, process",
+    scaling: "scaling: fit of (3, 40) / fit of (3, 40)",
+}
+"""A part of what each of them prints."""
+
+
+def test_every_script_is_known() -> None:
+    known = {module.__name__ for module in (*SMALL, recorded)}
+    assert known == {path.stem for path in FOLDER.glob("*.py")}
+
+
+def test_documents_name_every_script_and_no_other() -> None:
+    """Every figure in the documents keeps the command that made it."""
+    text = "".join(path.read_text() for path in (ROOT / "docs").glob("*.md"))
+    named = set(re.findall(r"python benchmarks/(\w+)\.py", text))
+    assert named == {path.stem for path in FOLDER.glob("*.py")}
+
+
+@pytest.mark.parametrize("module", SMALL, ids=lambda module: module.__name__)
+def test_script_runs(
+    module: ModuleType,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    doors = {"2 of 3 radii": lambda rng: door_forecasts.arcs((0.3, 0.4, 0.5), rng)}
+    monkeypatch.setattr(door_forecasts, "_SETS", doors)
+    tyro.cli(module.main, args=SMALL[module])
+    printed = capsys.readouterr().out
+    assert SAYS[module] in printed
+    assert "targets" in printed
+    assert "nan" not in printed
+
+
+def test_slopes_of_a_power_law_are_its_exponents() -> None:
+    sizes = [(d, m) for d in (2, 6, 20) for m in (100, 400)]
+    seconds = [3e-3 * d**0.25 * m**1.5 for d, m in sizes]
+    assert scaling.log_log_slopes(sizes, seconds) == pytest.approx((0.25, 1.5))
+
+
+def test_known_distribution_is_learned_well() -> None:
+    result = calibration.calibrate(1, [("independent", 20)])
+    assert 0.0 < result.rows["20 independent"]["NLPD above the truth's"] < 0.02
+    assert result.targets[0].met
+
+
+def test_deciding_is_counted_per_control_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    # One microsecond passes between any two looks at the clock.
+    monkeypatch.setattr(
+        agents.time, "thread_time_ns", iter(range(0, 10**9, 1000)).__next__
+    )
+    rows = agents.measure_loops(2, counts=(2,), periods=4).rows
+    assert [row["of which agent"] for row in rows.values()] == pytest.approx([1.0, 0.5])
+
+
+# --- Doors that were not demonstrated ----------------------------------------
+
+
+def test_door_opening_without_wobble_is_the_arc() -> None:
+    times = np.linspace(0.0, 1.0, 20)
+    rng = np.random.default_rng(0)
+    poses = door_forecasts.door_opening(0.4, times, rng, wobble_std=0.0)
+    from_hinge = np.hypot(poses[:, 0], poses[:, 2] + 0.4)
+    np.testing.assert_allclose(from_hinge, 0.4, rtol=1e-12)
+    assert poses[-1, 4] == pytest.approx(math.radians(67.0))
+
+
+def poses_learned(module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What a script's `fit_skill` is given from now on."""
+    learned, fit = [], module.fit_skill
+
+    def learn(aligned: Any) -> Any:
+        learned.append(aligned.poses)
+        return fit(aligned)
+
+    monkeypatch.setattr(module, "fit_skill", learn)
+    return learned
+
+
+def test_left_out_radius_is_not_learned_from(monkeypatch: pytest.MonkeyPatch) -> None:
+    learned = poses_learned(door_forecasts, monkeypatch)
+    aligned, radii = door_forecasts.arcs((0.3, 0.4, 0.5), np.random.default_rng(0))
+    scores = door_forecasts.judge_form("exact", [(aligned, radii)], every=60)
+    for fold, poses in enumerate(learned):
+        expected = np.delete(aligned.poses, [2 * fold, 2 * fold + 1], axis=0)
+        np.testing.assert_array_equal(poses, expected)
+    assert len(learned) == 3
+    assert 0.0 < scores[door_forecasts.SOON_ERROR] < scores[door_forecasts.REST_ERROR]
+
+
+def test_door_targets_compare_with_the_product_of_the_same_doors() -> None:
+    def scores(rest: float) -> dict[str, float]:
+        return {
+            door_forecasts.SOON_ERROR: 4.0,
+            door_forecasts.SOON_HOLDS: 0.95,
+            door_forecasts.REST_ERROR: rest,
+            door_forecasts.REST_HOLDS: 0.85,
+        }
+
+    found = {"product": scores(80.0), "process": scores(60.0)}
+    targets = door_forecasts.door_targets("some", found)
+    assert [target.met for target in targets] == [True, False, True, False]
+    assert targets[1].value == pytest.approx(0.75)
+
+
+# --- Recorded demonstrations -------------------------------------------------
+
+
+def save_array(path: Path, count: int = 4) -> np.ndarray:
+    """Openings of doors as positions [cm] and quaternions, w first."""
+    rng = np.random.default_rng(0)
+    times = np.linspace(0.0, 1.0, 80)
+    poses = [door_forecasts.door_opening(0.5, times, rng) for _ in range(count)]
+    arrays = []
+    for one in poses:
+        turned = Rotation.from_rotvec(one[:, 3:]).as_quat(scalar_first=True)
+        arrays.append(np.concatenate([100.0 * one[:, :3], turned], axis=1))
+    np.save(path, np.stack(arrays))
+    return np.stack(poses)
+
+
+def test_recorded_demonstrations_are_scored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_array(tmp_path / "demos.npy")
+    tyro.cli(recorded.main, args=[str(tmp_path / "demos.npy"), "--unit", "cm"])
+    assert "aligned by completion" in capsys.readouterr().out
+
+
+def test_arrays_are_read_in_metres_and_one_frame(tmp_path: Path) -> None:
+    poses = save_array(tmp_path / "demos.npy")
+    loaded = recorded.load_recordings(tmp_path / "demos.npy", "cm")
+    assert len(loaded) == 4
+    np.testing.assert_allclose(loaded[0].poses[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(loaded[2].poses, poses[2], atol=1e-12)
+
+
+def test_every_recording_is_left_out_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save_array(tmp_path / "demos.npy", count=5)
+    loaded = recorded.load_recordings(tmp_path / "demos.npy", "cm")
+    learned = poses_learned(recorded, monkeypatch)
+    result = recorded.score_recordings(loaded, tmp_path / "demos.npy")
+    assert [len(poses) for poses in learned] == [4] * 10
+    firsts = [poses[0, -1, 0] for poses in learned[:5]]
+    assert len(set(firsts)) == 2  # only the first fold lacks the first recording
+    assert list(result.rows) == ["aligned by completion", "clock as recorded"]
+    assert all(row["worst NLPD"] >= row["NLPD"] for row in result.rows.values())
+
+
+@pytest.mark.parametrize(
+    ("array", "message"),
+    [
+        (np.zeros((4, 9, 6)), r"got \(4, 9, 6\)"),
+        (np.zeros((4, 9)), r"shape \(demonstrations, samples, 7\).*got \(4, 9\)"),
+        (None, r"holds 2 demonstration\(s\); leaving one out needs 3 or more"),
+    ],
+)
+def test_unusable_recordings_are_refused(
+    tmp_path: Path, array: np.ndarray | None, message: str
+) -> None:
+    path = tmp_path / "demos.npy"
+    if array is None:
+        save_array(path, count=2)
+    else:
+        np.save(path, array)
+    with pytest.raises(SystemExit, match=message):
+        tyro.cli(recorded.main, args=[str(path)])

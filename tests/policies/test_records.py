@@ -1,0 +1,41 @@
+"""How records look to a person who prints them."""
+
+import numpy as np
+import pytest
+
+from policies import PosePath, align, make_agent
+
+
+def test_a_skill_says_what_it_was_learned_from(skill):
+    assert repr(skill) == f"Skill(6 demonstrations, 200 phases, {skill.duration:.3g} s)"
+
+
+@pytest.mark.parametrize("name", ["dmp", "promp", "gmr", "kmp"])
+def test_every_movement_says_so(name, demonstrations):
+    movement = make_agent(name, demonstrations).policy.movement
+    shown = repr(movement)
+    assert shown.startswith(f"{type(movement).__name__}(6 demonstrations, 200 phases, ")
+
+
+def test_arrays_are_shown_by_their_shape(demonstrations, skill):
+    assert (
+        repr(demonstrations[0])
+        == "Demonstration(times=array(200,), poses=array(200, 6))"
+    )
+    aligned = align(demonstrations, n_samples=50)
+    assert repr(aligned).startswith(
+        "AlignedDemonstrations(times=array(50,), poses=array(6, 50, 6), duration="
+    )
+    path = PosePath(phases=np.array([0.0, 1.0]), poses=np.zeros((2, 6)))
+    assert repr(path) == "PosePath(phases=array([0., 1.]), poses=array(2, 6))"
+    trajectory = repr(skill.predict(np.linspace(0.0, 1.0, 30)))
+    assert trajectory.startswith(
+        "GaussianTrajectory(times=array(30,), mean=array(30, 6)"
+    )
+
+
+def test_no_record_fills_the_screen(skill):
+    output = skill.processes.outputs[0]
+    for record in (skill.processes, output, output.noise, output.replicates):
+        assert len(repr(record)) < 500
+        assert repr(record).startswith(type(record).__name__)

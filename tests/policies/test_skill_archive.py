@@ -1,0 +1,153 @@
+"""A learned skill in a file, and back."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from policies import PosePath, ViaPoint, align, fit_skill, load_skill
+from policies.adaptation import ADAPTATIONS
+from policies.gp.kersting import KerstingNoise
+from policies.residual import fit_residual
+
+PHASES = np.linspace(-0.05, 1.05, 45)
+VIA_POINT = ViaPoint(phase=0.4, pose=np.array([0.2, 0.0, -0.05, 0.0, 0.4, np.nan]))
+
+
+@pytest.fixture(scope="module")
+def saved(skill, tmp_path_factory):
+    path = tmp_path_factory.mktemp("skills") / "skill.npz"
+    skill.save(path)
+    return path
+
+
+@pytest.fixture
+def copy(saved, tmp_path):
+    path = tmp_path / "copy.npz"
+    path.write_bytes(saved.read_bytes())
+    return path
+
+
+def same_bits(one, other):
+    names = ("times", "mean", "std", "mean_rate", "std_rate", "covariance")
+    return one.degrees_of_freedom == other.degrees_of_freedom and all(
+        getattr(one, name).tobytes() == getattr(other, name).tobytes() for name in names
+    )
+
+
+def assert_kept(skill, path):
+    skill.save(path)
+    assert same_bits(load_skill(path).predict(PHASES), skill.predict(PHASES))
+
+
+def test_a_loaded_skill_is_the_saved_one_bit_for_bit(skill, saved):
+    loaded = load_skill(saved)
+    assert repr(loaded) == repr(skill)
+    assert same_bits(loaded.predict(PHASES), skill.predict(PHASES))
+    assert same_bits(loaded.predict(PHASES[3:-3]), skill.predict(PHASES[3:-3]))
+    assert loaded.deviations == skill.deviations
+    for form in ADAPTATIONS.values():
+        adaptations = [form(each, PHASES) for each in (loaded, skill)]
+        for adaptation in adaptations:
+            adaptation.observe(VIA_POINT)
+        assert same_bits(*(adaptation.trajectory() for adaptation in adaptations))
+
+
+@pytest.mark.parametrize("noise", [KerstingNoise(n_iterations=1), "homoscedastic"])
+def test_skills_of_every_noise_model(noise, demonstrations, tmp_path):
+    skill = fit_skill(align(demonstrations, n_samples=20), noise, centred=False)
+    skill.save(tmp_path / "skill.npz")
+    assert same_bits(
+        load_skill(tmp_path / "skill.npz").predict(PHASES), skill.predict(PHASES)
+    )
+
+
+def test_a_skill_of_one_demonstration(demonstrations, tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        skill = fit_skill(align(demonstrations[:1], n_samples=40), "homoscedastic")
+    skill.save(tmp_path / "skill.npz")
+    assert same_bits(
+        load_skill(tmp_path / "skill.npz").predict(PHASES), skill.predict(PHASES)
+    )
+
+
+def test_the_layout_in_memory_does_not_matter(demonstrations, tmp_path):
+    """Poses that are views of another order give the bits of their copy in a file."""
+    aligned = align(demonstrations, n_samples=40)
+    turned = np.asfortranarray(aligned.poses)
+    skill = fit_skill(type(aligned)(times=aligned.times, poses=turned))
+    skill.save(tmp_path / "skill.npz")
+    assert same_bits(
+        load_skill(tmp_path / "skill.npz").predict(PHASES), skill.predict(PHASES)
+    )
+
+
+def test_a_movement_around_a_prior_mean_cannot_be_saved(demonstrations, tmp_path):
+    path = PosePath(phases=np.array([0.0, 1.0]), poses=np.zeros((2, 6)))
+    movement = fit_residual(align(demonstrations, n_samples=40), path, fit_skill)
+    with pytest.raises(
+        ValueError, match=r"around a prior mean cannot be saved to .*a\.npz"
+    ):
+        movement.save(tmp_path / "a.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
+def rewrite(path, **changes):
+    with np.load(path) as archive:
+        arrays = dict(archive) | changes
+    np.savez(path, **{name: each for name, each in arrays.items() if each is not None})
+
+
+def test_every_member_is_needed_and_checked(saved, copy):
+    """Missing, of another type, shape or size, not finite: always a clear refusal."""
+    with np.load(saved) as archive:
+        arrays = dict(archive)
+    for name, array in arrays.items():
+        wrong = [None, np.array("text"), np.zeros((2, 3, 4, 5)), np.zeros(0)]
+        if array.dtype == np.float64:
+            wrong += [array.astype(np.float32), np.full_like(array, np.nan)]
+            wrong += [array.astype(str), array[..., None], -np.abs(array) - 1.0]
+        wrong = wrong[: -1 if name in SIGNED else None]
+        for each in wrong:
+            rewrite(copy, **(arrays | {name: each}))
+            with pytest.raises(ValueError, match="cannot be read as a gplfd skill: "):
+                load_skill(copy)
+
+
+SIGNED = {"poses", "offset", "noise_level", "noise_coefficients"}
+"""Members of which every finite number is allowed."""
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"scale": np.zeros(6)}, "'scale' must be positive"),
+        ({"length_scale": np.zeros(6)}, "length_scale must be positive"),
+        ({"white": np.full(6, 1.1)}, "no process of deviations has these parameters"),
+        (
+            {"wobble": np.zeros(6), "white": np.zeros(6)},
+            "no process of deviations has these parameters",
+        ),
+        ({"wobble": np.zeros(0)}, r"'wobble' must have shape \(6,\), got \(0,\)"),
+        ({"noise_coefficients": np.zeros((6, 96))}, r"must have shape \(6, 48\)"),
+        ({"duration": np.array(0.0)}, "duration must be positive"),
+        ({"extra": np.zeros(3)}, "it holds 'extra', which does not belong there"),
+        (
+            {"format_version": np.array(2)},
+            "version 2, and this program reads version 1",
+        ),
+        ({"format": np.array("a gplfd episode log")}, "it holds a gplfd episode log"),
+    ],
+)
+def test_what_is_wrong_is_said(copy, changes, reason):
+    rewrite(copy, **changes)
+    with pytest.raises(ValueError, match=rf"copy\.npz cannot be read .*{reason}"):
+        load_skill(copy)
+
+
+def test_a_skill_that_cannot_be_written_leaves_nothing(skill, tmp_path):
+    (tmp_path / "folder.npz").mkdir()
+    with pytest.raises(OSError, match=r"folder\.npz"):
+        skill.save(tmp_path / "folder.npz")
+    assert [path.name for path in tmp_path.iterdir()] == ["folder.npz"]

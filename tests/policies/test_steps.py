@@ -1,0 +1,90 @@
+"""The record of a control step: one agent or many, with or without explanations."""
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+from jaxtyping import config
+
+from policies.steps import STEP_SHAPES, AgentStep
+
+ACTIONS = np.arange(18.0).reshape(3, 6)
+
+
+def random_step(rng: np.random.Generator, *leading: int) -> AgentStep:
+    fields = {name: rng.random((*leading, *STEP_SHAPES[name])) for name in STEP_SHAPES}
+    return AgentStep(**fields | {"via_point": fields["via_point"] > 0.5})
+
+
+def assert_same(one: AgentStep, other: AgentStep) -> None:
+    for name in STEP_SHAPES:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), name)
+
+
+@pytest.mark.parametrize("action", [ACTIONS[0], ACTIONS])
+def test_an_action_is_a_whole_step(action: np.ndarray) -> None:
+    step = AgentStep(action=action)
+    np.testing.assert_array_equal(step.action, action)
+    assert not np.any(step.via_point)
+    for name in set(STEP_SHAPES) - {"action", "via_point"}:
+        value = getattr(step, name)
+        assert np.shape(value) == action.shape[:-1] + STEP_SHAPES[name]
+        assert np.isnan(value).all()
+
+
+def test_shapes_are_those_of_the_fields() -> None:
+    assert list(STEP_SHAPES) == [one.name for one in dataclasses.fields(AgentStep)]
+    step = AgentStep(action=ACTIONS[0])
+    for name, shape in STEP_SHAPES.items():
+        assert np.shape(getattr(step, name)) == shape
+
+
+def test_what_was_given_stays_the_givers() -> None:
+    action = ACTIONS[0].copy()
+    step = AgentStep(action=action)
+    action[0] = 7.0
+    assert step.action[0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        step.action[0] = 1.0
+
+
+def test_rows_of_a_stack_are_the_steps() -> None:
+    steps = [random_step(np.random.default_rng(seed)) for seed in range(3)]
+    stack = AgentStep.stacked(steps)
+    assert stack.action.shape == (3, 6)
+    for member, step in enumerate(steps):
+        assert_same(stack.row(member), step)
+    assert AgentStep.stacked([]).action.shape == (0, 6)
+
+
+def test_members_that_did_not_act_keep_their_action() -> None:
+    some = random_step(np.random.default_rng(0), 2)
+    everyone = some.among(np.array([0, 2]), ACTIONS)
+    for row, member in enumerate((0, 2)):
+        assert_same(everyone.row(member), some.row(row))
+    assert_same(everyone.row(1), AgentStep(action=ACTIONS[1]))
+    assert some.among((), ACTIONS) is some
+
+
+def test_steps_can_be_pickled() -> None:
+    step = random_step(np.random.default_rng(0))
+    assert_same(pickle.loads(pickle.dumps(step)), step)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"action": np.zeros(3)}, r"AgentStep\.action .* \(6,\), got \(3,\)"),
+        ({"action": 0.5}, r"AgentStep\.action .* \(6,\), got \(\)"),
+        ({"action": ACTIONS, "std": ACTIONS[0]}, r"\.std .* \(3, 6\), got \(6,\)"),
+        ({"action": ACTIONS[0], "phase": ACTIONS[0]}, r"\.phase .* \(\), got \(6,\)"),
+    ],
+)
+def test_wrong_shapes_are_refused(
+    fields: dict[str, np.ndarray], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # What a user meets, whose types nobody checks.
+    monkeypatch.setattr(config, "jaxtyping_disable", True)
+    with pytest.raises(ValueError, match=message):
+        AgentStep(**fields)

@@ -1,0 +1,76 @@
+"""A trajectory as a table."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from policies.trajectory_csv import COLUMNS
+
+TIMES = np.linspace(0.0, 1.0, 40)
+
+
+def table(path):
+    with path.open(encoding="utf-8") as file:
+        rows = list(csv.reader(line for line in file if not line.startswith("#")))
+    assert ",".join(rows[0]) == COLUMNS
+    return np.array(rows[1:], dtype=np.float64)
+
+
+def test_rows_are_the_predicted_poses_at_their_times(skill, tmp_path):
+    trajectory = skill.predict(TIMES)
+    trajectory.to_csv(tmp_path / "new" / "a.csv", duration=8.0)
+    found = table(tmp_path / "new" / "a.csv")
+    np.testing.assert_array_equal(found[:, 0], 8.0 * TIMES)
+    np.testing.assert_array_equal(found[:, 1:4], trajectory.mean[:, :3])
+    np.testing.assert_array_equal(found[:, 8:], trajectory.std)
+    expected = Rotation.from_rotvec(trajectory.mean[:, 3:].copy())
+    apart = (Rotation.from_quat(found[:, 4:8]) * expected.inv()).magnitude()
+    np.testing.assert_allclose(apart, 0.0, atol=1e-15)
+
+
+def test_quaternions_keep_their_sign_beyond_half_a_turn(skill, tmp_path):
+    """Rotations up to one and a half turns, from the identity on."""
+    trajectory = skill.predict(TIMES)
+    turning = np.array(trajectory.mean)
+    turning[:, 3:] = np.outer(3.0 * np.pi * TIMES, [0.6, 0.0, 0.8])
+    replace(trajectory, mean=turning).to_csv(tmp_path / "a.csv", duration=1.0)
+    quaternions = table(tmp_path / "a.csv")[:, 4:8]
+    np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1.0, atol=1e-15)
+    assert (np.vecdot(quaternions[1:], quaternions[:-1]) > 0.9).all()
+    np.testing.assert_array_equal(quaternions[0], [0.0, 0.0, 0.0, 1.0])
+
+
+def test_the_file_says_frame_and_units(skill, tmp_path):
+    skill.predict(TIMES).to_csv(tmp_path / "a.csv", duration=8.0)
+    text = (tmp_path / "a.csv").read_text(encoding="utf-8")
+    assert text.startswith("# A trajectory of the hand by gplfd, version 1.\n")
+    assert "Origin at the closed handle, x the pulling direction, y up" in text
+    assert "\ntime [s],x [m],y [m],z [m],qx,qy,qz,qw,std_x [m]," in text
+    np.testing.assert_array_equal(
+        np.loadtxt(text.splitlines()[7:], delimiter=","), table(tmp_path / "a.csv")
+    )
+
+
+def test_a_method_without_spread_writes_nan(skill, tmp_path):
+    none = np.full((40, 6), np.nan)
+    replace(skill.predict(TIMES), std=none).to_csv(tmp_path / "a.csv", duration=8.0)
+    assert np.isnan(table(tmp_path / "a.csv")[:, 8:]).all()
+
+
+@pytest.mark.parametrize("duration", [0.0, -1.0, np.nan, np.inf])
+def test_the_duration_is_positive(skill, tmp_path, duration):
+    with pytest.raises(ValueError, match="duration must be positive and finite"):
+        skill.predict(TIMES).to_csv(tmp_path / "a.csv", duration=duration)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_times_increase_and_the_poses_are_finite(skill, tmp_path):
+    with pytest.raises(ValueError, match="times of a table must increase strictly"):
+        skill.predict(TIMES[::-1]).to_csv(tmp_path / "a.csv", duration=8.0)
+    lost = replace(skill.predict(TIMES), mean=np.full((40, 6), np.nan))
+    with pytest.raises(ValueError, match="poses of a table must be finite"):
+        lost.to_csv(tmp_path / "a.csv", duration=8.0)
+    assert list(tmp_path.iterdir()) == []

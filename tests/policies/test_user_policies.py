@@ -1,0 +1,287 @@
+"""Policies of one's own: by module, by file, from a package; checked at once."""
+
+import dataclasses
+import hashlib
+import json
+import pickle
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from policies import Demonstration, Method, make_agent, policy_named
+from policies.policy import PolicyOrigin
+from policies.registry import POLICIES, load_policy
+from policies.user_policies import packaged_policies
+
+MODULE = '''
+"""Somebody's policies."""
+import numpy as np
+from policies import Method, Policy, fit_skill
+
+
+class Still:
+    """Stays at the closed handle."""
+
+    def __init__(self, training):
+        self.poses = np.zeros((len(training.demonstrations), 6))
+
+    def act(self, observation):
+        return self.poses[0]
+
+
+def make(training):
+    """Stay where the handle is closed.
+
+    Longer text.
+    """
+    return Still(training)
+
+
+def make_with_seed(training, seed):
+    return Still(training)
+
+
+def make_nothing(training):
+    return None
+
+
+method = Method(fit=fit_skill)
+policy = Policy(summary="as it says", make=method)
+number = 3
+'''
+OBSERVATION = {"ee_pose": np.ones(6), "wrench": np.zeros(6)}
+
+
+@pytest.fixture(autouse=True)
+def forgotten_modules() -> Iterator[None]:
+    """Forget what a test imported."""
+    before, path = set(sys.modules), list(sys.path)
+    yield
+    for name in set(sys.modules) - before:
+        del sys.modules[name]
+    assert sys.path == path
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder with a module of somebody's."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(MODULE)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "name", ["mine:make", "mine.py:make", "./mine.py:make", "{folder}/mine.py:make"]
+)
+def test_a_function_in_a_file_is_a_policy(
+    name: str, folder: Path, demonstrations: tuple[Demonstration, ...]
+) -> None:
+    name = name.format(folder=folder)
+    policy = policy_named(name)
+    assert policy.summary == "Stay where the handle is closed."
+    assert policy.method is None
+    assert policy.origin == PolicyOrigin(
+        name=name,
+        kind="module",
+        folder=str(folder),
+        file=str(folder / "mine.py"),
+        sha256=hashlib.sha256(MODULE.encode()).hexdigest(),
+    )
+    agent = make_agent(name, demonstrations)
+    agent.reset(OBSERVATION)
+    np.testing.assert_array_equal(agent.act(OBSERVATION).action, np.zeros(6))
+
+
+@pytest.mark.parametrize(
+    ("attribute", "summary", "is_method"),
+    [
+        ("Still", "Stays at the closed handle.", False),
+        ("method", "method of mine (", True),
+        ("policy", "as it says", True),
+    ],
+)
+@pytest.mark.usefixtures("folder")
+def test_classes_methods_and_policies_are_policies(
+    attribute: str, summary: str, is_method: bool
+) -> None:
+    policy = policy_named(f"mine:{attribute}")
+    assert policy.summary.startswith(summary)
+    assert isinstance(policy.method, Method) is is_method
+
+
+def test_modules_in_packages_and_helpers_beside_them_are_found(folder: Path) -> None:
+    package = folder / "laboratory" / "doors"
+    package.mkdir(parents=True)
+    (folder / "laboratory" / "__init__.py").touch()
+    (package / "__init__.py").touch()
+    (package / "best.py").write_text("from mine import make\nimport mine\n")
+    assert policy_named("laboratory.doors.best:make").origin.file.endswith("best.py")
+    assert policy_named("laboratory.doors.best:mine.Still").method is None
+
+
+def test_files_elsewhere_find_what_lies_beside_them(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "beside.py").write_text("from mine import make\n")
+    elsewhere = folder / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    policy = policy_named("../beside.py:make")
+    assert policy.origin.file == str(folder / "beside.py")
+    del sys.modules["beside"]
+    with pytest.raises(ValueError, match="there is no module 'beside'"):
+        policy_named("beside:make")
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("absent:make", r"'absent:make': there is no module 'absent', .*path/to/file"),
+        ("mine.absent:make", "there is no module 'mine.absent'"),
+        ("absent.py:make", r"there is no file .*absent\.py"),
+        ("mine:absent", r"mine \(.*mine\.py\) has no 'absent'; it has Still, make, "),
+        ("mine:", "has no ''"),
+        ("mine:number", "number of mine .* is a int; it must be a function from"),
+        ("mine:make_with_seed", r"make_with_seed\(training, seed\) of mine .*one arg"),
+        ("broken:make", "importing broken failed with ZeroDivisionError: division"),
+        ("leaving:make", "importing leaving failed with SystemExit: 3"),
+        ("needy:make", "importing needy failed with ModuleNotFoundError: .*'absent'"),
+        ("json:make", r"module 'json' is already .*; rename .*json\.py"),
+        ("sys:version", r"version of sys \(part of Python\) is a str"),
+        ("os.path:absent", r"'os.path:absent': module posixpath"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_at_once(
+    name: str, message: str, folder: Path
+) -> None:
+    (folder / "broken.py").write_text("1 / 0\n")
+    (folder / "leaving.py").write_text("raise SystemExit(3)\n")
+    (folder / "needy.py").write_text("import absent\n")
+    (folder / "json.py").write_text(MODULE)
+    with pytest.raises(ValueError, match=message):
+        policy_named(name)
+
+
+@pytest.mark.usefixtures("folder")
+def test_functions_that_make_no_agent_are_refused(
+    demonstrations: tuple[Demonstration, ...],
+) -> None:
+    with pytest.raises(ValueError, match=r"NoneType.* is no agent"):
+        make_agent("mine:make_nothing", demonstrations)
+
+
+def test_origins_are_plain_data_with_which_another_process_finds_the_policy(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    origin = policy_named("mine:make").origin
+    assert origin is not None
+    assert PolicyOrigin(**json.loads(json.dumps(dataclasses.asdict(origin)))) == origin
+    program = (
+        "import pickle, sys; from policies.registry import load_policy\n"
+        "print(load_policy(pickle.load(sys.stdin.buffer)).summary)\n"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", program],
+        input=pickle.dumps(origin),
+        capture_output=True,
+        check=True,
+        cwd=tmp_path_factory.mktemp("elsewhere"),
+    )
+    assert ran.stdout.decode().strip() == "Stay where the handle is closed."
+
+
+def test_another_file_is_not_the_policy_that_was_chosen(folder: Path) -> None:
+    origin = policy_named("mine:make").origin
+    assert origin is not None
+    assert load_policy(origin).origin == origin
+    (folder / "mine.py").write_text(MODULE + "# changed\n")
+    # What was imported is not what is in the file.
+    with pytest.raises(ValueError, match=r"mine\.py has changed since this process"):
+        policy_named("mine:make")
+    del sys.modules["mine"]
+    with pytest.raises(ValueError, match="'mine:make' is not the one that was chosen"):
+        load_policy(origin)
+    (folder / "mine.py").unlink()
+    del sys.modules["mine"]
+    with pytest.raises(ValueError, match="there is no module 'mine'"):
+        load_policy(origin)
+
+
+def test_built_in_policies_are_found_again() -> None:
+    origin = policy_named("gp").origin
+    assert origin == PolicyOrigin(name="gp", kind="built-in")
+    assert load_policy(origin).make is POLICIES["gp"].make
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Installs a package that offers policies: name, version, entry points, module."""
+
+    def make(package: str, version: str, entries: str, module: str = MODULE) -> None:
+        site = tmp_path / "site"
+        information = site / f"{package}-{version}.dist-info"
+        information.mkdir(parents=True)
+        (information / "METADATA").write_text(
+            f"Metadata-Version: 2.1\nName: {package}\nVersion: {version}\n"
+        )
+        (information / "entry_points.txt").write_text(f"[gplfd.policies]\n{entries}\n")
+        (site / f"{package}.py").write_text(module)
+        if str(site) not in sys.path:
+            monkeypatch.syspath_prepend(site)
+
+    yield make
+    monkeypatch.undo()
+
+
+def test_packages_offer_policies_by_name(install, tmp_path: Path) -> None:
+    install("theirs", "1.2", "best = theirs:make\nworst = theirs:policy")
+    policy = policy_named("best")
+    assert policy.summary == "Stay where the handle is closed."
+    assert policy.origin == PolicyOrigin(
+        name="best",
+        kind="package",
+        file=str(tmp_path / "site" / "theirs.py"),
+        sha256=hashlib.sha256(MODULE.encode()).hexdigest(),
+        distribution="theirs",
+        version="1.2",
+    )
+    assert load_policy(policy.origin) == policy
+    newer = dataclasses.replace(policy.origin, version="1.3")
+    with pytest.raises(
+        ValueError, match=r"that was theirs 1\.3, .* this is theirs 1\.2"
+    ):
+        load_policy(newer)
+    listed = packaged_policies(POLICIES)
+    assert [(one.name, one.package, one.problem) for one in listed] == [
+        ("best", "theirs 1.2", ""),
+        ("worst", "theirs 1.2", ""),
+    ]
+    with pytest.raises(
+        ValueError, match=r"unknown policy 'bets' \(did you mean 'best'"
+    ):
+        policy_named("bets")
+
+
+def test_broken_packages_are_listed_with_the_reason(install) -> None:
+    install(
+        "theirs", "1.2", "gp = theirs:make\nabsent = theirs:absent\nfine = theirs:make"
+    )
+    install(
+        "broken", "3.0", "needy = broken:make\ntwice = broken:make", "import absent"
+    )
+    install("others", "0.1", "twice = others:make")
+    problems = {one.name: one.problem for one in packaged_policies(POLICIES)}
+    assert problems["fine"] == ""
+    assert problems["gp"] == "a built-in policy has this name"
+    assert "theirs 1.2" in problems["absent"]
+    assert "has no 'absent'" in problems["absent"]
+    assert "of broken 3.0: importing broken failed with" in problems["needy"]
+    assert "offered by broken 3.0 and others 0.1" in problems["twice"]
+    assert policy_named("gp").make is POLICIES["gp"].make
+    for name in ("absent", "needy", "twice"):
+        with pytest.raises(ValueError, match=f"policy '{name}'"):
+            policy_named(name)
