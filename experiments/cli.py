@@ -1,46 +1,51 @@
-"""The ``gplfd`` command: one literal dict of subcommands.
+"""The subcommands of ``gplfd``, and how each of them ends.
 
 Exit status: 0 when the command did its work (a door left closed is a result), 1 when a
-replay departs from its recording, 2 for bad arguments or input files, 130 when
-interrupted.
+replay departs from its recording or a task of a study ended in an error, 2 for bad
+arguments or files. `gplfd` adds 130 for an interruption.
 """
 
 from __future__ import annotations
 
+import contextlib
+import importlib.metadata
+import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final, Protocol
 
 import tyro
 
 from experiments.commands.benchmark import Benchmark, benchmark_from
 from experiments.commands.catalogue import Catalogue
-from experiments.commands.complaint import complain
 from experiments.commands.demos import Demos
 from experiments.commands.figures import Figures
 from experiments.commands.report import Report
 from experiments.commands.run import Run
 from experiments.commands.speed import Speed
 from experiments.commands.view import View
+from experiments.study.engines import ONE_THREAD
 
-INTERRUPTED: Final = 130
+BAD_INPUT: Final = 2
+"""Exit status for bad arguments or files."""
+
+_LOG: Final = logging.getLogger("gplfd")
 
 
 class Command(Protocol):
     """A subcommand: its fields are the options."""
 
     def execute(self) -> int:
-        """Do the work and return the exit status."""
+        """Do the work and return the exit status.
 
+        Raises:
+            ValueError: An argument or the content of a file is wrong.
+            OSError: A file cannot be read or written, or a service not be reached.
+            ModuleNotFoundError: An optional library is missing.
+        """
 
-_THREADS: Final = (
-    *("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"),
-    *("MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"),
-)
-"""Set to 1 unless the user says otherwise, before NumPy is loaded: the policies'
-matrices have about a hundred rows, and sharing them out costs ten times the work."""
 
 COMMANDS: Final[dict[str, Callable[..., Command]]] = {
     "run": Run,
@@ -64,35 +69,58 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: From the parser, for ``--help`` (0) and wrong arguments (2).
     """
-    arguments = sys.argv[1:] if arguments is None else arguments
-    try:
-        saved = benchmark_from(arguments)
-    except (ValueError, OSError) as error:
-        return complain(error)
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    if arguments == ["--version"]:
+        print(f"gplfd {importlib.metadata.version('gplfd')}")
+        return 0
+    with _messages(quiet="--quiet" in arguments):
+        try:
+            return _parsed(arguments).execute()
+        except BrokenPipeError:
+            raise
+        except (ValueError, OSError, ModuleNotFoundError) as error:
+            _LOG.error(_in_words(error))
+            return BAD_INPUT
+
+
+def _parsed(arguments: Sequence[str]) -> Command:
+    commands = COMMANDS | {"benchmark": benchmark_from(arguments)}
     command: Command = tyro.extras.subcommand_cli_from_dict(
-        COMMANDS | {"benchmark": saved},
+        commands,
         prog="gplfd",
-        description="Open doors with policies learned from demonstrations.",
+        description="Open doors with policies learned from demonstrations. "
+        "`gplfd --version` prints the version.",
         args=arguments,
     )
-    for variable in _THREADS:
-        os.environ.setdefault(variable, "1")
-    with warnings.catch_warnings():
-        warnings.showwarning = _show_warning
-        try:
-            return command.execute()
-        except KeyboardInterrupt:
-            print(
-                "gplfd: interrupted; files already written are complete",
-                file=sys.stderr,
+    # Before NumPy is loaded, unless the user says otherwise. The policies' matrices
+    # have about a hundred rows: sharing them out costs ten times the work.
+    for variable, number in ONE_THREAD.items():
+        os.environ.setdefault(variable, number)
+    return command
+
+
+@contextlib.contextmanager
+def _messages(*, quiet: bool) -> Iterator[None]:
+    """Print what is logged on stderr: progress unless quiet, warnings, errors."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("gplfd: %(message)s"))
+    _LOG.setLevel(logging.WARNING if quiet else logging.INFO)
+    _LOG.addHandler(handler)
+    try:
+        with warnings.catch_warnings():
+            # Without the source line that raised it.
+            warnings.showwarning = lambda message, *_, **__: _LOG.warning(
+                "warning: %s", message
             )
-            return INTERRUPTED
+            yield
+    finally:
+        _LOG.removeHandler(handler)
+        _LOG.setLevel(logging.NOTSET)
 
 
-def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """Print a warning without the source line that raised it."""
-    print(f"gplfd: warning: {message}", file=sys.stderr)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def _in_words(error: Exception) -> str:
+    """Return an error as one paragraph."""
+    # OSError's own text leads with a number that says nothing to a person.
+    if isinstance(error, OSError) and error.strerror and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return " ".join(str(error).split())

@@ -46,6 +46,11 @@ def complete_or_absent(path: str | Path) -> Iterator[Path]:
         with temporary.open("r+b") as written:
             os.fsync(written.fileno())
         temporary.replace(target)
+    except OSError as error:
+        # A full disk does not say for which file, and nobody knows the temporary one.
+        if error.filename in (None, str(temporary)):
+            error.filename = str(target)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

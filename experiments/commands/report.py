@@ -1,4 +1,4 @@
-"""``gplfd report``: a study's result files on one page."""
+"""``gplfd report``: a study's result files told on one page."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ from typing import Annotated
 
 import tyro
 
-from experiments.commands.complaint import complain
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Report:
-    """Report a study: rankings with intervals, paired tests, Table 1 measured, plots.
+    """Tell a study: rankings with intervals, paired tests, Table 1 measured, plots.
 
     Reads DIR/tasks/*.json and DIR/study.json, runs nothing, and writes report.html (one
     page that needs nothing else), report.md and figures/. The same results give the
@@ -30,14 +28,12 @@ class Report:
     """Policy with which the others are compared; the best if the study lacks it."""
 
     def execute(self) -> int:
-        """Run the command and return the exit status."""
+        """Write the pages and print where they are."""
+        from experiments.arguments import check_folder
         from experiments.report.page import write_report
 
-        try:
-            if self.out is not None and self.out.exists() and not self.out.is_dir():
-                raise ValueError(f"--out {self.out} is a file; give a folder")
-            page = write_report(self.folder, self.out, self.reference)
-        except (ValueError, OSError) as error:
-            return complain(error)
+        if self.out is not None:
+            check_folder(self.out)
+        page = write_report(self.folder, self.out, self.reference)
         print(f"{page} and {page.with_suffix('.md')}")
         return 0

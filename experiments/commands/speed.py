@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
-from experiments.commands.complaint import complain
+from experiments.commands.options import Quiet, recorded
 
 RESULTS = "speed.json"
 
@@ -35,35 +34,28 @@ class Speed:
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/speed")
     """Folder to write to."""
 
+    quiet: Quiet = False
+    """Show no progress, only results."""
+
     def execute(self) -> int:
-        """Run the command and return the exit status."""
-        # Parsing the command line must not wait for what is measured.
+        """Measure, print tables and write the results."""
+        from experiments.arguments import check_folder, check_least
         from experiments.files.plain_data import write_json
         from experiments.files.provenance import provenance
+        from experiments.progress import LOG
         from experiments.speed.machine import machine
         from experiments.speed.parts import PARTS, announcement
         from experiments.speed.report import measure_all
 
-        try:
-            self._check()
-        except ValueError as error:
-            return complain(error)
+        check_least("--repeats", self.repeats, 1)
+        check_folder(self.out)
         chosen = [name for name in PARTS if not self.only or name in self.only]
-        print(announcement(chosen, self.repeats), file=sys.stderr, flush=True)
+        LOG.info(announcement(chosen, self.repeats))
         measures = {k: v for name in chosen for k, v in PARTS[name].measures.items()}
         found = measure_all(measures, self.repeats)
-        record = provenance(dataclasses.asdict(self) | {"out": str(self.out)}) | {
+        record = provenance(recorded(self)) | {
             "measured_on": machine(),
             "results": {name: dataclasses.asdict(one) for name, one in found.items()},
         }
-        try:
-            write_json(self.out / RESULTS, record)
-        except OSError as error:
-            return complain(error)
+        write_json(self.out / RESULTS, record)
         return 0
-
-    def _check(self) -> None:
-        if self.repeats < 1:
-            raise ValueError(f"--repeats {self.repeats} must be 1 or more")
-        if self.out.exists() and not self.out.is_dir():
-            raise ValueError(f"--out {self.out} is a file; give a folder")

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
-
-from experiments.commands.complaint import complain
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -33,6 +28,9 @@ class View:
     seed: int = 0
     """With --live: seed of teacher, policy and environment, 0 or more."""
 
+    randomization: str = "none"
+    """With --live: what the environment draws anew: none, mild or hard."""
+
     speed: float = 1.0
     """With --live: simulated seconds per second."""
 
@@ -40,20 +38,24 @@ class View:
     """With --live: serve a browser on this machine instead of opening a window."""
 
     def execute(self) -> int:
-        """Run the command and return the exit status."""
-        from experiments.commands.live import watch
-        from experiments.recording.viewer import check_display, check_recording, viewer
+        """Show the recording or the episode until the viewer is closed."""
+        if not self.live:
+            from experiments.recording.viewer import open_recording
 
-        try:
-            if self.live:
-                return watch(self)
-            recording = self._recording()
-            check_recording(recording)
-            check_display(sys.platform, os.environ, recording)
-            command = [viewer(), str(recording)]
-        except (ValueError, OSError) as error:
-            return complain(error)
-        return subprocess.call(command)
+            return open_recording(self._recording())
+        from experiments.recording.live_view import watch
+
+        if self.file is not None:
+            raise ValueError(f"--live runs an episode; it does not go with {self.file}")
+        watch(
+            self.door,
+            policy=self.policy,
+            seed=self.seed,
+            randomization=self.randomization,
+            speed=self.speed,
+            serve=self.serve,
+        )
+        return 0
 
     def _recording(self) -> Path:
         """Return the recording to open.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import os
 from collections.abc import Iterable, Iterator
@@ -24,6 +25,10 @@ TIMELINE: Final = "sim_time"
 """The only timeline: simulated time since reset."""
 
 
+_END: Final = b"RRF2FOOT"
+"""What stands before the last four bytes of a recording, its version."""
+
+
 @contextlib.contextmanager
 def recording_file(
     path: str | Path, layout: Iterable[Chunk]
@@ -33,6 +38,9 @@ def recording_file(
     Args:
         path: File to write.
         layout: Chunks of the blueprint that it opens with.
+
+    Raises:
+        OSError: The file cannot be written.
     """
     # Rerun keeps two threads for every recording that it no longer writes to, until
     # the process ends or this is called.
@@ -54,6 +62,19 @@ def recording_file(
             stream.flush()
         finally:
             stream.disconnect()
+        _check_complete(temporary)
+
+
+def _check_complete(file: Path) -> None:
+    """Look for the end of a recording; Rerun only logs that it could not write.
+
+    Raises:
+        OSError: The file is cut off.
+    """
+    with file.open("rb") as stream:
+        stream.seek(-min(len(_END) + 4, file.stat().st_size), os.SEEK_END)
+        if not stream.read().startswith(_END):
+            raise OSError(errno.EIO, "cannot be written to its end; is the disk full?")
 
 
 @functools.cache

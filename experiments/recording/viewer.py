@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -32,13 +34,29 @@ def has_display(platform: str, environment: Mapping[str, str]) -> bool:
     return not platform.startswith("linux") or any(map(environment.get, displays))
 
 
-def check_recording(file: Path) -> None:
-    """Raise unless ``file`` is a recording.
+def open_recording(file: Path) -> int:
+    """Open a recording in the viewer and wait until it is closed.
+
+    Returns:
+        The viewer's exit status.
 
     Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: It is a folder or another kind of file.
+        FileNotFoundError: There is no such file, or no viewer.
+        ValueError: It is a folder or another kind of file, or there is no screen.
     """
+    _check_recording(file)
+    if not has_display(sys.platform, os.environ):
+        raise ValueError(
+            "there is no display to open the viewer on. Copy the recording to a "
+            "machine with a screen and run `gplfd view` or `rerun` there, or serve "
+            f"it to a browser on this machine with `rerun --serve-web --bind "
+            f"127.0.0.1 {file}` (over ssh, forward the two ports that it prints)."
+        )
+    # A whole path: the viewer would take `--version.rrd` for an option.
+    return subprocess.call([viewer(), str(file.absolute())])
+
+
+def _check_recording(file: Path) -> None:
     if file.is_dir():
         inside = ", ".join(sorted(path.name for path in file.glob("*.rrd")))
         raise ValueError(f"{file} is a folder; recordings in it: {inside or 'none'}")
@@ -50,18 +68,3 @@ def check_recording(file: Path) -> None:
         magic = stream.read(4)
     if magic[:2] != b"RR":
         raise ValueError(f"{file} is not a Rerun recording (.rrd)")
-
-
-def check_display(platform: str, environment: Mapping[str, str], file: Path) -> None:
-    """Raise when there is no screen to open a window on.
-
-    Raises:
-        ValueError: On Linux without an X or Wayland display.
-    """
-    if not has_display(platform, environment):
-        raise ValueError(
-            "there is no display to open the viewer on. Copy the recording to a "
-            "machine with a screen and run `gplfd view` or `rerun` there, or serve "
-            f"it to a browser on this machine with `rerun --serve-web --bind "
-            f"127.0.0.1 {file}` (over ssh, forward the two ports that it prints)."
-        )

@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 
 from experiments.cli import main
-from experiments.study import jobs, runner, store
+from experiments.study import engines, jobs, runner, store
+from experiments.study.engines import Lost
 from experiments.study.settings import StudySettings
 from experiments.study.settings_file import read_settings, write_settings
 
@@ -55,7 +56,7 @@ def test_writes_table_and_settings_and_says_where(
     tmp_path: Path, ran: list[Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = ["--policies", "gp", "oracle", "--doors", "small", "--seeds", "2"]
-    assert benchmark(tmp_path, *options) == 0
+    assert benchmark(tmp_path, *options) == 1
     printed = capsys.readouterr()
     table = (tmp_path / "table.md").read_text()
     assert table.strip() in printed.out
@@ -66,8 +67,10 @@ def test_writes_table_and_settings_and_says_where(
         "oracle 1.\n"
     )
     assert f"gplfd report {tmp_path}" in printed.out
-    assert "gplfd: oracle, small, seed 1: ValueError: cannot learn" in printed.err
-    assert "1 tasks ended with an error" in printed.err
+    said = [line for line in printed.err.splitlines() if line.startswith("gplfd: ")]
+    assert said[0] == "gplfd: 8 tasks, 0 of them done already"
+    assert said[1].startswith("gplfd: 1 of 8 tasks ended in errors, kept in ")
+    assert said[2:] == ["gplfd: oracle, small, seed 1: ValueError: cannot learn"]
     settings = read_settings(tmp_path / "study.toml")
     assert settings == StudySettings(
         policies=("gp", "oracle"), doors=("small",), seeds=2
@@ -77,8 +80,48 @@ def test_writes_table_and_settings_and_says_where(
     # Two episodes per policy, and two learning tests per seed of the one that learns.
     assert len(ran) == 4 + 4
     assert len(list((tmp_path / "tasks").iterdir())) == 8
-    assert benchmark(tmp_path, *options) == 0
+    assert benchmark(tmp_path, *options) == 1
     assert [(task.policy, task.seed) for task in ran[8:]] == [("oracle", 1)]
+
+
+def test_workers_that_die_are_errors_of_the_study(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Deadly:
+        def run(self, work: Any, items: Any) -> Any:
+            for item in items:
+                yield item, Lost(reason="its worker process died")
+
+    monkeypatch.setattr(engines, "engine_named", lambda *_, **__: Deadly())
+    options = ["--policies", "oracle", "--doors", "small", "--seeds", "2"]
+    assert benchmark(tmp_path, *options) == 1
+    printed = capsys.readouterr().err
+    assert "gplfd: 2 of 2 tasks ended in errors" in printed
+    assert "gplfd: oracle, small, seed 0: its worker process died" in printed
+
+
+def test_quiet_shows_no_progress_but_results_and_errors(
+    tmp_path: Path, ran: list[Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--policies", "oracle", "--doors", "small", "--seeds", "2", "--quiet"]
+    assert benchmark(tmp_path, *options) == 1
+    printed = capsys.readouterr()
+    assert "| oracle | small |" in printed.out
+    counted, first = printed.err.splitlines()
+    assert counted.startswith("gplfd: 1 of 2 tasks ended in errors")
+    assert first.startswith("gplfd: oracle, small, seed 1: ValueError")
+
+
+def test_a_study_of_too_many_tasks_is_refused_at_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--policies", "gp", "oracle", "--doors", "small"]
+    assert benchmark(tmp_path / "study", *options, "--seeds", "1000000000") == 2
+    printed = capsys.readouterr().err
+    # Two episodes and two learning tests per seed.
+    assert "4,000,000,000 tasks" in printed
+    assert "at most 100,000" in printed
+    assert not (tmp_path / "study").exists()
 
 
 def test_every_condition_has_a_table(
@@ -238,7 +281,7 @@ def stopped_by(sent: signal.Signals, out: Path, results: int) -> tuple[int, str]
     """Run the study, stop it when it has some results; return status and stderr."""
     process = subprocess.Popen(
         [
-            *(sys.executable, "-m", "experiments.cli", "benchmark", *STUDY),
+            *(sys.executable, "-m", "gplfd", "benchmark", *STUDY),
             *("--out", str(out), "--workers", "1"),
         ],
         stderr=subprocess.PIPE,

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments import cli
-from experiments.commands import view
+from experiments import cli, runs
 from experiments.datasets.npz import load_demonstrations
+from experiments.episodes.doors import named_doors
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import episode_metrics
-from experiments.recording.viewer import viewer
-from experiments.study.doors import named_doors
+from experiments.recording import viewer
 
 Gplfd = Callable[..., int]
 
@@ -42,13 +41,42 @@ def written(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
-def test_run_tells_of_doors_of_an_earlier_run(
-    gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_run_replaces_what_an_earlier_run_wrote_and_nothing_else(
+    gplfd: Gplfd, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    for doors in (["0.42"], ["small"]):
-        gplfd("run", "--doors", *doors, "--policy", "oracle", "--out", str(out))
-    assert f"{out} also keeps 0.42.rrd of an earlier run" in capsys.readouterr().err
+    oracle = ("run", "--policy", "oracle", "--out", str(out))
+    gplfd(*oracle, "--doors", "0.42", "0.5")
+    for name in ("0.42.png", "notes.npz", "large.rrd"):
+        (out / name).touch()
+    gplfd(*oracle, "--doors", "small")
+    assert written(out) == {
+        *("metrics.json", "run.json", "demonstrations.npz", "small.rrd", "small.npz"),
+        *("0.42.png", "notes.npz", "large.rrd"),
+    }
+
+
+@pytest.mark.parametrize(
+    "content", ["{", "[]", '{"config": {"policy": "gp"}}', '{"config": 3}']
+)
+def test_run_keeps_out_of_a_folder_whose_content_is_not_known(
+    gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str
+) -> None:
+    (tmp_path / "run.json").write_text(content)
+    assert gplfd("run", "--policy", "oracle", "--out", ".") == 2
+    assert "run.json does not say what was written" in capsys.readouterr().err
+    assert (tmp_path / "run.json").read_text() == content
+
+
+def test_run_removes_nothing_outside_its_folder(gplfd: Gplfd, tmp_path: Path) -> None:
+    (tmp_path / "mine.npz").touch()
+    out = tmp_path / "out"
+    out.mkdir()
+    doors = {"../mine": {}, str(tmp_path / "mine"): {}, "small": {}}
+    (out / "run.json").write_text(json.dumps({"config": {"door_configs": doors}}))
+    oracle = ("--policy", "oracle", "--doors", "0.42", "--out", str(out))
+    assert gplfd("run", *oracle) == 0
+    assert (tmp_path / "mine.npz").exists()
 
 
 def test_run_writes_metrics_logs_recordings_and_where_they_came_from(
@@ -117,6 +145,7 @@ def test_run_learns_from_a_file(gplfd: Gplfd, tmp_path: Path) -> None:
         (["--demonstrations", "none.npz"], "there is no file none.npz"),
         (["--out", "taken"], "--out taken is a file; give a folder"),
         (["--out", "taken/below"], "taken"),
+        (["--randomization", "mid"], "did you mean 'mild'"),
     ],
 )
 def test_bad_input_is_one_paragraph_status_2_and_no_files(
@@ -136,30 +165,61 @@ def test_bad_input_is_one_paragraph_status_2_and_no_files(
     assert written(tmp_path) == {"taken"}
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("run", "--policy", "oracle"),
+        ("benchmark", "--policies", "oracle"),
+        ("figures",),
+        ("demos", "record", "--policy", "oracle"),
+    ],
+)
+def test_a_disk_that_cannot_be_written_to_is_said_before_any_work(
+    gplfd: Gplfd,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: tuple[str, ...],
+) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    assert gplfd(*command, "--out", "new/data-v0") == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith(f"gplfd: {tmp_path}: cannot be written to")
+    assert written(tmp_path) == set()
+
+
 def test_parser_errors_have_status_2(gplfd: Gplfd) -> None:
     assert gplfd("run", "--seed", "many") == 2
     assert gplfd("rum") == 2
     assert gplfd("run", "--help") == 0
 
 
-def test_ctrl_c_has_status_130_and_leaves_only_complete_files(
-    gplfd: Gplfd,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+def test_an_interruption_leaves_only_complete_files(
+    gplfd: Gplfd, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from experiments import recording
-
     def interrupt(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(recording, "record_episode", interrupt)
+    monkeypatch.setattr(runs, "record_episode", interrupt)
     out = tmp_path / "out"
-    arguments = ["--doors", "small", "--policy", "oracle", "--out", str(out)]
-    assert gplfd("run", *arguments) == 130
-    assert "interrupted" in capsys.readouterr().err
+    with pytest.raises(KeyboardInterrupt):
+        gplfd("run", "--doors", "small", "--policy", "oracle", "--out", str(out))
     assert written(out) == {"run.json", "demonstrations.npz", "small.npz"}
     EpisodeLog.load(out / "small.npz")
+
+
+def test_a_run_in_a_randomized_world_says_which_door_it_was(
+    gplfd: Gplfd, tmp_path: Path
+) -> None:
+    common = ["--doors", "small", "--policy", "oracle", "--seed", "3"]
+    assert gplfd("run", *common, "--randomization", "hard", "--out", "hard") == 0
+    assert gplfd("run", *common, "--out", "none") == 0
+    hard, none = (
+        EpisodeLog.load(tmp_path / name / "small.npz") for name in ("hard", "none")
+    )
+    assert none.door_config["hinge_friction"] != hard.door_config["hinge_friction"]
+    config = json.loads((tmp_path / "hard" / "run.json").read_text())["config"]
+    assert config["randomization"] == "hard"
 
 
 def test_list_names_everything(
@@ -189,12 +249,13 @@ def test_view_starts_the_viewer_itself(
         started.append(command)
         return 0
 
-    monkeypatch.setattr(view.subprocess, "call", call)
-    (tmp_path / "a.rrd").write_bytes(b"RRF2")
-    assert gplfd("view", "a.rrd") == 0
-    assert started == [[viewer(), "a.rrd"]]
+    monkeypatch.setattr(viewer.subprocess, "call", call)
+    # A name that the viewer, given it alone, would take for an option.
+    (tmp_path / "--version.rrd").write_bytes(b"RRF2")
+    assert gplfd("view", "./--version.rrd") == 0
+    assert started == [[viewer.viewer(), str(tmp_path / "--version.rrd")]]
     # Not the Python script of the same name, which would outlive its viewer.
-    with open(viewer(), "rb") as executable:
+    with open(viewer.viewer(), "rb") as executable:
         assert executable.read(2) != b"#!"
 
 
@@ -256,7 +317,7 @@ def test_help_loads_neither_simulator_nor_viewer() -> None:
 
 def test_runs_as_a_module() -> None:
     finished = subprocess.run(
-        [sys.executable, "-m", "experiments.cli", "run", "--doors", "nowhere"],
+        [sys.executable, "-m", "gplfd", "run", "--doors", "nowhere"],
         check=False,
         capture_output=True,
         text=True,

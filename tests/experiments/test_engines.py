@@ -3,6 +3,7 @@
 import contextlib
 import os
 import re
+import socket
 import subprocess
 import sys
 import time
@@ -28,18 +29,19 @@ def test_every_item_comes_back_with_its_result(engine: Any) -> None:
 
 
 def test_workers_are_processes_with_one_thread_deaf_to_ctrl_c() -> None:
-    def look(_: int) -> tuple[int, str | None, bool]:
+    def look(_: int) -> tuple[int, str | None, bool, bool]:
         import signal
 
         return (
             os.getpid(),
             os.environ.get("OPENBLAS_NUM_THREADS"),
             signal.getsignal(signal.SIGINT) is signal.SIG_IGN,
+            sys.flags.safe_path,
         )
 
-    ((_, (process, threads, deaf)),) = Processes(workers=1).run(look, [0])
+    ((_, (process, threads, deaf, safe)),) = Processes(workers=1).run(look, [0])
     assert process != os.getpid()
-    assert (threads, deaf) == ("1", True)
+    assert (threads, deaf, safe) == ("1", True, True)
 
 
 def test_items_whose_worker_died_once_are_run_again(tmp_path: Path) -> None:
@@ -186,12 +188,32 @@ def test_a_dask_cluster_brings_every_item_back(scheduler: str, tmp_path: Path) -
     assert os.getpid() not in {process for _, process in finished.values()}
 
 
-def test_a_scheduler_that_does_not_answer_is_an_os_error(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.fixture
+def silent() -> Iterator[str]:
+    """A server that is no scheduler: it takes every connection and says nothing."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        yield f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+
+
+@pytest.mark.parametrize(
+    ("address", "reason"),
+    [
+        ("tcp://127.0.0.1:9", "nobody answered within 0.5 s"),
+        ("tls://127.0.0.1:9", "TLS expects a `ssl_context`"),
+        ("http://127.0.0.1:80", "unknown address scheme 'http'"),
+        ("127.0.0.1", "missing port"),
+        ("silent", "nobody answered within 0.5 s"),
+    ],
+)
+def test_an_address_without_a_scheduler_is_an_os_error(
+    monkeypatch: pytest.MonkeyPatch, silent: str, address: str, reason: str
 ) -> None:
     from experiments.study.engines import cluster
 
-    monkeypatch.setattr(cluster, "_PATIENCE", "0.5s")
-    engine = engine_named("dask", address="tcp://127.0.0.1:9")
-    with pytest.raises(OSError, match=r"tcp://127\.0\.0\.1:9"):
+    monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
+    address = silent if address == "silent" else address
+    engine = engine_named("dask", address=address)
+    with pytest.raises(OSError, match="no Dask scheduler answers") as raised:
         list(engine.run(abs, [1]))
+    assert address in str(raised.value)
+    assert reason in str(raised.value)

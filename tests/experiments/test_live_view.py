@@ -1,11 +1,12 @@
 """Watching an episode live, without a viewer: streams end in files."""
 
+import contextlib
 import itertools
 import socket
 import stat
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,8 @@ import rerun as rr
 from rerun.chunk import Chunk, RrdReader
 
 from experiments import cli
-from experiments.commands import live as live_command
 from experiments.episodes.log import EpisodeLog
-from experiments.recording import live, record_episode
+from experiments.recording import live, live_view, record_episode
 from experiments.recording.layout import layout
 from experiments.recording.live import LiveRecording, watched_rollout
 from experiments.recording.stream import open_stream
@@ -189,6 +189,7 @@ def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Gplfd:
         (["--live", "--seed", "-1"], "--seed -1 must be 0 or more"),
         (["--live", "--serve", "--door", "smal"], "unknown door 'smal'"),
         (["--live", "--serve", "--policy", "oracel"], "unknown policy 'oracel'"),
+        (["--live", "--serve", "--randomization", "mid"], "did you mean 'mild'"),
         (["a.rrd", "--seed", "1"], "--seed goes with --live, not with a file"),
         (["a.rrd", "--serve"], "--serve goes with --live, not with a file"),
     ],
@@ -200,7 +201,7 @@ def test_bad_arguments_have_status_2_and_start_nothing(
     arguments: list[str],
     message: str,
 ) -> None:
-    monkeypatch.setattr(live_command.subprocess, "Popen", None)
+    monkeypatch.setattr(live_view.subprocess, "Popen", None)
     assert gplfd(*arguments) == 2
     printed = capsys.readouterr().err
     assert printed.startswith("gplfd: ")
@@ -227,7 +228,7 @@ def stand_in(monkeypatch: pytest.MonkeyPatch, script: str) -> None:
     path = Path("viewer").resolve()
     path.write_text(f"#!{sys.executable}\n{script}")
     path.chmod(path.stat().st_mode | stat.S_IXUSR)
-    monkeypatch.setattr(live_command, "viewer", lambda: str(path))
+    monkeypatch.setattr(live_view, "viewer", lambda: str(path))
 
 
 ORACLE = ("--live", "--serve", "--policy", "oracle")
@@ -240,12 +241,18 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
 ) -> None:
     seen: dict[str, Any] = {}
 
-    def show(view: Any, episode: Any, process: Any, url: str) -> None:
-        seen.update(door=episode.door, process=process, url=url)
-        assert process.poll() is None
+    @contextlib.contextmanager
+    def connected(url: str) -> Iterator[str]:
+        seen.update(url=url)
+        yield url
+
+    def show(*_: Any, wanted: Callable[[], bool], **options: Any) -> None:
+        seen.update(door=options["door"], wanted=wanted)
+        assert wanted()
         raise InterruptedError
 
-    monkeypatch.setattr(live_command, "_show", show)
+    monkeypatch.setattr(live_view, "_stream_to", connected)
+    monkeypatch.setattr(live_view, "watched_rollout", show)
     stand_in(monkeypatch, LISTENING)
     assert gplfd(*ORACLE, "--door", "0.42") == 0
     arguments = Path("arguments").read_text().split()
@@ -253,7 +260,7 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
     assert arguments[4:6] == ["--serve-web", "--web-viewer-port"]
     assert seen["door"] == "0.42"
     assert seen["url"] == f"rerun+http://127.0.0.1:{arguments[3]}/proxy"
-    assert seen["process"].poll() is not None
+    assert not seen["wanted"]()
     printed = capsys.readouterr().err
     address = f"http://127.0.0.1:{arguments[6]}/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A"
     assert f"watch it at  {address}{arguments[3]}%2Fproxy" in printed
@@ -275,14 +282,14 @@ def test_a_viewer_that_does_not_answer_is_told(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(live_command, "_START_TIMEOUT", 0.2)
+    monkeypatch.setattr(live_view, "_START_TIMEOUT", 0.2)
     stand_in(monkeypatch, "import time; time.sleep(60)")
     assert gplfd(*ORACLE) == 2
     assert "did not answer within 0.2 s" in capsys.readouterr().err
 
 
 def test_ports_are_free_and_two() -> None:
-    first, second = live_command._free_ports()
+    first, second = live_view._free_ports()
     assert first != second
     for port in (first, second):
         with socket.create_server(("127.0.0.1", port)):

@@ -82,6 +82,7 @@ def test_wheel_has_every_module_asset_and_marker(wheel: zipfile.ZipFile) -> None
         for module in (ROOT / package).rglob("*.py"):
             assert str(module.relative_to(ROOT)) in names
         assert f"{package}/py.typed" in names
+    assert "gplfd.py" in names
     for asset in (ROOT / "assets").iterdir():
         assert f"gplfd_env/assets/{asset.name}" in names
         assert wheel.read(f"gplfd_env/assets/{asset.name}") == asset.read_bytes()
@@ -89,7 +90,7 @@ def test_wheel_has_every_module_asset_and_marker(wheel: zipfile.ZipFile) -> None
 
 def test_wheel_has_nothing_else(wheel: zipfile.ZipFile) -> None:
     tops = {name.split("/")[0] for name in wheel.namelist()}
-    (metadata,) = tops - set(PACKAGES)
+    (metadata,) = tops - {"gplfd.py", *PACKAGES}
     assert metadata.endswith(".dist-info")
     modules = [name.split("/")[-1] for name in wheel.namelist()]
     assert not [name for name in modules if name.startswith(("test_", "conftest"))]

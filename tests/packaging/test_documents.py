@@ -46,7 +46,7 @@ def python_blocks() -> list[str]:
 def first_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which the README's first command has been run, for one door."""
     folder = tmp_path_factory.mktemp("newcomer")
-    command = [sys.executable, "-m", "experiments.cli", "run", "--doors", "medium"]
+    command = [sys.executable, "-m", "gplfd", "run", "--doors", "medium"]
     subprocess.run([*command, "--out", "results/first"], cwd=folder, check=True)
     return folder
 

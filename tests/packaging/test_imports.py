@@ -85,7 +85,7 @@ def test_packages_are_marked_as_typed(package: str) -> None:
 
 def test_console_script_exists_and_explains_itself(tmp_path: Path) -> None:
     (script,) = importlib.metadata.entry_points(group="console_scripts", name="gplfd")
-    assert script.value == "experiments.cli:main"
+    assert script.value == "gplfd:main"
     result = subprocess.run(
         [Path(sys.executable).with_name("gplfd"), "--help"],
         capture_output=True,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeVar
+from types import MappingProxyType
+from typing import Final, Literal, Protocol, TypeVar
 
-__all__ = ["ATTEMPTS", "Engine", "EngineName", "Lost", "engine_named"]
+__all__ = ["ATTEMPTS", "ONE_THREAD", "Engine", "EngineName", "Lost", "engine_named"]
 
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
@@ -14,8 +15,18 @@ ResultT = TypeVar("ResultT")
 EngineName = Literal["loky", "serial", "dask"]
 """Names that `engine_named` knows."""
 
-ATTEMPTS = 3
+ATTEMPTS: Final = 3
 """How often an item is started before it counts as the one that kills its workers."""
+
+ONE_THREAD: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "OPENBLAS_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "1",
+        "MKL_NUM_THREADS": "1",
+        "VECLIB_MAXIMUM_THREADS": "1",
+    }
+)
+"""Environment of a process whose linear algebra keeps to one thread."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
@@ -16,8 +17,8 @@ ResultT = TypeVar("ResultT")
 _dask: Any = distributed
 """Only partly annotated, hence not checked."""
 
-_PATIENCE: Final = "10s"
-"""How long to wait for an answer of the scheduler."""
+_PATIENCE: Final = 10.0
+"""How long to wait for an answer of the scheduler [s]."""
 
 _KILLED: Final = Lost(reason="its worker died in each attempt")
 
@@ -47,6 +48,17 @@ class Cluster:
         Raises:
             OSError: The scheduler does not answer, or not any more.
         """
+        # Dask's client waits for ever where something else than a scheduler listens.
+        try:
+            asyncio.run(_shake_hands(self.address))
+        # Whatever a server that is no scheduler makes of Dask's greeting, and Dask of
+        # its answer.
+        except Exception as error:
+            reason = str(error) or f"nobody answered within {_PATIENCE:g} s"
+            raise ConnectionError(
+                f"no Dask scheduler answers at {self.address} ({reason}); `dask "
+                "scheduler` prints its address"
+            ) from error
         client = _dask.Client(self.address, timeout=_PATIENCE, set_as_default=False)
         try:
             blamed = yield from self._together(client, work, items)
@@ -81,6 +93,14 @@ class Cluster:
             # What is left was not finished and is not wanted any more.
             client.cancel(list(running), force=True)
         return blamed
+
+
+async def _shake_hands(address: str) -> None:
+    """Connect to a scheduler, with the certificates that Dask is configured with."""
+    security = _dask.Security().get_connection_args("client")
+    async with asyncio.timeout(_PATIENCE):
+        comm = await _dask.comm.connect(address, **security)
+    await comm.close()
 
 
 def _outcome(future: Any) -> Any:

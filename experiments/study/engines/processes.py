@@ -14,19 +14,17 @@ from typing import Any, Final, TypeVar
 
 import loky
 
-from experiments.study.engines import ATTEMPTS, Lost
+from experiments.study.engines import ATTEMPTS, ONE_THREAD, Lost
 
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
 
 _ENVIRONMENT: Final = {
-    name: "1"
-    for name in (
-        *("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"),
-        *("MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"),
-    )
+    # One thread per worker: the cores are shared out among the workers already.
+    **ONE_THREAD,
+    # No worker imports what lies in the working folder and is called `re.py`.
+    "PYTHONSAFEPATH": "1",
 }
-"""One thread per worker: the cores are shared out among the workers already."""
 
 _PULSE: Final = 1.0
 """How often a worker looks whether its parent is still there [s]."""

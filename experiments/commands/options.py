@@ -1,0 +1,20 @@
+"""What the options of several subcommands have in common."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+Quiet = tyro.conf.FlagCreatePairsOff[bool]
+"""A flag without its opposite."""
+
+
+def recorded(options: Any) -> dict[str, Any]:
+    """Return a subcommand's options as they are kept with its results, JSON-able."""
+    return {
+        name: str(value) if isinstance(value, Path) else value
+        for name, value in dataclasses.asdict(options).items()
+    }

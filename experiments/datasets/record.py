@@ -1,0 +1,116 @@
+"""Let a policy open doors, and keep everything that happens as a data set."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from experiments.arguments import check_folder, check_least
+from experiments.datasets.minari import RecordedEpisode, Recorder, write_dataset
+from experiments.datasets.minari.contents import outcome
+from experiments.episodes.doors import named_doors
+from experiments.progress import LOG, progress_bar
+from experiments.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd_env import ENVIRONMENT_ID
+from gplfd_env.config import DoorConfig
+from gplfd_env.randomization import door_randomization
+from policies.agent import Agent
+from policies.registry import make_agent, policy_named
+
+
+def record_dataset(
+    folder: Path,
+    *,
+    policy: str,
+    doors: Sequence[str],
+    episodes: int,
+    seed: int,
+    demonstrations_per_door: int,
+    randomization: str,
+    max_steps: int | None,
+    overwrite: bool,
+    options: Mapping[str, Any],
+) -> int:
+    """Open every door some times and write the data set.
+
+    Args:
+        folder: The data set; its name is its id.
+        policy: Name of the policy that acts.
+        doors: Names of doors, or radii [m] as text.
+        episodes: Number per door; the k-th has seed ``seed + k``.
+        seed: First seed of teacher, policy and environment.
+        demonstrations_per_door: How often the synthetic human opens each of the three
+            demonstrated doors.
+        randomization: Name of what the environment draws anew.
+        max_steps: Episodes are cut after this many; None for the environment's limit.
+        overwrite: Replace a data set that is there already.
+        options: The command's, for the record; JSON-able.
+
+    Returns:
+        The number of episodes.
+
+    Raises:
+        ValueError: An argument is wrong, or Minari is not installed.
+        OSError: The data set cannot be written.
+    """
+    check_least("--episodes", episodes, 1)
+    check_least("--seed", seed, 0)
+    check_least("--demonstrations-per-door", demonstrations_per_door, 1)
+    check_least("--max-steps", max_steps, 1)
+    policy_named(policy)
+    door_randomization(randomization)
+    check_folder(folder.parent)
+    plan = [
+        (name, config, seed + number)
+        for name, config in named_doors(doors).items()
+        for number in range(episodes)
+    ]
+    _, config, _ = plan[0]
+    # Minari makes the environment of the first door again, resets bring the others.
+    arguments: dict[str, Any] = {"door": dataclasses.asdict(config)}
+    if randomization != "none":
+        arguments["randomization"] = randomization
+    if max_steps is not None:
+        arguments["max_episode_steps"] = max_steps
+
+    def each() -> Iterator[RecordedEpisode]:
+        recorder = Recorder(env)
+        for name, config, number in progress_bar(
+            plan, desc="recording", unit="episode"
+        ):
+            shown = Teacher().demonstrate_doors(
+                DEMONSTRATED_RADII,
+                demonstrations_per_door,
+                rng=np.random.default_rng(number),
+            )
+            agent = make_agent(policy, shown, seed=number, radius=config.radius)
+            _act(agent, recorder, config, number)
+            LOG.info("%s, seed %d: %s", name, number, outcome(recorder.episode))
+            yield recorder.episode
+
+    with contextlib.closing(gym.make(ENVIRONMENT_ID, **arguments)) as env:
+        write_dataset(
+            folder, each(), env=env, policy=policy, config=options, overwrite=overwrite
+        )
+    return len(plan)
+
+
+def _act(agent: Agent, env: Recorder, door: DoorConfig, seed: int) -> None:
+    """Let the agent act from the reset to the end of the episode."""
+    # Small matrices: more threads only cost time, and change the order of sums.
+    with threadpool_limits(limits=1, user_api="blas"):
+        options = {"door": dataclasses.asdict(door)}
+        observation, _ = env.reset(seed=seed, options=options)
+        agent.reset(observation)
+        ended = False
+        while not ended:
+            action = agent.act(observation).action
+            observation, _, terminated, truncated, _ = env.step(action)
+            ended = terminated or truncated

@@ -1,0 +1,120 @@
+"""One go at a study: settings kept, missing tasks run behind a bar, errors reported."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from experiments.arguments import check_folder
+from experiments.files.plain_data import write_json
+from experiments.files.provenance import provenance
+from experiments.progress import LOG, progress_bar
+from experiments.study.engines import Engine
+from experiments.study.plan import tasks
+from experiments.study.runner import run_study
+from experiments.study.settings import StudySettings
+from experiments.study.settings_file import write_settings
+from experiments.study.store import (
+    damaged_results,
+    is_finished,
+    made_by_other_code,
+    stored_result,
+)
+from experiments.study.tasks import Result, Task
+
+_SHOWN_ERRORS: Final = 3
+
+
+def carry_out(
+    settings: StudySettings, folder: Path, engine: Engine, options: Mapping[str, Any]
+) -> int:
+    """Run the tasks of a study that have no result yet, or an error.
+
+    Args:
+        settings: Checked by `experiments.study.plan.checked`.
+        folder: Of the study; may have results already.
+        engine: Where to run.
+        options: The command's beside the settings, for the record; JSON-able.
+
+    Returns:
+        The number of tasks that ended in an error.
+
+    Raises:
+        OSError: A file cannot be read or written, or the engine not be reached.
+    """
+    check_folder(folder)
+    study = tasks(settings)
+    config = dataclasses.asdict(settings) | dict(options)
+    write_json(folder / "study.json", provenance(config))
+    write_settings(folder / "study.toml", settings)
+    for reason in damaged_results(folder, study):
+        LOG.warning("warning: %s; its task is run again", reason)
+    others = made_by_other_code(folder, study)
+    _warn_of_other_code(others, len(study), folder)
+    _run(study, folder, engine)
+    # Workers elsewhere may have another version of this package.
+    if (others_now := made_by_other_code(folder, study)) > others:
+        _warn_of_other_code(others_now, len(study), folder)
+    return _report_errors(study, folder)
+
+
+def _run(study: Sequence[Task], folder: Path, engine: Engine) -> None:
+    """Run what is missing behind a progress bar that counts tasks."""
+    done = sum(is_finished(stored_result(folder, task)) for task in study)
+    LOG.info("%d tasks, %d of them done already", len(study), done)
+    # Where nobody watches, a line now and then is enough.
+    pause = 0.5 if sys.stderr.isatty() else 30.0
+    with (
+        contextlib.closing(run_study(folder, study, engine)) as results,
+        progress_bar(
+            total=len(study),
+            initial=done,
+            unit="task",
+            mininterval=pause,
+            maxinterval=pause,
+            # Policies differ by the time they take: the mean says most.
+            smoothing=0.0,
+            leave=True,
+            anywhere=True,
+        ) as bar,
+    ):
+        for _ in results:
+            bar.update()
+
+
+def _report_errors(study: Iterable[Task], folder: Path) -> int:
+    results = [stored_result(folder, task) or {} for task in study]
+    failed = [result for result in results if not is_finished(result)]
+    if failed:
+        LOG.error(
+            "%d of %d tasks ended in errors, kept in %s; the same command tries them "
+            "again",
+            len(failed),
+            len(results),
+            folder / "tasks",
+        )
+    for result in failed[:_SHOWN_ERRORS]:
+        LOG.error("%s: %s", _named(result), result["error"])
+    return len(failed)
+
+
+def _named(result: Result) -> str:
+    task = result["task"]
+    what = task["door"] if task["kind"] == "episode" else f"{task['held_out']} left out"
+    return f"{task['policy']}, {what}, seed {task['seed']}"
+
+
+def _warn_of_other_code(others: int, total: int, folder: Path) -> None:
+    if others:
+        LOG.warning(
+            "warning: %d of %d results were made by other code (another git state or "
+            "other package versions); use another --out or delete %s to have one "
+            "version",
+            others,
+            total,
+            folder,
+        )

@@ -1,0 +1,162 @@
+"""The process around the command: its modules, its streams, its exit statuses.
+
+All of it with the installed script, in a process of its own.
+"""
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+GPLFD = Path(sys.executable).with_name("gplfd")
+STUDY = (
+    *("benchmark", "--policies", "oracle", "--doors", "small", "--seeds", "1"),
+    *("--no-skill", "--workers", "1", "--out", "study"),
+)
+RUN = ("run", "--policy", "oracle", "--doors", "small", "--out", "run")
+NAMES = ("re", "json", "random", "logging", "loky", "string", "signal", "numpy", "tyro")
+"""What users call their files, too."""
+
+
+def gplfd(
+    folder: Path, *arguments: str, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    return subprocess.run(
+        [GPLFD, *arguments],
+        cwd=folder,
+        env=clean | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def lay_out(folder: Path, names: Sequence[str]) -> None:
+    """Write modules that leave a mark beside them when they are run."""
+    leave = "import os\nopen(os.path.join({!r}, 'ran-{}'), 'w').close()\n"
+    for name in names:
+        (folder / f"{name}.py").write_text(leave.format(str(folder), name))
+    for name in ("experiments", "policies"):
+        (folder / name).mkdir()
+        (folder / name / "__init__.py").write_text(leave.format(str(folder), name))
+
+
+def ran(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.glob("ran-*"))
+
+
+def test_nothing_that_lies_in_the_working_folder_is_run(tmp_path: Path) -> None:
+    lay_out(tmp_path, (*NAMES, "types"))
+    finished = gplfd(tmp_path, *STUDY)
+    assert finished.returncode == 0, finished.stderr
+    assert ran(tmp_path) == []
+
+
+@pytest.mark.parametrize("arguments", [("list",), STUDY, RUN])
+def test_a_folder_on_the_python_path_hides_no_installed_module(
+    tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    lay_out(tmp_path, [name for name in NAMES if name != "re"])
+    finished = gplfd(tmp_path, *arguments, PYTHONPATH=".")
+    assert finished.returncode == 0, finished.stderr
+    assert ran(tmp_path) == []
+
+
+def test_a_module_that_the_script_itself_imports_is_replaced(tmp_path: Path) -> None:
+    lay_out(tmp_path, ["re"])
+    bare = subprocess.run(
+        [sys.executable, "-c", ""],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        check=False,
+        capture_output=True,
+    )
+    if bare.returncode:
+        pytest.skip("beside a user's re.py this Python does not start: a .pth needs re")
+    finished = gplfd(tmp_path, *STUDY, PYTHONPATH=str(tmp_path))
+    assert finished.returncode == 0, finished.stderr
+    # The scripts of older pips import `re` first of all.
+    assert ran(tmp_path) in ([], ["ran-re"])
+
+
+def test_a_module_of_the_python_path_is_still_found(tmp_path: Path) -> None:
+    (tmp_path / "my_folder").mkdir()
+    (tmp_path / "my_folder" / "helper.py").write_text("")
+    finished = subprocess.run(
+        [sys.executable, "-c", "import gplfd, helper; print(helper.__file__)"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": "my_folder"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert finished.stdout.strip() == str(tmp_path / "my_folder" / "helper.py")
+
+
+@pytest.mark.parametrize(
+    ("limit", "cut", "complete"),
+    [
+        (1_000, "run.json", []),
+        (60_000, "demonstrations.npz", ["run.json"]),
+        (200_000, "small.npz", ["demonstrations.npz", "run.json"]),
+        (400_000, "small.rrd", ["demonstrations.npz", "run.json", "small.npz"]),
+    ],
+)
+def test_a_full_disk_leaves_no_half_of_a_file(
+    tmp_path: Path, limit: int, cut: str, complete: list[str]
+) -> None:
+    import resource
+
+    def fill() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    finished = subprocess.run(
+        [GPLFD, *RUN],
+        cwd=tmp_path,
+        preexec_fn=fill,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert finished.returncode == 2
+    said = finished.stderr.splitlines()[-1]
+    assert said.startswith(f"gplfd: run/{cut}: ")
+    assert "Traceback" not in finished.stderr
+    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == complete
+
+
+def test_a_reader_that_has_gone_is_no_traceback(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer, "wb") as pipe:
+        finished = subprocess.run(
+            [GPLFD, "list"], stdout=pipe, stderr=subprocess.PIPE, check=False
+        )
+    assert (finished.returncode, finished.stderr) == (141, b"")
+
+
+@pytest.mark.parametrize(
+    "environment", [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C", "PYTHONUTF8": "0"}]
+)
+def test_a_terminal_that_knows_only_ascii_gets_question_marks(
+    tmp_path: Path, environment: dict[str, str]
+) -> None:
+    finished = gplfd(tmp_path, *RUN, PYTHONCOERCECLOCALE="0", **environment)
+    assert finished.returncode == 0, finished.stderr
+    assert "to 60?" in finished.stdout
+
+
+def test_the_version_is_that_of_the_distribution(tmp_path: Path) -> None:
+    import importlib.metadata
+
+    finished = gplfd(tmp_path, "--version")
+    assert finished.stdout == f"gplfd {importlib.metadata.version('gplfd')}\n"
+
+
+def test_quiet_says_nothing_of_progress(tmp_path: Path) -> None:
+    finished = gplfd(tmp_path, *RUN, "--quiet")
+    assert (finished.returncode, finished.stderr) == (0, "")
+    assert "small" in finished.stdout
