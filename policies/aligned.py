@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["AlignedDemonstrations"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AlignedDemonstrations:

@@ -13,8 +13,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 
-__all__ = ["PosePath", "PriorMean"]
-
 
 @runtime_checkable
 class PriorMean(Protocol):

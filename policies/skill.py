@@ -22,8 +22,6 @@ from policies.gp.noise import HomoscedasticNoise, MapNoise
 from policies.gp.noise_profile import NoiseModel
 from policies.trajectory import GaussianTrajectory, checked_times
 
-__all__ = ["NOISE_MODELS", "Skill", "fit_skill"]
-
 NOISE_MODELS: dict[str, NoiseModel] = {
     "map": MapNoise(),
     "kersting": KerstingNoise(),

@@ -8,8 +8,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtri, stdtrit
 
-__all__ = ["GaussianTrajectory", "ViaPoint", "checked_times"]
-
 
 def _read_only(array: np.ndarray) -> np.ndarray:
     copy = np.array(array, dtype=np.float64)

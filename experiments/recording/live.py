@@ -23,8 +23,9 @@ from experiments.recording.episode import (
 from experiments.recording.part import Part
 from experiments.recording.stages import stage_lane, stages
 from experiments.rollout import rollout
-from policies.agent import Agent, AgentStep
+from policies.agent import Agent
 from policies.demonstrations import Demonstration
+from policies.steps import AgentStep
 from policies.trajectory import GaussianTrajectory
 
 FORECAST_PERIOD: Final = 0.2

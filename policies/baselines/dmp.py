@@ -49,8 +49,6 @@ from gplfd_env.se3 import compose_rotvecs
 from policies.aligned import AlignedDemonstrations
 from policies.trajectory import GaussianTrajectory, checked_times
 
-__all__ = ["DMPConfig", "DynamicMovementPrimitive", "fit_dmp"]
-
 _STEPS = 1000
 """Integration steps per τ."""
 _SETTLED = 1e-6

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from gplfd_env.task import handle_pose_on_arc
-from policies.agent import AgentStep, Observation
+from policies.steps import AgentStep, Observation
 from policies.trajectory import GaussianTrajectory
 
 

@@ -34,8 +34,6 @@ from threadpoolctl import threadpool_limits
 from policies.aligned import AlignedDemonstrations
 from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
 
-__all__ = ["ProMPConfig", "ProbabilisticMovementPrimitive", "fit_promp"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ProMPConfig:

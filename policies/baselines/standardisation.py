@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["Standardisation"]
-
 _SMALLEST_STD = 1e-6
 """No output is scaled more finely than a micrometre or a microradian."""
 

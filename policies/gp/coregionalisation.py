@@ -17,8 +17,6 @@ from scipy.optimize import minimize
 from policies.gp.factorisation import CholeskyFactor, factorise
 from policies.gp.kernels import RBF
 
-__all__ = ["Coregionalisation", "CoregionalisedGP", "fit_coregionalisation"]
-
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
 

@@ -19,8 +19,6 @@ from policies.gp.noise_profile import NoiseModel, NoiseProfile
 from policies.gp.replicates import Replicates
 from policies.gp.spectral import SpectralPosterior
 
-__all__ = ["HeteroscedasticGP", "offset_and_scale"]
-
 _SMALLEST_STD = 1e-6
 """No output is known, or scaled, more finely than a micrometre or a microradian."""
 

@@ -15,8 +15,6 @@ from policies.gp.heteroscedastic import HeteroscedasticGP
 from policies.gp.legendre import LegendreBasis
 from policies.gp.spectral import SpectralPosterior
 
-__all__ = ["MultiOutputGP", "OutputMoments"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OutputMoments:

@@ -20,8 +20,6 @@ from jaxtyping import Float
 from policies.gp.exact import ExactGP
 from policies.gp.kernels import RBF
 
-__all__ = ["Replicates", "collapsed_log_likelihood"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Replicates:
