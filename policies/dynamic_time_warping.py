@@ -6,8 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = ["WarpingPath", "dynamic_time_warping"]
-
 _DIAGONAL, _UP, _LEFT = np.int8(0), np.int8(1), np.int8(2)
 
 

@@ -12,8 +12,6 @@ from scipy.special import ndtri, stdtrit
 from policies.records import freeze, read_only, short_repr
 from policies.trajectory_csv import write_csv
 
-__all__ = ["GaussianTrajectory", "ViaPoint", "checked_times"]
-
 _FINEST = 1e-6
 """No pose is predicted more finely than to a micrometre or a microradian."""
 

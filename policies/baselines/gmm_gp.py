@@ -45,8 +45,6 @@ from policies.baselines.mixture_kernel import (
 from policies.movement import LearnedMovement
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
-__all__ = ["GMMGPConfig", "GMMGaussianProcess", "fit_gmm_gp"]
-
 _STRONGEST = 1e-4
 """Least standard deviation of a via-point, standardised, so that demands of zero,
 repeated and contradicting ones have an answer: the average."""

@@ -30,8 +30,6 @@ from policies.trajectory import GaussianTrajectory, white_covariance
 if TYPE_CHECKING:
     from sklearn.mixture import GaussianMixture
 
-__all__ = ["GMRConfig", "GaussianMixtureRegression", "checked_phases", "fit_gmr"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class GMRConfig:

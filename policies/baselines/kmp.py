@@ -30,8 +30,6 @@ from policies.baselines.smoothed_reference import Reference, SmoothedReference
 from policies.movement import LearnedMovement
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
-__all__ = ["KMPConfig", "KernelizedMovementPrimitive", "fit_kmp"]
-
 _STRONGEST = 1e-4
 """Least standard deviation of a via-point, standardised. A demand of zero would have
 infinite weight; this one is missed by less than a thousandth of an output's spread."""

@@ -43,8 +43,6 @@ from policies.gp.replicates import Replicates
 from policies.movement import LearnedMovement
 from policies.trajectory import GaussianTrajectory, checked_times
 
-__all__ = ["LocalGPConfig", "LocalGaussianProcesses", "fit_local_gp"]
-
 _FEWEST_SAMPLES = 4
 """A cluster needs more samples than its process has hyper-parameters."""
 

@@ -27,8 +27,6 @@ from policies.gp.exact import ExactGP
 from policies.gp.kernels import RBF
 from policies.gp.legendre import LegendreBasis
 
-__all__ = ["DenseEvidence", "Evidence", "SpectralEvidence"]
-
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
 

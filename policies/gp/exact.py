@@ -16,8 +16,6 @@ from jaxtyping import Float
 from policies.gp.factorisation import CholeskyFactor, factorise
 from policies.gp.kernels import RBF
 
-__all__ = ["ExactGP", "zero_mean"]
-
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
 

@@ -18,8 +18,6 @@ from policies.gp.kernels import RBF
 from policies.gp.legendre import SIZES, LegendreBasis
 from policies.gp.replicates import Replicates
 
-__all__ = ["FittedKernel", "fit_kernel", "fit_kernel_and_noise"]
-
 _LONGEST = 3.0
 """Longest length-scale, as a fraction of the time span."""
 _SCREENED = (0.1, 0.2, 0.4)

@@ -17,8 +17,6 @@ from policies.gp.noise_profile import LEAST_VARIANCE, SHORTEST_SCALE, NoiseProfi
 from policies.gp.replicates import Replicates
 from policies.gp.spectral import SpectralPosterior
 
-__all__ = ["KerstingNoise"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class KerstingNoise:

@@ -24,8 +24,6 @@ from policies.gp.noise_profile import LEAST_VARIANCE, SHORTEST_SCALE, NoiseProfi
 from policies.gp.replicates import Replicates
 from policies.gp.spectral import square_root
 
-__all__ = ["HomoscedasticNoise", "MapNoise"]
-
 _OFFSET_VARIANCE = 1e2
 """Prior variance of the level of z(t): vague, so that the data set it."""
 

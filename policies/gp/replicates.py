@@ -21,8 +21,6 @@ from policies.gp.exact import ExactGP
 from policies.gp.kernels import RBF
 from policies.records import short_repr
 
-__all__ = ["Replicates", "collapsed_log_likelihood"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Replicates:
