@@ -72,11 +72,19 @@ class GaussianTrajectory:
         For methods that state no derivatives. A single time has rate zero.
 
         Args:
-            times: phases, shape (M,).
+            times: phases, strictly increasing, shape (M,).
             mean: mean pose, shape (M, 6).
             std: standard deviations, shape (M, 6); NaN for a method without any.
             covariance_function: computes the covariance over time, (6, M, M).
+
+        Raises:
+            ValueError: if the phases do not increase strictly.
         """
+        if (np.diff(times) <= 0.0).any():
+            raise ValueError(
+                f"rates are differences, which need strictly increasing phases; got "
+                f"{times}."
+            )
 
         def rate(curve: np.ndarray) -> np.ndarray:
             if len(times) < 2:

@@ -217,13 +217,13 @@ def _local_process(
     """The process of one output in one cluster: (l, σ_f, σ_n) most likely together."""
     offset, scale = offset_and_scale(samples, centred)
     replicates = Replicates.from_samples(times, (samples - offset) / scale)
-    fitted = fit_kernel_and_noise(replicates)
+    kernel, variance = fit_kernel_and_noise(replicates)
     return HeteroscedasticGP(
         offset=offset,
         scale=scale,
         replicates=replicates,
-        kernel=fitted.kernel,
-        noise=NoiseProfile.constant(times, fitted.scale),
+        kernel=kernel,
+        noise=NoiseProfile.constant(times, variance),
     )
 
 

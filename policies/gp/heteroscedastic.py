@@ -88,12 +88,11 @@ class HeteroscedasticGP:
         profile = noise.fit(times, scaled)
         replicates = Replicates.from_samples(times, scaled)
         variance = profile.variance(times) / replicates.count
-        kernel = fit_kernel(times, replicates.mean, variance).kernel
         return cls(
             offset=offset,
             scale=scale,
             replicates=replicates,
-            kernel=kernel,
+            kernel=fit_kernel(times, replicates.mean, variance),
             noise=profile,
         )
 
