@@ -372,6 +372,14 @@ def test_marks_of_the_text_become_elements_and_nothing_else_does():
     )
 
 
+@pytest.mark.parametrize(
+    "address", ["javascript:x", "data:,x", "//host/x", "JavaScript:x"]
+)
+def test_links_lead_to_the_web_or_to_files_beside_the_page(address):
+    assert inline(f"[a]({address})") == f"[a]({address})"
+    assert inline("[a](https://b.c/d?e)") == '<a href="https://b.c/d?e">a</a>'
+
+
 def test_both_writers_keep_cells_apart():
     document = Document(
         title="T",
