@@ -112,7 +112,7 @@ def replays(
                 again = replay(recorded, env)
             except (TypeError, ValueError) as error:
                 raise ValueError(
-                    f"{dataset.path}: episode {number} cannot be run: {error}"
+                    f"{dataset.path}: episode {number} cannot be run: {error!s:.300}"
                 ) from error
         yield number, compare(recorded, again)
 
