@@ -18,8 +18,6 @@ from policies.phase import PhaseRule
 from policies.steps import AgentStep, Observation
 from policies.trajectory import GaussianTrajectory
 
-__all__ = ["Agent", "AgentStep", "CompliantAgent", "Observation"]
-
 
 @runtime_checkable
 class Agent(Protocol):

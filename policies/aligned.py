@@ -7,8 +7,6 @@ from jaxtyping import Float
 
 from policies.records import freeze, short_repr
 
-__all__ = ["AlignedDemonstrations"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AlignedDemonstrations:

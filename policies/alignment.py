@@ -19,8 +19,6 @@ from policies.completion import measure_completion, warn_of_noise
 from policies.demonstrations import Demonstration
 from policies.dynamic_time_warping import dynamic_time_warping
 
-__all__ = ["align"]
-
 _TIME_SHARE = 1e-6
 """Share of normalised time mixed into the completion: it orders the samples of a rest,
 where completion stands still, and moves no other match by more than this."""

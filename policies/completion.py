@@ -15,8 +15,6 @@ from gplfd_env.se3 import pose_steps
 from policies.demonstrations import Demonstration
 from policies.denoising import denoised_steps
 
-__all__ = ["Completion", "measure_completion", "task_completion_index", "warn_of_noise"]
-
 _NOISY_LENGTH_RATIO = 1.1
 
 

@@ -41,8 +41,6 @@ from policies.phase import PhaseRule
 from policies.steps import AgentStep
 from policies.trajectory import ViaPoint
 
-__all__ = ["ComplianceConfig", "ComplianceController"]
-
 Poses = Float[np.ndarray, "*N 6"]
 Phases = Float[Numbers, "*N"]
 Due = Bool[np.ndarray | np.bool_, "*N"]

@@ -10,8 +10,6 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from gplfd_env.se3 import pose_steps
 
-__all__ = ["denoised_steps"]
-
 _BANDWIDTH = 0.015
 """Standard deviation of the smoother, as a share of the demonstration. A tenth of a
 second in seven: below what a hand does on purpose, above what a sensor and its filters

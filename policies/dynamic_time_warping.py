@@ -6,8 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = ["WarpingPath", "dynamic_time_warping"]
-
 LARGEST_TABLE = 10**8
 """Cells at most: two sequences of 10,000, a few seconds and 100 MB."""
 

@@ -8,8 +8,6 @@ from jaxtyping import Float
 from policies.aligned import AlignedDemonstrations
 from policies.trajectory import GaussianTrajectory
 
-__all__ = ["EmpiricalDistribution"]
-
 
 class EmpiricalDistribution:
     """Sample mean and sample standard deviation of aligned demonstrations, by phase.

@@ -19,8 +19,6 @@ from policies.members import members_of
 from policies.steps import AgentStep, Observation
 from policies.trajectory import GaussianTrajectory
 
-__all__ = ["AgentBatch", "batch_agents"]
-
 Mask = np.ndarray
 """Boolean, (N,), which is checked."""
 

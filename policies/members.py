@@ -5,8 +5,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Int
 
-__all__ = ["EVERY_MEMBER", "Members", "Numbers", "members_of"]
-
 Numbers = np.ndarray | np.float64 | np.int64
 """One number per member; arrays that lose all their axes become numbers of NumPy."""
 

@@ -22,8 +22,6 @@ from policies.aligned import AlignedDemonstrations
 from policies.members import EVERY_MEMBER, Members, Numbers
 from policies.movement import Predictor
 
-__all__ = ["ClockPhase", "PathPhase", "PhaseNoise", "PhaseRule"]
-
 Poses = Float[np.ndarray, "*N 6"]
 Phases = Float[Numbers, "*N"]
 

@@ -15,8 +15,6 @@ from scipy.interpolate import PchipInterpolator
 
 from policies.records import freeze, short_repr
 
-__all__ = ["PosePath", "PriorMean"]
-
 
 @runtime_checkable
 class PriorMean(Protocol):

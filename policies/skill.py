@@ -25,8 +25,6 @@ from policies.movement import LearnedMovement
 from policies.skill_archive import read_skill, write_skill
 from policies.trajectory import GaussianTrajectory, checked_times
 
-__all__ = ["NOISE_MODELS", "Skill", "fit_skill", "load_skill"]
-
 NOISE_MODELS: dict[str, NoiseModel] = {
     "map": MapNoise(),
     "kersting": KerstingNoise(),

@@ -111,8 +111,8 @@ def read_archive(
     except Exception as error:
         reason = str(error) or type(error).__name__
         raise ValueError(
-            f"{path} cannot be read as {kind}: {reason}. Give another file, or make "
-            "this one again"
+            f"{path} cannot be read as {kind}: {reason:.300}. Give another file, or "
+            "make this one again"
         ) from error
     return record
 
@@ -185,5 +185,8 @@ def _array(content: bytes, name: str) -> np.ndarray:
     start = stream.tell()
     if math.prod(shape) * dtype.itemsize != len(content) - start:
         raise ValueError(f"{name!r} is not as large as its header says")
+    if dtype.kind == "U":
+        # NumPy would make a str of code points that do not exist.
+        content[start:].decode("utf-32-be" if dtype.str[0] == ">" else "utf-32-le")
     order: Final = "F" if fortran else "C"
     return np.ndarray(shape, dtype, buffer=content, offset=start, order=order)

@@ -12,8 +12,6 @@ from scipy.special import ndtri, stdtrit
 from policies.records import freeze, read_only, short_repr
 from policies.trajectory_csv import write_csv
 
-__all__ = ["GaussianTrajectory", "ViaPoint", "checked_times"]
-
 _FINEST = 1e-6
 """No pose is predicted more finely than to a micrometre or a microradian."""
 
@@ -74,11 +72,19 @@ class GaussianTrajectory:
         For methods that state no derivatives. A single time has rate zero.
 
         Args:
-            times: phases, shape (M,).
+            times: phases, strictly increasing, shape (M,).
             mean: mean pose, shape (M, 6).
             std: standard deviations, shape (M, 6); NaN for a method without any.
             covariance_function: computes the covariance over time, (6, M, M).
+
+        Raises:
+            ValueError: if the phases do not increase strictly.
         """
+        if (np.diff(times) <= 0.0).any():
+            raise ValueError(
+                f"rates are differences, which need strictly increasing phases; got "
+                f"{times}."
+            )
 
         def rate(curve: np.ndarray) -> np.ndarray:
             if len(times) < 2:

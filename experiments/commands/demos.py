@@ -102,7 +102,6 @@ class Replay:
             from experiments.datasets.minari import open_dataset
             from experiments.datasets.minari.contents import title
             from experiments.datasets.replay import changes_since, replays
-            from experiments.progress import progress_bar
 
         dataset = open_dataset(self.dataset)
         numbers = self.episodes or tuple(range(dataset.n_episodes))
@@ -111,8 +110,7 @@ class Replay:
         for what, (then, now) in changes_since(dataset.origin).items():
             print(f"not as recorded: {what} was {then}, is {now}")
         exact = 0
-        bar = progress_bar(numbers, desc="replaying", unit="episode")
-        for number, comparison in replays(dataset, bar):
+        for number, comparison in replays(dataset, numbers):
             exact += comparison.exact
             print(f"episode {number}: {comparison}", flush=True)
         print(f"{exact} of {len(numbers)} episodes are the recording, bit for bit")

@@ -1,4 +1,4 @@
-"""``gplfd report``: a study's result files on one page."""
+"""``gplfd report``: a study's result files told on one page."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from experiments.interruption import postponed_interruption
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Report:
-    """Report a study: rankings with intervals, paired tests, Table 1 measured, plots.
+    """Tell a study: rankings with intervals, paired tests, Table 1 measured, plots.
 
     Reads DIR/tasks/*.json and DIR/study.json, runs nothing, and writes report.html (one
     page that needs nothing else), report.md and figures/. The same results give the

@@ -7,7 +7,7 @@ part), by what the agent saw, and by how the episode went.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -20,6 +20,7 @@ from experiments.datasets.minari.physics import arithmetic
 from experiments.datasets.minari.reading import Dataset
 from experiments.datasets.minari.writing import REPRODUCING
 from experiments.files.provenance import versions
+from experiments.progress import progress_bar
 
 Array = NDArray[Any]
 FloatArray = NDArray[np.float64]
@@ -97,21 +98,21 @@ def replay(recorded: RecordedEpisode, env: gym.Env[Any, Any]) -> RecordedEpisode
 
 
 def replays(
-    dataset: Dataset, numbers: Iterable[int]
+    dataset: Dataset, numbers: Sequence[int]
 ) -> Iterator[tuple[int, Comparison]]:
     """Run episodes of a data set again; yield the number of each and how it compares.
 
     Raises:
         ValueError: There is no such episode, it cannot be read, or not be run.
     """
-    for number in numbers:
+    for number in progress_bar(numbers, desc="replaying", unit="episode"):
         recorded = dataset.episode(number)
         with contextlib.closing(dataset.make_environment()) as env:
             try:
                 again = replay(recorded, env)
             except (TypeError, ValueError) as error:
                 raise ValueError(
-                    f"{dataset.path}: episode {number} cannot be run: {error}"
+                    f"{dataset.path}: episode {number} cannot be run: {error!s:.300}"
                 ) from error
         yield number, compare(recorded, again)
 

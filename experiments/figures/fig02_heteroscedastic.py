@@ -131,14 +131,8 @@ def draw(shown: LocalNoise) -> Figure:
     """Draw the models, the noise, and how often repetitions are inside the bands."""
     figure = style.new_figure(style.PAGE, 3.6)
     axes = figure.subplot_mosaic([["a", "b", "c"], ["d", "e", "e"]])
-    titles = {
-        "a": (LOW, "standard GP, noise of the ends"),
-        "b": (HIGH, "standard GP, noise of the middle"),
-        "c": (LOCAL, "heteroscedastic GP"),
-    }
-    for name, (policy, title) in titles.items():
+    for name, policy in {"a": LOW, "b": HIGH, "c": LOCAL}.items():
         _draw_policy(axes[name], shown, policy)
-        style.letter(axes[name], name, title)
         axes[name].sharey(axes["a"])
     axes["a"].set_ylabel("height [m]")
     axes["a"].legend(loc="lower center")
@@ -147,6 +141,14 @@ def draw(shown: LocalNoise) -> Figure:
     for panel in axes.values():
         panel.set_xlabel("phase")
         panel.set_xlim(0.0, 1.0)
+    titles = (
+        "standard GP, noise of the ends",
+        "standard GP, noise of the middle",
+        "heteroscedastic GP",
+        "local noise",
+        f"coverage of the 95 % band, mean of {_SETS} sets",
+    )
+    style.name_panels(axes.values(), titles)
     return figure
 
 
@@ -165,7 +167,6 @@ def _draw_noise(axes: Axes, shown: LocalNoise) -> None:
     axes.set_ylim(0.0, None)
     axes.set_ylabel("standard deviation [mm]")
     axes.legend(["true spread", "heteroscedastic GP"], loc="lower center")
-    style.letter(axes, "d", "local noise")
 
 
 def _draw_coverage(axes: Axes, shown: LocalNoise) -> None:
@@ -183,7 +184,6 @@ def _draw_coverage(axes: Axes, shown: LocalNoise) -> None:
     axes.set_ylim(0.0, 102.0)
     axes.set_ylabel("repetitions inside [%]")
     axes.legend(loc="center", bbox_to_anchor=(0.5, 0.55), ncols=2)
-    style.letter(axes, "e", f"coverage of the 95 % band, mean of {_SETS} sets")
 
 
 def caption(shown: LocalNoise) -> str:

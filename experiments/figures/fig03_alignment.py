@@ -132,10 +132,8 @@ def draw(shown: Alignments) -> Figure:
     index.set_ylabel("completion ζ")
     shelves = {"high shelf": recorded.lines[-1], "low shelf": recorded.lines[0]}
     style.legend_above(figure, shelves)
-    style.letter(recorded, "a", "as recorded")
-    style.letter(euclidean, "b", "Euclidean DTW")
-    style.letter(completed, "c", "completion index")
-    style.letter(index, "d", "the index itself")
+    titles = "as recorded", "Euclidean DTW", "completion index", "the index itself"
+    style.name_panels(figure.axes, titles)
     return figure
 
 

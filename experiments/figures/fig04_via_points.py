@@ -114,9 +114,7 @@ def draw(shown: ViaPoints) -> Figure:
         PRODUCT: f"product, {_GRID.size} phases",
         COARSE: f"product, {_COARSE_GRID.size} phases",
     }
-    for panel, letter, (name, title) in zip(
-        panels, "abcd", titles.items(), strict=True
-    ):
+    for panel, name in zip(panels, titles, strict=True):
         policy = shown.policies[name]
         if name == DEMONSTRATED:
             curves = shown.demonstrations.T
@@ -135,7 +133,7 @@ def draw(shown: ViaPoints) -> Figure:
             )
             _draw_via_points(panel, shown.via_points)
         panel.set_xlabel("phase")
-        style.letter(panel, letter, title)
+    style.name_panels(panels, titles.values())
     panels[0].set_xlim(0.0, 1.0)
     panels[0].set_ylabel("height [m]")
     return figure

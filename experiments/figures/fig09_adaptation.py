@@ -45,8 +45,7 @@ def draw(openings: Mapping[str, Opening]) -> Figure:
     titles = [f"via-points to phase {phase}" for phase in _STAGES]
     titles += ["one step ahead"]
     titles += [f"door of {opening.log.radius:.2f} m" for opening in openings.values()]
-    for panel, name, title in zip(rows[[0, 2]].flat, "abcdefgh", titles, strict=True):
-        style.letter(panel, name, title)
+    style.name_panels(rows[[0, 2]].flat, titles)
     for panel in rows.flat:
         panel.set_xlim(0.0, 1.0)
         panel.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])

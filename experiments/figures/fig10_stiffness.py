@@ -92,20 +92,19 @@ def draw(shown: Mapping[str, Stability]) -> Figure:
     """Draw stiffness, fall of the uncertainty and use of the bound, door by door."""
     figure = style.new_figure(style.PAGE, 4.7)
     rows = figure.subplots(3, len(shown), sharex="col", sharey="row", squeeze=False)
-    letters = iter("abcdef")
+    titles = []
     for column, (door, one) in zip(rows.T, shown.items(), strict=True):
         _draw_stiffness(column[0], one)
         _draw_fall(column[1], one)
         _draw_use(column[2], one)
-        titles = (
+        titles += [
             f"stiffness, {door} door",
             "fall of the uncertainty",
             "rate of the stiffness",
-        )
-        for panel, title in zip(column, titles, strict=True):
-            style.letter(panel, next(letters), title)
+        ]
         column[2].set_xlabel("time [s]")
         column[2].set_xlim(0.0, float(one.log.times[-1]))
+    style.name_panels(rows.T.flat, titles)
     rows[2, 0].set_ylim(top=1.15)
     rows[0, 0].set_ylabel("$k_p$ [N/m]")
     rows[1, 0].set_ylabel(r"$-\mathrm{d}σ/\mathrm{d}t$ [m/s]")

@@ -138,13 +138,14 @@ def draw(openings: Mapping[str, Forecasts]) -> Figure:
     rows = figure.subplots(3, 3, sharex=True, sharey=True)
     angles = np.linspace(0.0, float(shown.log.door_angle.max()), 200)
     path = arc(shown.log.radius, angles)
-    letters = iter("abcdefghi")
+    titles = []
     for index, share in enumerate(SHARES):
         for panel, (name, form) in zip(rows[index], FORMS.items(), strict=True):
             forecast = shown.by_form[name][index]
             _draw_forecast(panel, forecast, path, share)
-            style.letter(panel, next(letters), f"{form}: {_score(forecast)}")
+            titles.append(f"{form}: {_score(forecast)}")
         rows[index, 0].set_ylabel(f"after {100.0 * share:.0f} %\n$z$ [m]")
+    style.name_panels(rows.flat, titles)
     for panel in rows[-1]:
         panel.set_xlabel("$x$ [m]")
     rows[0, 0].set_xlim(-0.06, 0.92)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from experiments.episodes.log import EpisodeLog
-from policies.agent import Agent, AgentStep, Observation
+from policies.agent import Agent
+from policies.steps import AgentStep, Observation
 from policies.trajectory import GaussianTrajectory
 
 

@@ -7,8 +7,9 @@ pyplot, hence without a window system.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any, Final
 
 import matplotlib.style
@@ -128,9 +129,10 @@ def write_figure(figure: Figure, folder: Path, name: str) -> None:
             figure.savefig(path, format=suffix[1:], metadata=metadata)
 
 
-def letter(axes: Axes, name: str, title: str = "") -> None:
-    """Name a panel: a bold letter and its title, flush left above it."""
-    axes.set_title(rf"$\bf{{{name}}}$  {title}", loc="left")
+def name_panels(panels: Iterable[Axes], titles: Iterable[str]) -> None:
+    """Write a bold letter, from a on, and a title flush left above each panel."""
+    for axes, letter, title in zip(panels, ascii_lowercase, titles, strict=False):
+        axes.set_title(rf"$\bf{{{letter}}}$  {title}", loc="left")
 
 
 def band(

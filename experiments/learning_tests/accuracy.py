@@ -13,17 +13,6 @@ from scipy.special import ndtri
 from gplfd_env.se3 import rotation_distance
 from policies.trajectory import GaussianTrajectory
 
-__all__ = [
-    "accuracy",
-    "averaged",
-    "density",
-    "inside",
-    "rms_distance",
-    "rms_rotation",
-    "root_mean_square",
-    "spread_followed",
-]
-
 FloatArray = NDArray[np.float64]
 
 _LEVELS: Final = (0.50, 0.90, 0.95)

@@ -12,8 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-__all__ = ["CRITERIA", "Criterion", "Limit", "Mark", "mark"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Limit:

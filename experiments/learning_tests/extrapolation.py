@@ -15,8 +15,6 @@ from policies.completion import task_completion_index
 from policies.demonstrations import Demonstration
 from policies.method import Method
 
-__all__ = ["beyond"]
-
 _MOVING: Final = [0, 2, 4]
 """Outputs that a door moves: x, z and θu_y. The others stay where they are beyond the
 demonstrations, too, and their spread as it is."""

@@ -22,8 +22,6 @@ from policies.aligned import AlignedDemonstrations
 from policies.completion import measure_completion
 from policies.demonstrations import Demonstration
 
-__all__ = ["HELD_OUT", "Fold", "Laid", "folds", "lay"]
-
 FloatArray = NDArray[np.float64]
 
 HeldOut = Literal["demonstration", "radius"]

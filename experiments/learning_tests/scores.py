@@ -38,7 +38,6 @@ import numpy as np
 
 from experiments.episodes.metrics import log_dimensionless_jerk
 from experiments.learning_tests.accuracy import accuracy, averaged, spread_followed
-from experiments.learning_tests.criteria import CRITERIA, Criterion, Mark, mark
 from experiments.learning_tests.extrapolation import beyond
 from experiments.learning_tests.folds import Fold, folds, lay
 from experiments.learning_tests.methods import cpu_seconds, learn, method_named
@@ -47,15 +46,6 @@ from experiments.learning_tests.via_points import adaptation
 from experiments.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
 from policies.method import Method
 from policies.movement import Movement
-
-__all__ = [
-    "CRITERIA",
-    "Criterion",
-    "Mark",
-    "mark",
-    "method_metrics",
-    "skill_metrics",
-]
 
 _SAMPLES: Final = 200
 _REPEATS: Final = 3

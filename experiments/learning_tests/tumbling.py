@@ -22,8 +22,6 @@ from experiments.teacher.random_motion import smooth_functions
 from policies.demonstrations import Demonstration
 from policies.method import Method
 
-__all__ = ["TUMBLE_STD", "tumble", "tumbled_rotations", "tumbling"]
-
 FloatArray = NDArray[np.float64]
 
 _COUNT: Final = 6

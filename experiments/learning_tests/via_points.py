@@ -21,8 +21,6 @@ from policies.compliance import ComplianceConfig
 from policies.method import Method
 from policies.trajectory import ViaPoint
 
-__all__ = ["GRID", "adaptation"]
-
 FloatArray = NDArray[np.float64]
 
 GRID: Final = np.linspace(0.0, 1.0, 100)

@@ -1,1 +1,1 @@
-"""A study told on one page: numbers, their intervals, paired tests and plots."""
+"""A study on one page: numbers, their intervals, paired tests and plots."""

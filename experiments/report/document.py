@@ -1,4 +1,4 @@
-"""A page as a value: what it says, apart from how HTML or Markdown writes it.
+"""A page as a value: what it says, whether HTML or Markdown writes it.
 
 Texts may hold ``**bold**``, ```code```, ``[links](address)`` and backslashes before
 characters that are none of these marks; everything else is shown as it stands. What
@@ -18,10 +18,10 @@ from experiments.files.table import Table
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Paragraph:
-    """Running text."""
+    """Running text, a few sentences."""
 
     text: str
-    """What it says."""
+    """Its sentences, with marks."""
     warning: bool = False
     """Whether a reader must not miss it."""
 
@@ -31,7 +31,7 @@ class Items:
     """A list of short texts."""
 
     texts: tuple[str, ...]
-    """One per item."""
+    """A text with marks per item."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -44,14 +44,14 @@ class Verbatim:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Picture:
-    """A plot."""
+    """A plot, drawn when the page is written."""
 
     name: str
     """Of its files, without suffix."""
     draw: Callable[[], Figure]
     """Makes it, inside `experiments.figures.style.paper_style`."""
     caption: str
-    """What is seen."""
+    """What is seen, in a sentence or two."""
     alternative: str
     """What it shows, for those who cannot see it."""
 
@@ -64,23 +64,23 @@ class Section:
     """Blocks under a heading."""
 
     title: str
-    """Heading."""
+    """Its heading, with marks."""
     anchor: str
     """Its address in the page: lower-case letters, digits and hyphens."""
     blocks: tuple[Block, ...]
-    """What it says."""
+    """What stands under it, in order."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Document:
-    """A page."""
+    """A whole page, before it is written."""
 
     title: str
-    """Its name."""
+    """Its first heading, without marks."""
     lead: tuple[Block, ...]
     """What comes before the first section."""
     sections: tuple[Section, ...]
-    """In order."""
+    """What follows, in order."""
 
     @property
     def pictures(self) -> tuple[Picture, ...]:

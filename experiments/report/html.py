@@ -75,7 +75,7 @@ _MARK: Final = re.compile(
 
 
 def html_page(document: Document, images: Mapping[str, bytes]) -> str:
-    """Write a page.
+    """Return the page as one text of HTML.
 
     Args:
         document: What it says.

@@ -20,7 +20,7 @@ FIGURES: Final = "figures"
 
 
 def markdown_page(document: Document) -> str:
-    """Write a page."""
+    """Return the page as one text of Markdown."""
     parts = [f"# {document.title}", *map(_block, document.lead)]
     for section in document.sections:
         parts += [f"## {_shown(section.title)}", *map(_block, section.blocks)]

@@ -171,7 +171,7 @@ def _plots(comparison: Comparison, reference: str) -> list[Picture]:
         name="radial_force",
         draw=partial(force_by_radius, comparison, reference),
         caption="**Peak radial force on the doors opened to 60°:** a dot per episode, "
-        "a line through the medians. It does no work and tells how badly the path fits "
+        "a line through the medians. It does no work and shows how badly the path fits "
         "the door. Red: the 22.2 N of ADA 404.2.9.",
         alternative="Peak radial force against radius, a panel per policy",
     )

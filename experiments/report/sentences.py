@@ -39,7 +39,7 @@ class _Rival:
     beats: bool
     """Whether its lead is more than chance."""
     text: str
-    """Its numbers."""
+    """Its numbers, in words."""
     unsettled: bool = False
     """Whether there are too few pairs to say so."""
 

@@ -15,7 +15,7 @@ from gplfd_env.randomization import RANDOMIZATIONS
 ResultT = TypeVar("ResultT", bound=TaskResult)
 
 Runs = Mapping[str, Sequence[EpisodeResult]]
-"""Episodes by policy."""
+"""Episodes by the name of their policy."""
 
 _BAND: Final = 0.1
 """Width of a band of radii that are drawn at random [m]."""

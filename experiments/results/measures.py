@@ -119,7 +119,7 @@ EPISODE_MEASURES: Final = {
         Measure("latency_median_ms", "decision [ms]", "CPU time of a decision"),
     )
 }
-"""Measures of episodes."""
+"""Measures of episodes by the metric of each."""
 
 LEARNING_MEASURES: Final = {
     measure.metric: measure
@@ -147,7 +147,7 @@ LEARNING_MEASURES: Final = {
         Measure("cpu_adapt_s", "adapt [ms]", convert=_thousandfold),
     )
 }
-"""Measures of learning tests."""
+"""Measures of learning tests by the metric of each."""
 
 HEADLINES: Final = (
     "force_radial_peak",

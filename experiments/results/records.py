@@ -62,7 +62,7 @@ class EpisodeResult(TaskResult):
     """Kind of door, one of `KINDS`."""
 
     def opened(self, angle: int = 60) -> bool:
-        """Tell whether the door was ever open by 15, 30 or 60 degrees."""
+        """Return whether the door was ever open by 15, 30 or 60 degrees."""
         return self.number(f"time_to_{angle}_deg") is not None
 
     @property

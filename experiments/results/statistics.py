@@ -35,7 +35,7 @@ class PairedTest:
     """Two policies on the same tasks."""
 
     n: int
-    """Number of pairs."""
+    """Number of tasks that both policies have."""
     n_different: int
     """Number of pairs that differ; the others say nothing to the test."""
     p: float
@@ -53,7 +53,7 @@ class Shift:
     high: float
     """Upper end of its 95 % interval; infinity with too few pairs."""
     n: int
-    """Number of pairs."""
+    """Number of tasks that both policies have."""
 
 
 def paired(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final
@@ -22,11 +23,12 @@ _NOISY: Final = (
 )
 """Fields of `experiments.teacher.TeacherConfig` that the noise level multiplies."""
 
-LARGEST_STUDY: Final = 100_000
-"""Tasks at most; each is a file, and all of them are in memory."""
 _MOST_GIVEN: Final = 1_000
 """Demonstrations per door; exact Gaussian processes of as many take hours."""
 _LARGEST_NOISE: Final = 20
+
+LARGEST_STUDY: Final = 100_000
+"""Tasks of a study at most; each is a file, and all of them are in memory."""
 
 
 def checked(settings: StudySettings) -> StudySettings:
@@ -47,19 +49,15 @@ def checked(settings: StudySettings) -> StudySettings:
         if isinstance(values, tuple):
             _check_list(field.name.replace("_", "-"), values)
     for option, values, low, high in (
-        ("seeds", (settings.seeds,), 1, LARGEST_STUDY),
+        ("seeds", (settings.seeds,), 1, math.inf),
         ("demonstrations-per-door", settings.demonstrations_per_door, 1, _MOST_GIVEN),
         ("teacher-noise", settings.teacher_noise, 0, _LARGEST_NOISE),
     ):
         for value in values:
             if not low <= value <= high:
-                raise ValueError(f"--{option} {value} must be {low} to {high}")
-    number = settings.seeds * len(tasks(dataclasses.replace(settings, seeds=1)))
-    if number > LARGEST_STUDY:
-        raise ValueError(
-            f"--seeds {settings.seeds} makes a study of {number:,} tasks; at most "
-            f"{LARGEST_STUDY:,} are allowed in one folder"
-        )
+                to = f"to {high}" if high < math.inf else "or more"
+                raise ValueError(f"--{option} {value} must be {low} {to}")
+    _check_size(settings)
     return settings
 
 
@@ -79,6 +77,15 @@ def _check_list(option: str, values: Sequence[object]) -> None:
     value, times = Counter(values).most_common(1)[0]
     if times > 1:
         raise ValueError(f"{value} is given twice in --{option}")
+
+
+def _check_size(settings: StudySettings) -> None:
+    number = settings.seeds * len(tasks(dataclasses.replace(settings, seeds=1)))
+    if number > LARGEST_STUDY:
+        raise ValueError(
+            f"--seeds {settings.seeds} makes a study of {number:,} tasks; at most "
+            f"{LARGEST_STUDY:,} are allowed in one folder"
+        )
 
 
 def conditions(settings: StudySettings) -> Iterator[Condition]:

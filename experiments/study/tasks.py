@@ -82,7 +82,8 @@ def task_from(record: Mapping[str, Any]) -> Task:
     try:
         return _KINDS[fields.pop("kind")](**fields)
     except (KeyError, TypeError) as error:
-        raise ValueError(f"not a task of a study: {error!r} in {record}") from error
+        reason = f"not a task of a study: {error!r:.100} in {record!r:.200}"
+        raise ValueError(reason) from error
 
 
 def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:

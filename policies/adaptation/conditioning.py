@@ -18,8 +18,6 @@ from jaxtyping import Float
 from policies.gp.legendre import LegendreBasis
 from policies.trajectory import GaussianTrajectory
 
-__all__ = ["ConditionedProcess", "basis_for_grid"]
-
 _STRONGEST = 1e-8
 """Least via-point variance, relative to the largest variance of the output. A via-point
 is never trusted beyond 1e-4 of the demonstrated spread, so that σ_v = 0, repeated and

@@ -7,8 +7,6 @@ from policies.adaptation.conditioning import ConditionedProcess, basis_for_grid
 from policies.skill import Skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
-__all__ = ["ExactAdaptation"]
-
 
 class ExactAdaptation:
     """p(f | D ∪ V): the via-points join the demonstrations as data, Eqs. (10)–(11).

@@ -14,8 +14,6 @@ from policies.gp.factorisation import factorise
 from policies.skill import Skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
-__all__ = ["ProcessAdaptation"]
-
 _EMPIRICAL = 0.3
 """Share of the deviation covariance taken from the demonstrations' own curves: it knows
 the shape of what varies, the model knows what else could."""

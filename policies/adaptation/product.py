@@ -16,8 +16,6 @@ from policies.gp.kernels import RBF
 from policies.skill import Skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
-__all__ = ["ProductAdaptation", "product_of_gaussians"]
-
 _STRONGEST = 1e-8
 """Least via-point variance relative to the prior's, so that σ_v = 0 and repeated
 via-points keep the via-point process's covariance invertible."""

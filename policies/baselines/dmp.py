@@ -51,8 +51,6 @@ from policies.movement import LearnedMovement
 from policies.records import freeze
 from policies.trajectory import GaussianTrajectory, checked_times, white_covariance
 
-__all__ = ["DMPConfig", "DynamicMovementPrimitive", "fit_dmp"]
-
 _STEPS = 1000
 """Integration steps per τ."""
 _SETTLED = 1e-6

@@ -12,8 +12,6 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["elliptical_slice_chain"]
-
 LogLikelihood = Callable[[np.ndarray], float]
 """x (N,) → log p(y | x), minus infinity where it is impossible."""
 

@@ -34,7 +34,6 @@ from policies.aligned import AlignedDemonstrations
 from policies.baselines.gmr import (
     GaussianMixtureRegression,
     GMRConfig,
-    checked_phases,
     fit_gmr,
 )
 from policies.baselines.mixture_kernel import (
@@ -43,9 +42,7 @@ from policies.baselines.mixture_kernel import (
     fit_kernel,
 )
 from policies.movement import LearnedMovement
-from policies.trajectory import GaussianTrajectory, ViaPoint
-
-__all__ = ["GMMGPConfig", "GMMGaussianProcess", "fit_gmm_gp"]
+from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
 
 _STRONGEST = 1e-4
 """Least standard deviation of a via-point, standardised, so that demands of zero,
@@ -193,7 +190,7 @@ class GMMGaussianProcess(LearnedMovement):
         Raises:
             ValueError: if there are no times, or they do not increase.
         """
-        times = checked_phases(times)
+        times = checked_times(times)
         with threadpool_limits(limits=1, user_api="blas"):
             mean, variance = self._moments(times)
         return self.regression.standardisation.trajectory(

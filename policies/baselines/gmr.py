@@ -25,12 +25,10 @@ from policies.aligned import AlignedDemonstrations
 from policies.baselines.standardisation import Standardisation
 from policies.movement import LearnedMovement
 from policies.records import freeze
-from policies.trajectory import GaussianTrajectory, white_covariance
+from policies.trajectory import GaussianTrajectory, checked_times, white_covariance
 
 if TYPE_CHECKING:
     from sklearn.mixture import GaussianMixture
-
-__all__ = ["GMRConfig", "GaussianMixtureRegression", "checked_phases", "fit_gmr"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -65,21 +63,6 @@ class GMRConfig:
             value = getattr(self, name)
             if not 0.0 < value < np.inf:
                 raise ValueError(f"{name} must be positive and finite, got {value}.")
-
-
-def checked_phases(times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
-    """Phases fit for a prediction, whose rates are differences between neighbours.
-
-    Raises:
-        ValueError: if there are none, or they are not finite and increasing.
-    """
-    times = np.asarray(times, dtype=np.float64)
-    if times.size == 0 or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
-        raise ValueError(
-            f"predict needs finite, strictly increasing phases, at least one; got "
-            f"{times}."
-        )
-    return times
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -165,7 +148,7 @@ class GaussianMixtureRegression(LearnedMovement):
         Raises:
             ValueError: if there are no times, or they do not increase.
         """
-        times = checked_phases(times)
+        times = checked_times(times)
         mean, covariance = self.moments(times)
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         return GaussianTrajectory.from_moments(

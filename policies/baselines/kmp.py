@@ -23,14 +23,11 @@ from policies.aligned import AlignedDemonstrations
 from policies.baselines.gmr import (
     GaussianMixtureRegression,
     GMRConfig,
-    checked_phases,
     fit_gmr,
 )
 from policies.baselines.smoothed_reference import Reference, SmoothedReference
 from policies.movement import LearnedMovement
-from policies.trajectory import GaussianTrajectory, ViaPoint
-
-__all__ = ["KMPConfig", "KernelizedMovementPrimitive", "fit_kmp"]
+from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
 
 _STRONGEST = 1e-4
 """Least standard deviation of a via-point, standardised. A demand of zero would have
@@ -139,7 +136,7 @@ class KernelizedMovementPrimitive(LearnedMovement):
         Raises:
             ValueError: if there are no times, or they do not increase.
         """
-        times = checked_phases(times)
+        times = checked_times(times)
         with threadpool_limits(limits=1, user_api="blas"):
             mean, variance = self._smoothed.moments(times)
         return self.regression.standardisation.trajectory(

@@ -43,8 +43,6 @@ from policies.gp.replicates import Replicates
 from policies.movement import LearnedMovement
 from policies.trajectory import GaussianTrajectory, checked_times
 
-__all__ = ["LocalGPConfig", "LocalGaussianProcesses", "fit_local_gp"]
-
 _FEWEST_SAMPLES = 4
 """A cluster needs more samples than its process has hyper-parameters."""
 
@@ -219,13 +217,13 @@ def _local_process(
     """The process of one output in one cluster: (l, σ_f, σ_n) most likely together."""
     offset, scale = offset_and_scale(samples, centred)
     replicates = Replicates.from_samples(times, (samples - offset) / scale)
-    fitted = fit_kernel_and_noise(replicates)
+    kernel, variance = fit_kernel_and_noise(replicates)
     return HeteroscedasticGP(
         offset=offset,
         scale=scale,
         replicates=replicates,
-        kernel=fitted.kernel,
-        noise=NoiseProfile.constant(times, fitted.scale),
+        kernel=kernel,
+        noise=NoiseProfile.constant(times, variance),
     )
 
 

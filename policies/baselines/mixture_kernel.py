@@ -13,8 +13,6 @@ from scipy.optimize import minimize
 
 from policies.baselines.gmr import GaussianMixtureRegression
 
-__all__ = ["LengthScaleConfig", "MixtureKernel", "fit_kernel"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LengthScaleConfig:

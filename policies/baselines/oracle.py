@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE, handle_pose_on_arc
-from policies.agent import AgentStep, Observation
+from policies.steps import AgentStep, Observation
 from policies.trajectory import GaussianTrajectory
 
 

@@ -37,8 +37,6 @@ from policies.movement import LearnedMovement
 from policies.records import freeze
 from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
 
-__all__ = ["ProMPConfig", "ProbabilisticMovementPrimitive", "fit_promp"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ProMPConfig:

@@ -29,8 +29,6 @@ from scipy.linalg import cho_factor, cho_solve, eigh
 
 from policies.gp.kernels import RBF
 
-__all__ = ["Reference", "SmoothedReference"]
-
 _NODES_PER_SCALE = 4
 """Nodes per length-scale that carry the kernel, besides `_MORE_NODES`."""
 _MORE_NODES = 16

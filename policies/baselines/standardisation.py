@@ -9,8 +9,6 @@ from jaxtyping import Float
 
 from policies.trajectory import GaussianTrajectory
 
-__all__ = ["Standardisation"]
-
 _SMALLEST_STD = 1e-6
 """No output is scaled more finely than a micrometre or a microradian."""
 

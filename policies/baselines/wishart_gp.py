@@ -46,8 +46,6 @@ from policies.gp.noise import HomoscedasticNoise
 from policies.movement import LearnedMovement
 from policies.trajectory import GaussianTrajectory, checked_times
 
-__all__ = ["WishartGPConfig", "WishartProcessMovement", "fit_wishart_gp"]
-
 _SMALLEST_STD = 1e-6
 """No output varies by less than a micrometre or a microradian."""
 _SHRINKAGE = 1e-6

@@ -39,8 +39,6 @@ from policies.gp.kernels import RBF
 from policies.gp.legendre import LegendreBasis
 from policies.gp.spectral import square_root
 
-__all__ = ["WishartLikelihood", "WishartPosterior", "WishartPrior", "sample_posterior"]
-
 _MODE_ITERATIONS = 50
 
 

@@ -10,8 +10,6 @@ from jaxtyping import Float
 from policies.controllers.stiffness import VirtualDynamics
 from policies.members import EVERY_MEMBER, Members
 
-__all__ = ["Admittance"]
-
 
 class Admittance:
     """Integrates M ë + D ė + K e = F, Eq. (22), implicitly at the control rate.

@@ -20,19 +20,6 @@ from jaxtyping import Float
 from policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
 from policies.members import EVERY_MEMBER, Members
 
-__all__ = [
-    "GovernedStiffness",
-    "StiffnessGovernor",
-    "constant_rate_bound",
-    "decay_rate",
-    "printed_constant_rate_bound",
-    "printed_rate_bound",
-    "printed_uncertainty_fall_bound",
-    "rate_bound",
-    "stability_margin",
-    "uncertainty_fall_bound",
-]
-
 _USED_SHARE = 0.999
 """The conditions are strict inequalities: the governor stops just short of equality."""
 

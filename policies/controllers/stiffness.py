@@ -11,15 +11,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import expit
 
-__all__ = [
-    "DEFAULT_DYNAMICS",
-    "DEFAULT_PROFILE",
-    "PAPER_DYNAMICS",
-    "PAPER_PROFILE",
-    "StiffnessProfile",
-    "VirtualDynamics",
-]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StiffnessProfile:

@@ -30,8 +30,6 @@ from scipy.special import expit
 from policies.gp.factorisation import factorise
 from policies.gp.kernels import RBF
 
-__all__ = ["DeviationLikelihood", "DeviationProcess", "fit_deviations"]
-
 _GRID = 60
 """Samples of a demonstration used: deviations are smooth, and the cost is cubic."""
 _NEGLIGIBLE = 1e-4

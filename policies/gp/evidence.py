@@ -23,13 +23,9 @@ from jaxtyping import Float
 from scipy.linalg import qr
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
-from policies.gp.exact import ExactGP
+from policies.gp.exact import LOG_2PI, ExactGP
 from policies.gp.kernels import RBF
 from policies.gp.legendre import LegendreBasis
-
-__all__ = ["DenseEvidence", "Evidence", "SpectralEvidence"]
-
-_LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 @runtime_checkable
@@ -123,7 +119,7 @@ class SpectralEvidence:
         quadratic = (self.residual + float(self.projected @ solved)) / scale
         log_determinant = 2.0 * float(np.sum(np.log(np.diag(factor))))
         log_noise = self.log_noise + self.size * np.log(scale)
-        value = -0.5 * (quadratic + log_determinant + log_noise + self.size * _LOG_2PI)
+        value = -0.5 * (quadratic + log_determinant + log_noise + self.size * LOG_2PI)
         # d value = ½ tr((β βᵀ/c − B⁻¹) dB), β = B⁻¹ u
         sensitivity = 0.5 * (np.outer(solved, solved) / scale - inverse)
         pulled = self.triangle.T @ sensitivity @ self.triangle / scale * prior

@@ -16,9 +16,7 @@ from jaxtyping import Float
 from policies.gp.factorisation import CholeskyFactor, factorise
 from policies.gp.kernels import RBF
 
-__all__ = ["ExactGP", "zero_mean"]
-
-_LOG_2PI = float(np.log(2.0 * np.pi))
+LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 def zero_mean(times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
@@ -76,7 +74,7 @@ class ExactGP:
         """The log marginal likelihood log p(y | t, Θ), Eq. (7)."""
         quadratic = float(self._residual @ self.weights)
         size = len(self.times)
-        return -0.5 * (quadratic + self.factor.log_determinant() + size * _LOG_2PI)
+        return -0.5 * (quadratic + self.factor.log_determinant() + size * LOG_2PI)
 
     def likelihood_gradient(
         self,

@@ -6,8 +6,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-__all__ = ["CholeskyFactor", "factorise"]
-
 _RELATIVE_JITTERS = tuple(10.0**power for power in range(-15, -5))
 
 

@@ -20,8 +20,6 @@ from policies.gp.replicates import Replicates
 from policies.gp.spectral import SpectralPosterior
 from policies.records import short_repr
 
-__all__ = ["HeteroscedasticGP", "offset_and_scale"]
-
 _SMALLEST_STD = 1e-6
 """No output is known, or scaled, more finely than a micrometre or a microradian."""
 
@@ -90,12 +88,11 @@ class HeteroscedasticGP:
         profile = noise.fit(times, scaled)
         replicates = Replicates.from_samples(times, scaled)
         variance = profile.variance(times) / replicates.count
-        kernel = fit_kernel(times, replicates.mean, variance).kernel
         return cls(
             offset=offset,
             scale=scale,
             replicates=replicates,
-            kernel=kernel,
+            kernel=fit_kernel(times, replicates.mean, variance),
             noise=profile,
         )
 

@@ -7,7 +7,6 @@ optimum as thirty random starts.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -17,8 +16,6 @@ from policies.gp.evidence import DenseEvidence, Evidence, SpectralEvidence
 from policies.gp.kernels import RBF
 from policies.gp.legendre import SIZES, LegendreBasis
 from policies.gp.replicates import Replicates
-
-__all__ = ["FittedKernel", "fit_kernel", "fit_kernel_and_noise"]
 
 _LONGEST = 3.0
 """Longest length-scale, as a fraction of the time span."""
@@ -31,25 +28,13 @@ Remainder = Callable[[float], tuple[float, float]]
 """scale c → the rest of the log-likelihood and its derivative in log c."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class FittedKernel:
-    """A maximum of the marginal likelihood."""
-
-    kernel: RBF
-    """Fitted kernel."""
-    scale: float
-    """Fitted noise scale c; 1 where the noise was given."""
-    log_likelihood: float
-    """Value at the maximum."""
-
-
 def fit_kernel(
     times: Float[np.ndarray, " M"],
     values: Float[np.ndarray, " M"],
     noise_variance: Float[np.ndarray, " M"],
     *,
     shortest: float = 0.05,
-) -> FittedKernel:
+) -> RBF:
     """Fit (l, σ_f) to values of known noise.
 
     Args:
@@ -59,13 +44,13 @@ def fit_kernel(
         shortest: smallest length-scale allowed, as a fraction of the time span; it
             keeps the policy smooth.
     """
-    return _search(times, values, noise_variance, shortest, remainder=None)
+    return _search(times, values, noise_variance, shortest, remainder=None)[0]
 
 
 def fit_kernel_and_noise(
     replicates: Replicates, *, shortest: float = 0.05
-) -> FittedKernel:
-    """Fit (l, σ_f) and one noise variance σ_n² (`FittedKernel.scale`), Eqs. (3), (7).
+) -> tuple[RBF, float]:
+    """Fit (l, σ_f) and one noise variance σ_n², Eqs. (3), (7); return both.
 
     Uses all D·M observations through the exact collapse.
     """
@@ -86,7 +71,7 @@ def _search(
     noise: Float[np.ndarray, " M"],
     shortest: float,
     remainder: Remainder | None,
-) -> FittedKernel:
+) -> tuple[RBF, float]:
     """Search with the smallest basis first; widen it if the length-scale asks."""
     span = float(times[-1] - times[0])
     size, comfortable = next(iter(SIZES.items()))
@@ -95,7 +80,7 @@ def _search(
         basis = LegendreBasis(start=times[0], stop=times[-1], size=size)
         evidence: Evidence = SpectralEvidence.reduce(basis, times, values, noise)
         fitted = _maximise(evidence, span, limit, remainder)
-        if fitted.kernel.length_scale > 1.05 * limit * span or limit == shortest:
+        if fitted[0].length_scale > 1.05 * limit * span or limit == shortest:
             return fitted
         wider = LegendreBasis.for_length_scale(times[0], times[-1], shortest * span)
         if wider is not None and wider.size < len(times):
@@ -107,7 +92,8 @@ def _search(
 
 def _maximise(
     evidence: Evidence, span: float, shortest: float, remainder: Remainder | None
-) -> FittedKernel:
+) -> tuple[RBF, float]:
+    """Return kernel and noise scale c of greatest evidence; c = 1 without remainder."""
     free = 2 if remainder is None else 3
 
     def objective(theta: np.ndarray) -> tuple[float, np.ndarray]:
@@ -131,8 +117,5 @@ def _maximise(
     best = min(starts, key=lambda start: objective(start)[0])
     result = minimize(objective, best, jac=True, method="L-BFGS-B", bounds=bounds)
     length, signal = np.exp(result.x[:2])
-    return FittedKernel(
-        kernel=RBF(length_scale=float(length), signal_std=float(signal)),
-        scale=1.0 if remainder is None else float(np.exp(result.x[2])),
-        log_likelihood=-float(result.fun),
-    )
+    kernel = RBF(length_scale=float(length), signal_std=float(signal))
+    return kernel, 1.0 if remainder is None else float(np.exp(result.x[2]))

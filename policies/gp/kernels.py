@@ -15,8 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["RBF"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RBF:

@@ -17,8 +17,6 @@ from policies.gp.noise_profile import LEAST_VARIANCE, SHORTEST_SCALE, NoiseProfi
 from policies.gp.replicates import Replicates
 from policies.gp.spectral import SpectralPosterior
 
-__all__ = ["KerstingNoise"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class KerstingNoise:
@@ -49,16 +47,15 @@ class KerstingNoise:
     ) -> NoiseProfile:
         """Estimate r(t) from D curves of order one on M common times."""
         replicates = Replicates.from_samples(times, samples)
-        fitted = fit_kernel_and_noise(replicates)
-        profile = NoiseProfile.constant(times, fitted.scale)
-        kernel = fitted.kernel
+        kernel, constant = fit_kernel_and_noise(replicates)
+        profile = NoiseProfile.constant(times, constant)
         for _ in range(self.n_iterations):
             noise = profile.variance(times)
             mean, variance = _latent(replicates, kernel, noise)
             spread = 0.5 * ((samples - mean) ** 2 + variance + noise)
             profile = _smooth(times, np.log(np.maximum(spread, LEAST_VARIANCE)))
             noise = profile.variance(times)
-            kernel = fit_kernel(times, replicates.mean, noise / replicates.count).kernel
+            kernel = fit_kernel(times, replicates.mean, noise / replicates.count)
         return profile
 
 
@@ -86,9 +83,9 @@ def _smooth(
     """A Gaussian process through log-variances observed with unknown noise."""
     level = float(np.mean(observed))
     replicates = Replicates.from_samples(times, observed - level)
-    fitted = fit_kernel_and_noise(replicates, shortest=SHORTEST_SCALE)
+    kernel, variance = fit_kernel_and_noise(replicates, shortest=SHORTEST_SCALE)
     basis = NoiseProfile.basis_over(times)
-    noise = np.full(len(times), fitted.scale / replicates.count)
+    noise = np.full(len(times), variance / replicates.count)
     evidence = SpectralEvidence.reduce(basis, times, replicates.mean, noise)
-    posterior = SpectralPosterior.condition(evidence, fitted.kernel)
+    posterior = SpectralPosterior.condition(evidence, kernel)
     return NoiseProfile(level=level, basis=basis, coefficients=posterior.weights)

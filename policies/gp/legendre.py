@@ -21,8 +21,6 @@ from numpy.polynomial.legendre import leggauss, legvander
 
 from policies.gp.kernels import RBF
 
-__all__ = ["SIZES", "LegendreBasis"]
-
 SIZES = {48: 0.1, 96: 0.05, 192: 0.02}
 """Basis sizes and the shortest RBF length-scale, as a fraction of the interval, that
 each represents to rounding (``test_basis_represents_rbf_to_rounding``)."""

@@ -16,8 +16,6 @@ from policies.gp.legendre import LegendreBasis
 from policies.gp.spectral import SpectralPosterior
 from policies.records import short_repr
 
-__all__ = ["MultiOutputGP", "OutputMoments"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OutputMoments:

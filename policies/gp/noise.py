@@ -24,8 +24,6 @@ from policies.gp.noise_profile import LEAST_VARIANCE, SHORTEST_SCALE, NoiseProfi
 from policies.gp.replicates import Replicates
 from policies.gp.spectral import square_root
 
-__all__ = ["HomoscedasticNoise", "MapNoise"]
-
 _OFFSET_VARIANCE = 1e2
 """Prior variance of the level of z(t): vague, so that the data set it."""
 
@@ -43,8 +41,8 @@ class HomoscedasticNoise:
         self, times: Float[np.ndarray, " M"], samples: Float[np.ndarray, "D M"]
     ) -> NoiseProfile:
         """Estimate σ_n² from D curves of order one on M common times."""
-        fitted = fit_kernel_and_noise(Replicates.from_samples(times, samples))
-        return NoiseProfile.constant(times, fitted.scale)
+        _, variance = fit_kernel_and_noise(Replicates.from_samples(times, samples))
+        return NoiseProfile.constant(times, variance)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,9 +80,7 @@ class MapNoise:
         observed = np.log(pooled) - float(digamma(half)) + np.log(half)
         level = float(np.mean(observed))
         known = np.full(len(times), float(polygamma(1, half)))
-        kernel = fit_kernel(
-            times, observed - level, known, shortest=SHORTEST_SCALE
-        ).kernel
+        kernel = fit_kernel(times, observed - level, known, shortest=SHORTEST_SCALE)
         basis = NoiseProfile.basis_over(times)
         coefficients = _gamma_mode(basis, kernel, times, free, pooled, level)
         return NoiseProfile(level=level, basis=basis, coefficients=coefficients)

@@ -13,8 +13,6 @@ from jaxtyping import Float
 from policies.gp.legendre import LegendreBasis
 from policies.records import short_repr
 
-__all__ = ["LEAST_VARIANCE", "SHORTEST_SCALE", "NoiseModel", "NoiseProfile"]
-
 LEAST_VARIANCE = 1e-10
 """Smallest noise variance, relative to the variance of the output."""
 SHORTEST_SCALE = 0.15

@@ -21,8 +21,6 @@ from policies.gp.exact import ExactGP
 from policies.gp.kernels import RBF
 from policies.records import short_repr
 
-__all__ = ["Replicates", "collapsed_log_likelihood"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Replicates:
@@ -68,28 +66,3 @@ class Replicates:
             values=self.mean,
             noise_variance=noise_variance / self.count,
         )
-
-
-def collapsed_log_likelihood(
-    replicates: Replicates, kernel: RBF, noise_variance: Float[np.ndarray, " M"]
-) -> tuple[float, Float[np.ndarray, "2"], Float[np.ndarray, " M"]]:
-    """The log-likelihood log p(Y) of all D·M observations, and its derivatives.
-
-    Args:
-        replicates: the reduced demonstrations.
-        kernel: prior covariance of f.
-        noise_variance: r(t) at the common times, shape (M,), > 0.
-
-    Returns:
-        The log-likelihood, its derivatives with respect to (log l, log σ_f), and with
-        respect to log r_i, shape (M,).
-    """
-    posterior = replicates.condition(kernel, noise_variance)
-    kernel_gradient, noise_gradient = posterior.likelihood_gradient()
-    free = replicates.count - 1
-    noise_gradient = (
-        noise_gradient - 0.5 * free + 0.5 * replicates.within / noise_variance
-    )
-    value = posterior.log_marginal_likelihood()
-    value += replicates.log_remainder(noise_variance)
-    return value, kernel_gradient, noise_gradient

@@ -19,8 +19,6 @@ from scipy.linalg import cholesky, solve_triangular
 from policies.gp.evidence import SpectralEvidence
 from policies.gp.kernels import RBF
 
-__all__ = ["SpectralPosterior", "square_root"]
-
 _RANK_TOLERANCE = 1e-16
 
 

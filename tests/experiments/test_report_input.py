@@ -224,6 +224,16 @@ def test_no_name_becomes_anything_else(name, results, write_study):
     assert len(re.findall("^(`{3,})text$", text, re.M)[-1]) > 4
 
 
+def test_any_name_can_be_drawn(
+    write_study, episode_result, learning_result, monkeypatch
+):
+    monkeypatch.setitem(style._STYLE, "savefig.dpi", 30)
+    made = [
+        make(name) for name in HOSTILE for make in (episode_result, learning_result)
+    ]
+    write_report(write_study(made), reference=HOSTILE[0])
+
+
 def test_a_user_s_policy_is_everywhere(
     results, write_study, episode_result, learning_result, monkeypatch
 ):

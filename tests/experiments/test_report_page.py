@@ -11,7 +11,7 @@ import pytest
 from experiments import cli
 from experiments.figures import style
 from experiments.files.table import Table
-from experiments.learning_tests.scores import CRITERIA
+from experiments.learning_tests.criteria import CRITERIA
 from experiments.report.document import Document, Items, Paragraph, Section
 from experiments.report.html import html_page, inline
 from experiments.report.markdown import markdown_page
@@ -370,6 +370,14 @@ def test_marks_of_the_text_become_elements_and_nothing_else_does():
         "<b>a <code>b**c</code></b> <code>b&lt;c</code> "
         '<a href="e.rrd">d</a> &lt;f&gt; [g](h)'
     )
+
+
+@pytest.mark.parametrize(
+    "address", ["javascript:x", "data:,x", "//host/x", "JavaScript:x"]
+)
+def test_links_lead_to_the_web_or_to_files_beside_the_page(address):
+    assert inline(f"[a]({address})") == f"[a]({address})"
+    assert inline("[a](https://b.c/d?e)") == '<a href="https://b.c/d?e">a</a>'
 
 
 def test_both_writers_keep_cells_apart():

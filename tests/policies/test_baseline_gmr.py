@@ -165,5 +165,5 @@ def test_settings_out_of_range_are_refused(name, value):
 
 @pytest.mark.parametrize("times", [[], [0.1, 0.1], [0.2, 0.1], [0.0, np.nan]])
 def test_phases_must_increase(regression, times):
-    with pytest.raises(ValueError, match="strictly increasing phases"):
+    with pytest.raises(ValueError, match=r"strictly increasing|list of finite times"):
         regression.predict(np.array(times, dtype=np.float64))

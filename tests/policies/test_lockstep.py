@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from gplfd_env.task import handle_pose_on_arc
 from policies import POLICIES, make_agent
-from policies.agent import AgentStep
 from policies.baselines.oracle import OracleAgent
 from policies.compliance import ComplianceConfig
 from policies.load import YieldToAll
 from policies.lockstep import AgentBatch, batch_agents
+from policies.steps import AgentStep
 
 RADII = (0.38, 0.50, 0.62)
 WAYS_TO_FOLLOW = {

@@ -148,6 +148,8 @@ def test_another_kind_or_version(archive):
         (npy(np.zeros(3), descr="|O"), "'curve' holds object"),
         (npy(np.zeros(3), descr=[("a", "<f8")]), "'curve' holds .*not numbers"),
         (npy(np.zeros(3) * 1j), "'curve' holds complex128"),
+        (npy(np.array("a")).replace(b"a\0\0\0", b"a999"), "'utf-32-le' codec can't"),
+        (npy(np.array("\ud800")), "'utf-32-le' codec can't"),
         (npy(np.zeros(3)).replace(b"'<f8'", b"[[[[["), ""),
         (npy(np.zeros(3)).replace(b"'<f8'", b"{[]:1"), ""),
         (b"\x93NUMPY\x03\x00" + npy(np.zeros(3))[8:], "not an array of version 1.0"),

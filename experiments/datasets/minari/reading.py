@@ -74,7 +74,7 @@ class Dataset:
         except (gym.error.Error, TypeError, ValueError) as error:
             raise ValueError(
                 f"{self.path}: the installed gplfd cannot make {self.environment} with "
-                f"{dict(self.arguments)}: {error}"
+                f"{dict(self.arguments)!s:.200}: {error!s:.300}"
             ) from error
 
     def check(self, numbers: Iterable[int]) -> None:
@@ -103,7 +103,7 @@ class Dataset:
         # The hash is right, but who wrote it may have written anything.
         except Exception as error:
             raise ValueError(
-                f"{self.path}: episode {number} cannot be read: {error}"
+                f"{self.path}: episode {number} cannot be read: {error!s:.300}"
             ) from error
 
 

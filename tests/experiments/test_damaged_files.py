@@ -1,0 +1,437 @@
+"""Whatever a file holds, it is read rightly or refused with one clear message.
+
+Files of every kind are damaged, edited and forged by a seeded engine: first the
+mutations, then the readers, then the test. `GPLFD_VARIANTS=2000 pytest` with this file
+runs a campaign.
+"""
+
+import contextlib
+import dataclasses
+import functools
+import io
+import os
+import re
+import struct
+import tracemalloc
+import warnings
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import h5py
+import numpy as np
+import pytest
+
+import policies
+from experiments.datasets.minari import Recorder, open_dataset, write_dataset
+from experiments.datasets.minari.contents import contents
+from experiments.datasets.npz import load_demonstrations, save_demonstrations
+from experiments.datasets.replay import replays
+from experiments.episodes.log import EpisodeLog
+from experiments.files.plain_data import read_json, write_json
+from experiments.files.provenance import content_hash
+from experiments.study.settings import StudySettings
+from experiments.study.settings_file import read_settings, write_settings
+from experiments.study.store import damaged_results, result_path
+from experiments.study.tasks import EpisodeTask
+from experiments.teacher import Teacher
+from gplfd_env import ENVIRONMENT_ID
+from policies.demonstrations import Demonstration
+
+VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "5"))
+"""Files per kind of file and of damage."""
+MOST_MEMORY = 100 * 2**20
+"""Bytes that reading any of these files may take: an archive may unpack to 64 MiB."""
+LONGEST_MESSAGE = 1000
+
+Rng = np.random.Generator
+Mutation = Callable[[bytes, Rng], bytes]
+
+
+# ------------------------------------------------------------------ damage to any file
+def place(content: bytes, rng: Rng) -> tuple[int, int]:
+    """A random run of bytes: its start and end; most are short."""
+    start = int(rng.integers(len(content)))
+    return start, start + int(2 ** rng.uniform(0, np.log2(len(content) - start + 1)))
+
+
+def cut(content: bytes, rng: Rng) -> bytes:
+    return content[: rng.choice([0, 1, 10, int(rng.integers(len(content)))])]
+
+
+def flip_a_bit(content: bytes, rng: Rng) -> bytes:
+    start, _ = place(content, rng)
+    flipped = content[start] ^ (1 << int(rng.integers(8)))
+    return content[:start] + bytes([flipped]) + content[start + 1 :]
+
+
+def overwrite(content: bytes, rng: Rng) -> bytes:
+    start, end = place(content, rng)
+    filler = rng.choice([b"\x00", b"\xff", b"9", rng.bytes(1)])
+    return content[:start] + filler * (end - start) + content[end:]
+
+
+def remove(content: bytes, rng: Rng) -> bytes:
+    start, end = place(content, rng)
+    return content[:start] + content[end:]
+
+
+def repeat(content: bytes, rng: Rng) -> bytes:
+    start, end = place(content, rng)
+    return content[:end] + content[start:]
+
+
+def exchange(content: bytes, rng: Rng) -> bytes:
+    start, end = place(content, rng)
+    middle = (start + end) // 2
+    return content[:start] + content[middle:end] + content[start:middle] + content[end:]
+
+
+DAMAGES = (cut, flip_a_bit, overwrite, remove, repeat, exchange)
+
+
+# ------------------------------------------------------------------ edited text
+TOKENS = (
+    *(
+        "null",
+        "true",
+        "-1",
+        "0",
+        "0.5",
+        "1e999",
+        "1e308",
+        "NaN",
+        "nan",
+        "-inf",
+        "7" * 400,
+    ),
+    *("7" * 5000, "0x" + "f" * 4000, '""', '"a"', '"\\ud800"', '"\\u0000"', "'", "é"),
+    *(
+        "[]",
+        "{}",
+        "[1]",
+        '{"a": 1, "a": 2}',
+        "{a = 1}",
+        "[" * 40 + "]" * 40,
+        "1979-05-27",
+    ),
+    *("[" * 10**5, '{"a":' * 10**5, '"' + "long" * 10**5 + '"'),
+)
+VALUE = re.compile(r'-?\d[\d.e+-]*|"[^"]*"|true|false|null|\[[^\[\]]*\]')
+
+
+def replace_a_value(content: bytes, rng: Rng) -> bytes:
+    text = content.decode()
+    found = list(VALUE.finditer(text))
+    chosen = found[rng.integers(len(found))]
+    token = TOKENS[rng.integers(len(TOKENS))]
+    return (text[: chosen.start()] + token + text[chosen.end() :]).encode()
+
+
+def change_lines(content: bytes, rng: Rng) -> bytes:
+    lines = content.splitlines(keepends=True)
+    one, other = rng.integers(len(lines), size=2)
+    lines[one] = [b"", lines[one] * 2, lines[other]][rng.integers(3)]
+    return b"".join(lines)
+
+
+EDITS = (replace_a_value, change_lines)
+
+
+# ------------------------------------------------------------------ forged arrays
+ARRAYS: tuple[Any, ...] = (
+    *(0, -1.0, 1j, True, "", "a", "\ud7ff", [[1.0]], [np.nan, np.inf, 1.0], ["0", "1"]),
+    *(b"bytes", np.zeros(0), np.zeros((0, 6)), np.zeros((3, 6)), np.zeros((5,) * 5)),
+    *(np.arange(3, dtype=">i2"), np.zeros(2, "f2"), np.zeros(2, "M8[s]")),
+    *(np.zeros(2, [("a", "f8")]), np.array([{}, None]), np.full((3, 6), 1e308)),
+)
+HEADERS: tuple[dict[str, Any], ...] = (
+    *(
+        {"shape": shape}
+        for shape in ((10**12,), (10**12, 6), (-1,), (), (0,), (2**62, 8))
+    ),
+    *(
+        {"descr": descr}
+        for descr in ("|O", "<f4", "<c16", "<U100000000", "|V0", "[[[[")
+    ),
+    *(
+        {"fortran_order": True},
+        {"more": 1},
+        {"shape": [[[]]]},
+        {"descr": [("a", "<f8")]},
+    ),
+)
+Members = list[tuple[zipfile.ZipInfo, bytes]]
+
+
+def npy(array: Any, **header: Any) -> bytes:
+    """The bytes of a .npy file, perhaps with other entries in its header."""
+    array = np.asarray(array)
+    stream = io.BytesIO()
+    if not header:
+        np.lib.format.write_array(stream, array)
+        return stream.getvalue()
+    whole = np.lib.format.header_data_from_array_1_0(array) | header
+    np.lib.format.write_array_header_1_0(stream, whole)
+    return stream.getvalue() + array.tobytes()
+
+
+def of_members(change: Callable[[Members, int, Rng], None]) -> Mutation:
+    """Make a mutation of an archive from a change to its list of members."""
+
+    @functools.wraps(change)
+    def mutation(content: bytes, rng: Rng) -> bytes:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            members = [(info, archive.read(info)) for info in archive.infolist()]
+        change(members, int(rng.integers(len(members))), rng)
+        stream = io.BytesIO()
+        with zipfile.ZipFile(stream, "w") as archive, warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Duplicate name")
+            for info, data in members:
+                archive.writestr(info, data, info.compress_type)
+        return stream.getvalue()
+
+    return mutation
+
+
+@of_members
+def forge_an_array(members: Members, index: int, rng: Rng) -> None:
+    members[index] = members[index][0], npy(ARRAYS[rng.integers(len(ARRAYS))])
+
+
+@of_members
+def lie_in_a_header(members: Members, index: int, rng: Rng) -> None:
+    info, data = members[index]
+    array = np.load(io.BytesIO(data))
+    members[index] = info, npy(array, **HEADERS[rng.integers(len(HEADERS))])
+
+
+@of_members
+def damage_a_member(members: Members, index: int, rng: Rng) -> None:
+    info, data = members[index]
+    members[index] = info, DAMAGES[rng.integers(len(DAMAGES))](data, rng)
+
+
+@of_members
+def edit_a_text(members: Members, index: int, rng: Rng) -> None:
+    """Of those members that are texts, such as the header of a log."""
+    arrays = [np.load(io.BytesIO(data)) for _, data in members]
+    texts = [n for n, array in enumerate(arrays) if array.dtype.kind == "U"]
+    chosen = texts[index % len(texts)]
+    text = f'"{arrays[chosen]}"'.encode()
+    edited = replace_a_value(text, rng).decode().removeprefix('"').removesuffix('"')
+    members[chosen] = members[chosen][0], npy(edited)
+
+
+@of_members
+def change_members(members: Members, index: int, rng: Rng) -> None:
+    info, data = members[index]
+    other, other_data = members[rng.integers(len(members))]
+    renamed = zipfile.ZipInfo(str(rng.choice(["", "../a.npy", "é", "x" * 9999])))
+    members[index : index + 1] = [
+        [],
+        [(info, data), (info, data)],
+        [(info, other_data)],
+        [(info, data), (renamed, data)],
+        [(other, data)],
+    ][rng.integers(5)]
+
+
+@of_members
+def compress_otherwise(members: Members, index: int, rng: Rng) -> None:
+    info, _ = members[index]
+    info.compress_type = int(rng.choice([zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA]))
+
+
+@of_members
+def plant_a_bomb(members: Members, index: int, rng: Rng) -> None:
+    members[index] = members[index][0], npy(np.zeros(2**27 // 8))
+
+
+def encrypt(content: bytes, rng: Rng) -> bytes:
+    """Say of one member that it is encrypted."""
+    start = rng.choice([found.start() for found in re.finditer(b"PK\x01\x02", content)])
+    flags = struct.pack("<H", 1)
+    return content[: start + 8] + flags + content[start + 10 :]
+
+
+FORGERIES = (
+    *(forge_an_array, lie_in_a_header, damage_a_member, edit_a_text, change_members),
+    *(compress_otherwise, encrypt, plant_a_bomb),
+)
+
+
+# ------------------------------------------------------------------ forged HDF5
+def forge_hdf5(content: bytes, rng: Rng) -> bytes:
+    """Delete, replace or resize an array or a group, or replace an attribute."""
+    stream = io.BytesIO(content)
+    with h5py.File(stream, "a") as file:
+        items: dict[str, Any] = {}
+        file.visititems(lambda name, item: items.update({name: item}))
+        name = str(rng.choice(list(items)))
+        array = ARRAYS[rng.integers(len(ARRAYS))]
+        # What HDF5 refuses to hold leaves the file as it is.
+        with contextlib.suppress(TypeError, ValueError):
+            if name == "episode_0":
+                chosen = str(rng.choice(list(items[name].attrs)))
+                items[name].attrs[chosen] = array
+            elif rng.random() < 0.3 and isinstance(items[name], h5py.Dataset):
+                items[name].resize(int(rng.choice([0, 1, 10**6, 10**14])), axis=0)
+            else:
+                del file[name]
+                file[name if rng.random() < 0.7 else "episode_0/else"] = array
+    return stream.getvalue()
+
+
+# ------------------------------------------------------------------ the readers
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A good file, and what reads it."""
+
+    file: Path
+    read: Callable[[], object]
+    named: str
+    """What a message must name."""
+    reseal: Callable[[], None] = lambda: None
+    """What makes another content look like the one that was written."""
+
+
+def demonstrations(folder: Path, _: EpisodeLog) -> Case:
+    file = folder / "demonstrations.npz"
+    moving = [Demonstration(times=np.arange(3.0), poses=np.eye(3, 6))] * 2
+    save_demonstrations(file, moving, [0.35, None])
+    return Case(file=file, read=lambda: load_demonstrations(file), named=file.name)
+
+
+def episode_log(folder: Path, log: EpisodeLog) -> Case:
+    log.save(file := folder / "small.npz")
+    return Case(file=file, read=lambda: EpisodeLog.load(file), named=file.name)
+
+
+def skill(folder: Path, _: EpisodeLog) -> Case:
+    file = folder / "skill.npz"
+    shown = Teacher().demonstrate_doors([0.35, 0.5], 2, rng=np.random.default_rng(0))
+    policies.fit_skill(policies.align(shown, n_samples=20)).save(file)
+    return Case(file=file, read=lambda: policies.load_skill(file), named=file.name)
+
+
+def settings(folder: Path, _: EpisodeLog) -> Case:
+    write_settings(file := folder / "study.toml", StudySettings())
+    return Case(file=file, read=lambda: read_settings(file), named=file.name)
+
+
+def plain_json(folder: Path, _: EpisodeLog) -> Case:
+    value = {"versions": {"numpy": "2.0"}, "command": ["gplfd"], "cpus": 2, "git": None}
+    write_json(file := folder / "study.json", value)
+    return Case(file=file, read=lambda: read_json(file), named=file.name)
+
+
+def result(folder: Path, _: EpisodeLog) -> Case:
+    """A damaged result stops no study: its task is run again, the file is named."""
+    task = EpisodeTask(policy="gp", door="small", door_config={"radius": 0.35}, seed=0)
+    file = result_path(folder, task)
+    metrics = {"success": True, "final_angle_deg": 66.0, "time_to_60_deg": None}
+    write_json(file, {"task": dataclasses.asdict(task), "metrics": metrics})
+
+    def read() -> None:
+        for reason in damaged_results(folder, [task]):
+            raise ValueError(reason)
+
+    return Case(file=file, read=read, named=file.name)
+
+
+def data_set(folder: Path, file: str) -> Case:
+    target = folder / "recorded-v0"
+    env = gym.make(ENVIRONMENT_ID, max_episode_steps=3)
+    recorder = Recorder(env)
+    recorder.reset(seed=1, options={"door": {"radius": 0.4}})
+    for _ in range(3):
+        recorder.step(np.full(6, 0.001))
+    write_dataset(target, [recorder.episode], env=env, policy="p", config={})
+
+    def read() -> None:
+        dataset = open_dataset(target)
+        contents(dataset)
+        list(replays(dataset, [0]))
+
+    def reseal() -> None:
+        metadata = read_json(target / "data" / "metadata.json")
+        sha256 = content_hash(target / "data" / "main_data.hdf5")
+        metadata["gplfd"]["sha256"] = sha256
+        write_json(target / "data" / "metadata.json", metadata)
+
+    return Case(
+        file=target / "data" / file, read=read, named=target.name, reseal=reseal
+    )
+
+
+def metadata(folder: Path, _: EpisodeLog) -> Case:
+    case = data_set(folder, "metadata.json")
+    return dataclasses.replace(case, reseal=lambda: None)
+
+
+def arrays(folder: Path, _: EpisodeLog) -> Case:
+    return data_set(folder, "main_data.hdf5")
+
+
+CASES: dict[Callable[[Path, EpisodeLog], Case], tuple[Mutation, ...]] = {
+    demonstrations: DAMAGES + FORGERIES,
+    episode_log: DAMAGES + FORGERIES,
+    settings: DAMAGES + EDITS,
+    plain_json: DAMAGES + EDITS,
+    result: DAMAGES + EDITS,
+    metadata: DAMAGES + EDITS,
+    arrays: (*DAMAGES, forge_hdf5),
+}
+# INTEGRATION: make this an entry of CASES once `policies.load_skill` is here.
+if hasattr(policies, "load_skill"):
+    CASES[skill] = DAMAGES + FORGERIES
+
+
+@pytest.mark.parametrize(
+    ("make", "mutation"),
+    [(make, mutation) for make, several in CASES.items() for mutation in several],
+    ids=lambda function: function.__name__,
+)
+def test_a_file_is_read_rightly_or_refused_clearly(
+    make: Callable[[Path, EpisodeLog], Case],
+    mutation: Mutation,
+    tmp_path: Path,
+    make_log: Callable[..., EpisodeLog],
+) -> None:
+    case = make(tmp_path, make_log(41))
+    case.read()
+    good = case.file.read_bytes()
+    refused = 0
+    seeds = range(1 if mutation is plant_a_bomb else VARIANTS)
+    for seed in seeds:
+        case.file.write_bytes(mutation(good, np.random.default_rng(seed)))
+        if mutation is forge_hdf5:
+            case.reseal()
+        with bounded_memory(f"seed {seed}"):
+            message = complaint(case)
+        refused += message != ""
+        assert message == "" or case.named in message, seed
+        assert len(message) < LONGEST_MESSAGE, seed
+        assert " ".join(message.split()).isprintable(), seed
+    print(f"{refused} of {len(seeds)} refused")
+
+
+def complaint(case: Case) -> str:
+    try:
+        case.read()
+    except (ValueError, OSError) as error:
+        return str(error)
+    return ""
+
+
+@contextlib.contextmanager
+def bounded_memory(what: str) -> Iterator[None]:
+    tracemalloc.start()
+    yield
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < MOST_MEMORY, what
