@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.config import DOORS, RADIUS_RANGE, DoorConfig
 from policies.registry import POLICIES
+from policies.user_policies import packaged_policies
 
 
 def catalogue() -> str:
@@ -16,7 +17,14 @@ def catalogue() -> str:
         f"doors (or any radius from {low:g} to {high:g} m)": {
             name: _door(config) for name, config in DOORS.items()
         },
-        "policies": {name: POLICIES[name].summary for name in sorted(POLICIES)},
+        "policies (or one of your own: module:function)": {
+            name: POLICIES[name].summary for name in sorted(POLICIES)
+        },
+        "policies of installed packages": {
+            one.name: f"{one.policy.summary if one.policy else one.problem} "
+            f"({one.package})"
+            for one in packaged_policies(POLICIES)
+        },
         "environments": {
             ENVIRONMENT_ID: "command the hand's pose in the task frame",
             IMPEDANCE_ENVIRONMENT_ID: "command its pose and its stiffness",
@@ -27,7 +35,9 @@ def catalogue() -> str:
             "hard": "another door every time, also of another radius",
         },
     }
-    return "\n\n".join(_section(*section) for section in sections.items())
+    return "\n\n".join(
+        _section(title, lines) for title, lines in sections.items() if lines
+    )
 
 
 def _door(config: DoorConfig) -> str:

@@ -22,6 +22,7 @@ from experiments.commands.benchmark import Benchmark, benchmark_from
 from experiments.commands.catalogue import Catalogue
 from experiments.commands.demos import Demos
 from experiments.commands.figures import Figures
+from experiments.commands.learn import Learn
 from experiments.commands.report import Report
 from experiments.commands.run import Run
 from experiments.commands.speed import Speed
@@ -49,6 +50,7 @@ class Command(Protocol):
 
 COMMANDS: Final[dict[str, Callable[..., Command]]] = {
     "run": Run,
+    "learn": Learn,
     "benchmark": Benchmark,
     "report": Report,
     "figures": Figures,

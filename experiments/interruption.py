@@ -14,7 +14,7 @@ def postponed_interruption() -> Iterator[None]:
 
     An import that is interrupted fails in ways of its own, and some imports run another
     Python. The terminal sends Ctrl-C to all processes, but it is for this one: those
-    that start in the block inherit that it is blocked.
+    that start in the block, and threads, inherit that it is blocked.
     """
     if sys.platform == "win32":
         yield

@@ -6,7 +6,8 @@ import contextlib
 import dataclasses
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -19,7 +20,7 @@ from experiments.datasets.npz import (
     load_demonstrations,
     save_demonstrations,
 )
-from experiments.episodes.agents import learned
+from experiments.episodes.agents import learned, reported_errors
 from experiments.episodes.doors import named_doors
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import EpisodeMetrics, episode_metrics
@@ -29,19 +30,41 @@ from experiments.files.provenance import content_hash, provenance
 from experiments.progress import LOG, progress_bar
 from experiments.recording import record_episode
 from experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
+from experiments.skills import skill_method
+from experiments.study.sources import source_of
 from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DoorConfig
 from gplfd_env.randomization import door_randomization
 from gplfd_env.scene import build_scene
 from policies.agent import Agent
+from policies.demonstrations import Demonstration
 from policies.method import TrainingInput
 from policies.policy import Policy
 from policies.registry import policy_named
+from policies.skill import load_skill
 
 CONFIGURATION: Final = "run.json"
 METRICS: Final = "metrics.json"
 DEMONSTRATIONS: Final = "demonstrations.npz"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Run:
+    """A run that is ready: checked and learned."""
+
+    folder: Path
+    name: str
+    """Name of the policy."""
+    policy: Policy
+    seed: int
+    configs: Mapping[str, DoorConfig]
+    randomization: str
+    shown: LabelledDemonstrations
+    """What the policy learned from."""
+    agents: Mapping[str, Agent]
+    """By door."""
+    looks: TiagoLooks | None
 
 
 def open_doors(
@@ -51,6 +74,7 @@ def open_doors(
     policy: str,
     seed: int,
     demonstrations: Path | int,
+    skill: Path | None,
     randomization: str,
     looks: Literal["primitives", "tiago"],
     options: Mapping[str, Any],
@@ -67,12 +91,13 @@ def open_doors(
         seed: Seed of teacher, policy and environment.
         demonstrations: A file to learn from, or how often the synthetic human opens
             each of the three demonstrated doors.
+        skill: A file of a skill to follow instead of learning, or None.
         randomization: Name of what the environment draws anew.
         looks: How recordings draw the robot.
         options: The command's, for the record; JSON-able.
 
     Raises:
-        ValueError: An argument or the demonstration file is wrong.
+        ValueError: An argument or a file is wrong, or the user's policy failed.
         OSError: A file cannot be read or written.
         ModuleNotFoundError: The meshes that are to be drawn are not installed.
     """
@@ -83,37 +108,32 @@ def open_doors(
     check_folder(folder)
     earlier = _files_of_earlier_run(folder)
     drawn = _looks(looks)
-    given = _demonstrations(demonstrations, seed)
-    agents = _agents(chosen, given, configs, seed)
-    LOG.info("writing to %s", folder)
+    started = time.perf_counter()
+    with reported_errors(policy, chosen):
+        if skill is None:
+            shown, agent_for = _learn(chosen, demonstrations, seed)
+        else:
+            shown, agent_for = _load(policy, skill)
+        agents = {door: agent_for(config.radius) for door, config in configs.items()}
+    LOG.info("ready to act (%.1f s)", time.perf_counter() - started)
+    run = _Run(
+        folder=folder,
+        name=policy,
+        policy=chosen,
+        seed=seed,
+        configs=configs,
+        randomization=randomization,
+        shown=shown,
+        agents=agents,
+        looks=drawn,
+    )
     for file in earlier:
         file.unlink(missing_ok=True)
-    save_demonstrations(folder / DEMONSTRATIONS, given.demonstrations, given.radii)
-    learned_from = (
-        demonstrations if isinstance(demonstrations, Path) else folder / DEMONSTRATIONS
-    )
-    record = {
-        **options,
-        "demonstrations_sha256": content_hash(learned_from),
-        "door_configs": {
-            door: dataclasses.asdict(config) for door, config in configs.items()
-        },
-    }
-    write_json(folder / CONFIGURATION, provenance(record))
+    _write_inputs(run, demonstrations, skill, options)
     metrics: list[EpisodeMetrics] = []
-    for door, config in configs.items():
-        started = time.perf_counter()
-        with contextlib.closing(
-            gym.make(ENVIRONMENT_ID, door=config, randomization=randomization)
-        ) as env:
-            log = _watched_rollout(env, agents[door], policy, door, seed)
-            log.save(folder / f"{door}.npz")
-            model = env.unwrapped.model  # type: ignore[attr-defined]
-            recording = folder / f"{door}.rrd"
-            record_episode(recording, log, model, given.demonstrations, drawn)
-        metrics.append(episode_metrics(log))
+    for door in configs:
+        metrics.append(_open(run, door))
         write_json(folder / METRICS, [one.as_json() for one in metrics])
-        _report(metrics[-1], time.perf_counter() - started)
     return tuple(metrics)
 
 
@@ -159,24 +179,81 @@ def _demonstrations(given: Path | int, seed: int) -> LabelledDemonstrations:
     )
 
 
-def _agents(
-    policy: Policy,
-    given: LabelledDemonstrations,
-    configs: Mapping[str, DoorConfig],
-    seed: int,
-) -> dict[str, Agent]:
+def _learn(
+    policy: Policy, demonstrations: Path | int, seed: int
+) -> tuple[LabelledDemonstrations, Callable[[float], Agent]]:
+    shown = _demonstrations(demonstrations, seed)
+    LOG.info("learning from %d demonstrations", len(shown.demonstrations))
+    training = TrainingInput(demonstrations=shown.demonstrations, seed=seed)
+    return shown, learned(policy, training)
+
+
+def _load(
+    policy: str, file: Path
+) -> tuple[LabelledDemonstrations, Callable[[float], Agent]]:
+    method, skill = skill_method(policy), load_skill(file)
+    times = skill.duration * skill.aligned.times
+    shown = [Demonstration(times=times, poses=poses) for poses in skill.aligned.poses]
+    return (
+        LabelledDemonstrations(
+            demonstrations=tuple(shown), radii=tuple(None for _ in shown)
+        ),
+        lambda _: method.follow(skill),
+    )
+
+
+def _write_inputs(
+    run: _Run,
+    demonstrations: Path | int,
+    skill: Path | None,
+    options: Mapping[str, Any],
+) -> None:
+    LOG.info("writing to %s", run.folder)
+    kept = run.folder / DEMONSTRATIONS
+    save_demonstrations(kept, run.shown.demonstrations, run.shown.radii)
+    given = demonstrations if isinstance(demonstrations, Path) else kept
+    record = {
+        **options,
+        "policy_source": source_of(run.policy),
+        "demonstrations_sha256": content_hash(given),
+        "skill_sha256": None if skill is None else content_hash(skill),
+        "door_configs": {
+            door: dataclasses.asdict(config) for door, config in run.configs.items()
+        },
+    }
+    write_json(run.folder / CONFIGURATION, provenance(record))
+
+
+def _open(run: _Run, door: str) -> EpisodeMetrics:
+    """Open a door, write its log and recording, and return its metrics."""
     started = time.perf_counter()
-    LOG.info("learning from %d demonstrations", len(given.demonstrations))
-    training = TrainingInput(demonstrations=given.demonstrations, seed=seed)
-    make = learned(policy, training)
-    agents = {door: make(config.radius) for door, config in configs.items()}
-    LOG.info("learned (%.1f s)", time.perf_counter() - started)
-    return agents
+    env = gym.make(
+        ENVIRONMENT_ID, door=run.configs[door], randomization=run.randomization
+    )
+    with contextlib.closing(env):
+        with reported_errors(run.name, run.policy):
+            log = _watched_rollout(env, run, door)
+        log.save(run.folder / f"{door}.npz")
+        record_episode(
+            run.folder / f"{door}.rrd",
+            log,
+            env.unwrapped.model,  # type: ignore[attr-defined]
+            run.shown.demonstrations,
+            run.looks,
+        )
+    metrics = episode_metrics(log)
+    LOG.info(
+        "%s: %s, %.1f deg in %.1f s (%.1f s)",
+        door,
+        "opened" if metrics.success else f"not opened ({metrics.failure})",
+        metrics.final_angle_deg,
+        metrics.duration,
+        time.perf_counter() - started,
+    )
+    return metrics
 
 
-def _watched_rollout(
-    env: gym.Env[Any, Any], agent: Agent, policy: str, door: str, seed: int
-) -> EpisodeLog:
+def _watched_rollout(env: gym.Env[Any, Any], run: _Run, door: str) -> EpisodeLog:
     """Run the episode behind a progress bar and return its log."""
     with progress_bar(desc=door, unit=" s simulated") as bar:
 
@@ -185,16 +262,11 @@ def _watched_rollout(
             bar.set_postfix_str(f"door at {angle:.0f} deg", refresh=False)
             bar.update(progress.time - bar.n)
 
-        return rollout(env, agent, policy=policy, door=door, seed=seed, on_step=show)
-
-
-def _report(metrics: EpisodeMetrics, seconds: float) -> None:
-    outcome = "opened" if metrics.success else f"not opened ({metrics.failure})"
-    LOG.info(
-        "%s: %s, %.1f deg in %.1f s (%.1f s)",
-        metrics.door,
-        outcome,
-        metrics.final_angle_deg,
-        metrics.duration,
-        seconds,
-    )
+        return rollout(
+            env,
+            run.agents[door],
+            policy=run.name,
+            door=door,
+            seed=run.seed,
+            on_step=show,
+        )

@@ -61,8 +61,9 @@ class Record:
         """Record the data set and print where it is."""
         with postponed_interruption():
             from experiments.datasets.record import record_dataset
+            from experiments.files.names import file_name
 
-        folder = self.out or Path("results/demos") / f"{self.policy}-v0"
+        folder = self.out or Path("results/demos") / f"{file_name(self.policy)}-v0"
         number = record_dataset(
             folder,
             policy=self.policy,

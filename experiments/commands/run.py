@@ -39,6 +39,10 @@ class Run:
     demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = None
     """Learn from this .npz file of demonstrations instead of the synthetic human."""
 
+    skill: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Learn nothing, but follow this skill, a file of `gplfd learn`, as the policy
+    does."""
+
     looks: Literal["primitives", "tiago"] = "primitives"
     """Draw the robot in recordings by its own shapes, or by the manufacturer's meshes
     from an installed example-robot-data: pip install 'gplfd[tiago]'."""
@@ -52,17 +56,23 @@ class Run:
     def execute(self) -> int:
         """Open the doors and print a table."""
         with postponed_interruption():
+            from experiments.files.names import file_name
             from experiments.files.table import text_table
             from experiments.results.table import run_table
             from experiments.runs import open_doors
 
-        folder = self.out or Path("results") / f"{self.policy}-seed{self.seed}"
+        if self.skill is not None and self.demonstrations is not None:
+            raise ValueError("--skill is learned already: leave out --demonstrations")
+        folder = (
+            self.out or Path("results") / f"{file_name(self.policy)}-seed{self.seed}"
+        )
         metrics = open_doors(
             self.doors,
             folder,
             policy=self.policy,
             seed=self.seed,
             demonstrations=self.demonstrations or self.demonstrations_per_door,
+            skill=self.skill,
             randomization=self.randomization,
             looks=self.looks,
             options=recorded(self),

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from experiments.arguments import check_folder, check_least
 from experiments.datasets.minari import RecordedEpisode, Recorder, write_dataset
 from experiments.datasets.minari.contents import outcome
-from experiments.episodes.agents import learned
+from experiments.episodes.agents import learned, reported_errors
 from experiments.episodes.doors import named_doors
 from experiments.progress import LOG, progress_bar
 from experiments.teacher import DEMONSTRATED_RADII, Teacher
@@ -87,7 +87,7 @@ def record_dataset(
     with contextlib.closing(gym.make(ENVIRONMENT_ID, **arguments)) as env:
         write_dataset(
             folder,
-            _recorded(env, plan, chosen, demonstrations_per_door),
+            _recorded(env, plan, policy, chosen, demonstrations_per_door),
             env=env,
             policy=policy,
             config=options,
@@ -97,7 +97,11 @@ def record_dataset(
 
 
 def _recorded(
-    env: gym.Env[Any, Any], plan: _Plan, policy: Policy, demonstrations_per_door: int
+    env: gym.Env[Any, Any],
+    plan: _Plan,
+    name: str,
+    policy: Policy,
+    demonstrations_per_door: int,
 ) -> Iterator[RecordedEpisode]:
     """Run and yield every episode of the plan."""
     recorder = Recorder(env)
@@ -106,8 +110,9 @@ def _recorded(
             DEMONSTRATED_RADII, demonstrations_per_door, rng=np.random.default_rng(seed)
         )
         training = TrainingInput(demonstrations=shown, seed=seed)
-        agent = learned(policy, training)(config.radius)
-        _act(agent, recorder, config, seed)
+        with reported_errors(name, policy):
+            agent = learned(policy, training)(config.radius)
+            _act(agent, recorder, config, seed)
         episode = recorder.episode
         LOG.info("%s, seed %d: %s", door, seed, outcome(episode))
         yield episode

@@ -1,9 +1,12 @@
-"""What was learned from demonstrations, ready to act on any door."""
+"""Agents from a policy, and where in a policy of the user's an error arose."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
@@ -38,3 +41,32 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[float], Agent]
         with threadpool_limits(limits=1, user_api="blas"):
             movement = method.learn(training)
     return make
+
+
+def where(error: BaseException, policy: Policy) -> str:
+    """Return file, line and function of the policy's in which an error arose, or ""."""
+    file = policy.origin.file if policy.origin is not None else ""
+    places = traceback.extract_tb(error.__traceback__)
+    own = [place for place in places if place.filename == file]
+    if not own:
+        return ""
+    return f"{Path(file).name}, line {own[-1].lineno}, in {own[-1].name}"
+
+
+@contextlib.contextmanager
+def reported_errors(name: str, policy: Policy) -> Iterator[None]:
+    """Say of an error in a file of the user's what and where it is.
+
+    Raises:
+        ValueError: In place of the error.
+    """
+    try:
+        yield
+    # Anything: it is the user's code that runs here.
+    except Exception as error:
+        place = where(error, policy)
+        if not place:
+            raise
+        raise ValueError(
+            f"policy {name!r} failed with {type(error).__name__}: {error} ({place})"
+        ) from error

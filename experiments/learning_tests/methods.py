@@ -15,7 +15,6 @@ from policies.demonstrations import Demonstration
 from policies.method import Method, TrainingInput
 from policies.movement import Movement
 from policies.prior_mean import PriorMean
-from policies.registry import POLICIES, policy_named
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -26,22 +25,6 @@ class Learned:
     """What was learned."""
     cpu_s: float
     """CPU time of this thread until it could predict, alignment included [s]."""
-
-
-def method_named(policy: str) -> Method:
-    """Return the method of a policy.
-
-    Raises:
-        ValueError: An unknown policy, or one that learns no movement.
-    """
-    method = policy_named(policy).method
-    if method is None:
-        learning = [name for name, one in POLICIES.items() if one.method is not None]
-        raise ValueError(
-            f"policy {policy!r} learns no movement from demonstrations, so there is "
-            f"nothing to measure; choose one of {', '.join(sorted(learning))}"
-        )
-    return method
 
 
 def learn(

@@ -40,7 +40,7 @@ from experiments.episodes.metrics import log_dimensionless_jerk
 from experiments.learning_tests.accuracy import accuracy, averaged, spread_followed
 from experiments.learning_tests.extrapolation import beyond
 from experiments.learning_tests.folds import Fold, folds, lay
-from experiments.learning_tests.methods import cpu_seconds, learn, method_named
+from experiments.learning_tests.methods import cpu_seconds, learn
 from experiments.learning_tests.tumbling import tumbling
 from experiments.learning_tests.via_points import adaptation
 from experiments.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
@@ -53,39 +53,6 @@ _GROWN: Final = 0.1
 """Before this phase demonstrations have hardly begun to differ."""
 
 
-def skill_metrics(
-    policy: str,
-    *,
-    seed: int,
-    demonstrations_per_door: int,
-    teacher: Mapping[str, float],
-    held_out: str,
-) -> dict[str, Any]:
-    """Measure one policy on the synthetic human's demonstrations.
-
-    Args:
-        policy: A key of `policies.registry.POLICIES`.
-        seed: Seeds teacher and policy, and chooses what is left out.
-        demonstrations_per_door: How often each of the three doors is demonstrated.
-        teacher: Fields of `experiments.teacher.TeacherConfig`.
-        held_out: "demonstration" or "radius"; see `folds` of `learning_tests.folds`.
-
-    Returns:
-        Numbers by name, as this module lists them; plain data without NaN.
-
-    Raises:
-        ValueError: An unknown policy or one that learns nothing, another
-            ``held_out``, or demonstrations that the policy cannot learn from.
-    """
-    return method_metrics(
-        method_named(policy),
-        seed=seed,
-        demonstrations_per_door=demonstrations_per_door,
-        teacher=teacher,
-        held_out=held_out,
-    )
-
-
 def method_metrics(
     method: Method,
     *,
@@ -94,7 +61,22 @@ def method_metrics(
     teacher: Mapping[str, float],
     held_out: str,
 ) -> dict[str, Any]:
-    """Measure a method that need not be a policy; arguments as of `skill_metrics`."""
+    """Measure one method on the synthetic human's demonstrations.
+
+    Args:
+        method: What learns.
+        seed: Seeds teacher and method, and chooses what is left out.
+        demonstrations_per_door: How often each of the three doors is demonstrated.
+        teacher: Fields of `experiments.teacher.TeacherConfig`.
+        held_out: "demonstration" or "radius"; see `folds` of `learning_tests.folds`.
+
+    Returns:
+        Numbers by name, as this module lists them; plain data without NaN.
+
+    Raises:
+        ValueError: Another ``held_out``, or demonstrations that the method cannot learn
+            from.
+    """
     recorded = Teacher(TeacherConfig(**teacher)).demonstrate_doors(
         DEMONSTRATED_RADII, demonstrations_per_door, rng=np.random.default_rng(seed)
     )

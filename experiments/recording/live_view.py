@@ -18,7 +18,7 @@ import numpy as np
 import rerun as rr
 
 from experiments.arguments import check_least
-from experiments.episodes.agents import learned
+from experiments.episodes.agents import learned, reported_errors
 from experiments.episodes.doors import named_doors
 from experiments.episodes.log import EpisodeLog
 from experiments.progress import LOG
@@ -71,7 +71,8 @@ def watch(
         DEMONSTRATED_RADII, 2, rng=np.random.default_rng(seed)
     )
     training = TrainingInput(demonstrations=demonstrations, seed=seed)
-    agent = learned(chosen, training)(config.radius)
+    with reported_errors(policy, chosen):
+        agent = learned(chosen, training)(config.radius)
 
     def show(stream: rr.RecordingStream, viewer: subprocess.Popen[bytes]) -> EpisodeLog:
         model: Any = env.unwrapped.model  # type: ignore[attr-defined]
@@ -88,7 +89,7 @@ def watch(
 
     with contextlib.closing(env), _viewer_process(serve=serve) as (process, url):
         try:
-            with _stream_to(url) as stream:
+            with _stream_to(url) as stream, reported_errors(policy, chosen):
                 log = show(stream, process)
         except InterruptedError:
             LOG.info("the viewer was closed before the episode ended")

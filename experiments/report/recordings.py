@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
+from experiments.files.names import file_name
 from experiments.files.plain_data import entry, read_json
 from experiments.files.table import Table
 from experiments.report.document import Block, Paragraph, Section, code, literal
@@ -23,11 +22,7 @@ RANKS: Final = ("best", "median", "worst")
 
 def recording_name(policy: str, rank: str) -> str:
     """Return the file name of a recording, whatever the policy is called."""
-    safe = re.sub(r"[^\w-]+", "_", policy, flags=re.ASCII)[:60]
-    if safe != policy:
-        # Other policies may become the same text.
-        safe += f"-{hashlib.sha256(policy.encode()).hexdigest()[:8]}"
-    return f"{safe}-{rank}.rrd"
+    return f"{file_name(policy)}-{rank}.rrd"
 
 
 def recording_section(study: Path, page: Path, policies: Iterable[str]) -> Section:

@@ -131,12 +131,11 @@ def _test_order(one: LearningTestResult) -> tuple[Any, ...]:
 def _result(record: Mapping[str, Any]) -> EpisodeResult | LearningTestResult:
     fields = dict(entry(record, "task", dict[str, Any]))
     source = entry({"policy_source": None, **fields}, "policy_source", _SOURCE) or {}
-    fields.pop("policy_source", None)
     task, failed = _task(fields), "error" in record
     shared: dict[str, Any] = {
         "task": task,
         "condition": _condition(task),
-        "pair": dataclasses.replace(task, policy="").key,
+        "pair": dataclasses.replace(task, policy="", policy_source=None).key,
         "metrics": {} if failed else entry(record, "metrics", dict[str, Any]),
         "error": entry(record, "error", str) or "no reason given" if failed else "",
         "code": _code(record),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import json
 import math
 import numbers
@@ -15,19 +14,20 @@ import gymnasium as gym
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from experiments.episodes.agents import learned
+from experiments.episodes.agents import learned, where
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import episode_metrics
 from experiments.episodes.rollouts import rollouts
 from experiments.files.provenance import code_state
-from experiments.learning_tests.scores import skill_metrics
+from experiments.learning_tests.scores import method_metrics
+from experiments.study.sources import NO_FILES, Files, policy_of
 from experiments.study.tasks import EpisodeTask, Job, Result, SkillTask, Task
 from experiments.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
 from gplfd_env import ENVIRONMENT_ID
 from policies.agent import Agent
 from policies.lockstep import batch_agents
 from policies.method import TrainingInput
-from policies.registry import policy_named
+from policies.policy import Policy
 
 FORECAST_PERIOD: Final = 0.05
 """Simulated time between forecasts [s]: at most a degree of a demonstrated opening."""
@@ -35,21 +35,31 @@ FORECAST_PERIOD: Final = 0.05
 TaskT = TypeVar("TaskT", bound=Task)
 
 
-def run_job(job: Job) -> list[Result]:
+def run_job(job: Job, files: Files = NO_FILES) -> list[Result]:
     """Return a result per task; whatever goes wrong in a task is its result.
 
     BLAS runs on one thread, for the same sums in the same order everywhere.
+
+    Args:
+        job: Tasks of one policy.
+        files: Of policies that this machine may lack.
     """
     with threadpool_limits(limits=1, user_api="blas"):
+        try:
+            policy = policy_of(job[0], files)
+        except ValueError as error:
+            return _all_failed(job, error)
         episodes = [task for task in job if isinstance(task, EpisodeTask)]
         results = dict(
             zip(
-                (task.key for task in episodes), _episode_results(episodes), strict=True
+                (task.key for task in episodes),
+                _episode_results(episodes, policy),
+                strict=True,
             )
         )
         for task in job:
             if isinstance(task, SkillTask):
-                results[task.key] = _attempt([task], _skill_metrics)[0]
+                results[task.key] = _attempt([task], policy, _learning_metrics)[0]
     return [results[task.key] for task in job]
 
 
@@ -72,47 +82,59 @@ def episode_logs(tasks: Sequence[EpisodeTask]) -> tuple[EpisodeLog, ...]:
 
     Returns:
         The logs from which the tasks' metrics come.
+
+    Raises:
+        ValueError: The policy is not here, or another one.
     """
-    return _open(tasks, _learned(tasks[0]))
+    return _open(tasks, _learned(tasks[0], policy_of(tasks[0], NO_FILES)))
 
 
 def _origin(task: Task) -> Result:
-    return {"task": dataclasses.asdict(task), **code_state()}
+    return {"task": task.definition, **code_state()}
+
+
+def _all_failed(
+    tasks: Sequence[Task], error: Exception, policy: Policy | None = None
+) -> list[Result]:
+    """Return an error as the result of some tasks, with the place in the policy."""
+    reason, trace = f"{type(error).__name__}: {error}", traceback.format_exc()
+    if policy is not None and (place := where(error, policy)):
+        reason = f"{reason} ({place})"
+    return [failed(task, reason, trace) for task in tasks]
 
 
 def _attempt(
     tasks: Sequence[TaskT],
-    measure: Callable[[Sequence[TaskT]], Sequence[Mapping[str, Any]]],
+    policy: Policy,
+    measure: Callable[[Sequence[TaskT], Policy], Sequence[Mapping[str, Any]]],
 ) -> list[Result]:
     """Measure some tasks; the same error for all of them if it fails."""
     try:
         return [
             {**_origin(task), "metrics": _plain(metrics)}
-            for task, metrics in zip(tasks, measure(tasks), strict=True)
+            for task, metrics in zip(tasks, measure(tasks, policy), strict=True)
         ]
     # Anything: a policy that cannot learn or act is a finding of the study, and one
     # with a mistake in its code must not take the other policies' results along.
     except Exception as error:
-        reason, trace = f"{type(error).__name__}: {error}", traceback.format_exc()
-        return [failed(task, reason, trace) for task in tasks]
+        return _all_failed(tasks, error, policy)
 
 
-def _episode_results(tasks: Sequence[EpisodeTask]) -> list[Result]:
+def _episode_results(tasks: Sequence[EpisodeTask], policy: Policy) -> list[Result]:
     if not tasks:
         return []
     try:
-        agent_for = _learned(tasks[0])
+        agent_for = _learned(tasks[0], policy)
     except Exception as error:
-        reason, trace = f"{type(error).__name__}: {error}", traceback.format_exc()
-        return [failed(task, reason, trace) for task in tasks]
+        return _all_failed(tasks, error, policy)
 
-    def measure(some: Sequence[EpisodeTask]) -> list[dict[str, Any]]:
+    def measure(some: Sequence[EpisodeTask], _: Policy) -> list[dict[str, Any]]:
         return _episode_metrics(some, agent_for)
 
-    results = _attempt(tasks, measure)
+    results = _attempt(tasks, policy, measure)
     if len(tasks) > 1 and "error" in results[0]:
         # One door's error ends the lockstep of all: alone, the others are measured.
-        results = [_attempt([task], measure)[0] for task in tasks]
+        results = [_attempt([task], policy, measure)[0] for task in tasks]
     return results
 
 
@@ -125,10 +147,17 @@ def _episode_metrics(
     ]
 
 
-def _skill_metrics(tasks: Sequence[SkillTask]) -> list[Mapping[str, Any]]:
+def _learning_metrics(
+    tasks: Sequence[SkillTask], policy: Policy
+) -> list[Mapping[str, Any]]:
+    if policy.method is None:
+        raise ValueError(
+            f"policy {tasks[0].policy!r} learns no movement, so that there is nothing "
+            "to measure"
+        )
     return [
-        skill_metrics(
-            policy=task.policy,
+        method_metrics(
+            policy.method,
             seed=task.seed,
             demonstrations_per_door=task.demonstrations_per_door,
             teacher=task.teacher,
@@ -138,7 +167,7 @@ def _skill_metrics(tasks: Sequence[SkillTask]) -> list[Mapping[str, Any]]:
     ]
 
 
-def _learned(task: EpisodeTask) -> Callable[[float], Agent]:
+def _learned(task: EpisodeTask, policy: Policy) -> Callable[[float], Agent]:
     """Learn the task's policy; return what makes an agent for a door's radius [m]."""
     training = TrainingInput(
         demonstrations=Teacher(TeacherConfig(**task.teacher)).demonstrate_doors(
@@ -148,7 +177,7 @@ def _learned(task: EpisodeTask) -> Callable[[float], Agent]:
         ),
         seed=task.seed,
     )
-    return learned(policy_named(task.policy), training)
+    return learned(policy, training)
 
 
 def _open(

@@ -12,10 +12,11 @@ from typing import Final
 from experiments.episodes.doors import named_doors
 from experiments.learning_tests.folds import HELD_OUT
 from experiments.study.settings import TABLE_1_NAME, Condition, StudySettings
+from experiments.study.sources import chosen, source_of
 from experiments.study.tasks import EpisodeTask, SkillTask, Task
 from experiments.teacher import standard_teacher
 from gplfd_env.randomization import door_randomization
-from policies.registry import TABLE_1, policy_named
+from policies.registry import TABLE_1
 
 _NOISY: Final = (
     *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),
@@ -40,7 +41,7 @@ def checked(settings: StudySettings) -> StudySettings:
     """
     settings = dataclasses.replace(settings, policies=_policies(settings.policies))
     for policy in settings.policies:
-        policy_named(policy)
+        chosen(policy)
     named_doors(settings.doors)
     for name in settings.randomizations:
         door_randomization(name)
@@ -111,6 +112,7 @@ def episodes(
     for seed, policy, door in itertools.product(seeds, settings.policies, doors):
         yield EpisodeTask(
             policy=policy,
+            policy_source=source_of(chosen(policy)),
             door=door,
             door_config=dataclasses.asdict(doors[door]),
             seed=seed,
@@ -128,9 +130,10 @@ def learning_tests(settings: StudySettings, seed: int) -> Iterator[SkillTask]:
         settings.policies,
         HELD_OUT,
     ):
-        if policy_named(policy).method is not None:
+        if chosen(policy).method is not None:
             yield SkillTask(
                 policy=policy,
+                policy_source=source_of(chosen(policy)),
                 seed=seed,
                 demonstrations_per_door=number,
                 teacher=noisy_teacher(noise),

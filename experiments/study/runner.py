@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Generator, Sequence
+from functools import partial
 from pathlib import Path
 
 from experiments.files.plain_data import write_json
 from experiments.study.engines import Engine, Lost
 from experiments.study.engines.serial import Serial
 from experiments.study.jobs import failed, run_job
+from experiments.study.sources import files_of
 from experiments.study.store import is_finished, result_path, stored_result
 from experiments.study.tasks import Result, Task, jobs_of
 
@@ -29,9 +31,15 @@ def run_study(
     Yields:
         A result per task that ran, in the order in which they finish, when its file
         is written.
+
+    Raises:
+        ValueError: A file that a policy comes from has just changed.
+        OSError: A file cannot be read or written, or the engine not be reached.
     """
     missing = [task for task in study if not is_finished(stored_result(folder, task))]
-    finished = (engine or Serial()).run(run_job, jobs_of(missing))
+    files = files_of(missing)
+    work = partial(run_job, files=files) if files else run_job
+    finished = (engine or Serial()).run(work, jobs_of(missing))
     # Closed at once when the reader stops, so that no worker outlives an interruption.
     with contextlib.closing(finished):
         for job, outcome in finished:

@@ -48,7 +48,10 @@ def carry_out(
     """
     check_folder(folder)
     study = tasks(settings)
+    sources = {task.policy: task.policy_source for task in study}
     config = dataclasses.asdict(settings) | dict(options)
+    if own := {name: source for name, source in sources.items() if source}:
+        config["policy_sources"] = own
     write_json(folder / "study.json", provenance(config))
     write_settings(folder / "study.toml", settings)
     for reason in damaged_results(folder, study):

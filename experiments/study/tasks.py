@@ -21,6 +21,11 @@ Result = dict[str, Any]
 and ``metrics`` or, where the task failed, ``error`` and ``traceback``."""
 
 
+PolicySource = Mapping[str, str]
+"""``kind`` ("module" or "package"), ``distribution`` and ``version`` of a package, name
+and ``sha256`` of the ``file``."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Task:
     """The smallest part of a study; what all kinds of tasks have in common."""
@@ -33,11 +38,21 @@ class Task:
     """How often the teacher opens each of the three demonstrated doors."""
     teacher: Mapping[str, float] = field(default_factory=standard_teacher)
     """Fields of `experiments.teacher.TeacherConfig`."""
+    policy_source: PolicySource | None = None
+    """What names the content of a policy that is not this project's."""
+
+    @property
+    def definition(self) -> dict[str, Any]:
+        """Everything that defines the task, as a result file has it."""
+        fields = dataclasses.asdict(self)
+        if self.policy_source is None:
+            del fields["policy_source"]
+        return fields
 
     @property
     def key(self) -> str:
-        """Hash of everything that defines the task."""
-        text = json.dumps(dataclasses.asdict(self), sort_keys=True)
+        """Hash of the definition."""
+        text = json.dumps(self.definition, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -73,7 +88,7 @@ _KINDS: Final[Mapping[str, type[Task]]] = {"episode": EpisodeTask, "skill": Skil
 
 
 def task_from(record: Mapping[str, Any]) -> Task:
-    """Return the task of a result: the inverse of `dataclasses.asdict`.
+    """Return the task of a result: the inverse of `Task.definition`.
 
     Raises:
         ValueError: The record is not that of a task.
@@ -93,7 +108,7 @@ def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
     """
     groups: dict[str, dict[str, Task]] = {}
     for task in study:
-        definition = dataclasses.asdict(task)
+        definition = task.definition
         for name in ("door", "door_config"):
             definition.pop(name, None)
         group = groups.setdefault(json.dumps(definition, sort_keys=True), {})

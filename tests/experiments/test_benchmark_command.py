@@ -274,30 +274,44 @@ def test_a_folder_that_cannot_be_written_ends_with_status_2(
     assert "taken" in capsys.readouterr().err
 
 
-STUDY = ["--policies", "oracle", "--doors", "small", "--seeds", "5", "--no-skill"]
+WAITING = """\
+import time
+from pathlib import Path
+from policies import make_agent
+
+def make(training):
+    while training.seed >= int(Path("allowed").read_text()):
+        time.sleep(0.02)
+    return make_agent("oracle", training.demonstrations, radius=training.radius)
+"""
+"""A policy that learns from as many seeds as a file allows, and waits for more."""
+
+STUDY = ["--policies", "waiting:make", "--doors", "small", "--seeds", "5", "--no-skill"]
 
 
-def stopped_by(sent: signal.Signals, out: Path, results: int) -> tuple[int, str]:
-    """Run the study, stop it when it has some results; return status and stderr."""
-    process = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "gplfd", "benchmark", *STUDY),
-            *("--out", str(out), "--workers", "1"),
-        ],
+def started(folder: Path, out: str, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "gplfd", "benchmark", *STUDY, "--out", out, *arguments],
+        cwd=folder,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
     )
-    deadline = time.monotonic() + 120.0
-    while len(files(out)) < results and process.poll() is None:
-        assert time.monotonic() < deadline
+
+
+def stopped_by(sent: signal.Signals, folder: Path, results: int) -> tuple[int, str]:
+    """Stop a study that waits after some results; return its status and stderr."""
+    (folder / "allowed").write_text(str(results))
+    process = started(folder, "stopped", "--workers", "1")
+    while len(files(folder / "stopped")) < results:
+        assert process.poll() is None
         time.sleep(0.02)
     if sent is signal.SIGINT:
         os.killpg(process.pid, sent)  # what a terminal does
     else:
         process.send_signal(sent)
     # Ends when the last process that could write has ended: the workers, too.
-    _, printed = process.communicate(timeout=30)
+    _, printed = process.communicate()
     return process.returncode, printed
 
 
@@ -315,23 +329,26 @@ def timeless(path: Path) -> Any:
     return {"task": result["task"], "metrics": metrics}
 
 
-def test_a_study_that_was_stopped_twice_is_as_one_that_was_not(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    out, whole = tmp_path / "stopped", tmp_path / "whole"
-    status, printed = stopped_by(signal.SIGINT, out, 1)
+def test_a_study_that_was_stopped_twice_is_as_one_that_was_not(tmp_path: Path) -> None:
+    (tmp_path / "waiting.py").write_text(WAITING)
+    status, printed = stopped_by(signal.SIGINT, tmp_path, 1)
     assert status == 130
-    assert "gplfd: interrupted; files already written are complete" in printed
+    last = printed.splitlines()[-1]
+    assert last == "gplfd: interrupted; files already written are complete"
     assert "Traceback" not in printed
-    interrupted = {path: path.read_bytes() for path in files(out)}
-    assert 1 <= len(interrupted) < 5
-    status, _ = stopped_by(signal.SIGKILL, out, len(interrupted) + 1)
+    interrupted = {path: path.read_bytes() for path in files(tmp_path / "stopped")}
+    assert len(interrupted) == 1
+    status, _ = stopped_by(signal.SIGKILL, tmp_path, 3)
     assert status == -signal.SIGKILL
-    assert len(files(out)) < 5
-    assert main(["benchmark", *STUDY, "--out", str(out), "--workers", "2"]) == 0
-    assert benchmark(whole, *STUDY) == 0
-    assert [path.name for path in files(out)] == [path.name for path in files(whole)]
-    for path, other in zip(files(out), files(whole), strict=True):
+    assert len(files(tmp_path / "stopped")) == 3
+    (tmp_path / "allowed").write_text("5")
+    for out, workers in (("stopped", "2"), ("whole", "1")):
+        process = started(tmp_path, out, "--workers", workers)
+        _, printed = process.communicate()
+        assert process.returncode == 0, printed
+    stopped, whole = files(tmp_path / "stopped"), files(tmp_path / "whole")
+    assert [path.name for path in stopped] == [path.name for path in whole]
+    for path, other in zip(stopped, whole, strict=True):
         assert timeless(path) == timeless(other)
     # What was finished was not done again.
     assert all(path.read_bytes() == content for path, content in interrupted.items())

@@ -16,6 +16,9 @@ import pytest
 from experiments.study.engines import ATTEMPTS, Lost, engine_named
 from experiments.study.engines.processes import Processes
 from experiments.study.engines.serial import Serial
+from experiments.study.plan import checked, tasks
+from experiments.study.runner import run_study
+from experiments.study.settings import StudySettings
 
 # The work of these tests are local functions, which travel to workers by value.
 
@@ -186,6 +189,27 @@ def test_a_dask_cluster_brings_every_item_back(scheduler: str, tmp_path: Path) -
         item: item**2 for item in (0, 1, 2, 3, 5, 7)
     }
     assert os.getpid() not in {process for _, process in finished.values()}
+
+
+def test_a_policy_of_one_s_own_travels_to_the_cluster(
+    scheduler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its workers run in other folders, and outlive a version of the file."""
+    source = "def make(training):\n    raise RuntimeError({!r})\n"
+    for version in ("first", "second"):
+        folder = tmp_path / version
+        folder.mkdir()
+        monkeypatch.chdir(folder)
+        Path("travelling.py").write_text(source.format(version))
+        monkeypatch.delitem(sys.modules, "travelling", raising=False)
+        settings = StudySettings(
+            policies=("travelling:make",), doors=("small",), seeds=1
+        )
+        study = tasks(checked(settings))
+        engine = engine_named("dask", address=scheduler)
+        (result,) = run_study(folder / "study", study, engine)
+        assert result["error"].startswith(f"RuntimeError: {version} (travelling_")
+        assert result["error"].endswith(".py, line 2, in make)")
 
 
 @pytest.fixture

@@ -6,13 +6,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from experiments.learning_tests.methods import learn, method_named
+from experiments.learning_tests.methods import learn
 from experiments.learning_tests.prior_mean import prior_mean_used
 from experiments.teacher import Teacher
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
 from policies.method import Method, TrainingInput
 from policies.movement import Movement
+from policies.registry import POLICIES
 from policies.trajectory import GaussianTrajectory
 
 DEMONSTRATIONS = Teacher().demonstrate_doors(
@@ -88,12 +89,12 @@ def test_correcting_the_prior_mean_everywhere_is_not_returning_to_it() -> None:
 @pytest.mark.parametrize("policy", ["gp", "gp-paper", "local-gp"])
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_processes_return_to_the_prior_mean(policy: str) -> None:
-    assert used_by(method_named(policy)) == pytest.approx(1.0, abs=1e-6)
+    assert used_by(POLICIES[policy].method) == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("policy", ["dmp", "promp", "gmr", "kmp", "gmm-gp"])
 def test_methods_that_take_none_have_no_share(policy: str) -> None:
-    assert used_by(method_named(policy)) is None
+    assert used_by(POLICIES[policy].method) is None
 
 
 def test_failures_are_not_hidden() -> None:

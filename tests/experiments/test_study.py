@@ -64,6 +64,7 @@ CHANGES = {
     "teacher": {"noise_bandwidth": 2.0},
     "randomization": "mild",
     "held_out": "radius",
+    "policy_source": {"kind": "module", "file": "mine.py", "sha256": "ab12"},
 }
 
 
@@ -97,10 +98,14 @@ def test_another_standard_teacher_makes_another_task(monkeypatch):
 
 @pytest.mark.parametrize(
     "task",
-    [episode(randomization="hard"), SkillTask(policy="gp", seed=3, held_out="radius")],
+    [
+        episode(randomization="hard"),
+        episode(policy_source=CHANGES["policy_source"]),
+        SkillTask(policy="gp", seed=3, held_out="radius"),
+    ],
 )
 def test_a_file_tells_its_task(task):
-    stored = json.loads(json.dumps(dataclasses.asdict(task)))
+    stored = json.loads(json.dumps(task.definition))
     assert task_from(stored) == task
     assert task_from(stored).key == task.key
 
@@ -222,7 +227,7 @@ def test_result_file_says_what_made_it(tmp_path, runs):
     list(run_study(tmp_path, study))
     for task in study:
         stored = json.loads((tmp_path / "tasks" / f"{task.key}.json").read_text())
-        assert stored["task"] == dataclasses.asdict(task)
+        assert stored["task"] == task.definition
         assert stored["versions"] == dict(provenance.versions())
         assert stored["git"] == provenance.code_state()["git"]
 

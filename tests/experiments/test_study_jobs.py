@@ -162,16 +162,16 @@ def test_a_learning_test_is_measured_without_a_robot(
 ) -> None:
     asked = []
 
-    def skill_metrics(**options: Any) -> dict[str, Any]:
-        asked.append(options)
+    def method_metrics(method: Any, **options: Any) -> dict[str, Any]:
+        asked.append({"method": method, **options})
         return {"nlpd": -2.0, "far": math.nan, "cpu": {"2": math.inf, "6": (1.0, 2)}}
 
-    monkeypatch.setattr(jobs, "skill_metrics", skill_metrics)
+    monkeypatch.setattr(jobs, "method_metrics", method_metrics)
     one = SkillTask(policy="gp", seed=4, held_out="radius", demonstrations_per_door=3)
     (result,) = run_job((one,))
     assert asked == [
         {
-            "policy": "gp",
+            "method": registry.POLICIES["gp"].method,
             "seed": 4,
             "demonstrations_per_door": 3,
             "teacher": one.teacher,
@@ -185,6 +185,11 @@ def test_a_learning_test_is_measured_without_a_robot(
         "far": None,
         "cpu": {"2": None, "6": [1.0, 2]},
     }
+
+
+def test_what_learns_nothing_has_no_learning_test() -> None:
+    (result,) = run_job((SkillTask(policy="oracle", seed=0, held_out="radius"),))
+    assert "policy 'oracle' learns no movement" in result["error"]
 
 
 def test_metrics_that_json_cannot_express_are_an_error(

@@ -1,0 +1,50 @@
+"""``gplfd learn``: a skill from demonstrations, in a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from experiments.commands.options import Quiet
+from experiments.interruption import postponed_interruption
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Learn:
+    """Learn a skill from demonstrations and keep it in a file.
+
+    The file holds arrays only, no code; `gplfd run --skill FILE` and
+    `policies.load_skill` read it.
+    """
+
+    demonstrations: Annotated[
+        Path, tyro.conf.Positional, tyro.conf.arg(metavar="DEMOS.npz")
+    ]
+    """File of demonstrations, such as demonstrations.npz of a `gplfd run`."""
+
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
+    """File to write; one that is there already is replaced."""
+
+    policy: str = "gp"
+    """Policy whose skill to learn: gp or one of its variants; see `gplfd list`."""
+
+    seed: int = 0
+    """Seeds whatever is random in the learning, 0 or more."""
+
+    quiet: Quiet = False
+    """Show no progress, only results."""
+
+    def execute(self) -> int:
+        """Learn, and print how to use the file."""
+        with postponed_interruption():
+            from experiments.skills import learn_skill
+
+        skill = learn_skill(
+            self.demonstrations, self.out, policy=self.policy, seed=self.seed
+        )
+        print(f"{self.out}: {skill}")
+        print(f"open doors with it:  gplfd run --skill {self.out}")
+        return 0

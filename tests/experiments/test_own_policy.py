@@ -1,0 +1,283 @@
+"""A policy of the user's: found, checked at once, run, studied, reported, recorded."""
+
+import dataclasses
+import json
+import os
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from experiments import cli
+from experiments.episodes.agents import reported_errors, where
+from experiments.files.names import file_name
+from experiments.files.provenance import content_hash
+from experiments.report.recordings import recording_name
+from experiments.study.sources import NO_FILES, chosen, files_of, policy_of, source_of
+from experiments.study.tasks import EpisodeTask, task_from
+from gplfd_env.config import door_config
+from policies.registry import policy_named
+
+OWN = """\
+import numpy as np
+from policies import TrainingInput, make_agent
+
+class Still:
+    def act(self, observation):
+        return np.zeros(6)
+
+def make(training: TrainingInput):
+    \"\"\"Stays where it is.\"\"\"
+    return Still()
+
+class Failing:
+    def act(self, observation):
+        return 1 / 0
+
+def failing(training):
+    return Failing()
+
+def refusing(training):
+    raise FileNotFoundError("no weights")
+"""
+SHORT = ("--doors", "small", "--seeds", "1", "--no-skill")
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Write a module into the working folder; its name is its own in this process."""
+    monkeypatch.chdir(tmp_path)
+    name = f"own_{tmp_path.name.replace('-', '_')}"
+    Path(f"{name}.py").write_text(OWN)
+    return name
+
+
+def gplfd(*arguments: str) -> int:
+    try:
+        return cli.main(arguments)
+    except SystemExit as error:
+        return int(error.code or 0)
+
+
+@pytest.mark.parametrize("form", ["{}:make", "./{}.py:make"])
+def test_run_keeps_which_file_the_policy_came_from(module: str, form: str) -> None:
+    name = form.format(module)
+    assert gplfd("run", "--policy", name, "--doors", "small", "--out", "out") == 0
+    (metrics,) = json.loads(Path("out/metrics.json").read_text())
+    assert (metrics["policy"], metrics["success"]) == (name, False)
+    assert json.loads(Path("out/run.json").read_text())["config"]["policy_source"] == {
+        "kind": "module",
+        "file": f"{module}.py",
+        "sha256": content_hash(Path(f"{module}.py")),
+    }
+    assert Path("out/small.rrd").exists()
+
+
+def test_folders_have_names_that_a_file_system_takes(module: str) -> None:
+    name = f"./{module}.py:make"
+    assert gplfd("run", "--policy", name, "--doors", "small", "--quiet") == 0
+    (folder,) = Path("results").iterdir()
+    assert folder.name == f"{file_name(name)}-seed0"
+    assert re.fullmatch(r"[\w-]+", folder.name, re.ASCII)
+    assert (folder / "metrics.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("policy", "message"),
+    [
+        ("{}:makee", "has no 'makee'; it has"),
+        ("nowhere_at_all:make", "there is no module 'nowhere_at_all'"),
+        ("nowhere.py:make", "there is no file"),
+        ("{}:np.pi", "is a float; it must be a function"),
+        ("{}", "or give one of your own as module:function"),
+    ],
+)
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("run", "--policy"),
+        ("benchmark", "--policies"),
+        ("demos", "record", "--policy"),
+        ("view", "--live", "--serve", "--policy"),
+    ],
+)
+def test_what_is_no_policy_is_refused_before_any_work(
+    module: str,
+    capsys: pytest.CaptureFixture[str],
+    command: tuple[str, ...],
+    policy: str,
+    message: str,
+) -> None:
+    assert gplfd(*command, policy.format(module)) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith("gplfd: ")
+    assert message in said
+    assert [path.name for path in Path().glob("[!_]*")] == [f"{module}.py"]
+
+
+@pytest.mark.parametrize(
+    ("function", "error", "line"),
+    [
+        ("failing", "ZeroDivisionError: division by zero", "line 14, in act"),
+        ("refusing", "FileNotFoundError: no weights", "line 20, in refusing"),
+    ],
+)
+def test_an_error_in_the_policy_is_reported_with_its_place(
+    module: str,
+    capsys: pytest.CaptureFixture[str],
+    function: str,
+    error: str,
+    line: str,
+) -> None:
+    name = f"{module}:{function}"
+    place = f"{error} ({module}.py, {line})"
+    assert gplfd("run", "--policy", name, "--doors", "small", "--out", "out") == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said == f"gplfd: policy '{name}' failed with {place}"
+    study = ("benchmark", "--policies", name, *SHORT, "--out", "study")
+    assert gplfd(*study, "--engine", "serial") == 1
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said == f"gplfd: {name}, small, seed 0: {place}"
+    (file,) = Path("study/tasks").glob("*.json")
+    trace = json.loads(file.read_text())["traceback"]
+    assert f'{module}.py", {line}' in trace
+
+
+def test_a_study_with_workers_keeps_the_source_in_every_file(module: str) -> None:
+    name = f"{module}:make"
+    study = ("benchmark", "--policies", "oracle", name, "--doors", "small", "0.42")
+    assert gplfd(*study, "--seeds", "1", "--workers", "2", "--out", "study") == 0
+    source = source_of(policy_named(name))
+    results = [json.loads(p.read_text()) for p in Path("study/tasks").iterdir()]
+    said = {r["task"]["policy"]: r["task"].get("policy_source") for r in results}
+    assert said == {"oracle": None, name: source}
+    assert all(
+        ("policy_source" in r["task"]) is (r["task"]["policy"] == name) for r in results
+    )
+    config = json.loads(Path("study/study.json").read_text())["config"]
+    assert config["policy_sources"] == {name: source}
+    # From its own settings it is the same study again: nothing is left to do.
+    before = {p: p.read_bytes() for p in Path("study/tasks").iterdir()}
+    again = ("benchmark", "--config", "study/study.toml", "--out", "study")
+    assert gplfd(*again, "--engine", "serial") == 0
+    assert {p: p.read_bytes() for p in Path("study/tasks").iterdir()} == before
+
+
+def test_a_policy_of_one_s_own_is_recorded_and_reported(module: str) -> None:
+    name = f"{module}:make"
+    study = ("benchmark", "--policies", "gp-fixed", name, *SHORT, "--doors", "0.5")
+    assert gplfd(*study, "--engine", "serial", "--record", "--out", "study") == 0
+    recordings = {path.name for path in Path("study/recordings").iterdir()}
+    assert recording_name(name, "best") in recordings
+    assert "comparison.rrd" in recordings
+    assert gplfd("report", "study") == 0
+    text = Path("study/report.md").read_text()
+    assert f"`{name}`: `kind module, file {module}.py, sha256" in text
+
+
+def planned(name: str) -> EpisodeTask:
+    return EpisodeTask(
+        policy=name,
+        policy_source=source_of(chosen(name)),
+        door="small",
+        door_config=dataclasses.asdict(door_config("small")),
+        seed=0,
+    )
+
+
+@pytest.fixture
+def elsewhere(
+    module: str, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[], None]:
+    """Return what moves to a folder without the module, and forgets it."""
+
+    def go() -> None:
+        os.chdir(tmp_path_factory.mktemp("elsewhere"))
+        sys.modules.pop(module, None)
+
+    return go
+
+
+def test_the_file_travels_to_where_it_is_missing(
+    module: str, elsewhere: Callable[[], None]
+) -> None:
+    task = planned(f"{module}:make")
+    files = files_of(
+        [task, dataclasses.replace(task, policy="oracle", policy_source=None)]
+    )
+    assert list(files) == [task.policy]
+    stored = task_from(json.loads(json.dumps(task.definition)))
+    assert isinstance(stored, EpisodeTask)
+    elsewhere()
+    policy = policy_of(stored, files)
+    assert policy.summary == "Stays where it is."
+    assert source_of(policy) != task.policy_source  # its file has the content's name
+    assert policy.origin is not None
+    assert task.policy_source is not None
+    assert policy.origin.sha256 == task.policy_source["sha256"]
+    with pytest.raises(ValueError, match="there is no module"):
+        policy_of(stored, NO_FILES)
+
+
+def test_another_content_is_not_the_policy_that_was_planned(module: str) -> None:
+    task = planned(f"{module}:make")
+    source = {**(task.policy_source or {}), "sha256": "0" * 64}
+    other = dataclasses.replace(task, policy_source=source)
+    assert other.key != task.key
+    with pytest.raises(ValueError, match="is not the one that the task was planned"):
+        policy_of(other, NO_FILES)
+
+
+def test_a_file_that_changed_while_it_was_planned_is_refused(module: str) -> None:
+    task = planned(f"{module}:make")
+    Path(f"{module}.py").write_text(OWN + "\n")
+    with pytest.raises(ValueError, match="has just changed"):
+        files_of([task])
+
+
+def test_what_the_file_needs_must_be_installed_elsewhere(
+    module: str, elsewhere: Callable[[], None]
+) -> None:
+    Path(f"helper_of_{module}.py").write_text("")
+    Path(f"{module}.py").write_text(f"import helper_of_{module}\n{OWN}")
+    task = planned(f"{module}:make")
+    files = files_of([task])
+    elsewhere()
+    sys.modules.pop(f"helper_of_{module}")
+    with pytest.raises(ValueError, match="a policy is a single file; install"):
+        policy_of(task, files)
+
+
+def test_errors_elsewhere_are_nobody_s() -> None:
+    policy = policy_named("oracle")
+    with pytest.raises(KeyError) as raised, reported_errors("oracle", policy):
+        raise KeyError("mine")
+    assert where(raised.value, policy) == ""
+
+
+def test_names_of_files_are_different_for_different_names() -> None:
+    names = ["gp", "a:b", "a/b", "a_b", "ü" * 99]
+    made = {file_name(name) for name in names}
+    assert len(made) == len(names)
+    assert file_name("gp-paper") == "gp-paper"
+    assert all(re.fullmatch(r"[\w-]{1,70}", name, re.ASCII) for name in made)
+
+
+def test_list_says_where_packaged_policies_come_from(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from experiments import catalogue
+    from policies.user_policies import PackagedPolicy
+
+    offered: list[Any] = [
+        PackagedPolicy(name="theirs", package="robots 1.2", policy=policy_named("gp")),
+        PackagedPolicy(name="bad", package="more 3", policy=None, problem="no module"),
+    ]
+    monkeypatch.setattr(catalogue, "packaged_policies", lambda taken: tuple(offered))
+    assert gplfd("list") == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"  theirs  heteroscedastic GP, .* \(robots 1.2\)\n", printed)
+    assert "  bad     no module (more 3)\n" in printed

@@ -1,0 +1,75 @@
+"""`gplfd learn` and `gplfd run --skill`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments import cli
+from experiments.datasets.npz import save_demonstrations
+from experiments.teacher import DEMONSTRATED_RADII, Teacher
+from policies.skill import load_skill
+
+
+@pytest.fixture(autouse=True)
+def demonstrations(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write demonstrations to the working folder."""
+    monkeypatch.chdir(tmp_path)
+    shown = Teacher().demonstrate_doors(
+        DEMONSTRATED_RADII, 2, rng=np.random.default_rng(0)
+    )
+    save_demonstrations("demos.npz", shown)
+
+
+def metrics(folder: str) -> dict[str, Any]:
+    (one,) = json.loads(Path(folder, "metrics.json").read_text())
+    return {name: value for name, value in one.items() if "latency" not in name}
+
+
+def test_a_kept_skill_opens_doors_as_one_that_was_just_learned(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.main(["learn", "demos.npz", "--out", "new/skill.npz", "--quiet"]) == 0
+    assert "gplfd run --skill new/skill.npz" in capsys.readouterr().out
+    assert load_skill("new/skill.npz").count == 6
+    kept = ["run", "--skill", "new/skill.npz", "--doors", "0.42", "--quiet"]
+    new = ["run", "--demonstrations", "demos.npz", "--doors", "0.42", "--quiet"]
+    assert cli.main([*kept, "--out", "a"]) == 0
+    assert cli.main([*new, "--out", "b"]) == 0
+    assert metrics("a") == metrics("b")
+    first, second = (
+        json.loads(Path(folder, "run.json").read_text())["config"] for folder in "ab"
+    )
+    assert len(first["skill_sha256"]) == 64
+    assert second["skill_sha256"] is None
+    # Another policy follows the same skill in its own way.
+    assert cli.main([*kept, "--policy", "gp-constant-stiffness", "--out", "c"]) == 0
+    assert metrics("c")["force_radial_peak"] != metrics("a")["force_radial_peak"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["learn", "none.npz", "--out", "s"], "there is no file none.npz"),
+        (["learn", "demos.npz", "--out", "s", "--policy", "promp"], "'promp' learns"),
+        (["learn", "demos.npz", "--out", "s", "--policy", "oracle"], "choose one of"),
+        (["learn", "demos.npz", "--out", "s", "--seed", "-1"], "--seed -1 must be 0"),
+        (["learn", "demos.npz", "--out", "demos.npz/s"], "--out demos.npz is a file"),
+        (["run", "--skill", "none.npz"], "there is no file none.npz"),
+        (["run", "--skill", "demos.npz"], "demos.npz cannot be read as a gplfd skill"),
+        (["run", "--skill", "demos.npz", "--policy", "kmp"], "'kmp' learns no skill"),
+        (
+            ["run", "--skill", "a", "--demonstrations", "b"],
+            "leave out --demonstrations",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said_and_nothing_written(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(arguments) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert message in said
+    assert [path.name for path in Path().iterdir()] == ["demos.npz"]
