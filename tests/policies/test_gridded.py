@@ -75,6 +75,7 @@ def test_any_movement_that_adapts_is_a_policy(skill):
     np.testing.assert_allclose(readapted, online, atol=1e-12)
 
 
+@pytest.mark.bits
 def test_members_are_looked_up_as_each_alone(skill, demonstrations):
     other = fit_skill(align(demonstrations[:4]))
     alone = [GriddedPolicy(one, ProcessAdaptation, 50) for one in (skill, other, skill)]
