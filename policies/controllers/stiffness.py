@@ -11,6 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import expit
 
+from policies.records import read_only
+
 __all__ = [
     "DEFAULT_DYNAMICS",
     "DEFAULT_PROFILE",
@@ -158,13 +160,12 @@ class VirtualDynamics:
 
 def _six(name: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, " 6"]:
     """Return a read-only float64 copy, or raise unless it is (6,) and finite."""
-    array = np.array(values, dtype=np.float64)
+    array = read_only(np.asarray(values))
     if array.shape != (6,) or not np.isfinite(array).all():
         raise ValueError(
             f"{name} must be six finite numbers, x y z and rotations about them, got "
             f"{values!r}"
         )
-    array.flags.writeable = False
     return array
 
 
