@@ -95,7 +95,7 @@ class DynamicMovementPrimitive(LearnedMovement):
     """
 
     config: DMPConfig
-    """Its constants."""
+    """Constants of the primitive."""
     start: Float[np.ndarray, " 6"]
     """Pose at the first demonstrated phase [m, rad]."""
     goal: Float[np.ndarray, " 6"]

@@ -74,7 +74,7 @@ class _Product:
     """Everything about the weighted product at M times."""
 
     mean: Float[np.ndarray, "M 6"]
-    """μ."""
+    """The product's mean μ."""
     variance: Float[np.ndarray, "M 6"]
     """The product's variance v, noise included."""
     shares: Float[np.ndarray, "C M 6"]

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
+from policies.aligned import thinned
 from policies.baselines.gmr import GaussianMixtureRegression
 
 
@@ -118,7 +119,7 @@ class Evidence:
 
     regression: GaussianMixtureRegression
     times: Float[np.ndarray, " T"]
-    """Phases that enter."""
+    """Phases of the demonstrations that enter."""
     residual: Float[np.ndarray, " P"]
     """Average demonstration minus m(t), standardised, output by output; P = 6 T."""
     scatter: float
@@ -136,9 +137,7 @@ class Evidence:
     ) -> "Evidence":
         """The evidence of the regression's own demonstrations at ``phases`` of them."""
         aligned = regression.aligned
-        chosen = np.unique(
-            np.linspace(0, len(aligned.times) - 1, phases).round().astype(int)
-        )
+        chosen = thinned(len(aligned.times), phases)
         times = aligned.times[chosen]
         samples = regression.standardisation.apply(aligned.poses[:, chosen])
         average = samples.mean(axis=0)

@@ -74,7 +74,7 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
     """A Gaussian distribution over movements; made by `fit_promp`, immutable."""
 
     config: ProMPConfig
-    """Its constants."""
+    """Constants of the primitive."""
     weight_mean: Float[np.ndarray, " W"]
     """μ, with W = 6 B."""
     weight_covariance: Float[np.ndarray, "W W"]

@@ -2,10 +2,11 @@
 
 The method of Umlauft, Fanger and Hirche (*Bayesian Uncertainty Modeling for Programming
 by Demonstration*, ICRA 2017), a row of Table 1 in Arduengo et al., *Gaussian-Process-
-based Robot Learning from Demonstration*, arXiv:2002.09979. How uncertain the mean is,
-and how much demonstrations vary, are learned apart: the former is the variance of a
-Gaussian process, the latter a covariance matrix of all outputs that changes with time,
-inferred as a generalised Wishart process (`policies.baselines.wishart_process`).
+based Robot Learning from Demonstration*, arXiv:2002.09979. The uncertainty of the
+mean and the variation of the demonstrations are learned separately: the former is the
+variance of a Gaussian process, the latter a covariance matrix of all outputs that
+changes with time, inferred as a generalised Wishart process
+(`policies.baselines.wishart_process`).
 
 This is a **reconstruction**: it was written without access to the original, from its
 abstract and how others describe it. Assumed here:
@@ -33,21 +34,18 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from policies.aligned import AlignedDemonstrations
+from policies.aligned import FINEST, AlignedDemonstrations, thinned
 from policies.baselines.wishart_process import (
     WishartLikelihood,
     WishartPosterior,
     WishartPrior,
     sample_posterior,
 )
-from policies.gp.heteroscedastic import HeteroscedasticGP
 from policies.gp.multi_output import MultiOutputGP
 from policies.gp.noise import HomoscedasticNoise
 from policies.movement import LearnedMovement
 from policies.trajectory import GaussianTrajectory, checked_times
 
-_SMALLEST_STD = 1e-6
-"""No output varies by less than a micrometre or a microradian."""
 _SHRINKAGE = 1e-6
 """Share of independence in the pooled correlations: outputs may be proportional."""
 
@@ -173,17 +171,10 @@ def fit_wishart_gp(
             "more, or choose a policy without a spread."
         )
     deviations = poses - poses.mean(axis=0)
-    kept = np.linspace(0, len(times) - 1, config.times).round().astype(int)
-    kept = np.unique(kept)
-    noise = HomoscedasticNoise()
+    kept = thinned(len(times), config.times)
     with threadpool_limits(limits=1, user_api="blas"):
-        processes = MultiOutputGP(
-            outputs=tuple(
-                HeteroscedasticGP.fit(
-                    times, poses[:, :, output], noise, centred=centred
-                )
-                for output in range(6)
-            )
+        processes = MultiOutputGP.fit(
+            times, poses, HomoscedasticNoise(), centred=centred
         )
         prior = WishartPrior.over(
             (float(times[0]), float(times[-1])),
@@ -210,7 +201,7 @@ def _pooled_covariance(
     """Covariance of deviations from the average, over all phases; positive definite."""
     free = (len(deviations) - 1) * deviations.shape[1]
     std = np.sqrt(np.sum(deviations**2, axis=(0, 1)) / free)
-    std = np.maximum(std, _SMALLEST_STD)
+    std = np.maximum(std, FINEST)
     scaled = (deviations / std).reshape(-1, 6)
     correlation = scaled.T @ scaled / free
     correlation *= 1.0 - _SHRINKAGE
