@@ -164,6 +164,9 @@ def _dataset(folder: Path, metadata: Mapping[str, Any], sha256: str) -> Dataset:
         raise ValueError(
             f"the data set does not say with which {', '.join(missing)} it was made"
         )
+    n_episodes = entry(metadata, "total_episodes", int)
+    if n_episodes < 1:
+        raise ValueError("the data set holds no episode")
     environment, arguments = _environment(entry(metadata, "env_spec", str))
     return Dataset(
         path=folder,
@@ -173,7 +176,7 @@ def _dataset(folder: Path, metadata: Mapping[str, Any], sha256: str) -> Dataset:
         environment=environment,
         arguments=arguments,
         origin={"minari": entry(metadata, "minari_version", str), **origin},
-        n_episodes=entry(metadata, "total_episodes", int),
+        n_episodes=n_episodes,
     )
 
 
