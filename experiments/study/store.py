@@ -15,8 +15,8 @@ def made_by_other_code(folder: Path, study: Iterable[Task]) -> int:
     """Count the results that `run_study` would keep although other code made them.
 
     Other code is another git commit, a checkout with edits where this one has none or
-    the reverse, or other package versions. Two different edits of one commit cannot be
-    told apart.
+    the reverse, or other package versions. Two different edits of one commit count as
+    the same code.
     """
     stored = (stored_result(folder, task) for task in study)
     return sum(

@@ -41,7 +41,7 @@ from experiments.teacher import Teacher
 from gplfd_env import ENVIRONMENT_ID
 from policies.demonstrations import Demonstration
 
-VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "5"))
+VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "8"))
 """Files per kind of file and of damage."""
 MOST_MEMORY = 100 * 2**20
 """Bytes that reading any of these files may take: an archive may unpack to 64 MiB."""

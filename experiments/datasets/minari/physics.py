@@ -7,7 +7,6 @@ import importlib
 import math
 import platform
 from collections.abc import Iterator, Mapping
-from types import MappingProxyType
 from typing import Any, Final
 
 import mujoco
@@ -19,19 +18,6 @@ FloatArray = NDArray[np.float64]
 
 _STATE: Final = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 """All that a step reads: with it, MuJoCo continues bit for bit."""
-
-_PREFIX: Final = "mjSTATE_"
-
-FIELDS: Final[Mapping[str, int]] = MappingProxyType(
-    {
-        name.removeprefix(_PREFIX).lower(): int(bit)
-        for name, bit in sorted(
-            mujoco.mjtState.__members__.items(), key=lambda item: int(item[1])
-        )
-        if name.startswith(_PREFIX) and int(bit).bit_count() == 1 and int(bit) & _STATE
-    }
-)
-"""The parts of the state by name, in the order in which they lie in it."""
 
 _HASHED_STRUCTS: Final = ("opt", "stat")
 _DIGITS: Final = 16
@@ -46,8 +32,16 @@ def physics_state(model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
 
 def state_layout(model: mujoco.MjModel) -> dict[str, int]:
     """How many numbers of the state each part has, in order; empty parts left out."""
-    sizes = {name: mujoco.mj_stateSize(model, bit) for name, bit in FIELDS.items()}
+    sizes = {
+        name.removeprefix("mjSTATE_").lower(): mujoco.mj_stateSize(model, int(bit))
+        for name, bit in sorted(mujoco.mjtState.__members__.items(), key=_bit)
+        if int(bit).bit_count() == 1 and int(bit) & _STATE
+    }
     return {name: size for name, size in sizes.items() if size}
+
+
+def _bit(member: tuple[str, Any]) -> int:
+    return int(member[1])
 
 
 def model_digests(model: mujoco.MjModel) -> dict[str, str]:
