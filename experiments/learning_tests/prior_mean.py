@@ -13,8 +13,6 @@ from policies.learning import NO_PRIOR_MEAN
 from policies.movement import Movement
 from policies.prior_mean import PosePath
 
-__all__ = ["prior_mean_used"]
-
 _DISPLACEMENT: Final = np.array([0.1, 0.0, -0.1, 0.0, 0.3, 0.0])
 """How far the prior mean is from the demonstrations' [m, rad]."""
 _FAR: Final = np.linspace(20.0, 21.0, 11)

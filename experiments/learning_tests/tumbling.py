@@ -1,7 +1,7 @@
 """A made-up task with a known answer: a hand that turns over while it moves on.
 
 Its outputs vary independently of each other by known amounts, and its orientation
-turns by more than π about changing axes. It tells what the teacher's doors cannot:
+turns by more than π about changing axes. It shows what the teacher's doors cannot:
 whether outputs that are learned together get in each other's way, and whether large
 rotations are learned as well as small ones.
 """
@@ -20,8 +20,6 @@ from experiments.learning_tests.accuracy import density, rms_rotation
 from experiments.learning_tests.methods import Learned, Method, learn
 from experiments.teacher.random_motion import smooth_functions
 from policies.demonstrations import Demonstration
-
-__all__ = ["TUMBLE_STD", "tumble", "tumbled_rotations", "tumbling"]
 
 FloatArray = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from experiments.learning_tests.scores import CRITERIA, Criterion, Mark, mark
+from experiments.learning_tests.criteria import CRITERIA, Criterion, Mark, mark
 from experiments.report.document import Block, Items, Paragraph, Section, Table
 from experiments.results.grouping import by_condition, by_policy, named
 from experiments.results.records import LearningTest

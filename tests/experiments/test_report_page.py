@@ -10,7 +10,7 @@ import pytest
 
 from experiments import cli
 from experiments.figures import style
-from experiments.learning_tests.scores import CRITERIA
+from experiments.learning_tests.criteria import CRITERIA
 from experiments.report.document import Document, Items, Paragraph, Section, Table
 from experiments.report.html import html_page, inline
 from experiments.report.markdown import markdown_page
