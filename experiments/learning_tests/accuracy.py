@@ -36,7 +36,7 @@ def root_mean_square(values: FloatArray | Sequence[float]) -> float:
 
 
 def density(mean: FloatArray, std: FloatArray, truth: FloatArray) -> float | None:
-    """Negative log predictive density per number, outputs and phases apart.
+    """Negative log predictive density per number, each by itself.
 
     Args:
         mean: Predicted, (M, d).
@@ -76,7 +76,7 @@ def inside(
 
 
 def spread_followed(std: FloatArray, poses: FloatArray) -> float | None:
-    """Tell how closely a standard deviation follows the demonstrations' spread.
+    """Return how closely a standard deviation follows the demonstrations' spread.
 
     Args:
         std: Predicted at the phases of the demonstrations, (M, 6); NaN for a method

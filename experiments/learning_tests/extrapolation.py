@@ -33,8 +33,8 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     1.4 to 1.5, over that at the end of what was learned, 0.95 to 1: geometric mean of
     x, z and θu_y. That of the end, not of all phases, because demonstrations of
     different doors spread more and more: a method that just holds the last spread
-    has 1. What was left out goes on in its own time, and tells how much of it was
-    within the normal 95 % interval there. What becomes of a prior mean is asked much
+    has 1. What was left out goes on in its own time; the share of it within the
+    normal 95 % interval there is counted. What becomes of a prior mean is asked much
     farther beyond (`experiments.learning_tests.prior_mean.prior_mean_used`).
 
     Args:

@@ -1,4 +1,4 @@
-"""A policy's skill in numbers: what it learned, held against what it did not see.
+"""A policy's skill in numbers: what it learned, compared with what it did not see.
 
 No robot and no simulator: demonstrations are left out, predicted, and adapted to. The
 same for every method, by name.
@@ -39,8 +39,8 @@ import numpy as np
 from experiments.episodes.metrics import log_dimensionless_jerk
 from experiments.learning_tests.accuracy import accuracy, averaged, spread_followed
 from experiments.learning_tests.extrapolation import beyond
-from experiments.learning_tests.folds import Fold, folds, lay
-from experiments.learning_tests.methods import cpu_seconds, learn, method_named
+from experiments.learning_tests.folds import Fold, aligned_to, folds
+from experiments.learning_tests.methods import cpu_seconds, learn
 from experiments.learning_tests.tumbling import tumbling
 from experiments.learning_tests.via_points import adaptation
 from experiments.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
@@ -53,39 +53,6 @@ _GROWN: Final = 0.1
 """Before this phase demonstrations have hardly begun to differ."""
 
 
-def skill_metrics(
-    policy: str,
-    *,
-    seed: int,
-    demonstrations_per_door: int,
-    teacher: Mapping[str, float],
-    held_out: str,
-) -> dict[str, Any]:
-    """Measure one policy on the synthetic human's demonstrations.
-
-    Args:
-        policy: A key of `policies.registry.POLICIES`.
-        seed: Seeds teacher and policy, and chooses what is left out.
-        demonstrations_per_door: How often each of the three doors is demonstrated.
-        teacher: Fields of `experiments.teacher.TeacherConfig`.
-        held_out: "demonstration" or "radius"; see `folds` of `learning_tests.folds`.
-
-    Returns:
-        Numbers by name, as this module lists them; plain data without NaN.
-
-    Raises:
-        ValueError: An unknown policy or one that learns nothing, another
-            ``held_out``, or demonstrations that the policy cannot learn from.
-    """
-    return method_metrics(
-        method_named(policy),
-        seed=seed,
-        demonstrations_per_door=demonstrations_per_door,
-        teacher=teacher,
-        held_out=held_out,
-    )
-
-
 def method_metrics(
     method: Method,
     *,
@@ -94,7 +61,22 @@ def method_metrics(
     teacher: Mapping[str, float],
     held_out: str,
 ) -> dict[str, Any]:
-    """Measure a method that need not be a policy; arguments as of `skill_metrics`."""
+    """Measure a method on the synthetic human's demonstrations.
+
+    Args:
+        method: How to learn and to adapt.
+        seed: Seeds teacher and learning, and chooses what is left out.
+        demonstrations_per_door: How often each of the three doors is demonstrated.
+        teacher: Fields of `experiments.teacher.TeacherConfig`.
+        held_out: "demonstration" or "radius"; see `folds` of `learning_tests.folds`.
+
+    Returns:
+        Numbers by name, as this module lists them; plain data without NaN.
+
+    Raises:
+        ValueError: Another ``held_out``, or demonstrations that the method cannot learn
+            from.
+    """
     recorded = Teacher(TeacherConfig(**teacher)).demonstrate_doors(
         DEMONSTRATED_RADII, demonstrations_per_door, rng=np.random.default_rng(seed)
     )
@@ -102,12 +84,12 @@ def method_metrics(
         recorded[first : first + demonstrations_per_door]
         for first in range(0, len(recorded), demonstrations_per_door)
     ]
-    apart = folds(doors, held_out, seed)
+    every = folds(doors, held_out, seed)
     metrics: dict[str, Any] = averaged(
-        [score for fold in apart for score in _scores(method, fold, seed)]
+        [score for fold in every for score in _scores(method, fold, seed)]
     )
     if held_out == "demonstration":
-        return {**metrics, **beyond(method, apart[0], seed)}
+        return {**metrics, **beyond(method, every[0], seed)}
     return {**metrics, **tumbling(method, seed)}
 
 
@@ -117,10 +99,10 @@ def _scores(
     """Every score of every demonstration that a fold leaves out."""
     learned = learn(method, fold.given, seed)
     movement = learned.movement
-    laid = [lay(one, movement.aligned) for one in fold.left_out]
-    asked = [one.thinned(_SAMPLES) for one in laid]
+    left_out = [aligned_to(one, movement.aligned) for one in fold.left_out]
+    asked = [one.thinned(_SAMPLES) for one in left_out]
     shared = {
-        **adaptation(method, learned, laid),
+        **adaptation(method, learned, left_out),
         **_of_the_movement(movement),
         "cpu_fit_s": learned.cpu_s,
         "cpu_predict_s": _prediction_time(movement),

@@ -1,7 +1,7 @@
 """A made-up task with a known answer: a hand that turns over while it moves on.
 
 Its outputs vary independently of each other by known amounts, and its orientation
-turns by more than π about changing axes. It tells what the teacher's doors cannot:
+turns by more than π about changing axes. It shows what the teacher's doors cannot:
 whether outputs that are learned together get in each other's way, and whether large
 rotations are learned as well as small ones.
 """

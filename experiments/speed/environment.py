@@ -65,7 +65,7 @@ def _opening(environment_id: str) -> tuple[dict[str, Timed], Callable[[], bool]]
     all steps, and the servo's gains wherever a step has changed them.
 
     Returns:
-        ``step`` and ``physics``; and what tells whether the latter, when it last ran,
+        ``step`` and ``physics``; and what answers whether the latter, when it last ran,
         ended bit for bit in the same state.
     """
     env: Any = gym.make(environment_id, door="medium").unwrapped

@@ -20,7 +20,8 @@ from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import episode_metrics
 from experiments.episodes.rollouts import rollouts
 from experiments.files.provenance import code_state
-from experiments.learning_tests.scores import skill_metrics
+from experiments.learning_tests.methods import method_named
+from experiments.learning_tests.scores import method_metrics
 from experiments.study.tasks import EpisodeTask, Job, Result, SkillTask, Task
 from experiments.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
 from gplfd_env import ENVIRONMENT_ID
@@ -127,8 +128,8 @@ def _episode_metrics(
 
 def _skill_metrics(tasks: Sequence[SkillTask]) -> list[Mapping[str, Any]]:
     return [
-        skill_metrics(
-            policy=task.policy,
+        method_metrics(
+            method_named(task.policy),
             seed=task.seed,
             demonstrations_per_door=task.demonstrations_per_door,
             teacher=task.teacher,

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from experiments.episodes.metrics import EpisodeMetrics
+from experiments.learning_tests.methods import method_named
 from experiments.study import jobs
 from experiments.study.engines.processes import Processes
 from experiments.study.jobs import episode_logs, run_job
@@ -162,16 +163,16 @@ def test_a_learning_test_is_measured_without_a_robot(
 ) -> None:
     asked = []
 
-    def skill_metrics(**options: Any) -> dict[str, Any]:
+    def method_metrics(method: object, **options: Any) -> dict[str, Any]:
+        assert method == method_named("gp")
         asked.append(options)
         return {"nlpd": -2.0, "far": math.nan, "cpu": {"2": math.inf, "6": (1.0, 2)}}
 
-    monkeypatch.setattr(jobs, "skill_metrics", skill_metrics)
+    monkeypatch.setattr(jobs, "method_metrics", method_metrics)
     one = SkillTask(policy="gp", seed=4, held_out="radius", demonstrations_per_door=3)
     (result,) = run_job((one,))
     assert asked == [
         {
-            "policy": "gp",
             "seed": 4,
             "demonstrations_per_door": 3,
             "teacher": one.teacher,
