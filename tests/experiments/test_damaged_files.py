@@ -380,15 +380,13 @@ def arrays(folder: Path, _: EpisodeLog) -> Case:
 CASES: dict[Callable[[Path, EpisodeLog], Case], tuple[Mutation, ...]] = {
     demonstrations: DAMAGES + FORGERIES,
     episode_log: DAMAGES + FORGERIES,
+    skill: DAMAGES + FORGERIES,
     settings: DAMAGES + EDITS,
     plain_json: DAMAGES + EDITS,
     result: DAMAGES + EDITS,
     metadata: DAMAGES + EDITS,
     arrays: (*DAMAGES, forge_hdf5),
 }
-# INTEGRATION: make this an entry of CASES once `policies.load_skill` is here.
-if hasattr(policies, "load_skill"):
-    CASES[skill] = DAMAGES + FORGERIES
 
 
 @pytest.mark.parametrize(
