@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from experiments.learning_tests.accuracy import inside
 from experiments.learning_tests.folds import Fold
 from experiments.learning_tests.methods import learn
 from experiments.learning_tests.prior_mean import prior_mean_used
@@ -54,16 +53,14 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
             "prior_mean_used": used,
         }
     ratios = outside.mean(axis=0) / border.mean(axis=0)
-    shares: list[float] = []
+    shares = []
     for demonstration in fold.left_out:
         size = len(_start(demonstration).times)
         times = demonstration.times - demonstration.times[0]
         ahead = slice(size, None)
         asked = times[ahead] / times[size - 1]
-        predicted = movement.predict(asked)
-        share = inside(predicted.mean, predicted.std, demonstration.poses[ahead])
-        if share is not None:
-            shares.append(share)
+        truth = demonstration.poses[ahead]
+        shares.append(movement.predict(asked).coverage(truth, normal=True))
     return {
         "uncertainty_growth": float(np.exp(np.mean(np.log(ratios)))),
         "coverage_95_beyond": float(np.mean(shares)),

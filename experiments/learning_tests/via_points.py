@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from experiments.learning_tests.accuracy import (
     averaged,
-    inside,
+    known,
     rms_distance,
     rms_rotation,
 )
@@ -125,14 +125,14 @@ def _rest(
 
         _, total = cpu_seconds(observe)
         cpu_s = total / len(seen)
-    mean, std = adapted.mean[ahead], adapted.std[ahead]
+    rest = adapted.trajectory()[ahead]
     return {
-        "rmse_rest_position_m": rms_distance(mean, truth[ahead]),
-        "rmse_rest_rotation_rad": rms_rotation(mean, truth[ahead]),
+        "rmse_rest_position_m": rms_distance(rest.mean, truth[ahead]),
+        "rmse_rest_rotation_rad": rms_rotation(rest.mean, truth[ahead]),
         "rmse_rest_unadapted_position_m": rms_distance(
             before.mean[ahead], truth[ahead]
         ),
-        "rest_coverage_95": inside(mean, std, truth[ahead]),
+        "rest_coverage_95": known(rest.coverage(truth[ahead], normal=True)),
         "cpu_adapt_s": cpu_s,
     }
 

@@ -26,7 +26,7 @@ from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
 from policies.demonstrations import Demonstration
 from policies.method import Method, TrainingInput
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from policies.trajectory import GaussianTrajectory, ViaPoint, white_covariance
 
 RADII = (0.35, 0.50, 0.65)
 Curve = Callable[[np.ndarray], np.ndarray]
@@ -87,7 +87,12 @@ class Shifted:
         self.std = 0.25 * self.std
 
     def trajectory(self) -> GaussianTrajectory:
-        raise AssertionError("nobody needs rates or covariances")
+        return GaussianTrajectory.from_moments(
+            self._grid,
+            self.mean,
+            self.std,
+            functools.partial(white_covariance, self.std**2),
+        )
 
 
 class Untaught(Method):
