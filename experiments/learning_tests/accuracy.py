@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gplfd_env.se3 import rotation_distance
+from policies.aligned import FINEST
 from policies.trajectory import GaussianTrajectory
 
 FloatArray = NDArray[np.float64]
 
 _LEVELS: Final = (0.50, 0.90, 0.95)
-_SMALLEST_STD: Final = 1e-6
-"""No pose is known more finely than a micrometre or a microradian."""
 
 
 def rms_distance(poses: FloatArray, truth: FloatArray) -> float:
@@ -50,7 +49,7 @@ def spread_followed(std: FloatArray, poses: FloatArray) -> float | None:
     spread = poses.std(axis=0, ddof=1)
     if not np.isfinite(std).all():
         return None
-    logs = [np.log(np.maximum(each, _SMALLEST_STD)) for each in (std, spread)]
+    logs = [np.log(np.maximum(each, FINEST)) for each in (std, spread)]
     got, true = (each - each.mean(axis=0) for each in logs)
     varies = np.sum(true**2, axis=0) > 0.0
     if not varies.any():

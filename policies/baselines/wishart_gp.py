@@ -34,6 +34,7 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
+from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import FINEST, AlignedDemonstrations, thinned
 from policies.baselines.wishart_process import (
     WishartLikelihood,
@@ -58,39 +59,26 @@ class WishartGPConfig:
         ValueError: if a value is outside its range.
     """
 
-    degrees: int = 7
-    """Degrees of freedom ν of the Wishart process, at least 6."""
-    length_scale: float = 0.15
-    """Length-scale of the variability, in phase, 0.02 to 10."""
-    floor: float = 1e-3
-    """Share of the pooled covariance below which the variability never falls, at least
-    1e-8 and below 1."""
-    times: int = 50
-    """Number of phases whose deviations are learned from, at least 2; all of them if
-    the demonstrations have fewer."""
-    steps: int = 1500
+    degrees: int = quantity(7, low=6)
+    """Degrees of freedom ν of the Wishart process, at least as many as outputs."""
+    length_scale: float = quantity(0.15, low=0.02, high=10.0)
+    """Length-scale of the variability, in phase."""
+    floor: float = quantity(1e-3, low=1e-8, below=1.0)
+    """Share of the pooled covariance below which the variability never falls."""
+    times: int = quantity(50, low=2)
+    """Number of phases whose deviations are learned from; all of them if the
+    demonstrations have fewer."""
+    steps: int = quantity(1500, low=1)
     """Steps of the elliptical slice sampler."""
-    discarded: int = 500
+    discarded: int = quantity(500, low=0)
     """Steps at the beginning that are left out, fewer than ``steps``."""
 
     def __post_init__(self) -> None:
-        if self.degrees < 6:
+        check_quantities(self)
+        if self.discarded >= self.steps:
             raise ValueError(
-                f"degrees must be at least 6, the number of outputs; got "
-                f"{self.degrees}."
-            )
-        if not 0.02 <= self.length_scale <= 10.0:
-            raise ValueError(
-                f"length_scale must be in [0.02, 10], got {self.length_scale}."
-            )
-        if not 1e-8 <= self.floor < 1.0:
-            raise ValueError(f"floor must be in [1e-8, 1), got {self.floor}.")
-        if self.times < 2:
-            raise ValueError(f"times must be at least 2, got {self.times}.")
-        if not 0 <= self.discarded < self.steps:
-            raise ValueError(
-                "discarded must be at least 0 and less than steps, got "
-                f"discarded={self.discarded} and steps={self.steps}."
+                f"discarded must be less than steps, got {self.discarded} and "
+                f"{self.steps}."
             )
 
 

@@ -163,14 +163,14 @@ def test_one_demonstration_is_refused():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"degrees": 5}, "degrees must be at least 6.*got 5"),
-        ({"length_scale": 0.01}, r"length_scale must be in \[0.02, 10\], got 0.01"),
-        ({"length_scale": np.nan}, "length_scale must be in"),
-        ({"floor": 0.0}, r"floor must be in \[1e-8, 1\), got 0.0"),
-        ({"floor": 1.0}, "floor must be in"),
-        ({"times": 1}, "times must be at least 2, got 1"),
-        ({"discarded": -1}, "discarded must be at least 0"),
-        ({"steps": 500}, "less than steps, got discarded=500 and steps=500"),
+        ({"degrees": 5}, "degrees = 5 must be a whole number from 6"),
+        ({"length_scale": 0.01}, r"length_scale = 0.01 is outside \[0.02, 10\]"),
+        ({"length_scale": np.nan}, "length_scale = nan is outside"),
+        ({"floor": 0.0}, r"floor = 0.0 is outside \[1e-08, 1\)"),
+        ({"floor": 1.0}, "floor = 1.0 is outside"),
+        ({"times": 1}, "times = 1 must be a whole number from 2"),
+        ({"discarded": -1}, "discarded = -1 must be a whole number from 0"),
+        ({"steps": 500}, "discarded must be less than steps, got 500 and 500"),
     ],
 )
 def test_impossible_configurations_are_refused(values, message):
