@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from policies import PosePath, align, make_agent
+from policies import AlignedDemonstrations, PosePath, align, make_agent
 
 
 def test_a_skill_says_what_it_was_learned_from(skill):
@@ -39,3 +39,13 @@ def test_no_record_fills_the_screen(skill):
     for record in (skill.processes, output, output.noise, output.replicates):
         assert len(repr(record)) < 500
         assert repr(record).startswith(type(record).__name__)
+
+
+def test_arrays_have_one_order_in_memory(demonstrations):
+    """Sums depend on it: a copy through a file or a pickle must not change them."""
+    aligned = align(demonstrations, n_samples=20)
+    turned = np.ascontiguousarray(aligned.poses.transpose(1, 2, 0)).transpose(2, 0, 1)
+    assert not turned.flags.c_contiguous
+    record = AlignedDemonstrations(times=aligned.times, poses=turned)
+    assert record.poses.flags.c_contiguous
+    assert not record.poses.flags.writeable
