@@ -11,10 +11,11 @@ import pytest
 
 from experiments import cli
 from experiments.commands.speed import PartName
+from experiments.files.table import text_table
 from experiments.speed import fit, peers, timing
 from experiments.speed.known_process import KnownProcess
 from experiments.speed.parts import PARTS, announcement
-from experiments.speed.report import at_least, at_most, between, text_table
+from experiments.speed.report import at_least, at_most, between, value_table
 from experiments.speed.scores import score
 from experiments.speed.timing import Timed, Timing, after, measure, repeated
 from policies.dynamic_time_warping import dynamic_time_warping
@@ -243,14 +244,13 @@ def test_libraries_are_compared_on_the_same_data() -> None:
 
 
 def test_table_is_aligned_text_with_four_digits() -> None:
-    table = text_table(
-        "what", {"long name": {"ms": 1.23456, "word": "yes"}, "b": {"ms": 12345.6}}
+    table = value_table(
+        {"long name": {"ms": 1.23456, "word": "yes"}, "b": {"ms": 12345.6}}
     )
-    assert table.splitlines() == [
-        "what",
-        "                ms  word",
-        "  long name  1.235   yes",
-        "  b          12346     -",
+    assert text_table(table).splitlines() == [
+        "              ms  word",
+        "long name  1.235   yes",
+        "b          12346     -",
     ]
 
 
