@@ -1,18 +1,14 @@
-"""What MuJoCo's future depends on: the physics state, the model, and the arithmetic."""
+"""What MuJoCo's future depends on: the physics state and the model."""
 
 from __future__ import annotations
 
 import hashlib
-import importlib
-import math
-import platform
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_info
 
 FloatArray = NDArray[np.float64]
 
@@ -78,32 +74,3 @@ def _contents(model: mujoco.MjModel) -> Iterator[tuple[str, Any]]:
                     yield f"{name}_{field}", value
         elif isinstance(value := getattr(model, name), np.ndarray):
             yield name, value
-
-
-def arithmetic() -> dict[str, str]:
-    """What of this machine decides the last bits of a result.
-
-    MuJoCo, the C library's sine and the linear algebra library choose their code by the
-    processor, and round differently.
-    """
-    # Libraries show once they are loaded, and SciPy brings its own.
-    importlib.import_module("scipy.linalg")
-    kernels = {
-        f"{pool['internal_api']} {pool['version']} {pool.get('architecture', '')}"
-        for pool in threadpool_info()
-        if pool["user_api"] == "blas"
-    }
-    return {
-        "system": platform.system(),
-        "machine": platform.machine(),
-        "C library": " ".join(platform.libc_ver()).strip(),
-        "elementary functions": _elementary_functions(),
-        "linear algebra": ", ".join(sorted(kernels)),
-    }
-
-
-def _elementary_functions() -> str:
-    """Hash of what the C library's functions return, which depends on the processor."""
-    numbers = np.linspace(-3.0, 3.0, 1001).tolist()
-    values = [(math.sin(x), math.cos(x), math.exp(x), math.atan(x)) for x in numbers]
-    return hashlib.sha256(np.array(values).tobytes()).hexdigest()[:_DIGITS]
