@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from policies import AlignedDemonstrations, PosePath, align, make_agent
+from policies import POLICIES, AlignedDemonstrations, PosePath, align
+from policies.method import TrainingInput
 
 
 def test_a_skill_says_what_it_was_learned_from(skill):
@@ -12,7 +13,8 @@ def test_a_skill_says_what_it_was_learned_from(skill):
 
 @pytest.mark.parametrize("name", ["dmp", "promp", "gmr", "kmp"])
 def test_every_movement_says_so(name, demonstrations):
-    movement = make_agent(name, demonstrations).policy.movement
+    training = TrainingInput(demonstrations=demonstrations)
+    movement = POLICIES[name].method.learn(training)
     shown = repr(movement)
     assert shown.startswith(f"{type(movement).__name__}(6 demonstrations, 200 phases, ")
 
