@@ -160,9 +160,8 @@ def _left_out(
             adaptation.observe(ViaPoint(phase=float(times[place]), pose=seen, std=_STD))
             if stage > 0:
                 predicted = adaptation.trajectory()
-                low, high = predicted.interval(0.95)
                 error = ((opening - predicted.mean) ** 2)[place + every :, _PLANE]
-                inside = ((opening >= low) & (opening <= high))[place + every :, _PLANE]
+                inside = predicted.inside(opening)[place + every :, _PLANE]
                 soon = error[:_SOON].mean(), inside[:_SOON].mean()
                 yield *soon, error.mean(), inside.mean()
 

@@ -12,7 +12,7 @@ import tyro
 
 from experiments.speed.known_process import KnownProcess
 from experiments.speed.report import Measurement, at_most, measure_all
-from experiments.speed.timing import measure, repeated
+from experiments.speed.timing import Action, measure, repeated
 from policies.skill import fit_skill
 
 
@@ -43,15 +43,7 @@ def measure_scaling(
     """
     rng = np.random.default_rng(0)
     sizes = list(itertools.product(counts, samples))
-    fits = {
-        (count, size): repeated(
-            partial(
-                fit_skill,
-                KnownProcess.on_grid(size).demonstrations(count, "independent", rng),
-            )
-        )
-        for count, size in sizes
-    }
+    fits = {size: repeated(_fit(*size, rng)) for size in sizes}
     with warnings.catch_warnings():
         # Two demonstrations are few, and `fit_skill` says so.
         warnings.simplefilter("ignore", UserWarning)
@@ -79,6 +71,11 @@ def measure_scaling(
             at_most("scaling: exponent in samples", in_samples, 0.15),
         ),
     )
+
+
+def _fit(count: int, samples: int, rng: np.random.Generator) -> Action:
+    process = KnownProcess.on_grid(samples)
+    return partial(fit_skill, process.demonstrations(count, "independent", rng))
 
 
 def main(

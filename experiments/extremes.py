@@ -62,8 +62,20 @@ def record_extremes(
     conditions = by_condition(read_results(folder).episodes)
     standard = [one for one in next(iter(conditions.values()), []) if not one.error]
     out = folder / FOLDER
-    entries, comparisons = [], []
-    for policy, own in by_policy(standard).items():
+    index = {
+        "order": _ORDER,
+        "episodes": _record_each(out, standard, progress),
+        "comparisons": _record_comparisons(out, standard, reference, progress),
+    }
+    write_json(out / INDEX, index)
+    return out / INDEX
+
+
+def _record_each(
+    out: Path, episodes: Sequence[EpisodeResult], progress: Callable[[str], None]
+) -> list[dict[str, Any]]:
+    entries = []
+    for policy, own in by_policy(episodes).items():
         for rank, episode in extremes(own).items():
             file = recording_name(policy, rank)
             progress(file)
@@ -71,15 +83,23 @@ def record_extremes(
             entries.append({"file": file, "rank": rank, **entry})
             if again is not None:
                 record_episode(out / file, again.log, again.model, again.demonstrations)
+    return entries
+
+
+def _record_comparisons(
+    out: Path,
+    episodes: Sequence[EpisodeResult],
+    reference: str,
+    progress: Callable[[str], None],
+) -> list[dict[str, Any]]:
+    entries = []
     radii = sorted(DEMONSTRATED_RADII)
     shown = (radii[len(radii) // 2], radii[-1])
     for file, radius in zip(COMPARISONS, shown, strict=True):
-        if compared := same_door(standard, radius, reference):
+        if compared := same_door(episodes, radius, reference):
             progress(file)
-            comparisons.append(_compare(out / file, compared))
-    index = {"order": _ORDER, "episodes": entries, "comparisons": comparisons}
-    write_json(out / INDEX, index)
-    return out / INDEX
+            entries.append(_compare(out / file, compared))
+    return entries
 
 
 def extremes(episodes: Sequence[EpisodeResult]) -> dict[str, EpisodeResult]:

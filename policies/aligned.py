@@ -3,9 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from policies.records import freeze, short_repr
+
+FINEST = 1e-6
+"""No pose is known, scaled or predicted more finely than to a micrometre or a
+microradian."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -50,3 +54,8 @@ class AlignedDemonstrations:
             raise ValueError(
                 f"duration must be positive and finite [s], got {self.duration}"
             )
+
+
+def thinned(size: int, most: int) -> Int[np.ndarray, " N"]:
+    """Return at most ``most`` of ``size`` indices, evenly spread, with both ends."""
+    return np.unique(np.linspace(0, size - 1, most).round().astype(int))

@@ -16,7 +16,6 @@ from threadpoolctl import threadpool_limits
 
 from policies.aligned import AlignedDemonstrations
 from policies.gp.deviations import DeviationProcess, fit_deviations
-from policies.gp.heteroscedastic import HeteroscedasticGP
 from policies.gp.kersting import KerstingNoise
 from policies.gp.multi_output import MultiOutputGP, OutputMoments
 from policies.gp.noise import HomoscedasticNoise, MapNoise
@@ -109,8 +108,8 @@ class Skill(LearnedMovement):
 
         Args:
             times: phases, shape (M,). Outside the demonstrated range the mean returns
-                to the prior mean, the demonstrations' average unless `fit_skill` was
-                told otherwise, and the uncertainty grows.
+                to the prior mean, the demonstrations' average or zero (see
+                `fit_skill`), and the uncertainty grows.
 
         Raises:
             ValueError: if there are no times, or one is not finite.
@@ -228,13 +227,10 @@ def fit_skill(
         raise ValueError("Aligned demonstrations must be finite; found NaN or inf.")
     # Matrices of fifty rows: sharing them out among threads costs ten times the work.
     with threadpool_limits(limits=1, user_api="blas"):
-        outputs = tuple(
-            HeteroscedasticGP.fit(times, poses[:, :, output], noise, centred=centred)
-            for output in range(poses.shape[2])
-        )
+        processes = MultiOutputGP.fit(times, poses, noise, centred=centred)
     if len(poses) <= _FEW:
         warnings.warn(_few_demonstrations(len(poses)), UserWarning, stacklevel=2)
-    return Skill(aligned=aligned, processes=MultiOutputGP(outputs=outputs))
+    return Skill(aligned=aligned, processes=processes)
 
 
 def _few_demonstrations(count: int) -> str:

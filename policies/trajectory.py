@@ -9,11 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri, stdtrit
 
+from policies.aligned import FINEST
 from policies.records import freeze, read_only, short_repr
 from policies.trajectory_csv import write_csv
-
-_FINEST = 1e-6
-"""No pose is predicted more finely than to a micrometre or a microradian."""
 
 
 def checked_times(times: np.ndarray) -> Float[np.ndarray, " M"]:
@@ -151,7 +149,7 @@ class GaussianTrajectory:
         Raises:
             ValueError: if ``level`` is not in (0, 1).
         """
-        width = self._quantile(level, normal) * np.maximum(self.std, _FINEST)
+        width = self._quantile(level, normal) * np.maximum(self.std, FINEST)
         return np.asarray(np.abs(poses - self.mean) <= width)
 
     def coverage(
@@ -180,7 +178,7 @@ class GaussianTrajectory:
         Args:
             poses: observed at `times`, shape (..., M, 6).
         """
-        std = np.maximum(self.std, _FINEST)
+        std = np.maximum(self.std, FINEST)
         error = (poses - self.mean) / std
         terms = 0.5 * np.log(2.0 * np.pi) + np.log(std) + 0.5 * error**2
         return float(np.mean(terms))

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.datasets.minari.episode import RecordedEpisode, Recorder
-from experiments.datasets.minari.physics import arithmetic
 from experiments.datasets.minari.reading import Dataset
 from experiments.datasets.minari.writing import REPRODUCING
-from experiments.files.provenance import versions
+from experiments.files.provenance import arithmetic, versions
 from experiments.progress import progress_bar
 
 Array = NDArray[Any]

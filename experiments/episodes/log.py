@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, get_origin
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -147,6 +147,14 @@ class EpisodeLog:
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
+    def __repr__(self) -> str:
+        """Return which episode it is, and how it ended, in one line."""
+        ended = "opened" if self.success else self.failure or "not opened"
+        return (
+            f"EpisodeLog({self.policy} on {self.door}, seed {self.seed}, "
+            f"{len(self.times)} steps, {ended})"
+        )
+
     @property
     def radius(self) -> float:
         """Distance from hinge to handle [m]."""
@@ -177,7 +185,11 @@ class EpisodeLog:
     @classmethod
     def _of(cls, members: Members) -> "EpisodeLog":
         arrays: dict[str, Any] = {name: members(name) for name in ARRAYS}
-        return cls(**(settings(members("header")) | arrays))
+        header = settings(members("header"))
+        for name, declared in _HEADER.items():
+            if not isinstance(header.get(name), declared):
+                raise ValueError(f"its {name} is {header.get(name)!r:.40}")
+        return cls(**(header | arrays))
 
 
 ARRAYS: Final[Mapping[str, Any]] = MappingProxyType(
@@ -194,6 +206,9 @@ PER_STEP: Final = tuple(
 )
 """Arrays with a row per control step."""
 
-_HEADER: Final = tuple(
-    field.name for field in dataclasses.fields(EpisodeLog) if field.name not in ARRAYS
-)
+_HEADER: Final[Mapping[str, Any]] = {
+    field.name: get_origin(field.type) or field.type
+    for field in dataclasses.fields(EpisodeLog)
+    if field.name not in ARRAYS
+}
+"""Every other field with its type, by name."""

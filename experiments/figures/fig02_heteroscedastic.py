@@ -109,9 +109,8 @@ def measure(seed: int) -> LocalNoise:
 
 def _inside(fresh: FloatArray, policy: GaussianTrajectory) -> FloatArray:
     """Share of fresh heights (count, M) inside a policy's 95 % band, (M,)."""
-    low, high = policy.interval()
-    inside = (fresh >= low[:, HEIGHT]) & (fresh <= high[:, HEIGHT])
-    share: FloatArray = inside.mean(axis=0)
+    poses = np.repeat(fresh[..., None], 6, axis=-1)
+    share: FloatArray = policy.inside(poses)[..., HEIGHT].mean(axis=0)
     return share
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from experiments.figures import style
 from experiments.figures.material import Entry
@@ -44,6 +45,8 @@ _DEMONSTRATIONS: Final = 10
 _STRONG: Final = (0.3, 0.04, 0.001)
 """Phase, shift from the demonstrations' mean [m], standard deviation [m]."""
 _WEAK: Final = (0.7, -0.04, 0.03)
+_HALF_WIDTH: Final = float(ndtri(0.975))
+"""Half of a normal 95 % interval, in standard deviations."""
 _FAR: Final = 0.95
 """From here on a via-point at phase 0.7 should change nothing: the end is fixed."""
 
@@ -141,7 +144,7 @@ def draw(shown: ViaPoints) -> Figure:
 
 def _draw_via_points(axes: Axes, via_points: tuple[ViaPoint, ViaPoint]) -> None:
     for via_point in via_points:
-        half = 1.959964 * float(np.asarray(via_point.std)[HEIGHT])
+        half = _HALF_WIDTH * float(np.asarray(via_point.std)[HEIGHT])
         axes.errorbar(
             via_point.phase,
             via_point.pose[HEIGHT],

@@ -8,7 +8,6 @@ conditioning of the demonstrated process.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -59,9 +58,7 @@ class Forecast:
 
     def coverage(self) -> float:
         """Share of the true x and z inside their 95 % intervals."""
-        low, high = (bound[self.known] for bound in self.rest.interval())
-        inside = (self.truth >= low) & (self.truth <= high)
-        return float(inside[:, PLANE].mean())
+        return float(self.rest[self.known].inside(self.truth)[:, PLANE].mean())
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -109,15 +106,7 @@ def _forecasts(log: EpisodeLog, agent: Agent, rows: list[int]) -> Iterator[Forec
 def _after(policy: GaussianTrajectory, phase: float) -> GaussianTrajectory:
     """A policy's part after a phase."""
     first = int(np.searchsorted(policy.times, phase, side="right"))
-    return dataclasses.replace(
-        policy,
-        times=policy.times[first:],
-        mean=policy.mean[first:],
-        std=policy.std[first:],
-        mean_rate=policy.mean_rate[first:],
-        std_rate=policy.std_rate[first:],
-        covariance_function=lambda: policy.covariance[:, first:, first:],
-    )
+    return policy[first:]
 
 
 def _truth(log: EpisodeLog, phases: FloatArray) -> FloatArray:

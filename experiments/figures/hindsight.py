@@ -14,7 +14,7 @@ def decisions(log: EpisodeLog, agent: Agent) -> Iterator[AgentStep]:
     """Show an agent the observations of a logged episode, row by row.
 
     Nothing is simulated: the door has moved as it has moved, whatever this agent
-    decides. The agent of the log repeats its decisions; another one tells what it
+    decides. The agent of the log repeats its decisions; another one says what it
     would have made of the same observations.
 
     Returns:

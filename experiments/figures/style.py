@@ -118,7 +118,7 @@ def write_figure(figure: Figure, folder: Path, name: str) -> None:
     Raises:
         OSError: A file cannot be written.
     """
-    # The panels are laid out once, not again for each file.
+    # The panels are arranged once, not again for each file.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     for suffix, metadata in (

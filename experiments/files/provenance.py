@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib.metadata
+import math
 import os
 import platform
 import subprocess
@@ -14,6 +15,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
+
+import numpy as np
+from threadpoolctl import threadpool_info
 
 PACKAGES: Final = ("gplfd", "mujoco", "gymnasium", "numpy", "scipy", "rerun-sdk")
 """Distributions whose versions can change a result or a recording."""
@@ -56,13 +60,14 @@ def content_hash(path: Path) -> str:
 
 @functools.cache
 def code_state() -> Mapping[str, Any]:
-    """Which code this process runs: package ``versions`` and ``git`` state.
+    """What this process runs: package ``versions``, ``git`` state and ``arithmetic``.
 
     Looked up once: what is edited or committed later is not what was loaded.
     """
     state = {
         "versions": dict(versions()),
         "git": git_state(Path(__file__).resolve().parents[2]),
+        "arithmetic": dict(arithmetic()),
     }
     return MappingProxyType(state)
 
@@ -77,6 +82,38 @@ def versions() -> Mapping[str, str]:
         except importlib.metadata.PackageNotFoundError:
             found[name] = "unknown"
     return MappingProxyType(found)
+
+
+@functools.cache
+def arithmetic() -> Mapping[str, str]:
+    """What of this machine decides the last bits of a result, as texts by name.
+
+    MuJoCo, the C library's sine, NumPy's vectors and the linear algebra library choose
+    their code by the processor, and round differently; see docs/reproducibility.md.
+    """
+    # Libraries show once they are loaded, and SciPy brings its own.
+    importlib.import_module("scipy.linalg")
+    kernels = {
+        f"{pool['internal_api']} {pool['version']} {pool.get('architecture', '')}"
+        for pool in threadpool_info()
+        if pool["user_api"] == "blas"
+    }
+    numbers = np.linspace(-3.0, 3.0, 1001)
+    alone = [(math.sin(x), math.cos(x), math.exp(x), math.atan(x)) for x in numbers]
+    together = [np.sin(numbers), np.cos(numbers), np.exp(numbers), np.arctan(numbers)]
+    found = {
+        "system": platform.system(),
+        "machine": platform.machine(),
+        "C library": " ".join(platform.libc_ver()).strip(),
+        "elementary functions": _digest(alone),
+        "vector functions": _digest(together),
+        "linear algebra": ", ".join(sorted(kernels)),
+    }
+    return MappingProxyType(found)
+
+
+def _digest(values: Any) -> str:
+    return hashlib.sha256(np.array(values).tobytes()).hexdigest()[:16]
 
 
 def git_state(folder: Path) -> dict[str, Any] | None:

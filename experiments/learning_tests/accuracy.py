@@ -8,16 +8,14 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from gplfd_env.se3 import rotation_distance
+from policies.aligned import FINEST
 from policies.trajectory import GaussianTrajectory
 
 FloatArray = NDArray[np.float64]
 
 _LEVELS: Final = (0.50, 0.90, 0.95)
-_SMALLEST_STD: Final = 1e-6
-"""No pose is known more finely than a micrometre or a microradian."""
 
 
 def rms_distance(poses: FloatArray, truth: FloatArray) -> float:
@@ -35,48 +33,8 @@ def root_mean_square(values: FloatArray | Sequence[float]) -> float:
     return math.sqrt(float(np.mean(np.square(values))))
 
 
-def density(mean: FloatArray, std: FloatArray, truth: FloatArray) -> float | None:
-    """Negative log predictive density per number, outputs and phases apart.
-
-    Args:
-        mean: Predicted, (M, d).
-        std: Predicted, (M, d); NaN for a method without any.
-        truth: What was left out, (M, d).
-
-    Returns:
-        Its mean over all numbers, in natural units of metres and radians; None for a
-        method without standard deviations.
-    """
-    if not np.isfinite(std).all():
-        return None
-    std = np.maximum(std, _SMALLEST_STD)
-    error = (truth - mean) / std
-    terms = 0.5 * math.log(2.0 * math.pi) + np.log(std) + 0.5 * error**2
-    return float(np.mean(terms))
-
-
-def inside(
-    mean: FloatArray, std: FloatArray, truth: FloatArray, level: float = 0.95
-) -> float | None:
-    """Share of the numbers within the central interval of a normal distribution.
-
-    Args:
-        mean: Predicted, (M, d).
-        std: Predicted, (M, d); NaN for a method without any.
-        truth: What was left out, (M, d).
-        level: What the interval is meant to hold.
-
-    Returns:
-        The share; None for a method without standard deviations.
-    """
-    if not np.isfinite(std).all():
-        return None
-    width = float(ndtri(0.5 * (1.0 + level))) * np.maximum(std, _SMALLEST_STD)
-    return float(np.mean(np.abs(truth - mean) <= width))
-
-
 def spread_followed(std: FloatArray, poses: FloatArray) -> float | None:
-    """Tell how closely a standard deviation follows the demonstrations' spread.
+    """Return how closely a standard deviation follows the demonstrations' spread.
 
     Args:
         std: Predicted at the phases of the demonstrations, (M, 6); NaN for a method
@@ -91,7 +49,7 @@ def spread_followed(std: FloatArray, poses: FloatArray) -> float | None:
     spread = poses.std(axis=0, ddof=1)
     if not np.isfinite(std).all():
         return None
-    logs = [np.log(np.maximum(each, _SMALLEST_STD)) for each in (std, spread)]
+    logs = [np.log(np.maximum(each, FINEST)) for each in (std, spread)]
     got, true = (each - each.mean(axis=0) for each in logs)
     varies = np.sum(true**2, axis=0) > 0.0
     if not varies.any():
@@ -114,18 +72,26 @@ def accuracy(
         predicted: At the phases of the truth.
         truth: Poses that were left out, (M, 6) [m, rad].
     """
-    mean, std = predicted.mean, predicted.std
     stated = None
     if predicted.degrees_of_freedom is not None:
-        low, high = predicted.interval(0.95)
-        stated = float(np.mean((truth >= low) & (truth <= high)))
+        stated = predicted.coverage(truth)
     return {
-        "rmse_position_m": rms_distance(mean, truth),
-        "rmse_rotation_rad": rms_rotation(mean, truth),
-        "nlpd": density(mean, std, truth),
-        **{f"coverage_{100 * p:.0f}": inside(mean, std, truth, p) for p in _LEVELS},
+        "rmse_position_m": rms_distance(predicted.mean, truth),
+        "rmse_rotation_rad": rms_rotation(predicted.mean, truth),
+        "nlpd": known(predicted.nlpd(truth)),
+        **{
+            f"coverage_{100 * level:.0f}": known(
+                predicted.coverage(truth, level, normal=True)
+            )
+            for level in _LEVELS
+        },
         "coverage_95_stated": stated,
     }
+
+
+def known(number: float) -> float | None:
+    """Return a number, or None for the NaN of a method without standard deviations."""
+    return None if math.isnan(number) else number
 
 
 def averaged(scores: Sequence[Mapping[str, float | None]]) -> dict[str, float | None]:

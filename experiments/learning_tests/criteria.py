@@ -22,12 +22,12 @@ class Limit:
     symbol: str
     """Name and unit in text."""
     low: float = -math.inf
-    """Least value."""
+    """Least value that is good enough."""
     high: float = math.inf
-    """Greatest value."""
+    """Greatest value that is good enough."""
 
     def holds(self, value: float) -> bool:
-        """Tell whether a value is within."""
+        """Whether a value is within the limits."""
         return self.low <= value <= self.high
 
 

@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from experiments.learning_tests.accuracy import inside
 from experiments.learning_tests.folds import Fold
 from experiments.learning_tests.methods import learn
 from experiments.learning_tests.prior_mean import prior_mean_used
@@ -33,8 +32,8 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     1.4 to 1.5, over that at the end of what was learned, 0.95 to 1: geometric mean of
     x, z and θu_y. That of the end, not of all phases, because demonstrations of
     different doors spread more and more: a method that just holds the last spread
-    has 1. What was left out goes on in its own time, and tells how much of it was
-    within the normal 95 % interval there. What becomes of a prior mean is asked much
+    has 1. What was left out goes on in its own time; the share of it within the
+    normal 95 % interval there is counted. What becomes of a prior mean is asked much
     farther beyond (`experiments.learning_tests.prior_mean.prior_mean_used`).
 
     Args:
@@ -54,16 +53,14 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
             "prior_mean_used": used,
         }
     ratios = outside.mean(axis=0) / border.mean(axis=0)
-    shares: list[float] = []
+    shares = []
     for demonstration in fold.left_out:
         size = len(_start(demonstration).times)
         times = demonstration.times - demonstration.times[0]
         ahead = slice(size, None)
         asked = times[ahead] / times[size - 1]
-        predicted = movement.predict(asked)
-        share = inside(predicted.mean, predicted.std, demonstration.poses[ahead])
-        if share is not None:
-            shares.append(share)
+        truth = demonstration.poses[ahead]
+        shares.append(movement.predict(asked).coverage(truth, normal=True))
     return {
         "uncertainty_growth": float(np.exp(np.mean(np.log(ratios)))),
         "coverage_95_beyond": float(np.mean(shares)),

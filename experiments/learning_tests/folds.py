@@ -1,12 +1,12 @@
-"""What is left out of the demonstrations, and where it lies on a movement's phases.
+"""What is left out of the demonstrations, and to which phases it belongs.
 
 A fold is what is learned from and what is left out. Learning sees nothing of the
 latter, neither its poses nor its timing: the rest is aligned without it, and only then
-is it laid onto the phases of the result. Which part of the task a pose belongs to is
-not what is predicted, so there a left-out demonstration's own completion index,
-Eq. (16) of Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, tells: a pose belongs to the phase at which the learned
-demonstrations had done as large a part of their own paths.
+is it aligned to the result. Which part of the task a pose belongs to is not what is
+predicted; there the left-out demonstration's own completion index decides, Eq. (16) of
+Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
+arXiv:2002.09979: a pose belongs to the phase at which the learned demonstrations had
+done as large a part of their own paths.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ _ROTATION_WEIGHT: Final = 0.5
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Fold:
-    """Demonstrations apart."""
+    """Demonstrations, split into those to learn from and those to predict."""
 
     given: tuple[Demonstration, ...]
-    """To learn from."""
+    """What a method learns from."""
     left_out: tuple[Demonstration, ...]
-    """To predict."""
+    """What it does not see, and is asked to predict."""
 
 
 def folds(
     doors: Sequence[Sequence[Demonstration]], held_out: str, seed: int
 ) -> tuple[Fold, ...]:
-    """Take demonstrations apart.
+    """Split demonstrations into folds.
 
     * "demonstration": two folds leave one demonstration out each, of two doors. Which
       doors, and which of their demonstrations, goes round with the seed, so that all
@@ -96,7 +96,7 @@ def folds(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Laid:
+class OnPhases:
     """A demonstration on the phases of a movement that did not learn from it."""
 
     phases: FloatArray
@@ -104,14 +104,14 @@ class Laid:
     poses: FloatArray
     """Its poses, (N, 6) [m, rad]."""
 
-    def thinned(self, count: int) -> Laid:
+    def thinned(self, count: int) -> OnPhases:
         """Return the demonstration at equal steps of its own time.
 
         The poses do not depend on the movement, so that all are asked the same.
         """
         samples = np.arange(len(self.phases), dtype=np.float64)
         wanted = np.linspace(0.0, samples[-1], count)
-        return Laid(
+        return OnPhases(
             phases=np.interp(wanted, samples, self.phases),
             poses=_columns(wanted, samples, self.poses),
         )
@@ -121,8 +121,10 @@ class Laid:
         return _columns(phases, self.phases, self.poses)
 
 
-def lay(demonstration: Demonstration, aligned: AlignedDemonstrations) -> Laid:
-    """Lay a demonstration onto the phases of others by its own completion index.
+def aligned_to(
+    demonstration: Demonstration, aligned: AlignedDemonstrations
+) -> OnPhases:
+    """Align a demonstration to others by its own completion index.
 
     Args:
         demonstration: Sampled at equal steps of time, in the same task frame.
@@ -132,7 +134,7 @@ def lay(demonstration: Demonstration, aligned: AlignedDemonstrations) -> Laid:
         [_progress(aligned.times, poses) for poses in aligned.poses], axis=0
     )
     progress = _progress(demonstration.times, demonstration.poses)
-    return Laid(
+    return OnPhases(
         phases=np.interp(progress, learned, aligned.times), poses=demonstration.poses
     )
 

@@ -1,4 +1,4 @@
-"""A policy's skill in numbers: what it learned, held against what it did not see.
+"""A policy's skill in numbers: what it learned, compared with what it did not see.
 
 No robot and no simulator: demonstrations are left out, predicted, and adapted to. The
 same for every method, by name.
@@ -39,7 +39,7 @@ import numpy as np
 from experiments.episodes.metrics import log_dimensionless_jerk
 from experiments.learning_tests.accuracy import accuracy, averaged, spread_followed
 from experiments.learning_tests.extrapolation import beyond
-from experiments.learning_tests.folds import Fold, folds, lay
+from experiments.learning_tests.folds import Fold, aligned_to, folds
 from experiments.learning_tests.methods import cpu_seconds, learn
 from experiments.learning_tests.tumbling import tumbling
 from experiments.learning_tests.via_points import adaptation
@@ -61,11 +61,11 @@ def method_metrics(
     teacher: Mapping[str, float],
     held_out: str,
 ) -> dict[str, Any]:
-    """Measure one method on the synthetic human's demonstrations.
+    """Measure a method on the synthetic human's demonstrations.
 
     Args:
-        method: What learns.
-        seed: Seeds teacher and method, and chooses what is left out.
+        method: How to learn and to adapt.
+        seed: Seeds teacher and learning, and chooses what is left out.
         demonstrations_per_door: How often each of the three doors is demonstrated.
         teacher: Fields of `experiments.teacher.TeacherConfig`.
         held_out: "demonstration" or "radius"; see `folds` of `learning_tests.folds`.
@@ -84,12 +84,12 @@ def method_metrics(
         recorded[first : first + demonstrations_per_door]
         for first in range(0, len(recorded), demonstrations_per_door)
     ]
-    apart = folds(doors, held_out, seed)
+    every = folds(doors, held_out, seed)
     metrics: dict[str, Any] = averaged(
-        [score for fold in apart for score in _scores(method, fold, seed)]
+        [score for fold in every for score in _scores(method, fold, seed)]
     )
     if held_out == "demonstration":
-        return {**metrics, **beyond(method, apart[0], seed)}
+        return {**metrics, **beyond(method, every[0], seed)}
     return {**metrics, **tumbling(method, seed)}
 
 
@@ -99,10 +99,10 @@ def _scores(
     """Every score of every demonstration that a fold leaves out."""
     learned = learn(method, fold.given, seed)
     movement = learned.movement
-    laid = [lay(one, movement.aligned) for one in fold.left_out]
-    asked = [one.thinned(_SAMPLES) for one in laid]
+    left_out = [aligned_to(one, movement.aligned) for one in fold.left_out]
+    asked = [one.thinned(_SAMPLES) for one in left_out]
     shared = {
-        **adaptation(method, learned, laid),
+        **adaptation(method, learned, left_out),
         **_of_the_movement(movement),
         "cpu_fit_s": learned.cpu_s,
         "cpu_predict_s": _prediction_time(movement),

@@ -1,7 +1,7 @@
 """A made-up task with a known answer: a hand that turns over while it moves on.
 
 Its outputs vary independently of each other by known amounts, and its orientation
-turns by more than π about changing axes. It tells what the teacher's doors cannot:
+turns by more than π about changing axes. It shows what the teacher's doors cannot:
 whether outputs that are learned together get in each other's way, and whether large
 rotations are learned as well as small ones.
 """
@@ -15,8 +15,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 
-from experiments.learning_tests.accuracy import density, rms_rotation
+from experiments.learning_tests.accuracy import known, rms_rotation
 from experiments.learning_tests.methods import Learned, learn
 from experiments.teacher.random_motion import smooth_functions
 from policies.demonstrations import Demonstration
@@ -122,6 +123,5 @@ def _excess(learned: Learned, seed: int) -> float | None:
     std = _spread(_JUDGED)[:, None]
     drawn = std * wobble
     predicted = learned.movement.predict(_JUDGED)
-    got = density(predicted.mean[:, [2]], predicted.std[:, [2]], drawn)
-    true = density(np.zeros_like(std), std, drawn)
-    return None if got is None or true is None else got - true
+    got = norm.logpdf(drawn, predicted.mean[:, [2]], predicted.std[:, [2]])
+    return known(float(np.mean(norm.logpdf(drawn, 0.0, std)) - np.mean(got)))

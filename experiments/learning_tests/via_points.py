@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from experiments.learning_tests.accuracy import (
     averaged,
-    inside,
+    known,
     rms_distance,
     rms_rotation,
 )
-from experiments.learning_tests.folds import Laid
+from experiments.learning_tests.folds import OnPhases
 from experiments.learning_tests.methods import Learned, cpu_seconds
 from policies.adaptation import begin_adaptation
 from policies.compliance import ComplianceConfig
@@ -38,7 +38,7 @@ _SEEN: Final = 0.3
 
 
 def adaptation(
-    method: Method, learned: Learned, left_out: Sequence[Laid]
+    method: Method, learned: Learned, left_out: Sequence[OnPhases]
 ) -> dict[str, float | None]:
     """Adapt to demonstrations that were left out.
 
@@ -60,18 +60,20 @@ def adaptation(
     """
     scores = [
         {
-            **_hits(method, learned, laid),
-            **_far_changes(method, learned, laid),
-            **_rest(method, learned, laid),
+            **_hits(method, learned, one),
+            **_far_changes(method, learned, one),
+            **_rest(method, learned, one),
         }
-        for laid in left_out
+        for one in left_out
     ]
     return averaged(scores)
 
 
-def _hits(method: Method, learned: Learned, laid: Laid) -> Mapping[str, float | None]:
+def _hits(
+    method: Method, learned: Learned, left_out: OnPhases
+) -> Mapping[str, float | None]:
     errors: dict[str, float | None] = {}
-    demanded = laid.at(GRID[list(_PLACES)])
+    demanded = left_out.at(GRID[list(_PLACES)])
     for name, std in (("via_error", _STD), ("via_error_strict", _STRICT_STD)):
         names = (f"{name}_position_m", f"{name}_rotation_rad")
         if method.adaptation is None:
@@ -87,7 +89,7 @@ def _hits(method: Method, learned: Learned, laid: Laid) -> Mapping[str, float | 
 
 
 def _far_changes(
-    method: Method, learned: Learned, laid: Laid
+    method: Method, learned: Learned, left_out: OnPhases
 ) -> Mapping[str, float | None]:
     names = ("via_far_change", "via_far_std_change")
     if method.adaptation is None:
@@ -97,7 +99,7 @@ def _far_changes(
     for place in _PLACES:
         phase = float(GRID[place])
         adapted = begin_adaptation(learned.movement, method.adaptation, GRID)
-        pose = laid.at(GRID[[place]])[0]
+        pose = left_out.at(GRID[[place]])[0]
         adapted.observe(ViaPoint(phase=phase, pose=pose, std=_STRICT_STD))
         far = np.abs(GRID - phase) > _FAR
         both = np.abs(adapted.mean - before.mean), np.abs(adapted.std - before.std)
@@ -106,13 +108,15 @@ def _far_changes(
     return dict(zip(names, (float(mean.mean()), float(std.mean())), strict=True))
 
 
-def _rest(method: Method, learned: Learned, laid: Laid) -> Mapping[str, float | None]:
-    truth, ahead = laid.at(GRID), GRID > _SEEN
+def _rest(
+    method: Method, learned: Learned, left_out: OnPhases
+) -> Mapping[str, float | None]:
+    truth, ahead = left_out.at(GRID), GRID > _SEEN
     before = learned.movement.predict(GRID)
     adapted = begin_adaptation(learned.movement, method.adaptation, GRID)
     cpu_s = None
     if method.adaptation is not None:
-        seen = _observations(laid)
+        seen = _observations(left_out)
 
         def observe() -> None:
             for via_point in seen:
@@ -121,24 +125,24 @@ def _rest(method: Method, learned: Learned, laid: Laid) -> Mapping[str, float | 
 
         _, total = cpu_seconds(observe)
         cpu_s = total / len(seen)
-    mean, std = adapted.mean[ahead], adapted.std[ahead]
+    rest = adapted.trajectory()[ahead]
     return {
-        "rmse_rest_position_m": rms_distance(mean, truth[ahead]),
-        "rmse_rest_rotation_rad": rms_rotation(mean, truth[ahead]),
+        "rmse_rest_position_m": rms_distance(rest.mean, truth[ahead]),
+        "rmse_rest_rotation_rad": rms_rotation(rest.mean, truth[ahead]),
         "rmse_rest_unadapted_position_m": rms_distance(
             before.mean[ahead], truth[ahead]
         ),
-        "rest_coverage_95": inside(mean, std, truth[ahead]),
+        "rest_coverage_95": known(rest.coverage(truth[ahead], normal=True)),
         "cpu_adapt_s": cpu_s,
     }
 
 
-def _observations(laid: Laid) -> tuple[ViaPoint, ...]:
+def _observations(left_out: OnPhases) -> tuple[ViaPoint, ...]:
     """Via-points as an agent takes them while it opens a door."""
     config = ComplianceConfig()
     count = round(_SEEN / config.via_spacing)
     phases: FloatArray = config.via_spacing * np.arange(1.0, count + 1.0)
     return tuple(
         ViaPoint(phase=float(phase), pose=pose, std=np.repeat(config.via_std, 3))
-        for phase, pose in zip(phases, laid.at(phases), strict=True)
+        for phase, pose in zip(phases, left_out.at(phases), strict=True)
     )

@@ -13,7 +13,14 @@ from typing import Any, Final
 
 from experiments.files.table import Table
 from experiments.learning_tests.criteria import CRITERIA, Criterion, Mark, mark
-from experiments.report.document import Block, Items, Paragraph, Section, code, names
+from experiments.report.document import (
+    Block,
+    Items,
+    Paragraph,
+    Section,
+    code,
+    names,
+)
 from experiments.results.grouping import by_condition, by_policy
 from experiments.results.records import LearningTestResult
 from policies.registry import TABLE_1

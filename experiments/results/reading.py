@@ -47,7 +47,7 @@ _EPISODE: Final = {
     "door_config": dict[str, float],
     "randomization": str,
 }
-_SOURCE: Final = dict[str, str | None] | None
+_SOURCE: Final = dict[str, Any] | None
 _BY_OUTPUTS: Final = dict[str, float | None]
 _OUTPUTS: Final = frozenset({"outputs_cpu_s", "outputs_nlpd"})
 # The runner writes None for what is not finite.

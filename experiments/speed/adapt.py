@@ -26,7 +26,25 @@ def measure_adaptation(repeats: int, seed: int = 0) -> Measurement:
         repeats: Measurements of each.
         seed: Seed of demonstrations and via-points.
     """
-    rng = np.random.default_rng(seed)
+    times = measure(_actions(np.random.default_rng(seed)), repeats)
+    predict, via_point = times["predict, 200 phases"], times["process: one via-point"]
+    product = times["product: one via-point"]
+    return Measurement(
+        title=f"adapt: six outputs, {len(_GRID)} phases; via-points {_VIA_POINTS} in a "
+        "row, mean and standard deviation read after each",
+        rows={name: {"CPU ms [quartiles]": time} for name, time in times.items()},
+        targets=(
+            at_most("adapt: predict, 200 phases [ms]", 1e3 * predict.cpu_median, 0.5),
+            at_most("adapt: one via-point [ms]", 1e3 * via_point.cpu_median, 0.2),
+            at_least(
+                "adapt: product's time / process's", product.cpu_over(via_point), 15.0
+            ),
+        ),
+    )
+
+
+def _actions(rng: np.random.Generator) -> dict[str, Timed]:
+    """Everything that is timed."""
     process = KnownProcess.on_grid(len(_GRID))
     given = process.demonstrations(6, "smooth", rng)
     skill = fit_skill(given)
@@ -36,11 +54,10 @@ def measure_adaptation(repeats: int, seed: int = 0) -> Measurement:
         ViaPoint(phase=float(_GRID[place]), pose=path[place])
         for place in range(0, 4 * _VIA_POINTS, 4)
     ]
+    one_phase = _GRID[100:101]
     actions = {
         "predict, 200 phases": repeated(partial(skill.predict, _GRID), _PREDICTIONS),
-        "predict, 1 phase": repeated(
-            partial(skill.predict, _GRID[100:101]), _PREDICTIONS
-        ),
+        "predict, 1 phase": repeated(partial(skill.predict, one_phase), _PREDICTIONS),
         "predict, 200 phases, first time": Timed(
             prepare=lambda: partial(fit_skill(given).predict, _GRID)
         ),
@@ -50,26 +67,7 @@ def measure_adaptation(repeats: int, seed: int = 0) -> Measurement:
         actions[f"{form}: one via-point"] = Timed(
             prepare=partial(_updating, build, skill, points), operations=_VIA_POINTS
         )
-    times = measure(actions, repeats)
-    process_time = times["process: one via-point"]
-    return Measurement(
-        title=f"adapt: six outputs, {len(_GRID)} phases; via-points {_VIA_POINTS} in a "
-        "row, mean and standard deviation read after each",
-        rows={name: {"CPU ms [quartiles]": time} for name, time in times.items()},
-        targets=(
-            at_most(
-                "adapt: predict, 200 phases [ms]",
-                1e3 * times["predict, 200 phases"].cpu_median,
-                0.5,
-            ),
-            at_most("adapt: one via-point [ms]", 1e3 * process_time.cpu_median, 0.2),
-            at_least(
-                "adapt: product's time / process's",
-                times["product: one via-point"].cpu_over(process_time),
-                15.0,
-            ),
-        ),
-    )
+    return actions
 
 
 def _updating(build: AdaptationForm, skill: Skill, points: list[ViaPoint]) -> Action:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -37,14 +38,9 @@ def measure_alignment(repeats: int, seed: int = 0) -> Measurement:
     with warnings.catch_warnings():
         # Sensor noise is part of the demonstrations, and `align` says so.
         warnings.simplefilter("ignore", UserWarning)
-        times = {
-            size: measure(
-                _candidates([_resampled(demo, size) for demo in recorded]), repeats
-            )
-            for size in _SIZES
-        }
+        times = {size: measure(_candidates(recorded, size), repeats) for size in _SIZES}
     at_1000 = times[1000]
-    targets = [
+    targets = tuple(
         at_least(
             f"align: dtw-python's matching / {ours}, 1000 samples",
             at_1000[_MATCH_PEER].cpu_over(at_1000[line]),
@@ -52,7 +48,7 @@ def measure_alignment(repeats: int, seed: int = 0) -> Measurement:
         )
         for ours, line in (("ours", _MATCH), ("whole align()", _ALIGN))
         if _MATCH_PEER in at_1000
-    ]
+    )
     return Measurement(
         title="align: two demonstrations, CPU ms [quartiles]; matching alone starts "
         "from completion indices",
@@ -63,7 +59,7 @@ def measure_alignment(repeats: int, seed: int = 0) -> Measurement:
             }
             for line in (*at_1000, _MATCH_PEER)
         },
-        targets=tuple(targets),
+        targets=targets,
     )
 
 
@@ -73,12 +69,14 @@ def _resampled(recorded: Demonstration, size: int) -> Demonstration:
     return Demonstration(times=times, poses=np.column_stack(columns))
 
 
-def _candidates(two: list[Demonstration]) -> dict[str, Timed]:
+def _candidates(recorded: Sequence[Demonstration], size: int) -> dict[str, Timed]:
+    """What is timed with two demonstrations, resampled to a size."""
+    two = [_resampled(demo, size) for demo in recorded]
+
     def completions() -> list[Array]:
         return [measure_completion(demo, 0.5, denoise=True).index for demo in two]
 
     first, second = completions()
-    size = len(first)
     many = max(1, 5000 // size)
     candidates = {
         "completion indices of both": repeated(completions, many),

@@ -65,7 +65,7 @@ def _opening(environment_id: str) -> tuple[dict[str, Timed], Callable[[], bool]]
     all steps, and the servo's gains wherever a step has changed them.
 
     Returns:
-        ``step`` and ``physics``; and what tells whether the latter, when it last ran,
+        ``step`` and ``physics``; and what answers whether the latter, when it last ran,
         ended bit for bit in the same state.
     """
     env: Any = gym.make(environment_id, door="medium").unwrapped
@@ -76,12 +76,10 @@ def _opening(environment_id: str) -> tuple[dict[str, Timed], Callable[[], bool]]
     for action in actions:
         env.step(action)
         before, gains = gains, _gains(env.model)
-        changed = not np.array_equal(before, gains)
-        commands.append((env.data.ctrl.copy(), gains if changed else None))
-    end = _state(env.model, env.data)
-    model = copy.copy(env.model)
-    data = mujoco.MjData(model)
-    substeps = round(env.dt / model.opt.timestep)
+        kept = np.array_equal(before, gains)
+        commands.append((env.data.ctrl.copy(), None if kept else gains))
+    end, model = _state(env.model, env.data), copy.copy(env.model)
+    data, substeps = mujoco.MjData(model), round(env.dt / model.opt.timestep)
 
     def step() -> None:
         for action in actions:
@@ -131,37 +129,7 @@ def measure_resets(repeats: int) -> Measurement:
         repeats: Measurements of every kind.
     """
     env = gym.make(ENVIRONMENT_ID, door="medium")
-    rng = np.random.default_rng(0)
-
-    def to(door: Any) -> None:
-        env.reset(options={"door": door})
-
-    def to_new_physics() -> None:
-        friction, mass = rng.uniform(0.0, 2.0), rng.uniform(5.0, 30.0)
-        to({"hinge_friction": friction, "panel_mass": mass})
-
-    def to_both() -> None:
-        for radius in _RADII:
-            to(radius)
-
-    known = itertools.cycle(_RADII)
-
-    def to_next() -> None:
-        to(next(known))
-
-    def to_new_radius() -> None:
-        to(rng.uniform(0.30, 0.65))
-
-    medium = partial(to, "medium")
-    times = measure(
-        {
-            "the same door": repeated(env.reset, 20, begin=medium),
-            "new friction and mass": repeated(to_new_physics, 20, begin=medium),
-            "a radius met before": repeated(to_next, 20, begin=to_both),
-            "a new radius": repeated(to_new_radius, 5, begin=medium),
-        },
-        repeats,
-    )
+    times = measure(_resets(env), repeats)
     env.close()
     limits = {"the same door": 1.0, "new friction and mass": 1.0, "a new radius": 20.0}
     return Measurement(
@@ -172,3 +140,33 @@ def measure_resets(repeats: int) -> Measurement:
             for name, limit in limits.items()
         ),
     )
+
+
+def _resets(env: gym.Env[Any, Any]) -> dict[str, Timed]:
+    """Resets of each kind; before, one that is not timed brings the door there."""
+    rng, known = np.random.default_rng(0), itertools.cycle(_RADII)
+
+    def to(door: Any) -> None:
+        env.reset(options={"door": door})
+
+    def to_new_physics() -> None:
+        friction, mass = rng.uniform(0.0, 2.0), rng.uniform(5.0, 30.0)
+        to({"hinge_friction": friction, "panel_mass": mass})
+
+    def to_next() -> None:
+        to(next(known))
+
+    def to_both() -> None:
+        to_next()
+        to_next()
+
+    def to_new_radius() -> None:
+        to(rng.uniform(0.30, 0.65))
+
+    medium = partial(to, "medium")
+    return {
+        "the same door": repeated(env.reset, 20, medium),
+        "new friction and mass": repeated(to_new_physics, 20, medium),
+        "a radius met before": repeated(to_next, 20, to_both),
+        "a new radius": repeated(to_new_radius, 5, medium),
+    }

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from threadpoolctl import threadpool_limits
 
+from experiments.files.table import Table, text_table
+from experiments.progress import LOG
 from experiments.speed.timing import Timing
 
 Value = float | Timing | str | None
@@ -60,24 +61,20 @@ class Measurement:
     """What was wanted of some of the numbers."""
 
 
-def text_table(title: str, rows: Mapping[str, Mapping[str, Value]]) -> str:
-    """Return aligned text: names to the left, values to the right.
+def value_table(rows: Mapping[str, Mapping[str, Value]]) -> Table:
+    """Return a line per row; one that lacks a column has a dash there.
 
     Args:
-        title: First line.
-        rows: Values by line and column. Columns stand in the order in which lines first
-            name them; a line that lacks one has a dash there.
+        rows: Values by line and column, whose order is that of first naming.
     """
-    columns = list(dict.fromkeys(column for row in rows.values() for column in row))
-    lines = [["", *columns]]
-    for name, row in rows.items():
-        lines.append([name, *(_text(row.get(column)) for column in columns)])
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    text = [title]
-    for name, *cells in lines:
-        aligned = [name.ljust(widths[0]), *map(str.rjust, cells, widths[1:])]
-        text.append(f"  {'  '.join(aligned)}".rstrip())
-    return "\n".join(text)
+    columns = tuple(dict.fromkeys(column for row in rows.values() for column in row))
+    return Table(
+        columns=("", *columns),
+        rows=tuple(
+            (name, *(_text(row.get(column)) for column in columns))
+            for name, row in rows.items()
+        ),
+    )
 
 
 def _text(value: Value) -> str:
@@ -101,9 +98,14 @@ def measure_all(
     found = {}
     with threadpool_limits(1):
         for name, run in measures.items():
-            print(f"measuring: {name}", file=sys.stderr, flush=True)
+            LOG.info("measuring: %s", name)
             found[name] = run(repeats)
-            print(text_table(found[name].title, found[name].rows), end="\n\n")
+            print(
+                found[name].title,
+                text_table(value_table(found[name].rows)),
+                "",
+                sep="\n",
+            )
     targets: dict[str, dict[str, Value]] = {
         target.name: {
             "measured": target.value,
@@ -113,5 +115,5 @@ def measure_all(
         for one in found.values()
         for target in one.targets
     }
-    print(text_table("targets", targets))
+    print("targets", text_table(value_table(targets)), sep="\n")
     return found

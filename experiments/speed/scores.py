@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from policies.trajectory import GaussianTrajectory
 
@@ -23,11 +22,8 @@ def score(
         0.95 if the standard deviation is right; and the share in the 95 % interval that
         the prediction itself states, which knows of few demonstrations.
     """
-    density = np.asarray(norm.logpdf(held_out, predicted.mean, predicted.std))
-    distance = np.abs(held_out - predicted.mean) / predicted.std
-    low, high = predicted.interval(0.95)
     return {
-        "NLPD": -float(density.mean()),
-        "within 1.96 std": float(np.mean(distance <= norm.ppf(0.975))),
-        "in stated 95 %": float(np.mean((held_out >= low) & (held_out <= high))),
+        "NLPD": predicted.nlpd(held_out),
+        "within 1.96 std": predicted.coverage(held_out, normal=True),
+        "in stated 95 %": predicted.coverage(held_out),
     }

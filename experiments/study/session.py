@@ -22,6 +22,7 @@ from experiments.study.store import (
     damaged_results,
     is_finished,
     made_by_other_code,
+    made_elsewhere,
     stored_result,
 )
 from experiments.study.tasks import Result, Task
@@ -62,6 +63,13 @@ def carry_out(
     # Workers elsewhere may have another version of this package.
     if (others_now := made_by_other_code(folder, study)) > others:
         _warn_of_other_code(others_now, len(study), folder)
+    if elsewhere := made_elsewhere(folder, study):
+        LOG.warning(
+            "warning: %d of %d results were made on another machine: they equal those "
+            "made here to a tolerance only, see docs/reproducibility.md",
+            elsewhere,
+            len(study),
+        )
     return _report_errors(study, folder)
 
 

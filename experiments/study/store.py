@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +11,34 @@ from experiments.files.provenance import code_state
 from experiments.study.tasks import Result, Task, task_from
 
 
+def made_elsewhere(folder: Path, study: Iterable[Task]) -> int:
+    """Count the results whose last bits another machine decided.
+
+    They equal those made here to a tolerance only; see docs/reproducibility.md.
+    """
+    here = code_state().get("arithmetic")
+    return sum(result.get("arithmetic") != here for result in _kept(folder, study))
+
+
 def made_by_other_code(folder: Path, study: Iterable[Task]) -> int:
     """Count the results that `run_study` would keep although other code made them.
 
     Other code is another git commit, a checkout with edits where this one has none or
-    the reverse, or other package versions. Two different edits of one commit cannot be
-    told apart.
+    the reverse, or other package versions. Two different edits of one commit count as
+    the same code.
     """
-    stored = (stored_result(folder, task) for task in study)
+    here = {name: code_state()[name] for name in ("versions", "git")}
     return sum(
-        any(result.get(name) != state for name, state in code_state().items())
-        for result in stored
-        if result is not None and is_finished(result)
+        any(result.get(name) != state for name, state in here.items())
+        for result in _kept(folder, study)
     )
+
+
+def _kept(folder: Path, study: Iterable[Task]) -> Iterator[Result]:
+    for task in study:
+        result = stored_result(folder, task)
+        if result is not None and is_finished(result):
+            yield result
 
 
 def damaged_results(folder: Path, study: Iterable[Task]) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from policies.adaptation.conditioning import ConditionedProcess, basis_for_grid
+from policies.aligned import thinned
 from policies.gp.deviations import DeviationProcess
 from policies.gp.factorisation import factorise
 from policies.skill import Skill
@@ -131,9 +132,7 @@ def _mixed_covariance(
     The curves are first freed of white noise by the model itself.
     """
     times, poses = skill.aligned.times, skill.aligned.poses[:, :, output]
-    thin = np.unique(
-        np.linspace(0, len(times) - 1, _SMOOTHING_GRID).round().astype(int)
-    )
+    thin = thinned(len(times), _SMOOTHING_GRID)
     sampled = times[thin]
     together = np.concatenate([nodes, sampled])
     noise = skill.processes.moments(together).noise[:, output]

@@ -44,6 +44,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
+from gplfd_env.fields import check_quantities, quantity
 from gplfd_env.rotation_paths import unwrap_rotvecs
 from gplfd_env.se3 import compose_rotvecs
 from policies.aligned import AlignedDemonstrations
@@ -65,25 +66,18 @@ class DMPConfig:
         ValueError: if a field is outside its range.
     """
 
-    n_basis: int = 30
-    """Basis functions of the forcing term, at least 2."""
-    alpha: float = 25.0
-    """Gain α of the transformation system, positive. With β = α/4 it is critically
-    damped; its natural frequency is α/2 per τ."""
-    alpha_x: float = 25.0 / 3.0
-    """Decay α_x of the phase variable, positive: x ends at exp(-α_x)."""
-    overlap: float = 0.8
-    """Height of a basis function at the centre of the next, in (0, 1)."""
+    n_basis: int = quantity(30, low=2)
+    """Basis functions of the forcing term."""
+    alpha: float = quantity(25.0, above=0.0)
+    """Gain α of the transformation system. With β = α/4 it is critically damped; its
+    natural frequency is α/2 per τ."""
+    alpha_x: float = quantity(25.0 / 3.0, above=0.0)
+    """Decay α_x of the phase variable: x ends at exp(-α_x)."""
+    overlap: float = quantity(0.8, above=0.0, below=1.0)
+    """Height of a basis function at the centre of the next."""
 
     def __post_init__(self) -> None:
-        if self.n_basis < 2:
-            raise ValueError(f"n_basis must be at least 2, got {self.n_basis}.")
-        for name in ("alpha", "alpha_x"):
-            value = getattr(self, name)
-            if not 0.0 < value < np.inf:
-                raise ValueError(f"{name} must be positive and finite, got {value}.")
-        if not 0.0 < self.overlap < 1.0:
-            raise ValueError(f"overlap must be in (0, 1), got {self.overlap}.")
+        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -95,7 +89,7 @@ class DynamicMovementPrimitive(LearnedMovement):
     """
 
     config: DMPConfig
-    """Its constants."""
+    """Constants of the primitive."""
     start: Float[np.ndarray, " 6"]
     """Pose at the first demonstrated phase [m, rad]."""
     goal: Float[np.ndarray, " 6"]

@@ -30,6 +30,7 @@ from jaxtyping import Float, Int
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from threadpoolctl import threadpool_limits
 
+from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
 from policies.baselines.gmr import (
     GaussianMixtureRegression,
@@ -61,14 +62,11 @@ class GMMGPConfig:
     """The mixture behind the prior; 6 components as published for letters."""
     length_scales: LengthScaleConfig = field(default_factory=LengthScaleConfig)
     """How the length-scales are learned."""
-    weight_power: float = 1.0
+    weight_power: float = quantity(1.0, above=0.0)
     """Power of the responsibilities in the kernel; 1 as published."""
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.weight_power < np.inf:
-            raise ValueError(
-                f"weight_power must be positive and finite, got {self.weight_power}."
-            )
+        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -21,6 +21,7 @@ from jaxtyping import Float
 from scipy.special import softmax
 from threadpoolctl import threadpool_limits
 
+from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
 from policies.baselines.standardisation import Standardisation
 from policies.movement import LearnedMovement
@@ -43,26 +44,20 @@ class GMRConfig:
         ValueError: if a value is outside its range.
     """
 
-    components: int = 10
+    components: int = quantity(10, low=1)
     """Number of Gaussians C, at most the number of phases of the demonstrations."""
-    regularisation: float = 4e-6
+    regularisation: float = quantity(4e-6, above=0.0)
     """Added to the diagonal of every covariance, in squared phase and squared
     standardised output. Published is 1e-4 for letters written over 2 s, whose outputs
     vary by 25 cm²: 4e-6 of that variance, and 2.5e-5 in squared phase."""
-    tolerance: float = 1e-4
+    tolerance: float = quantity(1e-4, above=0.0)
     """Expectation maximisation stops when the mean log-likelihood of a sample gains
     less than this; as published."""
-    max_iterations: int = 300
+    max_iterations: int = quantity(300, low=1)
     """It warns if it has not stopped by then."""
 
     def __post_init__(self) -> None:
-        for name in ("components", "max_iterations"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be >= 1, got {getattr(self, name)}.")
-        for name in ("regularisation", "tolerance"):
-            value = getattr(self, name)
-            if not 0.0 < value < np.inf:
-                raise ValueError(f"{name} must be positive and finite, got {value}.")
+        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
+from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
 from policies.baselines.gmr import (
     GaussianMixtureRegression,
@@ -49,30 +50,24 @@ class KMPConfig:
 
     mixture: GMRConfig = field(default_factory=lambda: GMRConfig(components=8))
     """The mixture behind the reference; 8 components as published."""
-    references: int = 400
+    references: int = quantity(400, low=2)
     """Number N of equally spaced reference phases; as published. The cost of a
     prediction hardly depends on it."""
-    length_scale: float = 0.144
+    length_scale: float = quantity(0.144, above=0.0)
     """Length-scale of the kernel [phase]. Published is exp(−6 (t − t')²) over 2 s."""
-    mean_regularisation: float = 25.0
+    mean_regularisation: float = quantity(25.0, above=0.0)
     """λ. Published is 1 for letters that vary by 25 cm²: λ multiplies covariances in
     the squared unit of the outputs, so in standardised outputs it is 25. It also pulls
     the mean towards the average pose where demonstrations differ much: doors of 0.35
     to 0.65 m by 5 cm at the end of the motion, which a λ of 1 does not."""
-    covariance_regularisation: float = 1500.0
+    covariance_regularisation: float = quantity(1500.0, above=0.0)
     """λ_c. Published is 60, times 25 for the same reason. Nothing ties the resulting
     spread to that of the demonstrations, so λ_c is what calibrates it: N/λ_c is the
     variance far from the reference. The published value is over-confident; λ_c = N
     makes that variance the demonstrations' own."""
 
     def __post_init__(self) -> None:
-        if self.references < 2:
-            raise ValueError(f"references must be >= 2, got {self.references}.")
-        names = ("length_scale", "mean_regularisation", "covariance_regularisation")
-        for name in names:
-            value = getattr(self, name)
-            if not 0.0 < value < np.inf:
-                raise ValueError(f"{name} must be positive and finite, got {value}.")
+        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -35,6 +35,7 @@ from jaxtyping import Float
 from scipy.special import softmax
 from threadpoolctl import threadpool_limits
 
+from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
 from policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
 from policies.gp.hyperparameters import fit_kernel_and_noise
@@ -55,18 +56,15 @@ class LocalGPConfig:
         ValueError: if a value is outside its range.
     """
 
-    clusters: int = 8
+    clusters: int = quantity(8, low=1)
     """Number of clusters C; one is a single Gaussian process."""
-    width: float = 0.35
+    width: float = quantity(0.35, low=0.1, high=10.0)
     """Standard deviation W of a cluster's weight, in distances between neighbouring
-    centres, 0.1 to 10. Small values switch abruptly from process to process; large
+    centres. Small values switch abruptly from process to process; large
     ones trust a process far from its own samples, where it errs with confidence."""
 
     def __post_init__(self) -> None:
-        if self.clusters < 1:
-            raise ValueError(f"clusters must be at least 1, got {self.clusters}.")
-        if not 0.1 <= self.width <= 10.0:
-            raise ValueError(f"width must be in [0.1, 10], got {self.width}.")
+        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -74,7 +72,7 @@ class _Product:
     """Everything about the weighted product at M times."""
 
     mean: Float[np.ndarray, "M 6"]
-    """μ."""
+    """The product's mean μ."""
     variance: Float[np.ndarray, "M 6"]
     """The product's variance v, noise included."""
     shares: Float[np.ndarray, "C M 6"]

@@ -11,6 +11,8 @@ from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
+from gplfd_env.fields import check_quantities, quantity
+from policies.aligned import thinned
 from policies.baselines.gmr import GaussianMixtureRegression
 
 
@@ -35,12 +37,13 @@ class LengthScaleConfig:
     [0.001, 0.05] cm². Demonstrations that differ by more than its upper end, as all
     here do, keep the noise there, and the length-scales follow from it: without the
     bound the mean's misfit is noise too and most length-scales run to their limit."""
-    phases: int = 50
+    phases: int = quantity(50, low=2)
     """Number of phases of the demonstrations that enter the likelihood, evenly spread.
     The cost grows with its cube: 0.2 s for 50, 1 s for 100, where length-scales change
     by a quarter."""
 
     def __post_init__(self) -> None:
+        check_quantities(self)
         for name in ("length_scale_range", "noise_range"):
             low, high = getattr(self, name)
             if not 0.0 < low < high < np.inf:
@@ -54,8 +57,6 @@ class LengthScaleConfig:
                 f"first_length_scale must be within {(low, high)}, got "
                 f"{self.first_length_scale}."
             )
-        if self.phases < 2:
-            raise ValueError(f"phases must be >= 2, got {self.phases}.")
 
 
 def _matern(scaled: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
@@ -118,7 +119,7 @@ class Evidence:
 
     regression: GaussianMixtureRegression
     times: Float[np.ndarray, " T"]
-    """Phases that enter."""
+    """Phases of the demonstrations that enter."""
     residual: Float[np.ndarray, " P"]
     """Average demonstration minus m(t), standardised, output by output; P = 6 T."""
     scatter: float
@@ -136,9 +137,7 @@ class Evidence:
     ) -> "Evidence":
         """The evidence of the regression's own demonstrations at ``phases`` of them."""
         aligned = regression.aligned
-        chosen = np.unique(
-            np.linspace(0, len(aligned.times) - 1, phases).round().astype(int)
-        )
+        chosen = thinned(len(aligned.times), phases)
         times = aligned.times[chosen]
         samples = regression.standardisation.apply(aligned.poses[:, chosen])
         average = samples.mean(axis=0)

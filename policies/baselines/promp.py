@@ -32,6 +32,7 @@ from jaxtyping import Float
 from scipy.linalg import pinvh
 from threadpoolctl import threadpool_limits
 
+from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
 from policies.movement import LearnedMovement
 from policies.records import freeze
@@ -46,27 +47,20 @@ class ProMPConfig:
         ValueError: if a field is outside its range.
     """
 
-    n_basis: int = 20
-    """Basis functions per output B, at least 2; centres evenly over phases 0 to 1."""
-    overlap: float = 0.7
-    """Height of a basis function at the distance 1/(2 B) from its centre, in (0, 1)."""
-    ridge: float = 1e-8
-    """Penalty on the squared weights of a demonstration, positive: it decides only what
-    the data leave open."""
-    shrinkage: float = 1e-6
-    """λ in Σ = (1 - λ) S + λ diag(S), with S the sample covariance; within [0, 1].
-    The default only makes Σ invertible: a floor of a thousandth of the spread. At 1,
-    weights are independent."""
+    n_basis: int = quantity(20, low=2)
+    """Basis functions per output B; centres evenly over phases 0 to 1."""
+    overlap: float = quantity(0.7, above=0.0, below=1.0)
+    """Height of a basis function at the distance 1/(2 B) from its centre."""
+    ridge: float = quantity(1e-8, above=0.0)
+    """Penalty on the squared weights of a demonstration: it decides only what the data
+    leave open."""
+    shrinkage: float = quantity(1e-6, low=0.0, high=1.0)
+    """λ in Σ = (1 - λ) S + λ diag(S), with S the sample covariance. The default only
+    makes Σ invertible: a floor of a thousandth of the spread. At 1, weights are
+    independent."""
 
     def __post_init__(self) -> None:
-        if self.n_basis < 2:
-            raise ValueError(f"n_basis must be at least 2, got {self.n_basis}.")
-        if not 0.0 < self.overlap < 1.0:
-            raise ValueError(f"overlap must be in (0, 1), got {self.overlap}.")
-        if not 0.0 < self.ridge < np.inf:
-            raise ValueError(f"ridge must be positive and finite, got {self.ridge}.")
-        if not 0.0 <= self.shrinkage <= 1.0:
-            raise ValueError(f"shrinkage must be in [0, 1], got {self.shrinkage}.")
+        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -74,7 +68,7 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
     """A Gaussian distribution over movements; made by `fit_promp`, immutable."""
 
     config: ProMPConfig
-    """Its constants."""
+    """Constants of the primitive."""
     weight_mean: Float[np.ndarray, " W"]
     """μ, with W = 6 B."""
     weight_covariance: Float[np.ndarray, "W W"]

@@ -7,10 +7,9 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
+from policies.aligned import FINEST
+from policies.records import freeze
 from policies.trajectory import GaussianTrajectory
-
-_SMALLEST_STD = 1e-6
-"""No output is scaled more finely than a micrometre or a microradian."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -22,24 +21,24 @@ class Standardisation:
     scale: Float[np.ndarray, "6"]
     """Standard deviation over both [m, rad]."""
 
+    def __post_init__(self) -> None:
+        freeze(self, "offset", "scale")
+
     @classmethod
     def of(cls, poses: Float[np.ndarray, "K M 6"]) -> "Standardisation":
         """The standardisation of these demonstrations."""
-        scale = np.maximum(poses.std(axis=(0, 1)), _SMALLEST_STD)
-        offset = poses.mean(axis=(0, 1))
-        for array in (offset, scale):
-            array.setflags(write=False)
-        return cls(offset=offset, scale=scale)
+        scale = np.maximum(poses.std(axis=(0, 1)), FINEST)
+        return cls(offset=poses.mean(axis=(0, 1)), scale=scale)
 
     def apply(self, poses: Float[np.ndarray, "... 6"]) -> Float[np.ndarray, "... 6"]:
-        """Standardised poses."""
+        """Poses in standard deviations from their average."""
         standardised: np.ndarray = (poses - self.offset) / self.scale
         return standardised
 
     def undo(
         self, standardised: Float[np.ndarray, "... 6"]
     ) -> Float[np.ndarray, "... 6"]:
-        """Poses [m, rad]."""
+        """Poses [m, rad] of standardised ones."""
         poses: np.ndarray = self.offset + self.scale * standardised
         return poses
 

@@ -2,10 +2,11 @@
 
 The method of Umlauft, Fanger and Hirche (*Bayesian Uncertainty Modeling for Programming
 by Demonstration*, ICRA 2017), a row of Table 1 in Arduengo et al., *Gaussian-Process-
-based Robot Learning from Demonstration*, arXiv:2002.09979. How uncertain the mean is,
-and how much demonstrations vary, are learned apart: the former is the variance of a
-Gaussian process, the latter a covariance matrix of all outputs that changes with time,
-inferred as a generalised Wishart process (`policies.baselines.wishart_process`).
+based Robot Learning from Demonstration*, arXiv:2002.09979. The uncertainty of the
+mean and the variation of the demonstrations are learned separately: the former is the
+variance of a Gaussian process, the latter a covariance matrix of all outputs that
+changes with time, inferred as a generalised Wishart process
+(`policies.baselines.wishart_process`).
 
 This is a **reconstruction**: it was written without access to the original, from its
 abstract and how others describe it. Assumed here:
@@ -33,21 +34,19 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from policies.aligned import AlignedDemonstrations
+from gplfd_env.fields import check_quantities, quantity
+from policies.aligned import FINEST, AlignedDemonstrations, thinned
 from policies.baselines.wishart_process import (
     WishartLikelihood,
     WishartPosterior,
     WishartPrior,
     sample_posterior,
 )
-from policies.gp.heteroscedastic import HeteroscedasticGP
 from policies.gp.multi_output import MultiOutputGP
 from policies.gp.noise import HomoscedasticNoise
 from policies.movement import LearnedMovement
 from policies.trajectory import GaussianTrajectory, checked_times
 
-_SMALLEST_STD = 1e-6
-"""No output varies by less than a micrometre or a microradian."""
 _SHRINKAGE = 1e-6
 """Share of independence in the pooled correlations: outputs may be proportional."""
 
@@ -60,39 +59,26 @@ class WishartGPConfig:
         ValueError: if a value is outside its range.
     """
 
-    degrees: int = 7
-    """Degrees of freedom ν of the Wishart process, at least 6."""
-    length_scale: float = 0.15
-    """Length-scale of the variability, in phase, 0.02 to 10."""
-    floor: float = 1e-3
-    """Share of the pooled covariance below which the variability never falls, at least
-    1e-8 and below 1."""
-    times: int = 50
-    """Number of phases whose deviations are learned from, at least 2; all of them if
-    the demonstrations have fewer."""
-    steps: int = 1500
+    degrees: int = quantity(7, low=6)
+    """Degrees of freedom ν of the Wishart process, at least as many as outputs."""
+    length_scale: float = quantity(0.15, low=0.02, high=10.0)
+    """Length-scale of the variability, in phase."""
+    floor: float = quantity(1e-3, low=1e-8, below=1.0)
+    """Share of the pooled covariance below which the variability never falls."""
+    times: int = quantity(50, low=2)
+    """Number of phases whose deviations are learned from; all of them if the
+    demonstrations have fewer."""
+    steps: int = quantity(1500, low=1)
     """Steps of the elliptical slice sampler."""
-    discarded: int = 500
+    discarded: int = quantity(500, low=0)
     """Steps at the beginning that are left out, fewer than ``steps``."""
 
     def __post_init__(self) -> None:
-        if self.degrees < 6:
+        check_quantities(self)
+        if self.discarded >= self.steps:
             raise ValueError(
-                f"degrees must be at least 6, the number of outputs; got "
-                f"{self.degrees}."
-            )
-        if not 0.02 <= self.length_scale <= 10.0:
-            raise ValueError(
-                f"length_scale must be in [0.02, 10], got {self.length_scale}."
-            )
-        if not 1e-8 <= self.floor < 1.0:
-            raise ValueError(f"floor must be in [1e-8, 1), got {self.floor}.")
-        if self.times < 2:
-            raise ValueError(f"times must be at least 2, got {self.times}.")
-        if not 0 <= self.discarded < self.steps:
-            raise ValueError(
-                "discarded must be at least 0 and less than steps, got "
-                f"discarded={self.discarded} and steps={self.steps}."
+                f"discarded must be less than steps, got {self.discarded} and "
+                f"{self.steps}."
             )
 
 
@@ -173,17 +159,10 @@ def fit_wishart_gp(
             "more, or choose a policy without a spread."
         )
     deviations = poses - poses.mean(axis=0)
-    kept = np.linspace(0, len(times) - 1, config.times).round().astype(int)
-    kept = np.unique(kept)
-    noise = HomoscedasticNoise()
+    kept = thinned(len(times), config.times)
     with threadpool_limits(limits=1, user_api="blas"):
-        processes = MultiOutputGP(
-            outputs=tuple(
-                HeteroscedasticGP.fit(
-                    times, poses[:, :, output], noise, centred=centred
-                )
-                for output in range(6)
-            )
+        processes = MultiOutputGP.fit(
+            times, poses, HomoscedasticNoise(), centred=centred
         )
         prior = WishartPrior.over(
             (float(times[0]), float(times[-1])),
@@ -210,7 +189,7 @@ def _pooled_covariance(
     """Covariance of deviations from the average, over all phases; positive definite."""
     free = (len(deviations) - 1) * deviations.shape[1]
     std = np.sqrt(np.sum(deviations**2, axis=(0, 1)) / free)
-    std = np.maximum(std, _SMALLEST_STD)
+    std = np.maximum(std, FINEST)
     scaled = (deviations / std).reshape(-1, 6)
     correlation = scaled.T @ scaled / free
     correlation *= 1.0 - _SHRINKAGE

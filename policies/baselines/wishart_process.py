@@ -5,7 +5,7 @@ Gaussian processes u_kd(t) of covariance κ(t, t'), κ(t, t) = 1,
 
     Σ(t) = L [(1 − ε) U(t) U(t)ᵀ + ε ν I] Lᵀ,   U(t) = (u_1(t), …, u_ν(t)),
 
-is Wishart distributed at every t, apart from the floor ε that keeps it positive
+is Wishart distributed at every t, except for the floor ε that keeps it positive
 definite, and E Σ(t) = ν L Lᵀ (``test_prior_draws_average_to_nu_l_lt``).
 
 ================  ===========  =====================================================
@@ -49,7 +49,7 @@ class WishartPrior:
     degrees: int
     """Degrees of freedom ν ≥ d: more of them vary less."""
     lower: Float[np.ndarray, "d d"]
-    """L, lower triangular."""
+    """The scale L, lower triangular."""
     floor: float
     """ε in (0, 1), the part of E Σ(t) that does not vary."""
     basis: LegendreBasis
@@ -197,7 +197,7 @@ class WishartPosterior:
     """The posterior mean of Σ(t), made by `sample_posterior`."""
 
     prior: WishartPrior
-    """What was assumed."""
+    """The prior of Σ(t)."""
     moment: Float[np.ndarray, "dR dR"]
     """Average of Σ_k w_k w_kᵀ over the samples, with w_k = (w_k1, …, w_kd)."""
 

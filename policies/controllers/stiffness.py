@@ -11,6 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import expit
 
+from policies.records import read_only
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StiffnessProfile:
@@ -149,13 +151,12 @@ class VirtualDynamics:
 
 def _six(name: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, " 6"]:
     """Return a read-only float64 copy, or raise unless it is (6,) and finite."""
-    array = np.array(values, dtype=np.float64)
+    array = read_only(np.asarray(values))
     if array.shape != (6,) or not np.isfinite(array).all():
         raise ValueError(
             f"{name} must be six finite numbers, x y z and rotations about them, got "
             f"{values!r}"
         )
-    array.flags.writeable = False
     return array
 
 

@@ -27,6 +27,7 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 from scipy.special import expit
 
+from policies.aligned import thinned
 from policies.gp.factorisation import factorise
 from policies.gp.kernels import RBF
 
@@ -92,11 +93,13 @@ class DeviationLikelihood:
     """The log-likelihood of θ = (log c, logit w, logit g, log L, log S)."""
 
     times: Float[np.ndarray, " N"]
+    """Some of the common times."""
     noise: Float[np.ndarray, " N"]
+    """r(t) there."""
     scatter: Float[np.ndarray, "N N"]
-    """Σ_k e_k e_kᵀ."""
+    """The sum of products Σ_k e_k e_kᵀ."""
     free: int
-    """D − 1."""
+    """Its degrees of freedom, D − 1."""
 
     @classmethod
     def of(
@@ -106,7 +109,7 @@ class DeviationLikelihood:
         noise: Float[np.ndarray, " M"],
     ) -> "DeviationLikelihood":
         """The likelihood of D deviations e_k = y_k − ȳ, thinned."""
-        kept = np.unique(np.linspace(0, len(times) - 1, _GRID).round().astype(int))
+        kept = thinned(len(times), _GRID)
         kept = kept[noise[kept] >= _NEGLIGIBLE * np.mean(noise)]
         chosen = deviations[:, kept]
         return cls(
@@ -129,7 +132,7 @@ class DeviationLikelihood:
     def __call__(
         self, theta: Float[np.ndarray, "5"]
     ) -> tuple[float, Float[np.ndarray, "5"]]:
-        """Value and gradient."""
+        """Its value at θ, and its gradient, (5,)."""
         process = self.process(theta)
         covariance = process.smooth_covariance(self.times, self.noise)
         white = process.white_variance(self.noise) + _RELATIVE_JITTER * self.noise

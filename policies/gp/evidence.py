@@ -73,7 +73,7 @@ class SpectralEvidence:
     size: int
     """Number of samples M."""
     log_noise: float
-    """log |N|."""
+    """Log-determinant log |N| of the noise."""
 
     @classmethod
     def reduce(

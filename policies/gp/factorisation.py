@@ -14,26 +14,26 @@ class CholeskyFactor:
     """A + jitter·I = L Lᵀ with L lower triangular."""
 
     lower: Float[np.ndarray, "N N"]
-    """L."""
+    """The factor L."""
     jitter: float
     """What had to be added to the diagonal; 0 unless the plain factor failed."""
 
     def solve(self, right: Float[np.ndarray, "N ..."]) -> Float[np.ndarray, "N ..."]:
-        """(L Lᵀ)⁻¹ ``right``."""
+        """Solve (L Lᵀ) x = ``right``."""
         solution: np.ndarray = cho_solve((self.lower, True), right, check_finite=False)
         return solution
 
     def half_solve(
         self, right: Float[np.ndarray, "N ..."]
     ) -> Float[np.ndarray, "N ..."]:
-        """L⁻¹ ``right``."""
+        """Solve L x = ``right``."""
         solution: np.ndarray = solve_triangular(
             self.lower, right, lower=True, check_finite=False
         )
         return solution
 
     def log_determinant(self) -> float:
-        """The log-determinant log |L Lᵀ|."""
+        """The log-determinant of L Lᵀ."""
         return 2.0 * float(np.sum(np.log(np.diag(self.lower))))
 
 

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from policies.aligned import FINEST
 from policies.gp.evidence import SpectralEvidence
 from policies.gp.exact import ExactGP
 from policies.gp.hyperparameters import fit_kernel
@@ -19,9 +20,6 @@ from policies.gp.noise_profile import NoiseModel, NoiseProfile
 from policies.gp.replicates import Replicates
 from policies.gp.spectral import SpectralPosterior
 from policies.records import short_repr
-
-_SMALLEST_STD = 1e-6
-"""No output is known, or scaled, more finely than a micrometre or a microradian."""
 
 
 def offset_and_scale(
@@ -37,7 +35,7 @@ def offset_and_scale(
         offset, size = float(np.mean(samples)), float(np.std(samples))
     else:
         offset, size = 0.0, float(np.sqrt(np.mean(samples**2)))
-    return offset, max(size, _SMALLEST_STD)
+    return offset, max(size, FINEST)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from gplfd_env.fields import check_quantities, quantity
 from policies.gp.evidence import SpectralEvidence
 from policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
 from policies.gp.kernels import RBF
@@ -33,14 +34,11 @@ class KerstingNoise:
         so a result after few passes depends on when it was stopped.
     """
 
-    n_iterations: int = 10
+    n_iterations: int = quantity(10, low=1)
     """Number of passes."""
 
     def __post_init__(self) -> None:
-        if self.n_iterations < 1:
-            raise ValueError(
-                f"n_iterations must be at least 1, got {self.n_iterations}."
-            )
+        check_quantities(self)
 
     def fit(
         self, times: Float[np.ndarray, " M"], samples: Float[np.ndarray, "D M"]

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from policies.gp.heteroscedastic import HeteroscedasticGP
 from policies.gp.legendre import LegendreBasis
+from policies.gp.noise_profile import NoiseModel
 from policies.gp.spectral import SpectralPosterior
 from policies.records import short_repr
 
@@ -22,17 +23,17 @@ class OutputMoments:
     """Moments of the mean function f and of the noise at M times."""
 
     mean: Float[np.ndarray, "M d"]
-    """E f."""
+    """Posterior mean of f, Eq. (10), in the unit of each output."""
     mean_rate: Float[np.ndarray, "M d"]
-    """d E f / dt."""
+    """Time derivative of the mean."""
     latent: Float[np.ndarray, "M d"]
-    """var f given the demonstrations, Eq. (11) without R."""
+    """Variance of f given the demonstrations, Eq. (11) without R."""
     latent_rate: Float[np.ndarray, "M d"]
-    """Its time derivative."""
+    """Time derivative of that variance."""
     noise: Float[np.ndarray, "M d"]
-    """r(t)."""
+    """Noise variance r(t)."""
     noise_rate: Float[np.ndarray, "M d"]
-    """Its time derivative."""
+    """Time derivative of r(t)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -52,6 +53,22 @@ class MultiOutputGP:
     """One process per output."""
 
     __repr__ = short_repr
+
+    @classmethod
+    def fit(
+        cls,
+        times: Float[np.ndarray, " M"],
+        poses: Float[np.ndarray, "D M d"],
+        noise: NoiseModel,
+        *,
+        centred: bool = True,
+    ) -> "MultiOutputGP":
+        """Learn every output by itself; arguments as of `HeteroscedasticGP.fit`."""
+        outputs = (
+            HeteroscedasticGP.fit(times, samples, noise, centred=centred)
+            for samples in np.moveaxis(poses, 2, 0)
+        )
+        return cls(outputs=tuple(outputs))
 
     @cached_property
     def _scales(self) -> Float[np.ndarray, " d"]:

@@ -57,7 +57,7 @@ class NoiseProfile:
         )
 
     def log_variance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
-        """z(t) = log r(t)."""
+        """Its logarithm z(t) at ``times``."""
         inside = np.clip(times, self.basis.start, self.basis.stop)
         log_variance: np.ndarray = (
             self.level + self.basis.matrix(inside) @ self.coefficients
@@ -65,7 +65,7 @@ class NoiseProfile:
         return log_variance
 
     def variance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
-        """r(t)."""
+        """The noise variance r(t) at ``times``."""
         variance: np.ndarray = np.exp(self.log_variance(times))
         return variance
 

@@ -35,9 +35,9 @@ class SpectralPosterior:
     """Posterior of the coefficients w of one output."""
 
     weights: Float[np.ndarray, " Q"]
-    """E w."""
+    """Their posterior mean E w."""
     factor: Float[np.ndarray, "Q R"]
-    """F with cov w = F Fᵀ."""
+    """F, of which F Fᵀ is their covariance."""
 
     @classmethod
     def condition(cls, evidence: SpectralEvidence, kernel: RBF) -> "SpectralPosterior":

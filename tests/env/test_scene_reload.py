@@ -18,6 +18,8 @@ from gplfd_env.config import DoorConfig
 from gplfd_env.scene import GRASP_KEY, build_scene, build_spec, load_scene
 from gplfd_env.variation import Placement
 
+pytestmark = pytest.mark.bits
+
 IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
 
 doors = st.builds(

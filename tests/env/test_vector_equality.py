@@ -16,6 +16,8 @@ from numpy.testing import assert_array_equal
 
 import gplfd_env
 
+pytestmark = pytest.mark.bits
+
 IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
 DOORS = ["small", 0.42, {"preset": "heavy", "panel_mass": 20.0}, "large"]
 LIMIT = 45

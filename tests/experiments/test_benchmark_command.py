@@ -220,6 +220,25 @@ def test_warns_of_workers_with_other_code(
     assert "1 of 1 results were made by other code" in capsys.readouterr().err
 
 
+def test_warns_of_results_of_another_machine(
+    tmp_path: Path,
+    ran: list[Any],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    here = store.code_state()
+    options = ["--policies", "gp", "--doors", "small", "--no-skill", "--seeds", "1"]
+    assert benchmark(tmp_path, *options) == 0
+    assert "another machine" not in capsys.readouterr().err
+    other = {**here, "arithmetic": {**here["arithmetic"], "linear algebra": "abacus"}}
+    monkeypatch.setattr(store, "code_state", lambda: other)
+    assert benchmark(tmp_path, *options) == 0
+    printed = capsys.readouterr().err
+    assert "1 of 1 results were made on another machine" in printed
+    assert "docs/reproducibility.md" in printed
+    assert "other code" not in printed
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -41,7 +41,7 @@ from experiments.teacher import Teacher
 from gplfd_env import ENVIRONMENT_ID
 from policies.demonstrations import Demonstration
 
-VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "5"))
+VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "8"))
 """Files per kind of file and of damage."""
 MOST_MEMORY = 100 * 2**20
 """Bytes that reading any of these files may take: an archive may unpack to 64 MiB."""
@@ -380,15 +380,13 @@ def arrays(folder: Path, _: EpisodeLog) -> Case:
 CASES: dict[Callable[[Path, EpisodeLog], Case], tuple[Mutation, ...]] = {
     demonstrations: DAMAGES + FORGERIES,
     episode_log: DAMAGES + FORGERIES,
+    skill: DAMAGES + FORGERIES,
     settings: DAMAGES + EDITS,
     plain_json: DAMAGES + EDITS,
     result: DAMAGES + EDITS,
     metadata: DAMAGES + EDITS,
     arrays: (*DAMAGES, forge_hdf5),
 }
-# INTEGRATION: make this an entry of CASES once `policies.load_skill` is here.
-if hasattr(policies, "load_skill"):
-    CASES[skill] = DAMAGES + FORGERIES
 
 
 @pytest.mark.parametrize(

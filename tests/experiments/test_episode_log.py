@@ -1,4 +1,5 @@
 import dataclasses
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,6 +22,14 @@ def test_round_trip_is_exact(tmp_path: Path, make_log: MakeLog) -> None:
             assert one.tobytes() == other.tobytes(), field.name
         else:
             assert one == other, field.name
+
+
+def test_a_log_is_printed_in_one_line(make_log: MakeLog) -> None:
+    log = make_log()
+    shown = f"EpisodeLog({log.policy} on {log.door}, seed {log.seed}, 601 steps, "
+    assert repr(log).startswith(shown)
+    assert repr(make_log(success=True, failure="")).endswith(", opened)")
+    assert repr(make_log(success=False, failure="stalled")).endswith(", stalled)")
 
 
 def test_arrays_are_own_and_read_only(make_log: MakeLog) -> None:
@@ -55,14 +64,29 @@ def test_incomplete_file(tmp_path: Path, make_log: MakeLog) -> None:
         EpisodeLog.load(path)
 
 
-@pytest.mark.parametrize(
-    "header", ["[1]", "{", '{"seed": 1}', '{"other": 1}', "[" * 9999]
-)
+@pytest.mark.parametrize("header", ["[1]", "{", "[" * 9999, '{"other": 1}'])
 def test_wrong_header(tmp_path: Path, make_log: MakeLog, header: str) -> None:
     path = tmp_path / "log.npz"
     make_log().save(path)
+    rewrite_header(path, header)
+    with pytest.raises(ValueError, match=r"log\.npz cannot be read as a gplfd episode"):
+        EpisodeLog.load(path)
+
+
+@pytest.mark.parametrize("name", ["policy", "door_config", "seed", "dt", "success"])
+def test_wrong_header_names_the_field(
+    tmp_path: Path, make_log: MakeLog, name: str
+) -> None:
+    path = tmp_path / "log.npz"
+    make_log().save(path)
+    with np.load(path) as archive:
+        header = json.loads(str(archive["header"]))
+    rewrite_header(path, json.dumps(header | {name: None}))
+    with pytest.raises(ValueError, match=rf"log\.npz cannot .*: its {name} is None"):
+        EpisodeLog.load(path)
+
+
+def rewrite_header(path: Path, header: str) -> None:
     with np.load(path) as archive:
         arrays = dict(archive) | {"header": np.array(header)}
     np.savez(path, **arrays)
-    with pytest.raises(ValueError, match=r"log\.npz cannot be read as a gplfd episode"):
-        EpisodeLog.load(path)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import gymnasium as gym
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.rollout import rollout
@@ -49,6 +50,7 @@ def in_lockstep(
     )
 
 
+@pytest.mark.bits
 @pytest.mark.parametrize(
     ("policy", "randomization"), [("gp", "hard"), ("oracle", "mild")]
 )
@@ -67,6 +69,20 @@ def test_logs_are_those_of_episodes_alone(
                 continue
             first, second = getattr(log, field.name), getattr(alone, field.name)
             np.testing.assert_array_equal(first, second, err_msg=field.name)
+
+
+@pytest.mark.bits
+def test_number_of_threads_changes_no_number() -> None:
+    """Of BLAS: learning and acting take one, whatever the caller has set."""
+    ends = []
+    for threads in (1, 2):
+        with threadpool_limits(limits=threads, user_api="blas"):
+            demonstrations = Teacher().demonstrate_doors(
+                (0.35, 0.5), 2, rng=np.random.default_rng(0)
+            )
+            logs = in_lockstep("gp", demonstrations, max_episode_steps=30)
+        ends.append([log.action.tobytes() for log in logs])
+    assert ends[0] == ends[1]
 
 
 def test_an_episode_that_is_cut_off_says_so(

@@ -32,7 +32,7 @@ ROW = Criterion(
         ([], None, None),
     ],
 )
-def test_mark_is_the_mean_held_against_all_limits(
+def test_mark_is_the_mean_compared_with_all_limits(
     tasks: list[dict[str, Any]], passed: bool | None, value: float | None
 ) -> None:
     result = mark(ROW, tasks)

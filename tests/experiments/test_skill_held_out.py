@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from experiments.learning_tests.folds import folds, lay
+from experiments.learning_tests.folds import aligned_to, folds
 from experiments.teacher import Teacher, TeacherConfig
 from policies.alignment import align
 from policies.demonstrations import Demonstration
@@ -39,7 +39,7 @@ def test_learning_does_not_see_what_is_left_out(held_out: str) -> None:
         assert not {id(one) for one in again.left_out} & left_out
         before, after = (align(each.given) for each in (fold, again))
         np.testing.assert_array_equal(before.poses, after.poses)
-        lay(again.left_out[0], before)
+        aligned_to(again.left_out[0], before)
         np.testing.assert_array_equal(before.poses, after.poses)
         assert len(fold.given) + len(fold.left_out) == 6
         assert not left_out & {id(one) for one in fold.given}
@@ -68,7 +68,7 @@ def test_unknown_kind_of_held_out_names_what_there_is() -> None:
         folds(demonstrated(), "door", 0)
 
 
-def test_a_single_door_cannot_be_taken_apart() -> None:
+def test_a_single_door_cannot_be_split() -> None:
     with pytest.raises(ValueError, match="at least three doors are needed, got 1"):
         folds(demonstrated()[:1], "radius", 0)
 
@@ -87,17 +87,17 @@ def test_timing_of_the_left_out_demonstration_does_not_matter() -> None:
     late = Demonstration(times=2.0 * one.times, poses=poses)
     aligned = align([one])
 
-    laid = lay(late, aligned)
+    found = aligned_to(late, aligned)
 
-    error = laid.at(aligned.times) - aligned.poses[0]
+    error = found.at(aligned.times) - aligned.poses[0]
     assert np.abs(error).max() < 2e-3
-    assert (np.diff(laid.phases) > 0.0).all()
-    assert laid.phases[[0, -1]] == pytest.approx([0.0, 1.0])
+    assert (np.diff(found.phases) > 0.0).all()
+    assert found.phases[[0, -1]] == pytest.approx([0.0, 1.0])
 
 
 def test_every_movement_is_asked_for_the_same_poses() -> None:
     doors = demonstrated()
     early, late = (align(doors[0]), align(doors[2]))
-    a, b = (lay(doors[1][0], each).thinned(50) for each in (early, late))
+    a, b = (aligned_to(doors[1][0], each).thinned(50) for each in (early, late))
     np.testing.assert_array_equal(a.poses, b.poses)
     assert not np.array_equal(a.phases, b.phases)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from experiments.learning_tests import tumbling as tumbling_module
 from experiments.learning_tests.extrapolation import beyond
-from experiments.learning_tests.folds import Laid, folds
+from experiments.learning_tests.folds import OnPhases, folds
 from experiments.learning_tests.methods import Learned
 from experiments.learning_tests.tumbling import (
     TUMBLE_STD,
@@ -26,7 +26,7 @@ from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
 from policies.demonstrations import Demonstration
 from policies.method import Method, TrainingInput
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from policies.trajectory import GaussianTrajectory, ViaPoint, white_covariance
 
 RADII = (0.35, 0.50, 0.65)
 Curve = Callable[[np.ndarray], np.ndarray]
@@ -87,7 +87,12 @@ class Shifted:
         self.std = 0.25 * self.std
 
     def trajectory(self) -> GaussianTrajectory:
-        raise AssertionError("nobody needs rates or covariances")
+        return GaussianTrajectory.from_moments(
+            self._grid,
+            self.mean,
+            self.std,
+            functools.partial(white_covariance, self.std**2),
+        )
 
 
 class Untaught(Method):
@@ -112,10 +117,10 @@ def test_far_changes_are_in_units_of_the_std_before() -> None:
     method = knowing(form=functools.partial(Shifted, offset))
     poses = np.zeros((7, 6))
     poses[:, 1] = 0.2
-    laid = Laid(phases=np.linspace(0.0, 1.0, 7), poses=poses)
+    left_out = OnPhases(phases=np.linspace(0.0, 1.0, 7), poses=poses)
 
     score = adaptation(
-        method, Learned(movement=Known(aligned_doors()), cpu_s=0), [laid]
+        method, Learned(movement=Known(aligned_doors()), cpu_s=0), [left_out]
     )
 
     assert score["via_far_change"] == pytest.approx(0.5)
@@ -134,11 +139,13 @@ class Obedient(Shifted):
 def test_via_point_errors_are_distance_and_angle() -> None:
     offset = np.array([0.003, 0.0, 0.004, 0.0, 0.01, 0.0])
     method = knowing(form=functools.partial(Obedient, offset))
-    laid = Laid(phases=np.array([0.0, 1.0]), poses=np.full((2, 6), 0.1) * [[1], [2]])
-    laid.poses[:, [3, 5]] = 0.0
+    left_out = OnPhases(
+        phases=np.array([0.0, 1.0]), poses=np.full((2, 6), 0.1) * [[1], [2]]
+    )
+    left_out.poses[:, [3, 5]] = 0.0
 
     score = adaptation(
-        method, Learned(movement=Known(aligned_doors()), cpu_s=0), [laid]
+        method, Learned(movement=Known(aligned_doors()), cpu_s=0), [left_out]
     )
 
     assert score["via_error_position_m"] == pytest.approx(0.005)
@@ -154,8 +161,8 @@ def test_the_rest_is_what_follows_the_first_third() -> None:
         return np.where(times[:, None] <= 0.3, 1.0, 0.0) * np.ones(6)
 
     movement = Known(aligned_doors(), early)
-    laid = Laid(phases=GRID, poses=np.zeros((len(GRID), 6)))
-    score = adaptation(knowing(), Learned(movement=movement, cpu_s=0), [laid])
+    left_out = OnPhases(phases=GRID, poses=np.zeros((len(GRID), 6)))
+    score = adaptation(knowing(), Learned(movement=movement, cpu_s=0), [left_out])
     assert score["rmse_rest_position_m"] == 0.0
     assert score["rmse_rest_unadapted_position_m"] == 0.0
     assert score["via_error_position_m"] is score["cpu_adapt_s"] is None

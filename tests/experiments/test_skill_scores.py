@@ -136,8 +136,13 @@ def test_every_method_of_table_1_is_measured(policy: str) -> None:
 def test_kinds_of_tasks_share_their_names_but_for_the_extra_tests(policy: str) -> None:
     one, other = (set(metrics_of(policy, kind)) for kind in ("demonstration", "radius"))
     assert one - other == {
-        *("uncertainty_growth", "coverage_95_beyond", "prior_mean_used")
+        "uncertainty_growth",
+        "coverage_95_beyond",
+        "prior_mean_used",
     }
     assert other - one == {
-        *("outputs_cpu_s", "outputs_nlpd", "outputs_nlpd_change", "tumbling_error")
+        "outputs_cpu_s",
+        "outputs_nlpd",
+        "outputs_nlpd_change",
+        "tumbling_error",
     }

@@ -146,6 +146,7 @@ def test_a_period_that_is_not_positive_is_refused(dt):
         Admittance(PAPER_DYNAMICS).step(STIFF, WRENCH, dt)
 
 
+@pytest.mark.bits
 def test_members_are_displaced_as_each_alone():
     """Members are reset and left out at different times; the others go on."""
     rng = np.random.default_rng(0)

@@ -325,11 +325,11 @@ def test_reproduction_is_no_worse_than_the_library_s(as_in_the_library, library)
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("n_basis", 1, "n_basis must be at least 2, got 1"),
-        ("alpha", 0.0, "alpha must be positive and finite, got 0.0"),
-        ("alpha_x", np.inf, "alpha_x must be positive and finite, got inf"),
-        ("alpha_x", np.nan, "alpha_x must be positive and finite, got nan"),
-        ("overlap", 1.0, r"overlap must be in \(0, 1\), got 1.0"),
+        ("n_basis", 1, "n_basis = 1 must be a whole number from 2"),
+        ("alpha", 0.0, r"alpha = 0.0 is outside \(0, inf\)"),
+        ("alpha_x", np.inf, r"alpha_x = inf is outside \(0, inf\)"),
+        ("alpha_x", np.nan, r"alpha_x = nan is outside \(0, inf\)"),
+        ("overlap", 1.0, r"overlap = 1.0 is outside \(0, 1\)"),
     ],
 )
 def test_impossible_constants_are_refused(field, value, message):

@@ -262,8 +262,8 @@ def test_too_many_clusters_are_refused():
 
 
 def test_impossible_configurations_are_refused():
-    with pytest.raises(ValueError, match="clusters must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="clusters = 0 must be a whole number from 1"):
         LocalGPConfig(clusters=0)
     for width in (0.0, 11.0, np.nan):
-        with pytest.raises(ValueError, match=r"width must be in \[0.1, 10\]"):
+        with pytest.raises(ValueError, match=r"width = .* is outside \[0.1, 10\]"):
             LocalGPConfig(width=width)

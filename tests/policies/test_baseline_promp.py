@@ -376,12 +376,12 @@ def test_too_few_phases_are_refused(aligned):
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("n_basis", 1, "n_basis must be at least 2, got 1"),
-        ("overlap", 1.0, r"overlap must be in \(0, 1\), got 1.0"),
-        ("ridge", 0.0, "ridge must be positive and finite, got 0.0"),
-        ("ridge", np.inf, "ridge must be positive and finite"),
-        ("shrinkage", 1.5, r"shrinkage must be in \[0, 1\], got 1.5"),
-        ("shrinkage", np.nan, r"shrinkage must be in \[0, 1\], got nan"),
+        ("n_basis", 1, "n_basis = 1 must be a whole number from 2"),
+        ("overlap", 1.0, r"overlap = 1.0 is outside \(0, 1\)"),
+        ("ridge", 0.0, r"ridge = 0.0 is outside \(0, inf\)"),
+        ("ridge", np.inf, r"ridge = inf is outside \(0, inf\)"),
+        ("shrinkage", 1.5, r"shrinkage = 1.5 is outside \[0, 1\]"),
+        ("shrinkage", np.nan, r"shrinkage = nan is outside \[0, 1\]"),
     ],
 )
 def test_impossible_constants_are_refused(field, value, message):

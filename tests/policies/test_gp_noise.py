@@ -66,7 +66,9 @@ def test_kersting_depends_on_when_it_is_stopped():
 
 
 def test_kersting_needs_at_least_one_pass():
-    with pytest.raises(ValueError, match="n_iterations must be at least 1, got 0"):
+    with pytest.raises(
+        ValueError, match="n_iterations = 0 must be a whole number from 1"
+    ):
         KerstingNoise(n_iterations=0)
 
 

@@ -83,6 +83,7 @@ def test_any_movement_that_adapts_can_be_gridded(skill):
     np.testing.assert_allclose(readapted, online, atol=1e-12)
 
 
+@pytest.mark.bits
 def test_members_are_looked_up_as_each_alone(skill, demonstrations):
     other = fit_skill(align(demonstrations[:4]))
     alone = [

@@ -53,6 +53,7 @@ def test_yield_to_all_changes_nothing():
     assert pace == 1.0
 
 
+@pytest.mark.bits
 @pytest.mark.parametrize("rule", [CarriedLoad(limit=20.0), YieldToAll()])
 def test_members_share_as_each_alone(rule):
     rng = np.random.default_rng(0)

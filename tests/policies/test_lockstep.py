@@ -140,6 +140,7 @@ def seven(agents_of):
     return [[copy.deepcopy(agent) for agent in agents] for _ in range(2)]
 
 
+@pytest.mark.bits
 @given(
     order=st.permutations(range(7)),
     count=st.integers(1, 7),

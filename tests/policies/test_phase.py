@@ -153,6 +153,7 @@ def test_search_is_the_one_that_is_defined(skill, previous):
         assert float(found) == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.bits
 def test_stacked_rules_tell_what_each_would(skill, demonstrations):
     """Members that differ in skill, phase and pose, all of them or only some."""
     other = fit_skill(align(demonstrations[:4]))

@@ -10,6 +10,7 @@ import pytest
 from gplfd_env.task import handle_pose_on_arc
 from policies import POLICIES, ViaPoint, align, make_agent
 from policies.adaptation import ADAPTATIONS
+from policies.method import TrainingInput
 from policies.movement import Adaptable
 from policies.registry import TABLE_1
 from policies.skill import Skill
@@ -65,8 +66,9 @@ def test_agents_act_on_as_if_nothing_had_happened(name, agents):
 
 @pytest.mark.parametrize("name", TABLE_1)
 @pytest.mark.filterwarnings("ignore:sensor noise")
-def test_movements_predict_and_adapt_the_same(name, agents):
-    movement = agents(name).policy.movement
+def test_movements_predict_and_adapt_the_same(name, demonstrations):
+    training = TrainingInput(demonstrations=demonstrations)
+    movement = POLICIES[name].method.learn(training)
     copy = sent(movement)
     predicted = movement.predict(PHASES)
     assert_equal(predicted, copy.predict(PHASES))

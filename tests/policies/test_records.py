@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from policies import PosePath, align, make_agent
+from policies import POLICIES, AlignedDemonstrations, PosePath, align
+from policies.method import TrainingInput
 
 
 def test_a_skill_says_what_it_was_learned_from(skill):
@@ -12,7 +13,8 @@ def test_a_skill_says_what_it_was_learned_from(skill):
 
 @pytest.mark.parametrize("name", ["dmp", "promp", "gmr", "kmp"])
 def test_every_movement_says_so(name, demonstrations):
-    movement = make_agent(name, demonstrations).policy.movement
+    training = TrainingInput(demonstrations=demonstrations)
+    movement = POLICIES[name].method.learn(training)
     shown = repr(movement)
     assert shown.startswith(f"{type(movement).__name__}(6 demonstrations, 200 phases, ")
 
@@ -39,3 +41,13 @@ def test_no_record_fills_the_screen(skill):
     for record in (skill.processes, output, output.noise, output.replicates):
         assert len(repr(record)) < 500
         assert repr(record).startswith(type(record).__name__)
+
+
+def test_arrays_have_one_order_in_memory(demonstrations):
+    """Sums depend on it: a copy through a file or a pickle must not change them."""
+    aligned = align(demonstrations, n_samples=20)
+    turned = np.ascontiguousarray(aligned.poses.transpose(1, 2, 0)).transpose(2, 0, 1)
+    assert not turned.flags.c_contiguous
+    record = AlignedDemonstrations(times=aligned.times, poses=turned)
+    assert record.poses.flags.c_contiguous
+    assert not record.poses.flags.writeable

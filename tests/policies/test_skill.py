@@ -148,6 +148,7 @@ def test_covariance_stretches_that_of_the_mean(skill):
         )
 
 
+@pytest.mark.bits
 def test_spectral_and_dense_moments_agree(skill):
     """The fast form inside against the dense processes of every output."""
     grid = np.linspace(0.0, 1.0, 41)

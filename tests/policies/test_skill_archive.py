@@ -72,17 +72,6 @@ def test_a_skill_of_one_demonstration(demonstrations, tmp_path):
     )
 
 
-def test_the_layout_in_memory_does_not_matter(demonstrations, tmp_path):
-    """Poses that are views of another order give the bits of their copy in a file."""
-    aligned = align(demonstrations, n_samples=40)
-    turned = np.asfortranarray(aligned.poses)
-    skill = fit_skill(type(aligned)(times=aligned.times, poses=turned))
-    skill.save(tmp_path / "skill.npz")
-    assert same_bits(
-        load_skill(tmp_path / "skill.npz").predict(PHASES), skill.predict(PHASES)
-    )
-
-
 def test_a_movement_around_a_prior_mean_cannot_be_saved(demonstrations, tmp_path):
     path = PosePath(phases=np.array([0.0, 1.0]), poses=np.zeros((2, 6)))
     movement = fit_residual(align(demonstrations, n_samples=40), path, fit_skill)

@@ -257,6 +257,7 @@ def test_governor_refuses_a_period_that_is_not_positive(dt):
         governor.step(np.full(6, 100.0), dt)
 
 
+@pytest.mark.bits
 def test_governor_governs_each_member_as_if_alone():
     """Members are reset and left out at different times; the others go on."""
     rng = np.random.default_rng(0)

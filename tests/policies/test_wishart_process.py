@@ -145,6 +145,7 @@ def test_likelihood_is_that_of_independent_contrasts():
     assert values[1] - values[0] == pytest.approx(expected[1] - expected[0])
 
 
+@pytest.mark.bits
 def test_likelihood_gradient_equals_finite_differences():
     process, _, likelihood = likelihood_case()
     flat = np.random.default_rng(4).standard_normal(process.shape).ravel()
@@ -157,6 +158,7 @@ def test_likelihood_gradient_equals_finite_differences():
     np.testing.assert_allclose(likelihood.gradient(flat), numeric, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.bits
 def test_posterior_averages_the_covariances_of_its_samples():
     process, rng = prior(floor=0.05), np.random.default_rng(5)
     samples = rng.standard_normal((4, *process.shape))
@@ -182,6 +184,7 @@ def known_covariance(times: np.ndarray) -> np.ndarray:
     return np.stack(rows, axis=1)
 
 
+@pytest.mark.bits
 def test_posterior_concentrates_on_the_truth():
     times = np.linspace(0.0, 1.0, 30)
     truth = known_covariance(times)

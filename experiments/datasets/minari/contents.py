@@ -3,24 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from collections.abc import Mapping
 
 from experiments.datasets.minari.episode import RecordedEpisode
 from experiments.datasets.minari.physics import model_hash
 from experiments.datasets.minari.reading import Dataset
-
-_COLUMNS: Final = (
-    ("episode", ""),
-    ("radius", "m"),
-    ("seed", ""),
-    ("steps", ""),
-    ("time", "s"),
-    ("angle", "deg"),
-    ("outcome", ""),
-    ("return", ""),
-    ("model", "hash"),
-)
-"""Heads of the columns and their units."""
 
 
 def title(dataset: Dataset) -> str:
@@ -48,42 +35,42 @@ def contents(dataset: Dataset) -> str:
     Raises:
         ValueError: An episode is incomplete.
     """
-    origin = dataset.origin
-    versions = {"minari": origin["minari"], **origin["versions"]}
-    git = origin["git"]
+    origin, git = dataset.origin, dataset.origin["git"]
     edited = " with edits" if git and git.get("dirty") else ""
-    rows: list[tuple[str, ...]] = list(zip(*_COLUMNS, strict=True))
-    rows += [_row(n, dataset.episode(n)) for n in range(dataset.n_episodes)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    rows = [_row(n, dataset.episode(n)) for n in range(dataset.n_episodes)]
+    lines = [list(rows[0]), *(list(row.values()) for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return "\n".join(
         [
             title(dataset),
             dataset.description,
             f"recorded {origin['created']} by `{' '.join(origin['command'])}`"
             + (f" at git {str(git.get('commit'))[:10]}{edited}" if git else ""),
-            ", ".join(f"{name} {version}" for name, version in versions.items()),
-            ", ".join(
-                f"{name} {value}" for name, value in origin["arithmetic"].items()
-            ),
+            _listed({"minari": origin["minari"], **origin["versions"]}),
+            _listed(origin["arithmetic"]),
             "",
             *(
-                "  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True))
-                for row in rows
+                "  ".join(cell.rjust(w) for cell, w in zip(line, widths, strict=True))
+                for line in lines
             ),
         ]
     )
 
 
-def _row(number: int, episode: RecordedEpisode) -> tuple[str, ...]:
+def _listed(values: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in values.items())
+
+
+def _row(number: int, episode: RecordedEpisode) -> dict[str, str]:
     infos = episode.infos
-    return (
-        str(number),
-        f"{infos['door_radius'][-1]:.3f}",
-        str(episode.seed),
-        str(len(episode)),
-        f"{episode.observations['time'][-1, 0]:.2f}",
-        f"{math.degrees(infos['door_angle'][-1]):.1f}",
-        outcome(episode),
-        f"{episode.rewards.sum():.3f}",
-        model_hash(episode.model_digests)[:8],
-    )
+    return {
+        "episode": str(number),
+        "radius [m]": f"{infos['door_radius'][-1]:.3f}",
+        "seed": str(episode.seed),
+        "steps": str(len(episode)),
+        "time [s]": f"{episode.observations['time'][-1, 0]:.2f}",
+        "angle [deg]": f"{math.degrees(infos['door_angle'][-1]):.1f}",
+        "outcome": outcome(episode),
+        "return": f"{episode.rewards.sum():.3f}",
+        "model": model_hash(episode.model_digests)[:8],
+    }

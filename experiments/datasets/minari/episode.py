@@ -50,9 +50,9 @@ class RecordedEpisode:
     observations: Mapping[str, Array]
     """Observations by name, (T + 1, ...)."""
     actions: Array
-    """Actions, (T, A)."""
+    """Actions that the agent took, (T, A)."""
     rewards: Array
-    """Rewards, (T,)."""
+    """Rewards of the steps, (T,)."""
     terminations: Array
     """Whether the task ended at this step, (T,)."""
     truncations: Array
@@ -83,7 +83,7 @@ class RecordedEpisode:
         _check(f"info {PHYSICS_STATE}", self.infos.get(PHYSICS_STATE), (rows, width))
 
     def __len__(self) -> int:
-        """Number of steps."""
+        """Return the number of steps T."""
         return len(self.rewards)
 
     @property

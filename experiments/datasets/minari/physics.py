@@ -1,37 +1,19 @@
-"""What MuJoCo's future depends on: the physics state, the model, and the arithmetic."""
+"""What MuJoCo's future depends on: the physics state and the model."""
 
 from __future__ import annotations
 
 import hashlib
-import importlib
-import math
-import platform
 from collections.abc import Iterator, Mapping
-from types import MappingProxyType
 from typing import Any, Final
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_info
 
 FloatArray = NDArray[np.float64]
 
 _STATE: Final = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 """All that a step reads: with it, MuJoCo continues bit for bit."""
-
-_PREFIX: Final = "mjSTATE_"
-
-FIELDS: Final[Mapping[str, int]] = MappingProxyType(
-    {
-        name.removeprefix(_PREFIX).lower(): int(bit)
-        for name, bit in sorted(
-            mujoco.mjtState.__members__.items(), key=lambda item: int(item[1])
-        )
-        if name.startswith(_PREFIX) and int(bit).bit_count() == 1 and int(bit) & _STATE
-    }
-)
-"""The parts of the state by name, in the order in which they lie in it."""
 
 _HASHED_STRUCTS: Final = ("opt", "stat")
 _DIGITS: Final = 16
@@ -46,8 +28,16 @@ def physics_state(model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
 
 def state_layout(model: mujoco.MjModel) -> dict[str, int]:
     """How many numbers of the state each part has, in order; empty parts left out."""
-    sizes = {name: mujoco.mj_stateSize(model, bit) for name, bit in FIELDS.items()}
+    sizes = {
+        name.removeprefix("mjSTATE_").lower(): mujoco.mj_stateSize(model, int(bit))
+        for name, bit in sorted(mujoco.mjtState.__members__.items(), key=_bit)
+        if int(bit).bit_count() == 1 and int(bit) & _STATE
+    }
     return {name: size for name, size in sizes.items() if size}
+
+
+def _bit(member: tuple[str, Any]) -> int:
+    return int(member[1])
 
 
 def model_digests(model: mujoco.MjModel) -> dict[str, str]:
@@ -84,32 +74,3 @@ def _contents(model: mujoco.MjModel) -> Iterator[tuple[str, Any]]:
                     yield f"{name}_{field}", value
         elif isinstance(value := getattr(model, name), np.ndarray):
             yield name, value
-
-
-def arithmetic() -> dict[str, str]:
-    """What of this machine decides the last bits of a result.
-
-    MuJoCo, the C library's sine and the linear algebra library choose their code by the
-    processor, and round differently.
-    """
-    # Libraries show once they are loaded, and SciPy brings its own.
-    importlib.import_module("scipy.linalg")
-    kernels = {
-        f"{pool['internal_api']} {pool['version']} {pool.get('architecture', '')}"
-        for pool in threadpool_info()
-        if pool["user_api"] == "blas"
-    }
-    return {
-        "system": platform.system(),
-        "machine": platform.machine(),
-        "C library": " ".join(platform.libc_ver()).strip(),
-        "elementary functions": _elementary_functions(),
-        "linear algebra": ", ".join(sorted(kernels)),
-    }
-
-
-def _elementary_functions() -> str:
-    """Hash of what the C library's functions return, which depends on the processor."""
-    numbers = np.linspace(-3.0, 3.0, 1001).tolist()
-    values = [(math.sin(x), math.cos(x), math.exp(x), math.atan(x)) for x in numbers]
-    return hashlib.sha256(np.array(values).tobytes()).hexdigest()[:_DIGITS]

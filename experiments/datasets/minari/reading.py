@@ -44,9 +44,9 @@ class Dataset:
     """A data set on disk; episodes are read when asked for."""
 
     path: Path
-    """Its folder."""
+    """Folder of the data set."""
     name: str
-    """Its Minari id."""
+    """Minari id of the data set."""
     policy: str
     """Name of the policy that acted."""
     description: str
@@ -58,7 +58,7 @@ class Dataset:
     origin: Mapping[str, Any]
     """Versions, processor, command, settings and source state of the recording."""
     n_episodes: int
-    """Number of episodes."""
+    """Number of episodes in it."""
 
     def make_environment(self) -> gym.Env[Any, Any]:
         """Make the environment anew.
@@ -110,8 +110,9 @@ class Dataset:
 def open_dataset(path: str | Path) -> Dataset:
     """Open a data set whose content is what was recorded.
 
-    That is told by a hash over the file of the arrays: HDF5 itself would read a changed
-    number as another number, and can hang at a changed index.
+    A hash of the arrays' file says so: HDF5 itself would read a changed number as
+    another number, and can hang at a changed index. The hash finds damage; it is no
+    protection against a file that was forged together with its hash.
 
     Args:
         path: Its folder, or the folder ``data`` in it.
@@ -163,6 +164,9 @@ def _dataset(folder: Path, metadata: Mapping[str, Any], sha256: str) -> Dataset:
         raise ValueError(
             f"the data set does not say with which {', '.join(missing)} it was made"
         )
+    n_episodes = entry(metadata, "total_episodes", int)
+    if n_episodes < 1:
+        raise ValueError("the data set holds no episode")
     environment, arguments = _environment(entry(metadata, "env_spec", str))
     return Dataset(
         path=folder,
@@ -172,7 +176,7 @@ def _dataset(folder: Path, metadata: Mapping[str, Any], sha256: str) -> Dataset:
         environment=environment,
         arguments=arguments,
         origin={"minari": entry(metadata, "minari_version", str), **origin},
-        n_episodes=entry(metadata, "total_episodes", int),
+        n_episodes=n_episodes,
     )
 
 

@@ -20,7 +20,7 @@ from minari.serialization import serialize_space
 from numpy.typing import NDArray
 
 from experiments.datasets.minari.episode import RecordedEpisode, flat
-from experiments.datasets.minari.physics import arithmetic, model_hash
+from experiments.datasets.minari.physics import model_hash
 from experiments.files.plain_data import write_json
 from experiments.files.provenance import provenance
 from policies.storage import complete_or_absent
@@ -192,7 +192,6 @@ def _metadata(packed: _Packed, origin: Mapping[str, Any]) -> dict[str, Any]:
         KIND: {
             "layout": LAYOUT,
             "sha256": hashlib.sha256(packed.content).hexdigest(),
-            "arithmetic": arithmetic(),
             **origin,
         },
     }
