@@ -249,7 +249,7 @@ def test_warns_of_results_of_another_machine(
         (["--doors", "small", "small"], "door small is given twice"),
         (["--doors", "smal"], "did you mean 'small'"),
         (["--doors", "0.95"], "DoorConfig.radius = 0.95 is outside [0.3, 0.65]"),
-        (["--seeds", "0"], "--seeds 0 must be 1 to 10000"),
+        (["--seeds", "0"], "--seeds 0 must be 1 or more"),
         (["--demonstrations-per-door", "0"], "--demonstrations-per-door 0 must be 1"),
         (["--teacher-noise", "-1"], "--teacher-noise -1.0 must be 0 to 20"),
         (["--randomizations", "mid"], "did you mean 'mild'"),

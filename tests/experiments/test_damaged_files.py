@@ -334,7 +334,7 @@ def result(folder: Path, _: EpisodeLog) -> Case:
     task = EpisodeTask(policy="gp", door="small", door_config={"radius": 0.35}, seed=0)
     file = result_path(folder, task)
     metrics = {"success": True, "final_angle_deg": 66.0, "time_to_60_deg": None}
-    write_json(file, {"task": dataclasses.asdict(task), "metrics": metrics})
+    write_json(file, {"task": task.definition, "metrics": metrics})
 
     def read() -> None:
         for reason in damaged_results(folder, [task]):

@@ -31,7 +31,7 @@ def episodes(policies, seeds):
 
 def succeeded(task):
     return {
-        "task": dataclasses.asdict(task),
+        "task": task.definition,
         **store.code_state(),
         "metrics": {"success": True},
     }
