@@ -108,8 +108,11 @@ class Replay:
         numbers = self.episodes or tuple(range(dataset.n_episodes))
         dataset.check(numbers)
         print(title(dataset))
-        for what, (then, now) in changes_since(dataset.origin).items():
+        changes = changes_since(dataset.origin)
+        for what, (then, now) in changes.items():
             print(f"not as recorded: {what} was {then}, is {now}")
+        if changes:
+            print("so equal to a tolerance only, see docs/reproducibility.md")
         exact = 0
         for number, comparison in replays(dataset, numbers):
             exact += comparison.exact

@@ -61,6 +61,7 @@ def origin_section(results: StudyResults) -> Section:
     """Provenance, counts, errors and what could not be read."""
     blocks: list[Block] = [
         *_code(results.all),
+        *_machines(results.all),
         *_sources(results.all),
         *_machine(results.study),
         _counts(results),
@@ -87,6 +88,16 @@ def _code(results: Sequence[TaskResult]) -> list[Block]:
         ),
         Items(texts=tuple(f"{n} results: {literal(text)}" for text, n in listed)),
     ]
+
+
+def _machines(results: Sequence[TaskResult]) -> list[Block]:
+    if (kinds := len({one.machine for one in results})) < 2:
+        return []
+    text = (
+        f"These results were made on {kinds} kinds of machine: they are comparable to "
+        f"a tolerance only, see {code('docs/reproducibility.md')}."
+    )
+    return [Paragraph(text=text)]
 
 
 def _sources(results: Sequence[TaskResult]) -> list[Block]:

@@ -139,6 +139,7 @@ def _result(record: Mapping[str, Any]) -> EpisodeResult | LearningTestResult:
         "metrics": {} if failed else entry(record, "metrics", dict[str, Any]),
         "error": entry(record, "error", str) or "no reason given" if failed else "",
         "code": _code(record),
+        "machine": str(record.get("arithmetic", "")),
         "policy_source": ", ".join(f"{name} {said}" for name, said in source.items()),
     }
     if isinstance(task, EpisodeTask):

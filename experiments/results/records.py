@@ -34,6 +34,8 @@ class TaskResult:
     """Why nothing was measured; "" if something was."""
     code: str
     """Which code made the result."""
+    machine: str
+    """What of the machine that made it decides its last bits; "" if unknown."""
     policy_source: str
     """Where the policy came from, for one that is not this project's; else ""."""
 

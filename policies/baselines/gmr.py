@@ -38,7 +38,7 @@ class GMRConfig:
 
     There is no seed: expectation maximisation starts from equal bins of time, as the
     published codes do, and nothing is drawn at random. The same demonstrations give
-    the same mixture, bit for bit.
+    the same mixture, bit for bit on one machine.
 
     Raises:
         ValueError: if a value is outside its range.

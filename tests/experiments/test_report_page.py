@@ -146,6 +146,16 @@ def test_results_of_other_code_are_named(study, policies):
     assert "1 results: commit 0123456789ab with edits" in text
 
 
+def test_results_of_several_kinds_of_machine_are_named(study, policies):
+    assert "kinds of machine" not in markdown(study(policies))
+    policies[0]["arithmetic"] = {"machine": "z80"}
+    text = markdown(study(policies))
+    assert (
+        "2 kinds of machine: they are comparable to a tolerance only, see `docs/"
+        in text
+    )
+
+
 def test_a_policy_that_opened_no_door_and_why(study, policies):
     text = markdown(study(policies))
     assert "**No door to 60°:** `dmp`." in text
