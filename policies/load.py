@@ -60,7 +60,7 @@ class CarriedLoad:
             clock) without load, 0 at the limit, and down to -1 from 1.19 times the
             limit on, where the set-point comes back to the hand.
         """
-        # Not `vecdot`: see `policies.composition`.
+        # Not `vecdot`: see `policies.compliance`.
         along = np.add.reduce(direction * wrench[..., :3], axis=-1)
         load = np.maximum(-along, 0.0)
         left = wrench.copy()
