@@ -8,19 +8,21 @@ import platform
 from pathlib import Path
 from typing import Any
 
-from threadpoolctl import threadpool_info
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from experiments.speed.peers import DISTRIBUTIONS, NOT_INSTALLED, installed
 
 
 def machine() -> dict[str, Any]:
-    """Processor, load, thread pools in force and versions of the other libraries."""
+    """Processor, load, thread pools as they measure, versions of other libraries."""
+    with threadpool_limits(1):
+        pools = threadpool_info()
     return {
         "processor": _processor(),
         "load": load(),
         "thread_pools": [
             {key: pool.get(key) for key in ("internal_api", "version", "num_threads")}
-            for pool in threadpool_info()
+            for pool in pools
         ],
         "peers": {
             distribution: (
