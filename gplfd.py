@@ -60,9 +60,7 @@ def main() -> int:
         The status of `experiments.cli.main`, `INTERRUPTED` or `PIPE_CLOSED`.
     """
     # After the search was put in order: a user's folder may have a ``signal.py``.
-    import _thread
     import signal
-    import threading
     from typing import Any
 
     interrupted = False
@@ -75,12 +73,14 @@ def main() -> int:
     def interrupt_again(lost: Any) -> None:
         """Repeat an interruption that hit a callback from C, which cannot raise."""
         if issubclass(lost.exc_type, KeyboardInterrupt):
-            threading.Timer(0.1, _thread.interrupt_main).start()
+            signal.setitimer(signal.ITIMER_REAL, 0.1)
         else:
             sys.__unraisablehook__(lost)
 
     signal.signal(signal.SIGINT, interrupt)
-    sys.unraisablehook = interrupt_again
+    if sys.platform != "win32":
+        signal.signal(signal.SIGALRM, interrupt)
+        sys.unraisablehook = interrupt_again
     try:
         status = _run()
     # Whatever comes after an interruption comes of it: libraries in C report it in ways

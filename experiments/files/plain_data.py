@@ -19,6 +19,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from policies.storage import complete_or_absent
+
 _LARGEST: Final = 2**24
 """Size of the largest file that is read [bytes]; a result has a few thousand."""
 _DEEPEST: Final = 32
@@ -44,9 +46,6 @@ def write_json(path: str | Path, value: Any) -> None:
         TypeError: The value holds something that JSON cannot express.
         OSError: The file cannot be written.
     """
-    # Policies load NumPy and SciPy, for which `gplfd run --help` must not wait.
-    from policies.storage import complete_or_absent
-
     text = json.dumps(value, indent=2, allow_nan=False) + "\n"
     with complete_or_absent(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -11,6 +11,7 @@ import functools
 import hashlib
 import tempfile
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
@@ -18,9 +19,21 @@ from typing import Final
 from experiments.study.tasks import PolicySource, Task
 from policies.policy import Policy
 from policies.registry import policy_named
+from policies.storage import complete_or_absent
 
-Files = Mapping[str, bytes]
-"""Contents of the files that policies of the user's come from, by the policy's name."""
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PolicyFile:
+    """A file of the user's that a policy comes from."""
+
+    stem: str
+    """Its name without the ending."""
+    content: bytes
+    """What stood in it when the study was planned."""
+
+
+Files = Mapping[str, PolicyFile]
+"""Files by the name of their policy."""
 
 NO_FILES: Final[Files] = MappingProxyType({})
 """Where every policy is on this machine."""
@@ -68,7 +81,7 @@ def files_of(study: Iterable[Task]) -> Files:
         content = Path(origin.file).read_bytes() if origin is not None else b""
         if hashlib.sha256(content).hexdigest() != source["sha256"]:
             raise ValueError(f"policy {name!r}: its file has just changed; start again")
-        files[name] = content
+        files[name] = PolicyFile(stem=Path(source["file"]).stem, content=content)
     return files
 
 
@@ -78,39 +91,41 @@ def policy_of(task: Task, files: Files) -> Policy:
     Raises:
         ValueError: It is neither here nor among the files, or it is another one.
     """
-    name, source = task.policy, task.policy_source
-    problem: object = ""
     try:
-        policy = policy_named(name)
-        if source_of(policy) == source:
-            return policy
-        problem = (
-            f"policy {name!r} is not the one that the task was planned with: that is "
-            f"{dict(source or {})}, here is {source_of(policy)}"
+        return _found_here(task)
+    except ValueError:
+        if task.policy not in files:
+            raise
+    return _unpacked(task.policy, files[task.policy])
+
+
+def _found_here(task: Task) -> Policy:
+    policy = policy_named(task.policy)
+    if (here := source_of(policy)) != task.policy_source:
+        raise ValueError(
+            f"policy {task.policy!r} is not the one that the task was planned with: "
+            f"that was {task.policy_source}, here is {here}"
         )
-    except ValueError as error:
-        problem = error
-    if source is None or name not in files:
-        raise ValueError(problem)
+    return policy
+
+
+def _unpacked(name: str, given: PolicyFile) -> Policy:
+    """Write a policy's file and import it, as a module that is named by its content.
+
+    A worker may live longer than a version of the file.
+    """
+    digest = hashlib.sha256(given.content).hexdigest()
+    _, _, attribute = name.rpartition(":")
+    file = Path(_folder().name) / f"{given.stem}_{digest[:12]}.py"
+    with complete_or_absent(file) as temporary:
+        temporary.write_bytes(given.content)
     try:
-        return policy_named(_unpacked(name, source, files[name]))
+        return policy_named(f"{file}:{attribute}")
     except ValueError as error:
         raise ValueError(
             f"{error}. On other machines a policy is a single file; install there what "
             "it imports"
         ) from error
-
-
-def _unpacked(name: str, source: PolicySource, content: bytes) -> str:
-    """Write a policy's file, and return under which name the policy is found there.
-
-    A module by its content: a worker may live longer than a version of the file.
-    """
-    _, _, attribute = name.rpartition(":")
-    module = f"{Path(source['file']).stem}_{source['sha256'][:12]}"
-    file = Path(_folder().name) / f"{module}.py"
-    file.write_bytes(content)
-    return f"{file}:{attribute}"
 
 
 @functools.cache

@@ -160,3 +160,50 @@ def test_quiet_says_nothing_of_progress(tmp_path: Path) -> None:
     finished = gplfd(tmp_path, *RUN, "--quiet")
     assert (finished.returncode, finished.stderr) == (0, "")
     assert "small" in finished.stdout
+
+
+INTERRUPTED = {
+    "import": "signal.raise_signal(signal.SIGINT)",
+    "learning": "def make(training):\n    signal.raise_signal(signal.SIGINT)",
+    "callback of C": (
+        "def make(training):\n"
+        "    ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))()\n"
+        "    time.sleep(60)"
+    ),
+    "destructor": (
+        "class Last:\n"
+        "    def __del__(self):\n"
+        "        signal.raise_signal(signal.SIGINT)\n"
+        "def make(training):\n"
+        "    Last()\n"
+        "    time.sleep(60)"
+    ),
+    "other error": (
+        "def make(training):\n"
+        "    try:\n"
+        "        signal.raise_signal(signal.SIGINT)\n"
+        "    except KeyboardInterrupt:\n"
+        "        raise ImportError('numpy failed to import') from None"
+    ),
+    "nothing said of it": (
+        "def make(training):\n"
+        "    with contextlib.suppress(KeyboardInterrupt):\n"
+        "        signal.raise_signal(signal.SIGINT)\n"
+        "    return None"
+    ),
+}
+"""Code in which Ctrl-C comes, some of which loses it."""
+
+
+@pytest.mark.parametrize("moment", INTERRUPTED)
+def test_ctrl_c_ends_the_command_with_one_line(tmp_path: Path, moment: str) -> None:
+    code = f"import contextlib, ctypes, signal, time\n{INTERRUPTED[moment]}\n"
+    (tmp_path / "mine.py").write_text(code)
+    finished = gplfd(tmp_path, "run", "--policy", "mine:make", "--quiet")
+    assert (finished.returncode, finished.stdout) == (130, "")
+    *before, last = finished.stderr.splitlines()
+    assert last == "gplfd: interrupted; files already written are complete"
+    # What swallows it and complains of something else says so first.
+    assert bool(before) is (moment in ("other error", "nothing said of it"))
+    assert "Traceback" not in finished.stderr
+    assert "ignored" not in finished.stderr

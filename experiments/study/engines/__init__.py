@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Final, Literal, Protocol, TypeVar
 
 from experiments.interruption import postponed_interruption
+from experiments.study.engines.serial import Serial
 
 __all__ = ["ATTEMPTS", "ONE_THREAD", "Engine", "EngineName", "Lost", "engine_named"]
 
@@ -80,9 +81,9 @@ def engine_named(
     if address is not None and name != "dask":
         raise ValueError(f"--address {address} is for --engine dask, not for {name}")
     if name == "serial":
-        from experiments.study.engines.serial import Serial
-
         return Serial()
+    # Engines are loaded where they are wanted: Dask need not be installed, and
+    # `gplfd --help` waits for none.
     if name == "loky":
         with postponed_interruption():
             from experiments.study.engines.processes import Processes
