@@ -48,7 +48,7 @@ def complete_or_absent(path: str | Path) -> Iterator[Path]:
         temporary.replace(target)
     except OSError as error:
         # A full disk does not say for which file, and nobody knows the temporary one.
-        if error.filename in (None, str(temporary)):
+        if error.errno is not None and error.filename in (None, str(temporary)):
             error.filename = str(target)
         raise
     finally:

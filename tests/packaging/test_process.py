@@ -99,8 +99,7 @@ def test_a_module_of_the_python_path_is_still_found(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("limit", "cut", "complete"),
     [
-        (1_000, "run.json", []),
-        (60_000, "demonstrations.npz", ["run.json"]),
+        (60_000, "demonstrations.npz", []),
         (200_000, "small.npz", ["demonstrations.npz", "run.json"]),
         (400_000, "small.rrd", ["demonstrations.npz", "run.json", "small.npz"]),
     ],
