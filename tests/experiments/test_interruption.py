@@ -12,6 +12,8 @@ def test_an_interruption_waits_until_the_block_ends() -> None:
     program = (
         "import os, signal\n"
         "from experiments.interruption import postponed_interruption\n"
+        # A shell lets what it starts in the background ignore Ctrl-C.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "try:\n"
         "    with postponed_interruption():\n"
         "        os.kill(os.getpid(), signal.SIGINT)\n"
