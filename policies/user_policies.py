@@ -21,7 +21,7 @@ import os
 import sys
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Final
@@ -76,7 +76,7 @@ def module_policy(name: str, folder: Path) -> Policy:
 
 def packaged_names() -> tuple[str, ...]:
     """Return the names that installed packages offer, without importing anything."""
-    return tuple(sorted({entry.name for entry in entry_points(group=GROUP)}))
+    return tuple(sorted({offer.name for offer in _offers()}))
 
 
 def packaged_policy(name: str) -> Policy | None:
@@ -85,17 +85,16 @@ def packaged_policy(name: str) -> Policy | None:
     Raises:
         ValueError: If it cannot be used, or several packages offer the name.
     """
-    entries = list(entry_points(group=GROUP, name=name))
-    if not entries:
+    offers = [offer for offer in _offers() if offer.name == name]
+    if not offers:
         return None
-    if len(entries) > 1:
-        packages = " and ".join(sorted(_package(entry) for entry in entries))
+    if len(offers) > 1:
+        packages = " and ".join(sorted(offer.package for offer in offers))
         raise ValueError(f"policy {name!r} is offered by {packages}; uninstall one")
     try:
-        return _loaded(entries[0])
+        return _loaded(offers[0])
     except ValueError as error:
-        package = _package(entries[0])
-        raise ValueError(f"policy {name!r} of {package}: {error}") from error
+        raise ValueError(f"policy {name!r} of {offers[0].package}: {error}") from error
 
 
 def packaged_policies(taken: Collection[str]) -> tuple[PackagedPolicy, ...]:
@@ -105,37 +104,63 @@ def packaged_policies(taken: Collection[str]) -> tuple[PackagedPolicy, ...]:
         taken: Names that packages cannot use.
     """
     listed = []
-    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
+    for offer in sorted(_offers(), key=lambda offer: offer.name):
         policy, problem = None, "a built-in policy has this name"
-        if entry.name not in taken:
+        if offer.name not in taken:
             try:
-                policy, problem = packaged_policy(entry.name), ""
+                policy, problem = packaged_policy(offer.name), ""
             except ValueError as error:
                 problem = str(error)
         listed.append(
             PackagedPolicy(
-                name=entry.name, package=_package(entry), policy=policy, problem=problem
+                name=offer.name, package=offer.package, policy=policy, problem=problem
             )
         )
     return tuple(listed)
 
 
-def _loaded(entry: EntryPoint) -> Policy:
-    with _importing(entry.module):
-        module = importlib.import_module(entry.module)
-    policy = _policy(module, entry.attr)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Offer:
+    """An entry point, whichever library read it."""
+
+    name: str
+    module: str
+    attribute: str
+    distribution: str
+    version: str
+
+    @property
+    def package(self) -> str:
+        return f"{self.distribution} {self.version}".strip() or "a package"
+
+
+def _offers() -> list[_Offer]:
+    # The class is not `importlib.metadata.EntryPoint` once something has imported the
+    # backport, as Dask does: that takes the finding over.
+    return [
+        _Offer(
+            name=entry.name,
+            module=entry.module,
+            attribute=entry.attr,
+            distribution=entry.dist.name if entry.dist else "",
+            version=entry.dist.version if entry.dist else "",
+        )
+        for entry in entry_points(group=GROUP)
+    ]
+
+
+def _loaded(offer: _Offer) -> Policy:
+    with _importing(offer.module):
+        module = importlib.import_module(offer.module)
+    policy = _policy(module, offer.attribute)
     origin = PolicyOrigin(
-        name=entry.name,
+        name=offer.name,
         kind="package",
-        distribution=entry.dist.name if entry.dist else "",
-        version=entry.dist.version if entry.dist else "",
+        distribution=offer.distribution,
+        version=offer.version,
         **_source(module),
     )
     return dataclasses.replace(policy, origin=origin)
-
-
-def _package(entry: EntryPoint) -> str:
-    return f"{entry.dist.name} {entry.dist.version}" if entry.dist else "a package"
 
 
 def _imported(name: str, folder: Path) -> ModuleType:

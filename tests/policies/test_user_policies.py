@@ -2,17 +2,25 @@
 
 import dataclasses
 import hashlib
+import importlib.metadata
 import json
 import pickle
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from policies import Demonstration, Method, make_agent, policy_named
+from policies import (
+    Demonstration,
+    Method,
+    make_agent,
+    policy_named,
+    user_policies,
+)
 from policies.policy import PolicyOrigin
 from policies.registry import POLICIES, load_policy
 from policies.user_policies import packaged_policies
@@ -237,7 +245,24 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.undo()
 
 
-def test_packages_offer_policies_by_name(install, tmp_path: Path) -> None:
+@pytest.mark.parametrize("library", ["importlib.metadata", "a backport of it"])
+def test_packages_offer_policies_by_name(
+    install, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if library != "importlib.metadata":
+        # The backport's finder answers in its place, with entry points of its own.
+        def backported(**selection: str) -> list[SimpleNamespace]:
+            return [
+                SimpleNamespace(
+                    name=entry.name,
+                    module=entry.module,
+                    attr=entry.attr,
+                    dist=entry.dist,
+                )
+                for entry in importlib.metadata.entry_points(**selection)
+            ]
+
+        monkeypatch.setattr(user_policies, "entry_points", backported)
     install("theirs", "1.2", "best = theirs:make\nworst = theirs:policy")
     policy = policy_named("best")
     assert policy.summary == "Stay where the handle is closed."
