@@ -11,6 +11,7 @@ Importing this package registers the ids; MuJoCo is loaded only by ``gym.make``:
 import gymnasium
 
 from gplfd_env.config import DOORS, DoorConfig
+from gplfd_env.disturbance import DISTURBANCES, Disturbance
 from gplfd_env.randomization import RANDOMIZATIONS, DoorRandomization
 
 ENVIRONMENT_ID = "gplfd/DoorOpening-v0"
@@ -37,11 +38,13 @@ gymnasium.register(
 )
 
 __all__ = [
+    "DISTURBANCES",
     "DOORS",
     "ENVIRONMENT_ID",
     "IMPEDANCE_ENVIRONMENT_ID",
     "RANDOMIZATIONS",
     "TIME_LIMIT",
+    "Disturbance",
     "DoorConfig",
     "DoorRandomization",
 ]

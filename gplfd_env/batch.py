@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import mujoco
@@ -11,9 +11,11 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from gplfd_env.command import Command, ServoGains, servo_gains
+from gplfd_env.door import HINGE_RANGE, set_hinge
+from gplfd_env.intervention import Loads
 from gplfd_env.robot import Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
-from gplfd_env.simulation import BAD_STATE
+from gplfd_env.simulation import BAD_STATE, loaded_bodies
 from gplfd_env.task import CONTROL_PERIOD
 from gplfd_env.variation import Variation
 
@@ -48,7 +50,7 @@ class DoorBatch:
         self._grasp, self._command, self._threads = grasp, command, num_threads
         begin = Variation()
         scene = build_scene(begin.door, grasp, control=command.control)
-        self._loaded = [(begin.door, begin.placement)] * n
+        self._loaded = [begin] * n
         self.models = tuple(scene.__copy__() for _ in range(n))
         self._bind()
 
@@ -63,6 +65,8 @@ class DoorBatch:
         self._ctrl = self._batch.bind("ctrl")
         self.qpos: Array = self._batch.bind("qpos")
         self.sensordata: Array = self._batch.bind("sensordata")
+        self._applied: Array = self._batch.bind("xfrc_applied")
+        self._bodies = loaded_bodies(scene)
         self._counts = self._batch.warning[:, BAD_STATE, _COUNT]
         self._seen = self._counts.copy()
         self._substeps = round(CONTROL_PERIOD / scene.opt.timestep)
@@ -73,8 +77,8 @@ class DoorBatch:
         Raises:
             ValueError: The handle is out of reach; nothing has changed.
         """
-        scene = variation.door, variation.placement
-        if scene != self._loaded[row]:
+        now = self._loaded[row]
+        if (variation.door, variation.placement) != (now.door, now.placement):
             load_scene(
                 self.models[row],
                 self._scratch,
@@ -83,7 +87,9 @@ class DoorBatch:
                 placement=variation.placement,
                 control=self._command.control,
             )
-            self._loaded[row] = scene
+        if not now.disturbance.idle:
+            set_hinge(self.models[row], HINGE_RANGE, variation.door.hinge_friction)
+        self._loaded[row] = variation
 
     def restart(self, rows: Rows) -> None:
         """Put simulations at rest, door closed and handle in the hand."""
@@ -94,12 +100,15 @@ class DoorBatch:
         # A reset also sets its simulations' counts back to zero.
         self._seen = self._counts.copy()
 
-    def advance(self, commands: Array, rows: Rows | None) -> Mask | None:
+    def advance(
+        self, commands: Array, rows: Rows | None, loads: Mapping[int, Loads]
+    ) -> Mask | None:
         """Command simulations for one control period.
 
         Args:
             commands: Of all simulations, (n, ...).
             rows: Which to step; None for all.
+            loads: What acts from outside meanwhile, by row, where there is anything.
 
         Returns:
             Which ones MuJoCo reports as diverged, (n,); None if none.
@@ -108,10 +117,15 @@ class DoorBatch:
             self._ctrl[:, :6] = commands[:, :6]
         else:
             self._ctrl[rows, :6] = commands[rows, :6]
+        changed = bool(self._gains)
+        for row, load in loads.items():
+            self._applied[row, self._bodies] = load.wrenches
+            changed |= set_hinge(self.models[row], load.stop, load.friction)
         if self._gains:
             gains = zip(*servo_gains(commands[:, 6:]), strict=True)
             for servo, gain in zip(self._gains, gains, strict=True):
                 servo.set(*gain)
+        if changed:
             self._batch.set_models(self.models)
         self._batch.step(rows, nstep=self._substeps)
         rises = self._counts != self._seen

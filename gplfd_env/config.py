@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import numbers
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, TypeVar
@@ -130,16 +130,36 @@ def preset(
             f"unknown {what} {name!r}{nearest_name(name, presets)}; presets: "
             f"{', '.join(presets)}; or give {otherwise}"
         )
-    record: Any = presets[name]
-    known = [field.name for field in dataclasses.fields(record)]
+    return with_fields(presets[name], fields, what, other_keys=("preset",))
+
+
+def with_fields(
+    record: Record,
+    fields: Mapping[str, Any],
+    what: str,
+    other_keys: Sequence[str] = (),
+) -> Record:
+    """Return a record with some fields changed.
+
+    Args:
+        record: A frozen dataclass.
+        fields: New values by name.
+        what: What messages call such a record.
+        other_keys: What else a caller may write beside fields, for messages.
+
+    Raises:
+        ValueError: An unknown field, or a value that the record refuses.
+    """
+    given: Any = record
+    known = [field.name for field in dataclasses.fields(given)]
     for field in fields:
         if field not in known:
             raise ValueError(
                 f"unknown {what} field {field!r}{nearest_name(field, known)}; fields: "
-                f"{', '.join(known)}, preset"
+                f"{', '.join([*known, *other_keys])}"
             )
-    chosen: Record = dataclasses.replace(record, **fields) if fields else record
-    return chosen
+    changed: Record = dataclasses.replace(given, **fields) if fields else record
+    return changed
 
 
 def nearest_name(name: object, known: Iterable[str]) -> str:

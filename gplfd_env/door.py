@@ -205,6 +205,23 @@ def _add_closer(spec: mujoco.MjSpec, door: DoorConfig) -> None:
     closer.biasprm[1] = -door.closer_stiffness
 
 
+def set_hinge(model: mujoco.MjModel, stop: float, friction: float) -> bool:
+    """Set where a door stops and how its hinge rubs; return whether that was a change.
+
+    Args:
+        model: The scene; edited in place.
+        stop: Angle at which the leaf meets its stop [rad].
+        friction: Coulomb friction [N m].
+    """
+    joint = model.joint("hinge")
+    dof = int(joint.dofadr[0])
+    now = model.jnt_range[joint.id, 1], model.dof_frictionloss[dof]
+    if now == (stop, friction):
+        return False
+    model.jnt_range[joint.id, 1], model.dof_frictionloss[dof] = stop, friction
+    return True
+
+
 def set_door_physics(
     model: mujoco.MjModel, data: mujoco.MjData, door: DoorConfig
 ) -> None:

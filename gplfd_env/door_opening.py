@@ -15,7 +15,8 @@ from gplfd_env.camera import Camera, require_display
 from gplfd_env.command import COMMANDS
 from gplfd_env.config import DoorConfig, DoorSpec, door_config
 from gplfd_env.convention import checked_options
-from gplfd_env.disturbance import draw_episode
+from gplfd_env.disturbance import Disturbance, DisturbanceSpec, disturbance_named
+from gplfd_env.draw import draw_episode
 from gplfd_env.episode import FLAGS, NUMBERS, POSE, REWARDS, Episode, Reward
 from gplfd_env.fields import check_choice
 from gplfd_env.observation import Observation, Reader, observation_space
@@ -47,7 +48,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     Info, same keys at reset and step: ``door_angle`` [rad], ``door_velocity``
     [rad/s], ``door_radius`` [m], ``handle_pose`` (6,) [m, rad], ``success``,
     ``is_success``, ``grasped``, ``slip`` [m], ``force_tangential``,
-    ``force_radial``, ``force_vertical`` [N, hand on handle], ``failure``,
+    ``force_radial``, ``force_vertical`` [N, hand on handle], ``push_force``,
+    ``person_force`` [N], ``person_energy`` [J], ``base_shift`` [m], ``stop_force``
+    [N, of the door at the handle's radius], ``failure``,
     ``simulation_error``, ``reward_terms``. Never blurred by sensor noise.
 
     The episode terminates in success (60° held for 0.5 s, handle grasped) or when
@@ -59,6 +62,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         grasp: ``"contact"`` (friction between pads and bar) or ``"weld"``.
         randomization: What every reset draws anew: ``"none"``, ``"mild"``, ``"hard"``,
             a mapping of `DoorRandomization` fields, or a `DoorRandomization`.
+        disturbance: What happens from outside: ``"none"``, ``"push"``, ``"person"``,
+            ``"stop"``, ... (`gplfd_env.disturbance.DISTURBANCES`), a mapping of
+            `Disturbance` fields, or a `Disturbance`.
         reward: ``"dense"`` or ``"sparse"`` (1 in success, else 0).
         render_mode: None, ``"human"``, ``"rgb_array"``, ``"depth_array"`` or
             ``"rgbd_tuple"``.
@@ -87,6 +93,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         *,
         grasp: Grasp = "contact",
         randomization: RandomizationSpec = "none",
+        disturbance: DisturbanceSpec = "none",
         reward: Reward = "dense",
         render_mode: str | None = None,
         width: int = 640,
@@ -103,6 +110,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._reward: Reward = reward
         self._door = door_config(door)
         self._randomization = door_randomization(randomization)
+        self._disturbance = disturbance_named(disturbance)
         self._reader = Reader.of(grasp, self.command.control)
         self._simulation = DoorSimulation(self._door, grasp, self.command)
         self._camera = Camera(self.model, width, height, camera_name, effects=effects)
@@ -143,8 +151,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
 
         Args:
             seed: Seeds ``self.np_random``.
-            options: ``{"door": ...}`` and ``{"randomization": ...}`` change the door
-                and what is drawn around it, from this episode on.
+            options: ``{"door": ...}``, ``{"randomization": ...}`` and
+                ``{"disturbance": ...}`` change the door, what is drawn around it, and
+                what happens, from this episode on.
 
         Raises:
             ValueError: An unknown option, door or randomisation, or a drawn placement
@@ -152,8 +161,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         """
         chosen = self._chosen(options)
         super().reset(seed=seed)
-        self._door, self._randomization = chosen
-        drawn = draw_episode(self._randomization, self._door, self.np_random)
+        self._door, self._randomization, self._disturbance = chosen
+        drawn = draw_episode(*chosen, self.np_random)
         self._simulation.restart(drawn.variation)
         episode = Episode(drawn, self._reader, self._reward, self._sense())
         self._episode = episode
@@ -177,7 +186,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         if episode is None:
             raise gym.error.ResetNeeded("call reset() before the first step()")
         command = self.command.check(action, rest.shape)
-        diverged = self._simulation.advance(episode.due(command, rest))
+        loads = episode.loads()
+        diverged = self._simulation.advance(episode.due(command, rest), loads)
         if diverged:
             episode.break_off()
         else:
@@ -212,18 +222,20 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
 
     def _chosen(
         self, options: Mapping[str, Any] | None
-    ) -> tuple[DoorConfig, DoorRandomization]:
-        """Return the door and the randomization that hold with a reset's options."""
+    ) -> tuple[DoorConfig, DoorRandomization, Disturbance]:
+        """Return what an episode is drawn from with a reset's options."""
         given = checked_options(
             options,
             {
                 "door": "name, radius, mapping or DoorConfig",
                 "randomization": "name, mapping or DoorRandomization",
+                "disturbance": "name, mapping or Disturbance",
             },
         )
         return (
             door_config(given.get("door", self._door)),
             door_randomization(given.get("randomization", self._randomization)),
+            disturbance_named(given.get("disturbance", self._disturbance)),
         )
 
     def _sense(self) -> list[float]:
@@ -236,7 +248,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         observation = self._reader.observation(
             self._sensed, np.array(episode.wrench), np.array([episode.time])
         )
-        episode.blur(observation)
+        episode.falsify(observation)
         return observation
 
     def _info(self, episode: Episode) -> Info:

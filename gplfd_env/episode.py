@@ -8,7 +8,8 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_env.disturbance import Drawn
+from gplfd_env.draw import Drawn
+from gplfd_env.intervention import Intervention, Loads, Vector
 from gplfd_env.observation import DoorReading, Observation, Reader
 from gplfd_env.task import (
     CONTROL_PERIOD,
@@ -47,12 +48,21 @@ class Episode:
     ) -> None:
         self.variation, self._noise, self._delay = drawn
         self._reader, self._terms = reader, REWARDS[reward]
+        disturbed = not self.variation.disturbance.idle
+        self._intervention = Intervention(self.variation) if disturbed else None
         self.steps = 0
         self.simulation_error = False
         self._sense(values)
         self._monitor = OpeningMonitor(CONTROL_PERIOD)
         self._grasp_point = self._reading.hand_on_handle
         self.terms = self._terms(0.0, 0.0, False)
+
+    def loads(self) -> Loads | None:
+        """Return what acts from outside in the next period; None if nothing ever."""
+        if self._intervention is None:
+            return None
+        slip = self._reading.hand_on_handle[0] - self._grasp_point[0]
+        return self._intervention.loads(self.time, self._reading, slip)
 
     def due(self, command: Array, rest: Array) -> Array:
         """Put a command in and return the one that reaches the servo now.
@@ -61,7 +71,13 @@ class Episode:
             command: The new one.
             rest: What holds until the first one arrives.
         """
-        return command if self._delay is None else self._delay.pass_on(command, rest)
+        if self._delay is not None:
+            command = self._delay.pass_on(command, rest)
+        if self._intervention is not None:
+            # The robot means its own frame, which has moved with the base.
+            command = command.copy()
+            command[:3] += self._intervention.base_shift
+        return command
 
     def advance(self, values: list[float]) -> None:
         """Take in the sensor array after one control period."""
@@ -83,13 +99,16 @@ class Episode:
         """Take in that an ended episode was not stepped: it earns nothing more."""
         self.terms = self._terms(0.0, 0.0, False)
 
-    def blur(self, observation: Observation, row: Any = ...) -> None:
-        """Add the noise of the last readings to an observation, in place.
+    def falsify(self, observation: Observation, row: Any = ...) -> None:
+        """Give an observation its noise and the error of a moved base, in place.
 
         Args:
             observation: Of this simulation or of many.
             row: Which of many.
         """
+        if self._intervention is not None:
+            observation["ee_pose"][row][..., :3] -= self._intervention.base_shift
+            observation["ee_twist"][row][..., :3] -= self._intervention.base_velocity
         if self._blur is not None:
             observation["ee_pose"][row] += self._blur[:6]
             observation["wrench"][row] += self._blur[6:]
@@ -101,9 +120,25 @@ class Episode:
         self._blur = None if self._noise is None else self._noise.draw()
 
     @property
-    def delayed(self) -> bool:
-        """Whether commands take effect later than they are given."""
-        return self._delay is not None
+    def takes_commands_as_given(self) -> bool:
+        """Whether `due` always returns the command that it is given."""
+        return self._delay is None and self._intervention is None
+
+    @property
+    def _outside(self) -> tuple[float, float, float, float, Vector]:
+        """What came from outside: push, person's force and energy, base shift."""
+        outside = self._intervention
+        if outside is None:
+            return 0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)
+        shift = outside.base_shift
+        size = math.hypot(*shift)
+        return (
+            outside.push_force,
+            outside.person_force,
+            outside.person_energy,
+            size,
+            shift,
+        )
 
     @property
     def reward(self) -> float:
@@ -124,8 +159,10 @@ class Episode:
     @property
     def row(self) -> tuple[float, ...]:
         """The info in numbers: `NUMBERS`, the handle's pose (6), and `FLAGS`."""
-        reading, monitor = self._reading, self._monitor
+        reading, monitor, outside = self._reading, self._monitor, self._outside
         tangential, vertical, radial = reading.forces
+        x, y, z = reading.handle_position
+        *measured, (dx, dy, dz) = outside
         return (
             reading.angle,
             reading.velocity,
@@ -134,7 +171,11 @@ class Episode:
             tangential,
             radial,
             vertical,
-            *reading.handle_position,
+            *measured,
+            reading.stop_torque / self.variation.door.radius,
+            x - dx,
+            y - dy,
+            z - dz,
             0.0,
             reading.angle,
             0.0,
@@ -153,6 +194,11 @@ NUMBERS: Final = (
     "force_tangential",
     "force_radial",
     "force_vertical",
+    "push_force",
+    "person_force",
+    "person_energy",
+    "base_shift",
+    "stop_force",
 )
 """Numbers of an info, in the order of `Episode.row`."""
 

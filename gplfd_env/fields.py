@@ -10,9 +10,13 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+Record = TypeVar("Record", bound=Any)
 
 _RANGE: Final = "range"
 """Key of a field's metadata."""
@@ -78,6 +82,54 @@ def check_quantities(record: Any) -> None:
             name = f"{type(record).__name__}.{field.name}"
             value = checked(name, getattr(record, field.name), field.metadata[_RANGE])
             object.__setattr__(record, field.name, value)
+
+
+def check_ranges(record: Any) -> None:
+    """Check every declared field of a frozen record: a number, or a pair of them.
+
+    A number becomes a float, a pair ``(low, high)`` a tuple of floats.
+
+    Raises:
+        ValueError: A number is not finite or not allowed, or a pair is reversed.
+        TypeError: A value is neither a number nor a pair of numbers.
+    """
+    for field in dataclasses.fields(record):
+        if _RANGE in field.metadata:
+            name = f"{type(record).__name__}.{field.name}"
+            value, allowed = getattr(record, field.name), field.metadata[_RANGE]
+            if isinstance(value, list | tuple):
+                value = _checked_pair(name, value, allowed)
+            else:
+                value = checked_number(name, value, allowed)
+            object.__setattr__(record, field.name, value)
+
+
+def _checked_pair(name: str, pair: Sequence[Any], allowed: Range) -> tuple[float, ...]:
+    ends = tuple(checked_number(name, end, allowed) for end in pair)
+    if len(ends) != 2 or ends[0] > ends[1]:
+        raise ValueError(
+            f"{name} = {pair!r} must be a number or (low, high), low first"
+        )
+    return ends
+
+
+def draw_ranges(record: Record, rng: np.random.Generator) -> Record:
+    """Return a record that `check_ranges` has checked with a number for every pair.
+
+    Args:
+        record: Frozen.
+        rng: One uniform number per declared field, drawn from or not.
+    """
+    declared = [
+        one.name for one in dataclasses.fields(record) if _RANGE in one.metadata
+    ]
+    shares = zip(declared, rng.random(len(declared)).tolist(), strict=True)
+    drawn = {}
+    for name, share in shares:
+        value = getattr(record, name)
+        if isinstance(value, tuple):
+            drawn[name] = value[0] + share * (value[1] - value[0])
+    return dataclasses.replace(record, **drawn)
 
 
 def checked_number(name: str, value: Any, allowed: Range) -> float:

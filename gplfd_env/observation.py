@@ -65,7 +65,7 @@ class Reader:
         joint_pos: The arm's joint positions.
         joint_vel: The arm's joint velocities.
         wrist: Wrist force, torque, and the sensor's three axes.
-        door: From the hinge's angle to the contact force on the bar.
+        door: From the hinge's angle to the torque at its stop.
     """
 
     hand_weight: float
@@ -103,7 +103,7 @@ class Reader:
             joint_pos=_span(model, f"{ARM_JOINTS[0]}_pos", 7),
             joint_vel=_span(model, f"{ARM_JOINTS[0]}_vel", 7),
             wrist=_span(model, "wrist_force", 15),
-            door=_span(model, "hinge_angle", 22),
+            door=_span(model, "hinge_angle", 23),
         )
 
     def observation(self, sensordata: Array, wrench: Array, time: Array) -> Observation:
@@ -170,7 +170,7 @@ class Reader:
         reading = values[self.door]
         angle, velocity, hx, hy, hz, ox, oy, oz = reading[:8]
         tx, ty, tz, ux, uy, uz, rx, ry, rz = reading[8:17]
-        right, left, fx, fy, fz = reading[17:]
+        right, left, fx, fy, fz, limit = reading[17:]
         return DoorReading(
             angle=angle,
             velocity=velocity,
@@ -182,6 +182,9 @@ class Reader:
                 rx * fx + ry * fy + rz * fz,
             ),
             grasped=right > 0.0 and left > 0.0,
+            axes=((tx, ty, tz), (ux, uy, uz), (rx, ry, rz)),
+            # A closed door rests at the other end of the hinge's range.
+            stop_torque=limit if angle > 0.0 else 0.0,
         )
 
 
@@ -196,6 +199,8 @@ class DoorReading(NamedTuple):
         forces: Of the hand on the bar [N]: along the opening motion, upwards, and away
             from the hinge.
         grasped: Both finger pads touch the bar.
+        axes: World frame: along the opening motion, upwards, away from the hinge.
+        stop_torque: Of the leaf against a stop [N m].
     """
 
     angle: float
@@ -204,6 +209,8 @@ class DoorReading(NamedTuple):
     hand_on_handle: tuple[float, float, float]
     forces: tuple[float, float, float]
     grasped: bool
+    axes: tuple[tuple[float, float, float], ...]
+    stop_torque: float
 
 
 def _span(model: mujoco.MjModel, first: str, size: int) -> slice:

@@ -27,6 +27,9 @@ HAND_BODIES: Final = (
 )
 """The bodies that hang on the wrist force/torque sensor."""
 
+GRIPPER: Final = "gripper_link"
+FOREARM: Final = "arm_4_link"
+
 SERVO_STIFFNESS: Final = (2000.0, 100.0)
 """Cartesian servo: translation [N/m], rotation [N m/rad]."""
 

@@ -62,6 +62,7 @@ def add_sensors(spec: mujoco.MjSpec, control: Control = "pose") -> None:
     for side in ("right", "left"):
         _add_contact(spec, f"{side}_pad_contact", f"{side}_finger_pad", _CONTACT_FOUND)
     _add_contact(spec, "bar_force", None, _CONTACT_FORCE)
+    _add(spec, "hinge_stop", _SENSOR.mjSENS_JOINTLIMITFRC, _JOINT, "hinge")
 
 
 def _add(

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from gplfd_env.command import Command, ServoGains
 from gplfd_env.config import DoorConfig
-from gplfd_env.robot import Grasp
+from gplfd_env.door import HINGE_RANGE, set_hinge
+from gplfd_env.intervention import Loads
+from gplfd_env.robot import FOREARM, GRIPPER, Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
 from gplfd_env.task import CONTROL_PERIOD
 from gplfd_env.variation import Variation
@@ -21,6 +23,11 @@ BAD_STATE: Final = slice(
     int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
 )
 """MuJoCo's warnings that it has reset a diverged state."""
+
+
+def loaded_bodies(model: mujoco.MjModel) -> tuple[int, ...]:
+    """Return the bodies on which `Loads.wrenches` act."""
+    return tuple(model.body(name).id for name in (GRIPPER, FOREARM, "door"))
 
 
 class DoorSimulation:
@@ -51,6 +58,9 @@ class DoorSimulation:
         """Take the live views of model and data that every step needs."""
         self.sensordata: Array = self.data.sensordata
         self._pose: Array = self.data.ctrl[:6]
+        self._loaded = [
+            self.data.xfrc_applied[row] for row in loaded_bodies(self.model)
+        ]
         self._divergences = self.data.warning.number[BAD_STATE]
         impedance = self._command.control == "impedance"
         self._gains = ServoGains(self.model) if impedance else None
@@ -72,6 +82,8 @@ class DoorSimulation:
                 placement=variation.placement,
                 control=self._command.control,
             )
+        if not now.disturbance.idle:
+            set_hinge(self.model, HINGE_RANGE, variation.door.hinge_friction)
         self.variation = variation
         mujoco.mj_resetDataKeyframe(self.model, self.data, GRASP_KEY)
         # Before the forward pass: the first observation must not depend on the gains
@@ -79,13 +91,18 @@ class DoorSimulation:
         self._apply(self._command.rest)
         mujoco.mj_forward(self.model, self.data)
 
-    def advance(self, command: Array) -> bool:
+    def advance(self, command: Array, loads: Loads | None = None) -> bool:
         """Go on by one control period; return whether MuJoCo reports divergence.
 
         Args:
             command: An action, as `Command.check` gives it.
+            loads: What acts from outside meanwhile; None for nothing all episode long.
         """
         self._apply(command)
+        if loads is not None:
+            set_hinge(self.model, loads.stop, loads.friction)
+            for applied, wrench in zip(self._loaded, loads.wrenches, strict=True):
+                applied[:] = wrench
         mujoco.mj_step(self.model, self.data, nstep=self._substeps)
         return any(self._divergences.tolist())
 

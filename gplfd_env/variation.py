@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
+from typing import Any
 
 from gplfd_env.config import DoorConfig
+from gplfd_env.disturbance import Disturbance
 from gplfd_env.fields import check_quantities, quantity
 
 
@@ -92,14 +94,18 @@ class Variation:
     delay: int = quantity(0, unit="control periods", low=0, high=10)
     """From a command to its effect."""
 
+    disturbance: Disturbance = field(default_factory=Disturbance)
+    """What happens from outside."""
+
     def __post_init__(self) -> None:
         check_quantities(self)
 
-    def as_dict(self) -> dict[str, float]:
+    def as_dict(self) -> dict[str, Any]:
         """Every number by name, e.g. for logs."""
         return {
             **dataclasses.asdict(self.door),
             **dataclasses.asdict(self.placement),
             **{f"{k}_noise": v for k, v in dataclasses.asdict(self.noise).items()},
             "delay": self.delay,
+            **self.disturbance.as_dict(),
         }

@@ -26,7 +26,8 @@ from gplfd_env.convention import (
     masked,
     unmasked,
 )
-from gplfd_env.disturbance import draw_episode
+from gplfd_env.disturbance import DisturbanceSpec, disturbance_named
+from gplfd_env.draw import draw_episode
 from gplfd_env.episode import FLAGS, NUMBERS, POSE, REWARDS, Episode, Reward
 from gplfd_env.fields import Range, check_choice, checked_count
 from gplfd_env.observation import Observation, Reader, observation_space
@@ -77,6 +78,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         *,
         grasp: Grasp = "contact",
         randomization: RandomizationSpec = "none",
+        disturbance: DisturbanceSpec = "none",
         reward: Reward = "dense",
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
@@ -112,6 +114,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._doors = each_door(door, num_envs)
         self._randomization = door_randomization(randomization)
+        self._disturbance = disturbance_named(disturbance)
         self._reader = Reader.of(grasp, self.command.control)
         self._reward: Reward = reward
         self._episodes: list[Episode] = []
@@ -157,9 +160,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         Args:
             seed: An integer s seeds simulation i with s + i; or one seed, or None, per
                 simulation.
-            options: ``"door"`` and ``"randomization"`` as for the single environment,
-                the door also as a sequence of n; ``"reset_mask"``, (n,) bool: only
-                these simulations are reset.
+            options: ``"door"``, ``"randomization"`` and ``"disturbance"`` as for the
+                single environment, the door also as a sequence of n;
+                ``"reset_mask"``, (n,) bool: only these simulations are reset.
 
         Returns:
             Observations, and infos whose masks say which simulations were reset.
@@ -231,6 +234,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             {
                 "door": "as for the single environment, or a sequence of num_envs",
                 "randomization": "as for the single environment",
+                "disturbance": "as for the single environment",
                 "reset_mask": "an array of num_envs booleans",
             },
         )
@@ -239,6 +243,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         doors = each_door(given.get("door", self._doors), n)
         self._randomization = door_randomization(
             given.get("randomization", self._randomization)
+        )
+        self._disturbance = disturbance_named(
+            given.get("disturbance", self._disturbance)
         )
         for row in np.flatnonzero(rows):
             self._doors[row] = doors[row]
@@ -249,7 +256,10 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         chosen = np.flatnonzero(rows).tolist()
         drawn = {
             row: draw_episode(
-                self._randomization, self._doors[row], self._random[row][0]
+                self._doors[row],
+                self._randomization,
+                self._disturbance,
+                self._random[row][0],
             )
             for row in chosen
         }
@@ -273,10 +283,17 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             stepped = np.flatnonzero(~resting).tolist()
             for row in np.flatnonzero(resting).tolist():
                 episodes[row].stand_still()
+        loads = {}
         for row in stepped:
-            if episodes[row].delayed:
-                commands[row] = episodes[row].due(commands[row], self.command.rest)
-        diverged = self._batch.advance(commands, None if resting is None else stepped)
+            episode = episodes[row]
+            if episode.takes_commands_as_given:
+                continue
+            acting = episode.loads()
+            if acting is not None:
+                loads[row] = acting
+            commands[row] = episode.due(commands[row], self.command.rest)
+        rows = None if resting is None else stepped
+        diverged = self._batch.advance(commands, rows, loads)
         if diverged is not None:
             for row in np.flatnonzero(diverged).tolist():
                 episodes[row].break_off()
@@ -297,7 +314,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             np.array([[one.time] for one in episodes]),
         )
         for row, one in enumerate(episodes):
-            one.blur(observation, row)
+            one.falsify(observation, row)
         return observation
 
     def _outcome(self, rows: Mask) -> tuple[Array, Mask, Mask, Info]:

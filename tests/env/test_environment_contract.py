@@ -28,6 +28,11 @@ INFO_TYPES = {
     "force_tangential": float,
     "force_radial": float,
     "force_vertical": float,
+    "push_force": float,
+    "person_force": float,
+    "person_energy": float,
+    "base_shift": float,
+    "stop_force": float,
     "failure": str,
     "simulation_error": bool,
     "reward_terms": dict,
@@ -55,7 +60,13 @@ IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
 
 @pytest.mark.parametrize("id", IDS)
 @pytest.mark.parametrize(
-    "arguments", [{}, {"grasp": "weld"}, {"randomization": "hard", "reward": "sparse"}]
+    "arguments",
+    [
+        {},
+        {"grasp": "weld"},
+        {"randomization": "hard", "reward": "sparse"},
+        {"disturbance": "person"},
+    ],
 )
 def test_checker_has_one_declined_recommendation_and_no_other_warning(
     arguments: dict[str, str], id: str, make_env: Callable

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import gplfd_env
 from gplfd_env.config import DOORS, DoorConfig
+from gplfd_env.disturbance import CAUSES, DISTURBANCES
 from gplfd_env.door import HINGE_RANGE
 from gplfd_env.door_opening import DoorOpeningEnv
 from gplfd_env.fields import allowed_range
@@ -154,6 +155,31 @@ def test_randomization_table_is_the_presets_and_the_widest_ranges() -> None:
         beyond = tuple(wider.tolist()) if wider.ndim else wider.item()
         with pytest.raises(ValueError, match=r"outside|whole number"):
             DoorRandomization(**{name: beyond})
+
+
+def test_disturbance_table_is_the_records() -> None:
+    rows = table("Disturbances")
+    fields = [
+        (cause, field)
+        for cause, record in CAUSES.items()
+        for field in dataclasses.fields(record)
+    ]
+    assert [(row["cause"], row["field"]) for row in rows] == [
+        (cause, field.name) for cause, field in fields
+    ]
+    for row, (cause, field) in zip(rows, fields, strict=True):
+        if row["range"] == "-":
+            assert row["default"] == str(field.default)
+            continue
+        allowed = allowed_range(CAUSES[cause], field.name)
+        assert float(row["default"]) == pytest.approx(field.default, rel=1e-5)
+        assert row["unit"] == allowed.unit
+        low, high = bounds(row["range"])
+        assert (row["range"][0] == "(") == (allowed.above > allowed.low)
+        assert low == pytest.approx(max(allowed.low, allowed.above), rel=1e-3)
+        assert high == pytest.approx(allowed.high, rel=1e-3)
+    presets = [row["preset"] for row in table("Disturbances", 1)]
+    assert ["none", *presets] == list(DISTURBANCES)
 
 
 def test_turned_arc_is_the_one_stated() -> None:

@@ -21,6 +21,13 @@ pytestmark = pytest.mark.bits
 IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
 DOORS = ["small", 0.42, {"preset": "heavy", "panel_mass": 20.0}, "large"]
 LIMIT = 45
+EVERYTHING = {
+    "push": {"along": (5.0, 9.0), "upward": 4.0, "start_time": 0.05},
+    "person": {"start_time": 0.1, "duration": 0.1, "on": "hand"},
+    "stop": {"angle": 0.005, "duration": 0.1},
+    "bump": {"forward": (-0.01, 0.01), "duration": 0.2},
+    "breakaway": {"stiction": 2.0, "seal": 1.0},
+}
 
 
 @pytest.fixture
@@ -82,13 +89,22 @@ def drawn_actions(envs: Any, rng: np.random.Generator) -> np.ndarray:
     return actions
 
 
-@pytest.mark.parametrize("randomization", ["none", "hard"])
+@pytest.mark.parametrize(
+    ("randomization", "disturbance"),
+    [("none", "none"), ("hard", "none"), ("hard", EVERYTHING)],
+)
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 @pytest.mark.parametrize("id", IDS)
 def test_every_number_is_that_of_single_environments(
-    id: str, mode: AutoresetMode, randomization: str, make_pair: Callable
+    id: str,
+    mode: AutoresetMode,
+    randomization: str,
+    disturbance: Any,
+    make_pair: Callable,
 ) -> None:
-    ours, model = make_pair(id, mode, randomization=randomization)
+    ours, model = make_pair(
+        id, mode, randomization=randomization, disturbance=disturbance
+    )
     assert_same(ours.reset(seed=5), model.reset(seed=5))
     rng = np.random.default_rng(1)
     alone = together = 0
