@@ -1,6 +1,7 @@
 """What happens from outside: pushes, people, stops, a moved base, a stuck hinge."""
 
 import copy
+import dataclasses
 import json
 import math
 from collections.abc import Callable
@@ -99,6 +100,12 @@ def test_who_stands_in_the_way_never_pulls() -> None:
     assert force.max() > 10.0
     assert force.min() == 0.0
     assert_array_equal(force[angles < 0.29], 0.0)
+    # Nor by its damping, when the door is pulled away.
+    sticky = dataclasses.replace(person, contact_damping=400.0)
+    angles = np.concatenate([np.linspace(0.29, 0.4, 200), 0.4 - 0.01 * np.arange(1, 9)])
+    _, force = swing(sticky, 0.5, angles)
+    assert force[199] > 10.0
+    assert force.min() == 0.0
 
 
 def test_a_person_lets_go_and_slip_counts_for_the_hand_alone() -> None:
