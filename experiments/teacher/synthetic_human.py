@@ -9,9 +9,12 @@ angle, uneven timing (the person hurries and hesitates, always forwards), the ha
 moving a little on the bar, a hand sensor that is not at the bar's centre, slow
 vertical drift of the suit, and the suit's sampling rate and coloured noise.
 
-Not modelled: reaching for the handle and letting go, pauses or backward motion, a
-suit whose axes are turned against the door, magnetic disturbance, dropped samples,
-and one person's habits that persist from one demonstration to the next.
+An untidy person and recording are described by `experiments.teacher.habits`: pauses,
+backward motion, rests, dropped samples, outliers.
+
+Not modelled: reaching for the handle and letting go, a suit whose axes are turned
+against the door, magnetic disturbance, and one person's habits that persist from one
+demonstration to the next.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from experiments.teacher.habits import TIDY, Habits, lose_samples, untidy_clock
 from experiments.teacher.random_motion import (
     coloured_noise,
     minimum_jerk,
@@ -127,10 +131,14 @@ class Teacher:
 
     Args:
         config: How the human moves and how the suit measures.
+        habits: How untidily; not at all by default.
     """
 
-    def __init__(self, config: TeacherConfig | None = None) -> None:
+    def __init__(
+        self, config: TeacherConfig | None = None, habits: Habits = TIDY
+    ) -> None:
         self.config = TeacherConfig() if config is None else config
+        self.habits = habits
 
     def demonstrate(self, radius: float, rng: np.random.Generator) -> Demonstration:
         """Open one door and return what the suit recorded.
@@ -152,7 +160,7 @@ class Teacher:
         """
         if not (math.isfinite(radius) and radius > 0.0):
             raise ValueError(f"radius = {radius!r} must be a positive number [m]")
-        motion_rng, timing_rng, hand_rng, suit_rng = rng.spawn(4)
+        motion_rng, timing_rng, hand_rng, suit_rng, habit_rng = rng.spawn(5)
         config = self.config
         duration = config.duration_mean + config.duration_std * (
             motion_rng.standard_normal()
@@ -161,15 +169,22 @@ class Teacher:
         final_angle = config.angle_mean + config.angle_std * (
             motion_rng.standard_normal()
         )
-        n_samples = math.ceil(duration * config.sampling_rate) + 1
-        times = np.arange(n_samples) / config.sampling_rate
-        progress = uneven_timing(times / duration, config.timing_std, timing_rng)
-        angles = final_angle * minimum_jerk(progress)
+        rate, tidy = config.sampling_rate, self.habits == TIDY
+        if tidy:
+            times = np.arange(math.ceil(duration * rate) + 1) / rate
+            clock, back = times / duration, np.zeros(times.size)
+        else:
+            times, clock, back = untidy_clock(self.habits, duration, rate, habit_rng)
+        progress = uneven_timing(clock, config.timing_std, timing_rng)
+        angles = np.maximum(final_angle * minimum_jerk(progress) - back, 0.0)
         positions, rotations = self._hand(radius, times, angles, hand_rng)
         positions, rotations = self._suit(times, positions, rotations, suit_rng)
         relative = rotations * rotations[0].inv()
         poses = np.hstack([positions - positions[0], relative.as_rotvec()])
-        return Demonstration(times=times, poses=poses)
+        if tidy:
+            return Demonstration(times=times, poses=poses)
+        kept, poses = lose_samples(self.habits, poses, habit_rng)
+        return Demonstration(times=times[kept], poses=poses[kept])
 
     def demonstrate_doors(
         self,
