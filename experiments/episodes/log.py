@@ -23,7 +23,7 @@ Flag = Bool[np.ndarray, " T"]
 KIND: Final = "a gplfd episode log"
 """What the file says it holds."""
 
-VERSION: Final = 1
+VERSION: Final = 2
 """Version of the layout of the file."""
 
 
@@ -87,6 +87,16 @@ class EpisodeLog:
     """Force of the hand on the handle away from the hinge [N]."""
     force_vertical: Number
     """Force of the hand on the handle upwards [N]."""
+    push_force: Number
+    """Force that pushes from outside [N]."""
+    person_force: Number
+    """Greatest force between a person and hand or door since the last step [N]."""
+    person_energy: Number
+    """Work done on the person so far [J]."""
+    stop_force: Number
+    """Force of the door on a stop, as if at the handle [N]."""
+    base_shift: Number
+    """How far the base has been moved [m]."""
 
     action: Pose
     """Commanded hand pose."""

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from experiments.episodes.disturbance_metrics import disturbance_metrics
 from experiments.episodes.forecast_error import (
     PROGRESS,
     forecast_errors,
@@ -103,6 +104,36 @@ class EpisodeMetrics:
     forecast_error_mm: tuple[float | None, ...]
     """Root mean square distance of the handle's remaining path from the path forecast
     at each progress [mm]; None where there is no forecast."""
+    force_handle_peak: float
+    """Largest force of the hand on the handle in any direction [N]."""
+    door_acceleration_peak: float | None
+    """Largest angular acceleration of the door [rad/s²]; like the next two an indicator
+    of the EUROBENCH benchmark of robots at doors. None in episodes below 0.2 s."""
+    door_smoothness: float | None
+    """1 / √Σ φ̈² over the control steps [s²/rad]; larger is smoother."""
+    time_to_move: float | None
+    """Time until the door has moved by a degree [s]; None if it never did."""
+    person_force_peak: float
+    """Largest force on the person [N]; 0 without one. ISO/TS 15066 allows 280 N for an
+    instant at hands and fingers."""
+    person_force_sustained: float
+    """Largest force that the person bore for half a second [N]; ISO/TS 15066 allows
+    140 N."""
+    person_energy: float
+    """Work done on the person [J]."""
+    stop_force_peak: float
+    """Largest force of the door on what stops it [N]."""
+    stop_force_sustained: float
+    """Largest force that it bore for half a second [N]."""
+    push_displacement_mm: float | None
+    """How far the hand went from where it was on the policy's path when a push began
+    [mm], at most; None without a push."""
+    release_speed: float | None
+    """Largest speed of the door in the second after a disturbance ended [rad/s]; None
+    if none did."""
+    recovery_time: float | None
+    """Time from the end of the last disturbance until the door was 5 degrees further
+    open [s]; None if none ended or it never was."""
     latency_median_ms: float
     """Median CPU time of a decision [ms]."""
     latency_p95_ms: float
@@ -159,6 +190,7 @@ def episode_metrics(
             None if error is None else 1e3 * error
             for error in forecast_errors(log, demonstrated_angle)
         ),
+        **disturbance_metrics(log),
         latency_median_ms=1e3 * float(np.median(log.latency_s)),
         latency_p95_ms=1e3 * float(np.percentile(log.latency_s, 95)),
     )

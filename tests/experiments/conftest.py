@@ -60,6 +60,15 @@ def minimum_jerk(progress: Any) -> Any:
     return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
 
+FROM_OUTSIDE = (
+    "push_force",
+    "person_force",
+    "person_energy",
+    "stop_force",
+    "base_shift",
+)
+
+
 class DoorEnv(gym.Env[Any, Any]):
     """The door follows the commanded rotation exactly; the hand is the handle."""
 
@@ -108,6 +117,7 @@ class DoorEnv(gym.Env[Any, Any]):
             "force_tangential": 5.0,
             "force_radial": -1.0,
             "force_vertical": 0.0,
+            **dict.fromkeys(FROM_OUTSIDE, 0.0),
         }
         return observation, info
 
@@ -187,6 +197,7 @@ def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
         "force_tangential": 8.0 * one,
         "force_radial": -3.0 * one,
         "force_vertical": 0.0 * one,
+        **dict.fromkeys(FROM_OUTSIDE, 0.0 * one),
         "action": pose,
         "desired": pose,
         "std": 0.01 * six,
