@@ -56,7 +56,17 @@ class Picture:
     """What it shows, for those who cannot see it."""
 
 
-Block = Paragraph | Items | Verbatim | Table | Picture
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Details:
+    """A table that HTML folds away."""
+
+    title: str
+    """What it shows, without marks."""
+    table: Table
+    """What is folded."""
+
+
+Block = Paragraph | Items | Verbatim | Table | Picture | Details
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

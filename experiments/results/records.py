@@ -59,7 +59,7 @@ class EpisodeResult(TaskResult):
     radius: float
     """Distance from hinge to handle [m], as drawn."""
     drawn: bool
-    """Whether the radius was drawn at random."""
+    """Whether the radius is drawn at random."""
     kind: str
     """Kind of door, one of `KINDS`."""
 

@@ -54,11 +54,16 @@ class Condition:
     randomization: str
     """What varies from episode to episode."""
 
-    def __str__(self) -> str:
+    @property
+    def teaching(self) -> str:
+        """How the demonstrations were made, in words."""
         return (
             f"{self.demonstrations_per_door} demonstrations per door, teacher noise "
-            f"× {self.teacher_noise:g}, randomization {self.randomization}"
+            f"× {self.teacher_noise:g}"
         )
+
+    def __str__(self) -> str:
+        return f"{self.teaching}, randomization {self.randomization}"
 
 
 PRESETS: Final[Mapping[str, StudySettings]] = MappingProxyType(
