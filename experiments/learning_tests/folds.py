@@ -144,8 +144,7 @@ def _progress(times: FloatArray, poses: FloatArray) -> FloatArray:
     recorded = Demonstration(times=times, poses=poses)
     index = measure_completion(recorded, _ROTATION_WEIGHT, denoise=True).index
     clock = (times - times[0]) / (times[-1] - times[0])
-    progress: FloatArray = (1.0 - _CLOCK_SHARE) * index + _CLOCK_SHARE * clock
-    return progress
+    return np.asarray((1.0 - _CLOCK_SHARE) * index + _CLOCK_SHARE * clock)
 
 
 def _columns(wanted: FloatArray, known: FloatArray, poses: FloatArray) -> FloatArray:

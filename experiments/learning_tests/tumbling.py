@@ -83,8 +83,7 @@ def _spread(phases: FloatArray) -> FloatArray:
     Its mean is zero: errors of the alignment, to which every output contributes, then
     change nothing.
     """
-    spread: FloatArray = 0.002 + 0.02 * phases**2
-    return spread
+    return 0.002 + 0.02 * phases**2
 
 
 def tumble(seed: int, active: range | tuple[int, ...]) -> tuple[Demonstration, ...]:

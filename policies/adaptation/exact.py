@@ -54,8 +54,7 @@ class ExactAdaptation:
     @property
     def std(self) -> Float[np.ndarray, "M 6"]:
         """Current standard deviation on the grid, spread r(t) included."""
-        std: np.ndarray = np.sqrt(self._process.variance())
-        return std
+        return np.asarray(np.sqrt(self._process.variance()))
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""

@@ -77,8 +77,7 @@ class ProcessAdaptation:
     def _stretch(self) -> Float[np.ndarray, "6"]:
         """Factor on the standard deviations from how surprising the via-points were."""
         scale = (self._free + self._distance) / (self._free + self._observed)
-        stretch: np.ndarray = np.sqrt(np.maximum(scale, 1.0))
-        return stretch
+        return np.sqrt(np.maximum(scale, 1.0))
 
     @property
     def mean(self) -> Float[np.ndarray, "M 6"]:
@@ -88,8 +87,7 @@ class ProcessAdaptation:
     @property
     def std(self) -> Float[np.ndarray, "M 6"]:
         """Current standard deviation on the grid."""
-        std: np.ndarray = self._stretch() * np.sqrt(self._process.variance())
-        return std
+        return np.asarray(self._stretch() * np.sqrt(self._process.variance()))
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""

@@ -114,8 +114,7 @@ class ProductAdaptation:
     def std(self) -> Float[np.ndarray, "M 6"]:
         """Current standard deviation on the grid."""
         variances = np.diagonal(self._covariances, axis1=1, axis2=2)
-        std: np.ndarray = np.sqrt(np.maximum(variances, 0.0)).T
-        return std
+        return np.asarray(np.sqrt(np.maximum(variances, 0.0)).T)
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid.

@@ -217,8 +217,7 @@ def _basis(clock: Float[np.ndarray, " M"], config: DMPConfig) -> np.ndarray:
     exponents = -sharpness * (x[:, None] - centres) ** 2
     # The nearest function is 1 before normalisation, even where all others vanish.
     values = np.exp(exponents - exponents.max(axis=1, keepdims=True))
-    activations: np.ndarray = x[:, None] * values / values.sum(axis=1, keepdims=True)
-    return activations
+    return np.asarray(x[:, None] * values / values.sum(axis=1, keepdims=True))
 
 
 def _pull(
@@ -229,8 +228,7 @@ def _pull(
 ) -> Float[np.ndarray, "M 6"]:
     """α β (ξ_g - (ξ_g - ξ_0) x): what draws the state to the goal, starting gently."""
     x = np.exp(-config.alpha_x * clock)[:, None]
-    pull: np.ndarray = 0.25 * config.alpha**2 * (goal - (goal - start) * x)
-    return pull
+    return np.asarray(0.25 * config.alpha**2 * (goal - (goal - start) * x))
 
 
 def _oscillate(

@@ -86,8 +86,7 @@ class _Posterior:
     ) -> Float[np.ndarray, "P 6*M"]:
         """Prior covariance of the constrained outputs with all outputs at ``times``."""
         across = kernel(self.phases, times).reshape(-1, 6 * len(times))
-        constrained: np.ndarray = across[self.entries]
-        return constrained
+        return np.asarray(across[self.entries])
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -82,16 +82,14 @@ class GaussianMixtureRegression(LearnedMovement):
     @cached_property
     def slopes(self) -> Float[np.ndarray, "C 6"]:
         """Σ_l^{yt} / Σ_l^{tt}: rate of every component's mean, standardised."""
-        slopes: np.ndarray = self.covariances[:, 1:, 0] / self.covariances[:, :1, 0]
-        return slopes
+        return np.asarray(self.covariances[:, 1:, 0] / self.covariances[:, :1, 0])
 
     @cached_property
     def conditional_covariances(self) -> Float[np.ndarray, "C 6 6"]:
         """Σ̂_l, Eq. (3): covariance of a component given the phase, standardised."""
         across = self.covariances[:, 0, 1:]
         explained = self.slopes[:, :, None] * across[:, None, :]
-        conditional: np.ndarray = self.covariances[:, 1:, 1:] - explained
-        return conditional
+        return np.asarray(self.covariances[:, 1:, 1:] - explained)
 
     def responsibilities(
         self, times: Float[np.ndarray, " M"]
@@ -104,8 +102,7 @@ class GaussianMixtureRegression(LearnedMovement):
         variance = self.covariances[:, 0, 0]
         squared = np.subtract.outer(times, self.means[:, 0]) ** 2 / variance
         log_density = np.log(self.weights) - 0.5 * (squared + np.log(variance))
-        shares: np.ndarray = softmax(log_density, axis=1)
-        return shares
+        return np.asarray(softmax(log_density, axis=1))
 
     def standardised_moments(
         self, times: Float[np.ndarray, " M"]

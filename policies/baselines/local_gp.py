@@ -94,8 +94,7 @@ class LocalGaussianProcesses(LearnedMovement):
     def weights(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "C M"]:
         """The weights w_k(t) of the clusters, which sum to one."""
         distance = np.subtract.outer(self.centres, times) / self.width
-        weights: np.ndarray = softmax(-0.5 * distance**2, axis=0)
-        return weights
+        return np.asarray(softmax(-0.5 * distance**2, axis=0))
 
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The distribution of the pose at ``times``.

@@ -61,16 +61,14 @@ class LengthScaleConfig:
 
 def _matern(scaled: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """Matérn-5/2 correlation at distance ``scaled`` = √5 |t − t'| / ℓ."""
-    correlation: np.ndarray = (1.0 + scaled + scaled**2 / 3.0) * np.exp(-scaled)
-    return correlation
+    return np.asarray((1.0 + scaled + scaled**2 / 3.0) * np.exp(-scaled))
 
 
 def _matern_log_gradient(
     scaled: Float[np.ndarray, "..."],
 ) -> Float[np.ndarray, "..."]:
     """Derivative of `_matern` with respect to log ℓ."""
-    gradient: np.ndarray = scaled**2 * (1.0 + scaled) / 3.0 * np.exp(-scaled)
-    return gradient
+    return np.asarray(scaled**2 * (1.0 + scaled) / 3.0 * np.exp(-scaled))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -99,8 +97,7 @@ class MixtureKernel:
         """Diagonal of K(t, t) for every output."""
         outputs = self.regression.conditional_covariances
         diagonals = np.diagonal(outputs, axis1=1, axis2=2)
-        variance: np.ndarray = self._weights(times).T ** 2 @ diagonals
-        return variance
+        return np.asarray(self._weights(times).T ** 2 @ diagonals)
 
     def _weights(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "C M"]:
         weights: np.ndarray = self.regression.responsibilities(times).T
@@ -195,8 +192,7 @@ class Evidence:
             inner.reshape(6, count, 6, count),
             axes=([1, 2], [0, 2]),
         )
-        gradient: np.ndarray = 0.5 * np.sum(over_outputs * slope, axis=(1, 2))
-        return gradient
+        return np.asarray(0.5 * np.sum(over_outputs * slope, axis=(1, 2)))
 
 
 def fit_kernel(

@@ -159,8 +159,7 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
         """Covariance of the weights of every output by itself."""
         size = self.config.n_basis
         blocks = self.weight_covariance.reshape(6, size, 6, size)
-        diagonal: np.ndarray = np.einsum("didj->dij", blocks)
-        return diagonal
+        return np.asarray(np.einsum("didj->dij", blocks))
 
 
 def fit_promp(
@@ -225,16 +224,14 @@ def _basis(times: Float[np.ndarray, " M"], config: ProMPConfig) -> np.ndarray:
     logarithms, _ = _exponents(times, config)
     # The nearest function is 1 before normalisation, even where all others vanish.
     values = np.exp(logarithms - logarithms.max(axis=1, keepdims=True))
-    normalised: np.ndarray = values / values.sum(axis=1, keepdims=True)
-    return normalised
+    return np.asarray(values / values.sum(axis=1, keepdims=True))
 
 
 def _basis_rate(times: Float[np.ndarray, " M"], config: ProMPConfig) -> np.ndarray:
     """Derivative of φ(t) by phase, (M, B)."""
     basis, (_, slopes) = _basis(times, config), _exponents(times, config)
     mean_slope = np.sum(basis * slopes, axis=1, keepdims=True)
-    rate: np.ndarray = basis * (slopes - mean_slope)
-    return rate
+    return np.asarray(basis * (slopes - mean_slope))
 
 
 def _inverse(matrix: Float[np.ndarray, "V V"]) -> np.ndarray:
@@ -242,5 +239,4 @@ def _inverse(matrix: Float[np.ndarray, "V V"]) -> np.ndarray:
     scale = np.sqrt(np.diag(matrix))
     scale = np.where(scale > 0.0, scale, 1.0)
     units = np.outer(scale, scale)
-    inverse: np.ndarray = pinvh(matrix / units) / units
-    return inverse
+    return np.asarray(pinvh(matrix / units) / units)

@@ -32,15 +32,13 @@ class Standardisation:
 
     def apply(self, poses: Float[np.ndarray, "... 6"]) -> Float[np.ndarray, "... 6"]:
         """Poses in standard deviations from their average."""
-        standardised: np.ndarray = (poses - self.offset) / self.scale
-        return standardised
+        return np.asarray((poses - self.offset) / self.scale)
 
     def undo(
         self, standardised: Float[np.ndarray, "... 6"]
     ) -> Float[np.ndarray, "... 6"]:
         """Poses [m, rad] of standardised ones."""
-        poses: np.ndarray = self.offset + self.scale * standardised
-        return poses
+        return np.asarray(self.offset + self.scale * standardised)
 
     def trajectory(
         self,
@@ -69,5 +67,4 @@ class Standardisation:
         standardised: Callable[[np.ndarray], np.ndarray],
         times: Float[np.ndarray, " M"],
     ) -> Float[np.ndarray, "6 M M"]:
-        covariance: np.ndarray = self.scale[:, None, None] ** 2 * standardised(times)
-        return covariance
+        return np.asarray(self.scale[:, None, None] ** 2 * standardised(times))

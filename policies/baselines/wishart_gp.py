@@ -195,5 +195,4 @@ def _pooled_covariance(
     correlation *= 1.0 - _SHRINKAGE
     # 1 where the output varies; also where it does not.
     np.fill_diagonal(correlation, 1.0)
-    covariance: np.ndarray = correlation * np.outer(std, std)
-    return covariance
+    return np.asarray(correlation * np.outer(std, std))

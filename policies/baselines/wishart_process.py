@@ -107,15 +107,13 @@ class WishartPrior:
     def features(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M R"]:
         """φ(t); outside the interval that of its nearer end."""
         inside = np.clip(times, self.basis.start, self.basis.stop)
-        features: np.ndarray = self.basis.matrix(inside) @ self.root
-        return features
+        return np.asarray(self.basis.matrix(inside) @ self.root)
 
     def scaled(self, unit: Float[np.ndarray, "M d d"]) -> Float[np.ndarray, "M d d"]:
         """Σ(t) of U(t) U(t)ᵀ."""
         inner = (1.0 - self.floor) * unit
         inner += self.floor * self.degrees * np.eye(len(self.lower))
-        covariance: np.ndarray = self.lower @ inner @ self.lower.T
-        return covariance
+        return np.asarray(self.lower @ inner @ self.lower.T)
 
     def covariance(
         self, weights: Float[np.ndarray, "nu d R"], times: Float[np.ndarray, " M"]
@@ -163,8 +161,7 @@ class WishartLikelihood:
         outputs = self.scatter.shape[1]
         rows = flat.reshape(-1, self.features.shape[1])
         values = self.features @ rows.T
-        unit: np.ndarray = values.reshape(-1, self.degrees, outputs).swapaxes(1, 2)
-        return unit
+        return np.asarray(values.reshape(-1, self.degrees, outputs).swapaxes(1, 2))
 
     def _covariance(
         self, unit: Float[np.ndarray, "T d nu"]

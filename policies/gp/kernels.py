@@ -49,15 +49,13 @@ class RBF:
         distance *= -0.5 / self.length_scale**2
         np.exp(distance, out=distance)
         distance *= self.variance
-        values: np.ndarray = distance
-        return values
+        return np.asarray(distance)
 
     def time_derivative(
         self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]
     ) -> Float[np.ndarray, "A B"]:
         """∂k(a_i, b_j)/∂a_i = −(a_i − b_j)/l² · k(a_i, b_j)."""
-        slope: np.ndarray = -np.subtract.outer(a, b) / self.length_scale**2 * self(a, b)
-        return slope
+        return np.asarray(-np.subtract.outer(a, b) / self.length_scale**2 * self(a, b))
 
     def log_gradients(
         self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]

@@ -185,5 +185,4 @@ class MultiOutputGP:
             matrix = basis.matrix(times)
             halves = [matrix @ posterior.factor for posterior in self._posteriors]
             unscaled = [half @ half.T for half in halves]
-        scaled: np.ndarray = self._scales[:, None, None] ** 2 * np.stack(unscaled)
-        return scaled
+        return np.asarray(self._scales[:, None, None] ** 2 * np.stack(unscaled))

@@ -126,5 +126,4 @@ def _gamma_mode(
             candidate, candidate_scaled = cost(position - length * step)
         position = position - length * step
         value, scaled = candidate, candidate_scaled
-    coefficients: np.ndarray = root @ position
-    return coefficients
+    return root @ position

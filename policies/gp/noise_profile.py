@@ -59,15 +59,11 @@ class NoiseProfile:
     def log_variance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
         """Its logarithm z(t) at ``times``."""
         inside = np.clip(times, self.basis.start, self.basis.stop)
-        log_variance: np.ndarray = (
-            self.level + self.basis.matrix(inside) @ self.coefficients
-        )
-        return log_variance
+        return np.asarray(self.level + self.basis.matrix(inside) @ self.coefficients)
 
     def variance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
         """The noise variance r(t) at ``times``."""
-        variance: np.ndarray = np.exp(self.log_variance(times))
-        return variance
+        return np.asarray(np.exp(self.log_variance(times)))
 
     def log_variance_rate(
         self, times: Float[np.ndarray, " M"]

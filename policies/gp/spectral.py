@@ -26,8 +26,7 @@ def square_root(covariance: Float[np.ndarray, "Q Q"]) -> Float[np.ndarray, "Q R"
     """F₀ with F₀ F₀ᵀ = covariance, dropping directions below rounding."""
     values, vectors = np.linalg.eigh(covariance)
     kept = values > _RANK_TOLERANCE * values[-1]
-    root: np.ndarray = vectors[:, kept] * np.sqrt(values[kept])
-    return root
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
