@@ -49,7 +49,7 @@ def basis_for_grid(
 
 
 class ConditionedProcess:
-    """Six independent processes on a grid, updated in place."""
+    """Six independent processes on a grid, updated in place; an `Adaptation`."""
 
     def __init__(
         self,

@@ -49,7 +49,6 @@ from gplfd_env.rotation_paths import unwrap_rotvecs
 from gplfd_env.se3 import compose_rotvecs
 from policies.aligned import AlignedDemonstrations
 from policies.movement import LearnedMovement
-from policies.records import freeze
 from policies.trajectory import GaussianTrajectory, checked_times, white_covariance
 
 _STEPS = 1000
@@ -98,9 +97,6 @@ class DynamicMovementPrimitive(LearnedMovement):
     """e_0, the rotation vector from start to goal [rad]."""
     weights: Float[np.ndarray, "N 6"]
     """W, the weights of the forcing term."""
-
-    def __post_init__(self) -> None:
-        freeze(self, "start", "goal", "start_error", "weights")
 
     def with_goal(self, pose: Float[np.ndarray, " 6"]) -> "DynamicMovementPrimitive":
         """The movement to another goal.

@@ -13,7 +13,7 @@ way, the result does not depend on units (``test_result_does_not_depend_on_units
 
 import warnings
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,10 +23,9 @@ from threadpoolctl import threadpool_limits
 
 from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
+from policies.baselines.moments import MomentMovement
 from policies.baselines.standardisation import Standardisation
-from policies.movement import LearnedMovement
-from policies.records import freeze
-from policies.trajectory import GaussianTrajectory, checked_times, white_covariance
+from policies.trajectory import white_covariance
 
 if TYPE_CHECKING:
     from sklearn.mixture import GaussianMixture
@@ -61,10 +60,14 @@ class GMRConfig:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class GaussianMixtureRegression(LearnedMovement):
+class GaussianMixtureRegression(MomentMovement):
     """A learned movement without via-points; made by `fit_gmr`, immutable.
 
-    The mixture holds phase and standardised pose, in this order.
+    The mixture holds phase and standardised pose, in this order. It takes samples for
+    independent given their phase: it says how widely poses spread, not how one
+    deviation lasts, so the covariance over time is diagonal and sampled trajectories
+    are white around the mean. Outside the demonstrated range one component goes on
+    along its straight line.
     """
 
     standardisation: Standardisation
@@ -75,9 +78,6 @@ class GaussianMixtureRegression(LearnedMovement):
     """μ_l."""
     covariances: Float[np.ndarray, "C 7 7"]
     """Σ_l."""
-
-    def __post_init__(self) -> None:
-        freeze(self, "weights", "means", "covariances")
 
     @cached_property
     def slopes(self) -> Float[np.ndarray, "C 6"]:
@@ -126,26 +126,15 @@ class GaussianMixtureRegression(LearnedMovement):
         scale = self.standardisation.scale
         return self.standardisation.undo(mean), scale[:, None] * covariance * scale
 
-    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
-        """The distribution of the pose at ``times``.
-
-        The mixture takes samples for independent given their phase. It says how widely
-        poses spread, not how one deviation lasts, so `GaussianTrajectory.covariance` is
-        diagonal and sampled trajectories are white around the mean.
-
-        Args:
-            times: phases, strictly increasing, shape (M,). Outside the demonstrated
-                range one component goes on along its straight line.
-
-        Raises:
-            ValueError: if there are no times, or they do not increase.
-        """
-        times = checked_times(times)
+    def _moments(
+        self, times: Float[np.ndarray, " M"]
+    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
         mean, covariance = self.moments(times)
-        variance = np.diagonal(covariance, axis1=1, axis2=2)
-        return GaussianTrajectory.from_moments(
-            times, mean, np.sqrt(variance), partial(white_covariance, variance)
-        )
+        return mean, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+
+    def _covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "6 M M"]:
+        _, covariance = self.moments(times)
+        return white_covariance(np.diagonal(covariance, axis1=1, axis2=2))
 
 
 def fit_gmr(

@@ -88,7 +88,7 @@ class MixtureKernel:
         """Covariance of every output at ``a`` with every output at ``b``."""
         distance = np.sqrt(5.0) * np.abs(np.subtract.outer(a, b))
         correlation = _matern(distance / self.length_scales[:, None, None])
-        correlation *= self._weights(a)[:, :, None] * self._weights(b)[:, None, :]
+        correlation *= self.weights(a)[:, :, None] * self.weights(b)[:, None, :]
         outputs = self.regression.conditional_covariances
         joint = np.tensordot(outputs, correlation, axes=(0, 0))
         return np.ascontiguousarray(joint.transpose(0, 2, 1, 3))
@@ -97,9 +97,10 @@ class MixtureKernel:
         """Diagonal of K(t, t) for every output."""
         outputs = self.regression.conditional_covariances
         diagonals = np.diagonal(outputs, axis1=1, axis2=2)
-        return np.asarray(self._weights(times).T ** 2 @ diagonals)
+        return np.asarray(self.weights(times).T ** 2 @ diagonals)
 
-    def _weights(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "C M"]:
+    def weights(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "C M"]:
+        """h_l(t)^p."""
         weights: np.ndarray = self.regression.responsibilities(times).T
         return weights**self.weight_power
 
@@ -185,7 +186,7 @@ class Evidence:
         count = len(self.times)
         distance = np.sqrt(5.0) * np.abs(np.subtract.outer(self.times, self.times))
         slope = _matern_log_gradient(distance / kernel.length_scales[:, None, None])
-        weights = self.regression.responsibilities(self.times).T ** self.weight_power
+        weights = kernel.weights(self.times)
         slope *= weights[:, :, None] * weights[:, None, :]
         over_outputs = np.tensordot(
             self.regression.conditional_covariances,

@@ -30,12 +30,12 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import pinvh
+from scipy.special import softmax
 from threadpoolctl import threadpool_limits
 
 from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
 from policies.movement import LearnedMovement
-from policies.records import freeze
 from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
 
 
@@ -75,9 +75,6 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
     """Σ, across all outputs."""
     noise_variance: Float[np.ndarray, " 6"]
     """R, what the basis functions do not explain [m², rad²]."""
-
-    def __post_init__(self) -> None:
-        freeze(self, "weight_mean", "weight_covariance", "noise_variance")
 
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The distribution of the pose at ``times``, observation noise included.
@@ -222,9 +219,7 @@ def _exponents(
 def _basis(times: Float[np.ndarray, " M"], config: ProMPConfig) -> np.ndarray:
     """φ(t), (M, B)."""
     logarithms, _ = _exponents(times, config)
-    # The nearest function is 1 before normalisation, even where all others vanish.
-    values = np.exp(logarithms - logarithms.max(axis=1, keepdims=True))
-    return np.asarray(values / values.sum(axis=1, keepdims=True))
+    return np.asarray(softmax(logarithms, axis=1))
 
 
 def _basis_rate(times: Float[np.ndarray, " M"], config: ProMPConfig) -> np.ndarray:
