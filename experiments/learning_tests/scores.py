@@ -18,7 +18,7 @@ same for every method, by name.
 ``cpu_adapt_s``             one via-point of those of the first 30 %
 ``uncertainty_growth``      see `experiments.learning_tests.extrapolation.beyond`
 ``coverage_95_beyond``      the same
-``prior_mean_used``         see `experiments.learning_tests.prior_mean.prior_mean_used`
+``prior_mean_used``         see `prior_mean_used` of the same module
 ``outputs_...``             see `experiments.learning_tests.tumbling.tumbling`
 ``tumbling_error``          the same
 =========================== ==========================================================
