@@ -19,7 +19,6 @@ from experiments.results.measures import (
 )
 from experiments.results.records import UNDEMONSTRATED
 from experiments.results.statistics import (
-    PairedTest,
     holm,
     mcnemar,
     paired,
@@ -85,30 +84,31 @@ def paired_tests(runs: Runs, reference: str) -> Block:
 def _tests(
     values: Mapping[str, Mapping[str, ValueT]],
     reference: str,
-    compare: Callable[[Sequence[ValueT], Sequence[ValueT]], tuple[str, PairedTest]],
+    compare: Callable[[Sequence[ValueT], Sequence[ValueT]], tuple[str, float]],
 ) -> dict[str, str]:
     """Compare the reference with the others; p corrected for all of them."""
-    found = {}
-    for other in values:
-        ours, theirs = paired(values[reference], values[other])
-        if ours and other != reference:
-            found[other] = compare(ours, theirs)
-    corrected = holm([test.p for _, test in found.values()])
+    pairs = {
+        other: paired(values[reference], values[other])
+        for other in values
+        if other != reference and values[reference].keys() & values[other].keys()
+    }
+    found = {other: compare(*both) for other, both in pairs.items()}
+    corrected = holm([p for _, p in found.values()])
     return {
-        other: f"{text}\n{_p_text(p)}, n {test.n}"
-        for (other, (text, test)), p in zip(found.items(), corrected, strict=True)
+        other: f"{text}\n{_p_text(p)}, n {len(pairs[other][0])}"
+        for (other, (text, _)), p in zip(found.items(), corrected, strict=True)
     }
 
 
-def _wins(ours: Sequence[bool], theirs: Sequence[bool]) -> tuple[str, PairedTest]:
-    test = mcnemar(ours, theirs)
-    wins = sum(a > b for a, b in zip(ours, theirs, strict=True))
-    return f"{wins} : {test.n_different - wins}", test
+def _wins(ours: Sequence[bool], theirs: Sequence[bool]) -> tuple[str, float]:
+    wins = sum(a and not b for a, b in zip(ours, theirs, strict=True))
+    losses = sum(b and not a for a, b in zip(ours, theirs, strict=True))
+    return f"{wins} : {losses}", mcnemar(wins, losses)
 
 
 def _shift(
     measure: Measure, ours: Sequence[float], theirs: Sequence[float]
-) -> tuple[str, PairedTest]:
+) -> tuple[str, float]:
     typical = shift(ours, theirs).estimate
     text = number_text(typical, measure.digits, signed=True)
     return text, signed_rank(ours, theirs)
