@@ -1,8 +1,4 @@
-"""The paper's adaptation: a product of Gaussians.
-
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Eqs. (19)–(21).
-"""
+"""The paper's adaptation: a product of Gaussians, Eqs. (19)–(21)."""
 
 from functools import partial
 from typing import Literal

@@ -5,8 +5,7 @@ Motor Behaviors*, Neural Computation 25(2), 2013; Pastor et al., *Learning and
 Generalization of Motor Skills by Learning from Demonstration*, ICRA 2009, for how the
 goal enters; Koutras and Doulgeri, *A correct formulation for the Orientation Dynamic
 Movement Primitives for robot control in the Cartesian space*, CoRL 2019, for the
-orientation. Table 1 is that of Arduengo et al., *Gaussian-Process-based Robot Learning
-from Demonstration*, arXiv:2002.09979.
+orientation.
 
 Notation; τ is the phase from start to end, a dot the derivative by phase:
     x       phase variable, τ ẋ = -α_x x, x = 1 at the start

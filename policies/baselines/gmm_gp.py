@@ -1,8 +1,7 @@
 """A Gaussian process whose prior is a Gaussian mixture regression.
 
-The GMM-based GP of Table 1 in Arduengo et al., *Gaussian-Process-based Robot Learning
-from Demonstration*, arXiv:2002.09979. Equation numbers refer to Jaquier, Ginsbourger,
-Calinon, *Learning from demonstration with model-based Gaussian process*, CoRL 2019.
+Equation numbers refer to Jaquier, Ginsbourger, Calinon, *Learning from demonstration
+with model-based Gaussian process*, CoRL 2019.
 
 The prior mean is the mean m(t) of the regression, the prior covariance between two
 phases

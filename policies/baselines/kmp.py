@@ -1,10 +1,9 @@
 """Kernelized movement primitives: a reference trajectory, kernel-smoothed, adaptable.
 
-The KMP of Table 1 in Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979. Equation numbers refer to Huang, Rozo, Silvério,
-Caldwell, *Kernelized movement primitives*, IJRR 2019: a mixture regression gives a
-reference of means and covariances, Eqs. (21) and (26) smooth it, and a via-point is one
-more entry of the reference, or takes the place of one.
+Equation numbers refer to Huang, Rozo, Silvério, Caldwell, *Kernelized movement
+primitives*, IJRR 2019: a mixture regression gives a reference of means and covariances,
+Eqs. (21) and (26) smooth it, and a via-point is one more entry of the reference, or
+takes the place of one.
 
 What was published for letters in centimetres over two seconds is translated to phase
 and standardised outputs; `KMPConfig` says how. Left out is the velocity, which the

@@ -1,9 +1,7 @@
 """Probabilistic movement primitives, the second method of Table 1.
 
 Papers: Paraschos et al., *Probabilistic Movement Primitives*, NeurIPS 2013, and *Using
-Probabilistic Movement Primitives in Robotics*, Autonomous Robots 42, 2018; Table 1 is
-that of Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979.
+Probabilistic Movement Primitives in Robotics*, Autonomous Robots 42, 2018.
 
 Notation:
     φ(t)    Gaussian basis functions at phase t, normalised to sum 1, (B,)

@@ -1,12 +1,10 @@
 """Gaussian processes for the mean and a Wishart process for the variability.
 
 The method of Umlauft, Fanger and Hirche (*Bayesian Uncertainty Modeling for Programming
-by Demonstration*, ICRA 2017), a row of Table 1 in Arduengo et al., *Gaussian-Process-
-based Robot Learning from Demonstration*, arXiv:2002.09979. The uncertainty of the
-mean and the variation of the demonstrations are learned separately: the former is the
-variance of a Gaussian process, the latter a covariance matrix of all outputs that
-changes with time, inferred as a generalised Wishart process
-(`policies.baselines.wishart_process`).
+by Demonstration*, ICRA 2017). The uncertainty of the mean and the variation of the
+demonstrations are learned separately: the former is the variance of a Gaussian process,
+the latter a covariance matrix of all outputs that changes with time, inferred as a
+generalised Wishart process (`policies.baselines.wishart_process`).
 
 This is a **reconstruction**: it was written without access to the original, from its
 abstract and how others describe it. Assumed here:

@@ -1,9 +1,9 @@
 """Marginal likelihoods of one output as functions of its hyper-parameters.
 
 Both classes evaluate log N(y | 0, K(l, σ_f) + c·N) with N a fixed diagonal, and its
-derivatives with respect to (log l, log σ_f, log c); Eq. (7) of Arduengo et al.,
-arXiv:2002.09979. `SpectralEvidence` passes over the M samples once and then costs
-O(q³) per evaluation, whatever M; `DenseEvidence` costs O(M³).
+derivatives with respect to (log l, log σ_f, log c); Eq. (7). `SpectralEvidence` passes
+over the M samples once and then costs O(q³) per evaluation, whatever M; `DenseEvidence`
+costs O(M³).
 
 Spectral form, with A = a_i(t_m) (M × q) and S the kernel in the basis
 (`policies.gp.legendre`): the QR factorisation N^(−½) A = Q R, u = Qᵀ N^(−½) y and

@@ -1,9 +1,8 @@
 """Exact Gaussian-process regression of one output.
 
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Eqs. (1)–(5), (7), and (10)–(11) when the noise differs from point to
-point. Dense, O(N³); `policies.gp.legendre` has the form whose cost does not grow with
-the number of samples.
+Eqs. (1)–(5), (7), and (10)–(11) when the noise differs from point to point. Dense,
+O(N³); `policies.gp.legendre` has the form whose cost does not grow with the number of
+samples.
 """
 
 from collections.abc import Callable

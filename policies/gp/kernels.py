@@ -1,7 +1,6 @@
 """The radial basis function kernel, its hyper-parameter and its time derivatives.
 
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979. The kernel is its Eq. (13), with the ½ in the exponent.
+The kernel is Eq. (13), with the ½ in the exponent.
 
 Note:
     The multi-output kernel is printed in Eq. (14) without the minus sign and without

@@ -1,8 +1,6 @@
 """Six independent outputs evaluated together.
 
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Eqs. (12)–(13): outputs independent a priori, which is Eq. (6) with a
-diagonal B.
+Eqs. (12)–(13): outputs independent a priori, which is Eq. (6) with a diagonal B.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,6 @@
 """The spread of the demonstrations as a function of time, and who may estimate it.
 
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979: the noise r(t) of Eqs. (10)–(11), kept as z(t) = log r(t), Eq. (15).
+The noise r(t) of Eqs. (10)–(11), kept as z(t) = log r(t), Eq. (15).
 """
 
 from dataclasses import dataclass
