@@ -1,10 +1,9 @@
 """A product of local Gaussian processes: variability through locality.
 
 The method of Schneider and Ertel (*Robot Learning by Demonstration with Local Gaussian
-Process Regression*, IROS 2010), a row of Table 1 in Arduengo et al.,
-*Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979. A process
-with one noise level cannot tell where demonstrations agree from where they differ.
-Many processes can, each with its own noise level and its own stretch of the task.
+Process Regression*, IROS 2010). A process with one noise level cannot tell where
+demonstrations agree from where they differ. Many processes can, each with its own noise
+level and its own stretch of the task.
 
 This is a **reconstruction**: it was written without access to the original, from how
 others describe it. Assumed here:

@@ -154,7 +154,6 @@ def fit_wishart_gp(
             config.floor,
         )
         variability = sample_posterior(
-            prior,
             WishartLikelihood.of(prior, times[kept], deviations[:, kept]),
             config.steps,
             config.discarded,

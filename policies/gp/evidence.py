@@ -15,8 +15,8 @@ Spectral form, with A = a_i(t_m) (M × q) and S the kernel in the basis
 ``test_spectral_evidence_equals_dense`` settles it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -27,14 +27,9 @@ from policies.gp.exact import LOG_2PI, ExactGP
 from policies.gp.kernels import RBF
 from policies.gp.legendre import LegendreBasis
 
-
-@runtime_checkable
-class Evidence(Protocol):
-    """A log marginal likelihood with its gradient."""
-
-    def __call__(self, kernel: RBF, scale: float) -> tuple[float, np.ndarray]:
-        """Value, and derivatives with respect to (log l, log σ_f, log c), (3,)."""
-        ...
+Evidence = Callable[[RBF, float], tuple[float, np.ndarray]]
+"""A log marginal likelihood of kernel and noise scale c: its value, and its derivatives
+by (log l, log σ_f, log c), (3,)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
