@@ -49,7 +49,7 @@ def basis_for_grid(
 
 
 class ConditionedProcess:
-    """Six independent processes on a grid, updated in place; an `Adaptation`."""
+    """Six independent processes on a grid, updated in place."""
 
     def __init__(
         self,
@@ -148,7 +148,7 @@ class ConditionedProcess:
         self._variance -= on_grid**2 * inverse
         return innovation * step, observed.astype(np.float64)
 
-    def trajectory(
+    def distribution(
         self, stretch: Float[np.ndarray, "6"], degrees_of_freedom: float | None
     ) -> GaussianTrajectory:
         """The current distribution; later updates do not change it.
