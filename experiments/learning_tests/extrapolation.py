@@ -1,7 +1,5 @@
 """What a policy does where nothing was demonstrated, and with what it knew before."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Final
 

@@ -9,8 +9,6 @@ arXiv:2002.09979: a pose belongs to the phase at which the learned demonstration
 done as large a part of their own paths.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, get_args
@@ -104,7 +102,7 @@ class OnPhases:
     poses: FloatArray
     """Its poses, (N, 6) [m, rad]."""
 
-    def thinned(self, count: int) -> OnPhases:
+    def thinned(self, count: int) -> "OnPhases":
         """Return the demonstration at equal steps of its own time.
 
         The poses do not depend on the movement, so that all are asked the same.

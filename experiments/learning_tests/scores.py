@@ -29,8 +29,6 @@ demonstrations with "demonstration", tumbling with "radius". In the other kind t
 names are missing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 

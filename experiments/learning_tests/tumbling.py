@@ -6,8 +6,6 @@ whether outputs that are learned together get in each other's way, and whether l
 rotations are learned as well as small ones.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Final

@@ -1,7 +1,5 @@
 """What via-points do to a movement: where they are, far away, and after them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final
 

@@ -5,8 +5,6 @@ characters that are none of these marks; everything else is shown as it stands. 
 comes from a file goes through `code` or `literal`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A page as one HTML file: nothing to load, no script, wide tables scroll alone."""
 
-from __future__ import annotations
-
 import base64
 import html
 import re

@@ -1,7 +1,5 @@
 """How well policies predicted demonstrations that they did not see."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Final

@@ -1,7 +1,5 @@
 """A page as Markdown, its plots as files beside it."""
 
-from __future__ import annotations
-
 import re
 from typing import Final
 

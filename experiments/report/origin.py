@@ -1,7 +1,5 @@
 """What was run: the command, the code, the counts, and what went wrong."""
 
-from __future__ import annotations
-
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """How the policies opened doors: one table, the same by kind of door, and by door."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from operator import attrgetter, methodcaller

@@ -1,7 +1,5 @@
 """The report of a study: all sections, and the files they are written to."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How the reference stands beside the other policies on the same doors and seeds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TypeVar

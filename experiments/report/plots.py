@@ -1,7 +1,5 @@
 """Plots of a study."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from operator import attrgetter

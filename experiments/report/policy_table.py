@@ -1,7 +1,5 @@
 """Tables with a row per policy, in groups, written column by column."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Results grouped once: by condition, policy, kind of door and door."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, TypeVar

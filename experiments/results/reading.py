@@ -1,7 +1,5 @@
 """From the files of a study to records; a file that cannot be read is named."""
 
-from __future__ import annotations
-
 import dataclasses
 import typing
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """What the files of a study say, as records: episodes, learning tests, errors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final

@@ -7,8 +7,6 @@ difference of pairs is estimated after Hodges and Lehmann, *Estimates of locatio
 on rank tests*, Annals of Mathematical Statistics 34:598-611, 1963.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Mapping, Sequence

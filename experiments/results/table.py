@@ -1,7 +1,5 @@
 """A study, and the doors of one run, as tables for the terminal and table.md."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final

@@ -1,7 +1,5 @@
 """What a worker does with a job: learn once, open all its doors in lockstep."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math

@@ -1,7 +1,5 @@
 """What a study compares, as a person writes it; loads nothing heavy, for ``--help``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
