@@ -6,13 +6,14 @@ predict a distribution over poses at any phase, and adapt to via-points if they 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
 from policies.aligned import AlignedDemonstrations
+from policies.records import freeze
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
 
@@ -60,6 +61,10 @@ class LearnedMovement:
     def duration(self) -> float:
         """Nominal duration of phases 0 to 1 [s]; rates per second are rates / it."""
         return self.aligned.duration
+
+    def __post_init__(self) -> None:
+        arrays = (each.name for each in fields(self))
+        freeze(self, *(n for n in arrays if isinstance(getattr(self, n), np.ndarray)))
 
     def __repr__(self) -> str:
         """Return the method and what it learned from, in one line."""

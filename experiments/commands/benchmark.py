@@ -64,7 +64,7 @@ class Benchmark:
     def execute(self) -> int:
         """Run the study, print its tables, and return `FAILED` if a task failed."""
         with postponed_interruption():
-            from experiments.results.study_tables import write_tables
+            from experiments.results.table import write_tables
             from experiments.study.engines import engine_named
             from experiments.study.plan import checked
             from experiments.study.session import carry_out

@@ -1,11 +1,10 @@
 """Agents from a policy, and where in a policy of the user's an error arose."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import traceback
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -27,19 +26,18 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[float], Agent]
         movement begin anew for every door.
     """
     method = policy.method
+    # Matrices of a hundred rows: sharing them out among threads costs ten times the
+    # work itself.
+    one_thread = partial(threadpool_limits, limits=1, user_api="blas")
+    with one_thread():
+        movement = method.learn(training) if method is not None else None
 
     def make(radius: float) -> Agent:
-        # Matrices of a hundred rows: sharing them out among threads costs ten times
-        # the work itself.
-        with threadpool_limits(limits=1, user_api="blas"):
-            if method is None:
-                given = dataclasses.replace(training, radius=radius)
-                return as_agent(policy.make(given))
-            return method.follow(movement)
+        with one_thread():
+            if method is not None and movement is not None:
+                return method.follow(movement)
+            return as_agent(policy.make(dataclasses.replace(training, radius=radius)))
 
-    if method is not None:
-        with threadpool_limits(limits=1, user_api="blas"):
-            movement = method.learn(training)
     return make
 
 

@@ -1,7 +1,5 @@
 """How well a policy knows, while it opens a door, where the handle will go."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 
@@ -90,8 +88,7 @@ def _arc(radius: float, angles: FloatArray) -> FloatArray:
 
 def _plane(positions: FloatArray) -> NDArray[np.complex128]:
     """Positions seen from above, as x + iz."""
-    seen: NDArray[np.complex128] = positions[:, 0] + 1j * positions[:, 2]
-    return seen
+    return positions[:, 0] + 1j * positions[:, 2]
 
 
 def squared_distances(points: FloatArray, path: FloatArray) -> FloatArray:
@@ -109,5 +106,4 @@ def squared_distances(points: FloatArray, path: FloatArray) -> FloatArray:
     offset = points[:, None] - start
     share = np.clip((offset * step).sum(axis=2) / length, 0.0, 1.0)
     gap = offset - share[..., None] * step
-    nearest: FloatArray = (gap**2).sum(axis=2).min(axis=1)
-    return nearest
+    return np.asarray((gap**2).sum(axis=2).min(axis=1))

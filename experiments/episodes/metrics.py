@@ -7,8 +7,6 @@ Journal of NeuroEngineering and Rehabilitation 12:112, 2015. Errors of forecasts
 `experiments.episodes.forecast_error`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass
@@ -241,8 +239,7 @@ def prediction_errors(log: EpisodeLog) -> FloatArray:
         (T, 6) [m², rad²]; NaN where the policy made no prediction.
     """
     bias = log.predicted_mean - log.handle_pose
-    errors: FloatArray = bias**2 + log.predicted_std**2
-    return errors
+    return np.asarray(bias**2 + log.predicted_std**2)
 
 
 def log_dimensionless_jerk(positions: FloatArray, dt: float) -> float | None:

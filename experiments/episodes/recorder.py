@@ -1,7 +1,5 @@
 """Collects what happens in an episode, or in many in lockstep, for their logs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -46,19 +44,15 @@ class StepRecorder:
         Raises:
             ValueError: The information lacks an entry.
         """
+        given = {**info, **observation, **known}
         for name, column in self._columns.items():
-            for source in (known, observation, info):
-                if name in source:
-                    value = source[name]
-                    break
-            else:
-                try:
-                    value = getattr(step, name)
-                except AttributeError:
-                    raise ValueError(
-                        f"the environment's info lacks {name!r}; it has {sorted(info)}"
-                    ) from None
-            column.append(np.copy(value))
+            if name not in given and not hasattr(step, name):
+                raise ValueError(
+                    f"the environment's info lacks {name!r}; it has {sorted(info)}"
+                )
+            column.append(
+                np.copy(given[name] if name in given else getattr(step, name))
+            )
 
     def arrays(self) -> Arrays:
         """Return all steps by name, stacked along the first axis."""

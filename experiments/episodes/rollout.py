@@ -1,7 +1,5 @@
 """The one loop in which an agent acts on a door."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """A table of texts, and how it is written for a terminal, in Markdown and in HTML."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +12,8 @@ class Table:
     columns: tuple[str, ...]
     """Heads with units."""
     rows: tuple[tuple[str, ...], ...]
-    """Cells, as many as there are heads; what stands after a line break is small."""
+    """Cells, as many as there are heads; what stands after a line break is small. A row
+    with nothing after its first cell is the heading of those below it."""
     note: str = ""
     """What a reader has to know to read it."""
     left: bool = False
@@ -73,10 +72,14 @@ def html_table(table: Table, shown: Callable[[str], str]) -> str:
         return first + "".join(f"<br><small>{line}</small>" for line in rest)
 
     heads = "".join(f'<th scope="col">{written(head)}</th>' for head in table.columns)
-    rows = "\n".join(
-        f"<tr>{''.join(f'<td>{written(cell)}</td>' for cell in row)}</tr>"
-        for row in table.rows
-    )
+
+    def cells(row: tuple[str, ...]) -> str:
+        if not any(row[1:]):
+            span = f'colspan="{len(row)}" scope="rowgroup"'
+            return f"<th {span}>{written(row[0])}</th>"
+        return "".join(f"<td>{written(cell)}</td>" for cell in row)
+
+    rows = "\n".join(f"<tr>{cells(row)}</tr>" for row in table.rows)
     kind = ' class="text"' if table.left else ""
     return (
         f"<table{kind}>\n<thead><tr>{heads}</tr></thead>\n"

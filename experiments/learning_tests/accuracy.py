@@ -1,7 +1,5 @@
 """How near a prediction is to what was left out, and how honest its spread."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Final

@@ -5,8 +5,6 @@ from Demonstration*, arXiv:2002.09979, whose marks say what publications claim. 
 say what was measured, of the methods as this project has them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

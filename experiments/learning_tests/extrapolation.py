@@ -1,18 +1,17 @@
-"""What a policy does where nothing was demonstrated."""
+"""What a policy does where nothing was demonstrated, and with what it knew before."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 
 from experiments.learning_tests.folds import Fold
 from experiments.learning_tests.methods import learn
-from experiments.learning_tests.prior_mean import prior_mean_used
 from policies.completion import task_completion_index
 from policies.demonstrations import Demonstration
 from policies.method import Method
+from policies.movement import Movement
+from policies.prior_mean import PosePath
 
 _MOVING: Final = [0, 2, 4]
 """Outputs that a door moves: x, z and θu_y. The others stay where they are beyond the
@@ -22,6 +21,11 @@ _KEPT: Final = 0.7
 _BORDER: Final = np.linspace(0.95, 1.0, 11)
 _BEYOND: Final = np.linspace(1.4, 1.5, 11)
 """Phases, in lengths of what was learned."""
+_DISPLACEMENT: Final = np.array([0.1, 0.0, -0.1, 0.0, 0.3, 0.0])
+"""How far the prior mean is from the demonstrations' [m, rad]."""
+_FAR: Final = np.linspace(20.0, 21.0, 11)
+"""Length-scales are at most three of them, so
+that nothing demonstrated has a say there."""
 
 
 def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
@@ -34,7 +38,7 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     different doors spread more and more: a method that just holds the last spread
     has 1. What was left out goes on in its own time; the share of it within the
     normal 95 % interval there is counted. What becomes of a prior mean is asked much
-    farther beyond (`experiments.learning_tests.prior_mean.prior_mean_used`).
+    farther beyond (`prior_mean_used`).
 
     Args:
         method: How to learn.
@@ -45,27 +49,25 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     movement = learn(method, starts, seed).movement
     border = movement.predict(_BORDER).std[:, _MOVING]
     outside = movement.predict(_BEYOND).std[:, _MOVING]
-    used = prior_mean_used(method, starts, seed, movement)
-    if not np.isfinite(border).all():
-        return {
-            "uncertainty_growth": None,
-            "coverage_95_beyond": None,
-            "prior_mean_used": used,
-        }
-    ratios = outside.mean(axis=0) / border.mean(axis=0)
-    shares = []
-    for demonstration in fold.left_out:
-        size = len(_start(demonstration).times)
-        times = demonstration.times - demonstration.times[0]
-        ahead = slice(size, None)
-        asked = times[ahead] / times[size - 1]
-        truth = demonstration.poses[ahead]
-        shares.append(movement.predict(asked).coverage(truth, normal=True))
-    return {
-        "uncertainty_growth": float(np.exp(np.mean(np.log(ratios)))),
-        "coverage_95_beyond": float(np.mean(shares)),
-        "prior_mean_used": used,
+    found: dict[str, float | None] = {
+        "uncertainty_growth": None,
+        "coverage_95_beyond": None,
+        "prior_mean_used": prior_mean_used(method, starts, seed, movement),
     }
+    if np.isfinite(border).all():
+        ratios = outside.mean(axis=0) / border.mean(axis=0)
+        shares = [_coverage(movement, one) for one in fold.left_out]
+        found["uncertainty_growth"] = float(np.exp(np.mean(np.log(ratios))))
+        found["coverage_95_beyond"] = float(np.mean(shares))
+    return found
+
+
+def _coverage(movement: Movement, demonstration: Demonstration) -> float:
+    """Share of what goes on after the start within the normal 95 % interval."""
+    size = len(_start(demonstration).times)
+    times = demonstration.times - demonstration.times[0]
+    asked = movement.predict(times[size:] / times[size - 1])
+    return asked.coverage(demonstration.poses[size:], normal=True)
 
 
 def _start(demonstration: Demonstration) -> Demonstration:
@@ -74,3 +76,39 @@ def _start(demonstration: Demonstration) -> Demonstration:
     return Demonstration(
         times=demonstration.times[:size], poses=demonstration.poses[:size]
     )
+
+
+def prior_mean_used(
+    method: Method, demonstrations: Sequence[Demonstration], seed: int, plain: Movement
+) -> float | None:
+    """Give a method a prior mean and ask far beyond the demonstrations.
+
+    The prior mean is the demonstrations' own, 0.1 m and 0.3 rad beside them, and rests
+    at its last pose: what is known of the task contradicts the demonstrations where
+    there are any, and is all there is twenty of their lengths later. A method that
+    takes it for a description of the demonstrations, and corrects it everywhere, does
+    not return to it.
+
+    Args:
+        method: How to learn.
+        demonstrations: From what.
+        seed: Seeds whatever is random in the learning.
+        plain: What the method learns from them without a prior mean.
+
+    Returns:
+        The way of the prediction from where it is without the prior mean towards the
+        latter, as a share of the whole way, within [0, 1]: 1 returns to it, 0 ignores
+        it. Metres and radians count alike. None for a method that takes none.
+    """
+    if not method.accepts_prior_mean:
+        return None
+    aligned = plain.aligned
+    prior = PosePath(
+        phases=aligned.times, poses=aligned.poses.mean(axis=0) + _DISPLACEMENT
+    )
+    learned = learn(method, demonstrations, seed, prior)
+    without = plain.predict(_FAR).mean
+    moved, whole = learned.movement.predict(_FAR).mean - without, prior.mean(_FAR)
+    whole = whole - without
+    share = float(np.sum(moved * whole) / np.sum(whole**2))
+    return min(max(share, 0.0), 1.0)

@@ -9,8 +9,6 @@ arXiv:2002.09979: a pose belongs to the phase at which the learned demonstration
 done as large a part of their own paths.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, get_args
@@ -104,7 +102,7 @@ class OnPhases:
     poses: FloatArray
     """Its poses, (N, 6) [m, rad]."""
 
-    def thinned(self, count: int) -> OnPhases:
+    def thinned(self, count: int) -> "OnPhases":
         """Return the demonstration at equal steps of its own time.
 
         The poses do not depend on the movement, so that all are asked the same.
@@ -144,8 +142,7 @@ def _progress(times: FloatArray, poses: FloatArray) -> FloatArray:
     recorded = Demonstration(times=times, poses=poses)
     index = measure_completion(recorded, _ROTATION_WEIGHT, denoise=True).index
     clock = (times - times[0]) / (times[-1] - times[0])
-    progress: FloatArray = (1.0 - _CLOCK_SHARE) * index + _CLOCK_SHARE * clock
-    return progress
+    return np.asarray((1.0 - _CLOCK_SHARE) * index + _CLOCK_SHARE * clock)
 
 
 def _columns(wanted: FloatArray, known: FloatArray, poses: FloatArray) -> FloatArray:

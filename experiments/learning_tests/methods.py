@@ -1,7 +1,5 @@
 """How a policy learns what is measured of it, and how long that takes."""
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Callable, Sequence

@@ -18,7 +18,7 @@ same for every method, by name.
 ``cpu_adapt_s``             one via-point of those of the first 30 %
 ``uncertainty_growth``      see `experiments.learning_tests.extrapolation.beyond`
 ``coverage_95_beyond``      the same
-``prior_mean_used``         see `experiments.learning_tests.prior_mean.prior_mean_used`
+``prior_mean_used``         see `prior_mean_used` of the same module
 ``outputs_...``             see `experiments.learning_tests.tumbling.tumbling`
 ``tumbling_error``          the same
 =========================== ==========================================================
@@ -28,8 +28,6 @@ own, and are made with one kind of left-out demonstrations each, for time: beyon
 demonstrations with "demonstration", tumbling with "radius". In the other kind their
 names are missing.
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final

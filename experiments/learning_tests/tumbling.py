@@ -6,8 +6,6 @@ whether outputs that are learned together get in each other's way, and whether l
 rotations are learned as well as small ones.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Final
@@ -83,8 +81,7 @@ def _spread(phases: FloatArray) -> FloatArray:
     Its mean is zero: errors of the alignment, to which every output contributes, then
     change nothing.
     """
-    spread: FloatArray = 0.002 + 0.02 * phases**2
-    return spread
+    return 0.002 + 0.02 * phases**2
 
 
 def tumble(seed: int, active: range | tuple[int, ...]) -> tuple[Demonstration, ...]:

@@ -1,8 +1,6 @@
 """What via-points do to a movement: where they are, far away, and after them."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -19,6 +17,7 @@ from experiments.learning_tests.methods import Learned, cpu_seconds
 from policies.adaptation import begin_adaptation
 from policies.compliance import ComplianceConfig
 from policies.method import Method
+from policies.movement import AdaptationForm, Movement
 from policies.trajectory import ViaPoint
 
 FloatArray = NDArray[np.float64]
@@ -35,6 +34,12 @@ _FAR: Final = 0.3
 """What is farther from a via-point than this is far [phase]."""
 _SEEN: Final = 0.3
 """How much of a demonstration is seen before the rest is predicted [phase]."""
+_VIA_POINT_SCORES: Final = (
+    *("via_error_position_m", "via_error_rotation_rad"),
+    *("via_error_strict_position_m", "via_error_strict_rotation_rad"),
+    *("via_far_change", "via_far_std_change"),
+)
+"""What a method without via-points has none of."""
 
 
 def adaptation(
@@ -58,59 +63,54 @@ def adaptation(
         Averages by name. Without via-points all are None, but for the errors over the
         rest of the demonstration, which are those of the movement as learned.
     """
-    scores = [
-        {
-            **_hits(method, learned, one),
-            **_far_changes(method, learned, one),
-            **_rest(method, learned, one),
-        }
-        for one in left_out
-    ]
+    scores: list[dict[str, float | None]] = []
+    for one in left_out:
+        found: dict[str, float | None] = dict.fromkeys(_VIA_POINT_SCORES)
+        if method.adaptation is not None:
+            found |= _hits(method.adaptation, learned.movement, one)
+            found |= _far_changes(method.adaptation, learned.movement, one)
+        scores.append(found | _rest(method, learned, one))
     return averaged(scores)
 
 
 def _hits(
-    method: Method, learned: Learned, left_out: OnPhases
-) -> Mapping[str, float | None]:
-    errors: dict[str, float | None] = {}
+    form: AdaptationForm, movement: Movement, left_out: OnPhases
+) -> dict[str, float]:
+    errors = {}
     demanded = left_out.at(GRID[list(_PLACES)])
     for name, std in (("via_error", _STD), ("via_error_strict", _STRICT_STD)):
-        names = (f"{name}_position_m", f"{name}_rotation_rad")
-        if method.adaptation is None:
-            errors |= dict.fromkeys(names)
-            continue
-        adapted = begin_adaptation(learned.movement, method.adaptation, GRID)
+        adapted = begin_adaptation(movement, form, GRID)
         for place, pose in zip(_PLACES, demanded, strict=True):
             adapted.observe(ViaPoint(phase=float(GRID[place]), pose=pose, std=std))
         passed = adapted.mean[list(_PLACES)]
-        errors[names[0]] = rms_distance(passed, demanded)
-        errors[names[1]] = rms_rotation(passed, demanded)
+        errors[f"{name}_position_m"] = rms_distance(passed, demanded)
+        errors[f"{name}_rotation_rad"] = rms_rotation(passed, demanded)
     return errors
 
 
 def _far_changes(
-    method: Method, learned: Learned, left_out: OnPhases
-) -> Mapping[str, float | None]:
-    names = ("via_far_change", "via_far_std_change")
-    if method.adaptation is None:
-        return dict.fromkeys(names)
-    before = learned.movement.predict(GRID)
+    form: AdaptationForm, movement: Movement, left_out: OnPhases
+) -> dict[str, float]:
+    before = movement.predict(GRID)
     changes: list[FloatArray] = []
     for place in _PLACES:
         phase = float(GRID[place])
-        adapted = begin_adaptation(learned.movement, method.adaptation, GRID)
+        adapted = begin_adaptation(movement, form, GRID)
         pose = left_out.at(GRID[[place]])[0]
         adapted.observe(ViaPoint(phase=phase, pose=pose, std=_STRICT_STD))
         far = np.abs(GRID - phase) > _FAR
         both = np.abs(adapted.mean - before.mean), np.abs(adapted.std - before.std)
         changes.append(np.stack([(each / before.std)[far].ravel() for each in both]))
     mean, std = np.concatenate(changes, axis=1)
-    return dict(zip(names, (float(mean.mean()), float(std.mean())), strict=True))
+    return {
+        "via_far_change": float(mean.mean()),
+        "via_far_std_change": float(std.mean()),
+    }
 
 
 def _rest(
     method: Method, learned: Learned, left_out: OnPhases
-) -> Mapping[str, float | None]:
+) -> dict[str, float | None]:
     truth, ahead = left_out.at(GRID), GRID > _SEEN
     before = learned.movement.predict(GRID)
     adapted = begin_adaptation(learned.movement, method.adaptation, GRID)

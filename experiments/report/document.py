@@ -5,8 +5,6 @@ characters that are none of these marks; everything else is shown as it stands. 
 comes from a file goes through `code` or `literal`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -56,7 +54,17 @@ class Picture:
     """What it shows, for those who cannot see it."""
 
 
-Block = Paragraph | Items | Verbatim | Table | Picture
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Details:
+    """A table that HTML folds away."""
+
+    title: str
+    """What it shows, without marks."""
+    table: Table
+    """What is folded."""
+
+
+Block = Paragraph | Items | Verbatim | Table | Picture | Details
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

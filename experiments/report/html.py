@@ -1,7 +1,5 @@
 """A page as one HTML file: nothing to load, no script, wide tables scroll alone."""
 
-from __future__ import annotations
-
 import base64
 import html
 import re
@@ -11,6 +9,7 @@ from typing import Final
 from experiments.files.table import Table, html_table
 from experiments.report.document import (
     Block,
+    Details,
     Document,
     Items,
     Paragraph,
@@ -21,17 +20,17 @@ from experiments.report.document import (
 
 _STYLE: Final = """\
 :root { color-scheme: light; --ink: #1c2230; --soft: #5a6373; --line: #d9dde5;
-  --band: #f4f6f9; --accent: #7b2fb5; }
+  --band: #f4f6f9; }
 * { box-sizing: border-box; }
 html { -webkit-text-size-adjust: 100%; scroll-behavior: smooth; }
-body { margin: 0 auto; max-width: 80rem; padding: 1rem 1rem 4rem; color: var(--ink);
-  background: #fff; font: 1rem/1.55 system-ui, "Segoe UI", Roboto, sans-serif; }
+body { margin: 0 auto; max-width: 100rem; padding: 1rem 1.5rem 4rem; color: var(--ink);
+  background: #fff; font: 1rem/1.5 system-ui, "Segoe UI", Roboto, sans-serif; }
 h1 { font-size: 1.7rem; line-height: 1.2; margin: 1rem 0 .5rem; }
 h2 { font-size: 1.25rem; margin: 2.6rem 0 .6rem; padding-top: .6rem;
   border-top: 1px solid var(--line); }
-p { max-width: 46rem; margin: .6rem 0; overflow-wrap: anywhere; }
-ul { columns: 2 30rem; column-gap: 2.5rem; margin: .6rem 0; padding-left: 1.2rem;
-  overflow-wrap: anywhere; }
+p { margin: .6rem 0; overflow-wrap: anywhere; }
+ul, .note { columns: 2 28rem; column-gap: 2.5rem; margin: .6rem 0; }
+ul { padding-left: 1.2rem; overflow-wrap: anywhere; }
 li { margin: 0 0 .5rem; break-inside: avoid; }
 a { color: #1b5f9e; }
 nav { margin: 1rem 0; padding: .6rem .8rem; background: var(--band);
@@ -41,25 +40,30 @@ code { font: .92em ui-monospace, Menlo, Consolas, monospace; }
 td code { white-space: nowrap; }
 pre { overflow-x: auto; background: var(--band); padding: .7rem .8rem;
   font-size: .85rem; border-radius: .4rem; line-height: 1.45; }
+summary { cursor: pointer; font-weight: 600; margin: .6rem 0; }
 .warning { border-left: .3rem solid #c8541b; background: #fdf2ea;
   padding: .5rem .8rem; }
-.block { display: flex; flex-wrap: wrap; gap: .5rem 2rem; align-items: flex-start;
-  margin: .8rem 0 1.4rem; }
-.wide { overflow-x: auto; max-width: 100%; }
-.note, figcaption { flex: 1 1 15rem; max-width: 46rem; margin: 0; color: var(--soft);
-  font-size: .88rem; }
-table { border-collapse: collapse; font-size: .88rem;
+.wide { overflow-x: auto; }
+.note, figcaption { color: var(--soft); font-size: .88rem; }
+table { border-collapse: collapse; width: 100%; font-size: .84rem; line-height: 1.35;
   font-variant-numeric: tabular-nums; }
-th, td { padding: .28rem .55rem; border-bottom: 1px solid var(--line);
+th, td { padding: .28rem .4rem; border-bottom: 1px solid var(--line);
   text-align: right; vertical-align: top; white-space: nowrap; }
-th { font-weight: 600; vertical-align: bottom; white-space: normal; min-width: 3.6rem; }
+th { font-weight: 600; vertical-align: bottom; white-space: normal; }
 .text td, .text th { text-align: left; white-space: normal; }
 th:first-child, td:first-child { text-align: left; position: sticky; left: 0;
-  background: #fff; white-space: normal; min-width: 6.5rem; max-width: 12rem; }
+  background: #fff; white-space: normal; min-width: 6.5rem; }
 tbody tr:nth-child(even) td { background: var(--band); }
+tbody th { padding-top: .8rem; }
 small { color: var(--soft); }
-figure img { display: block; width: 56rem; min-width: 34rem; max-width: 100%;
-  height: auto; }
+section { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr));
+  gap: 0 2rem; }
+section > * { grid-column: 1 / -1; min-width: 0; }
+section > figure { grid-column: auto; margin: .8rem 0; }
+section > figure:last-child:nth-of-type(odd) { grid-column: 1 / -1; display: grid;
+  grid-template-columns: inherit; gap: inherit; align-items: center; }
+@media (max-width: 75rem) { section, section > figure { display: block !important; } }
+figure img { display: block; width: 100%; min-width: 34rem; height: auto; }
 @media print { nav { display: none; } h2 { break-after: avoid; } }
 """
 
@@ -141,12 +145,14 @@ def _block(block: Block, images: Mapping[str, bytes]) -> str:
             return f"<pre>{html.escape(text)}</pre>"
         case Table(note=note):
             text = f'\n<p class="note">{inline(note)}</p>' if note else ""
-            table = html_table(block, inline)
-            return f'<div class="block">{_WIDE}{table}</div>{text}</div>'
+            return f"{_WIDE}{html_table(block, inline)}</div>{text}"
+        case Details(title=title, table=table):
+            summary = f"<summary>{html.escape(title)}</summary>"
+            return f"<details>{summary}\n{_block(table, images)}</details>"
         case Picture(name=name, caption=caption, alternative=alternative):
             image = base64.b64encode(images[name]).decode("ascii")
             return (
-                f'<figure class="block">{_WIDE}<img alt="{html.escape(alternative)}" '
+                f'<figure>{_WIDE}<img alt="{html.escape(alternative)}" '
                 f'src="data:image/svg+xml;base64,{image}"></div>\n'
                 f"<figcaption>{inline(caption)}</figcaption></figure>"
             )

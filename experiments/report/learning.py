@@ -1,28 +1,19 @@
 """How well policies predicted demonstrations that they did not see."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Final
 
 from experiments.files.table import Table
-from experiments.report.columns import count, medians, policy_table
-from experiments.report.document import (
-    Block,
-    Items,
-    Paragraph,
-    Picture,
-    Section,
-    code,
-)
+from experiments.report.document import Block, Items, Paragraph, Picture, Section, code
 from experiments.report.plots import coverage, prediction_scores
+from experiments.report.policy_table import Cell, medians, policy_table
 from experiments.report.sentences import value_sentence
-from experiments.results.grouping import by_condition, by_policy, grouped, numbers
+from experiments.results.grouping import by_condition, by_policy, numbers
 from experiments.results.measures import LEARNING_HEADLINES, LEARNING_MEASURES, median
 from experiments.results.records import LearningTestResult
 
-Runs = Mapping[str, Sequence[LearningTestResult]]
+Tests = Sequence[LearningTestResult]
 
 _LEFT_OUT: Final = {
     "demonstration": "one demonstration left out",
@@ -30,66 +21,74 @@ _LEFT_OUT: Final = {
 }
 
 
-def learning_section(tests: Sequence[LearningTestResult], reference: str) -> Section:
-    """Tables, sentences and plots of the learning tests of the standard condition."""
-    conditions = by_condition(one for one in tests if not one.error)
-    shown = next(iter(conditions.values()), [])
-    text = (
-        "This study has no learning test with a result: `gplfd benchmark` makes them "
-        "unless it is given `--no-skill`."
-    )
-    return Section(
-        title="What was learned, without a robot",
-        anchor="learning",
-        blocks=_blocks(shown, reference) if shown else (Paragraph(text=text),),
-    )
-
-
-def _blocks(tests: Sequence[LearningTestResult], reference: str) -> tuple[Block, ...]:
-    condition = tests[0].condition
-    text = (
-        f"{condition.demonstrations_per_door} demonstrations per door, teacher noise "
-        f"× {condition.teacher_noise:g}; what is left out is predicted and compared "
-        "with what was done. NLPD in natural units of metres and radians; inside: "
-        "share of the left-out numbers within the stated intervals."
-    )
-    blocks: list[Block] = [Paragraph(text=text)]
-    groups = grouped(tests, lambda one: one.task.held_out)
-    for held_out in sorted(groups):
-        runs = by_policy(groups[held_out])
-        title = _LEFT_OUT[held_out]
-        blocks.append(Paragraph(text=f"**{title[0].upper()}{title[1:]}**"))
-        sentences = (
-            value_sentence(measure, numbers(runs, measure), reference)
-            for measure in map(LEARNING_MEASURES.__getitem__, LEARNING_HEADLINES)
+def learning_section(tests: Tests, reference: str) -> Section:
+    """All learning tests in one table, with sentences; plots of the first condition."""
+    blocks: list[Block] = []
+    if ran := [one for one in tests if not one.error]:
+        standard = next(iter(by_condition(ran).values()))
+        groups = _groups(tests)
+        for title, runs in groups.items():
+            blocks += [Paragraph(text=f"**{title}**"), _standing(runs, reference)]
+        blocks += [_table(groups), *_outputs(standard), *_plots(standard, reference)]
+    else:
+        text = (
+            "This study has no learning test with a result: `gplfd benchmark` makes "
+            "them unless it is given `--no-skill`."
         )
-        blocks.append(Items(texts=tuple(sentences)))
-        blocks.append(_table(runs, f"Medians over the seeds, {title}."))
-    return (*blocks, *_outputs(tests), *_plots(tests, reference))
+        blocks.append(Paragraph(text=text))
+    title = "What was learned, without a robot"
+    return Section(title=title, anchor="learning", blocks=tuple(blocks))
 
 
-def _table(runs: Runs, note: str) -> Table:
-    columns = {"n": (runs, count), **medians(runs, LEARNING_MEASURES.values())}
-    return policy_table(runs, columns, note)
+def _groups(tests: Tests) -> dict[str, dict[str, list[LearningTestResult]]]:
+    """Return tests by condition and what was left out, and by policy."""
+    return {
+        f"{_LEFT_OUT[held_out].capitalize()}: {condition.teaching}": by_policy(own)
+        for condition, those in by_condition(tests).items()
+        for held_out in _LEFT_OUT
+        if (own := [one for one in those if one.task.held_out == held_out])
+    }
 
 
-def _outputs(tests: Sequence[LearningTestResult]) -> list[Block]:
+def _standing(runs: Mapping[str, Tests], reference: str) -> Items:
+    measures = map(LEARNING_MEASURES.__getitem__, LEARNING_HEADLINES)
+    return Items(
+        texts=tuple(
+            value_sentence(measure, numbers(runs, measure), reference)
+            for measure in measures
+        )
+    )
+
+
+def _table(groups: Mapping[str, Mapping[str, Tests]]) -> Table:
+    columns: dict[str, Cell] = {"n": lambda own: str(len(own))}
+    for measure in LEARNING_MEASURES.values():
+        columns |= medians(measure)
+    note = (
+        "What is left out is predicted and compared with what was done: medians over "
+        "the seeds. NLPD in natural units of metres and radians; inside: share of the "
+        "left-out numbers within the stated intervals."
+    )
+    return policy_table(groups, columns, note)
+
+
+def _outputs(tests: Tests) -> list[Block]:
     """CPU time to learn as the number of outputs grows."""
     timed = by_policy(one for one in tests if one.outputs_cpu_s)
-    columns = {
-        f"{outputs} outputs": (timed, partial(_seconds, outputs))
+    columns: dict[str, Cell] = {
+        f"{outputs} outputs": partial(_seconds, outputs)
         for outputs in sorted({n for one in tests for n in one.outputs_cpu_s})
     }
     note = "CPU time to learn [s] as the number of outputs grows, medians."
-    return [policy_table(timed, columns, note)] if timed else []
+    return [policy_table({"": timed}, columns, note)] if timed else []
 
 
-def _seconds(outputs: int, own: Sequence[LearningTestResult]) -> str:
+def _seconds(outputs: int, own: Tests) -> str:
     value = median(one.outputs_cpu_s.get(outputs) for one in own)
     return "–" if value is None else f"{value:.3g}"
 
 
-def _plots(tests: Sequence[LearningTestResult], reference: str) -> list[Block]:
+def _plots(tests: Tests, reference: str) -> list[Block]:
     runs = by_policy(tests)
     blocks: list[Block] = []
     if any(one.number("coverage_95") is not None for one in tests):

@@ -1,13 +1,12 @@
 """A page as Markdown, its plots as files beside it."""
 
-from __future__ import annotations
-
 import re
 from typing import Final
 
 from experiments.files.table import Table, markdown_table
 from experiments.report.document import (
     Block,
+    Details,
     Document,
     Items,
     Paragraph,
@@ -38,8 +37,10 @@ def _block(block: Block) -> str:
             fence = "`" * max(3, 1 + max(map(len, re.findall("`+", text)), default=0))
             return f"{fence}text\n{text}\n{fence}"
         case Table(note=note):
-            table = markdown_table(block, _shown)
-            return f"{table}\n\n{_shown(note)}" if note else table
+            cells = markdown_table(block, _shown)
+            return f"{cells}\n\n{_shown(note)}" if note else cells
+        case Details(title=title, table=table):
+            return f"**{_shown(title)}**\n\n{_block(table)}"
         case Picture(name=name, caption=caption, alternative=alternative):
             return f"![{alternative}]({FIGURES}/{name}.png)\n\n{_shown(caption)}"
 

@@ -1,14 +1,10 @@
 """What was run: the command, the code, the counts, and what went wrong."""
 
-from __future__ import annotations
-
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from experiments.files.table import Table
-from experiments.report.columns import Column, count, policy_table
 from experiments.report.document import (
     Block,
     Items,
@@ -19,7 +15,7 @@ from experiments.report.document import (
     literal,
     names,
 )
-from experiments.results.grouping import by_condition, by_policy, grouped
+from experiments.results.grouping import by_policy, grouped
 from experiments.results.records import EpisodeResult, StudyResults, TaskResult
 from experiments.results.table import error_count
 
@@ -64,7 +60,6 @@ def origin_section(results: StudyResults) -> Section:
         *_machines(results.all),
         *_sources(results.all),
         *_machine(results.study),
-        _counts(results),
         *_gaps(results.episodes),
         *_errors(results.all),
     ]
@@ -130,16 +125,6 @@ def _machine(study: Mapping[str, Any]) -> list[Block]:
 
 def _value(value: object) -> str:
     return " ".join(map(str, value)) if isinstance(value, list) else str(value)
-
-
-def _counts(results: StudyResults) -> Table:
-    columns: dict[str, Column] = {
-        f"episodes: {condition}": (by_policy(own), count)
-        for condition, own in by_condition(results.episodes).items()
-    }
-    columns["learning tests"] = (by_policy(results.tests), count)
-    columns["errors"] = (by_policy(one for one in results.all if one.error), count)
-    return policy_table(by_policy(results.all), columns)
 
 
 def _gaps(episodes: Sequence[EpisodeResult]) -> list[Block]:

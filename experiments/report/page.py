@@ -1,7 +1,6 @@
 """The report of a study: all sections, and the files they are written to."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -15,16 +14,12 @@ from experiments.report.document import (
     code,
     names,
 )
-from experiments.report.doors import (
-    paired_tests,
-    quality_tables,
-    rate_table,
-    sentences,
-)
 from experiments.report.html import html_page
 from experiments.report.learning import learning_section
 from experiments.report.markdown import FIGURES, markdown_page
 from experiments.report.origin import header, origin_section
+from experiments.report.outcomes import outcome_details, outcome_table
+from experiments.report.paired import paired_tests, standing
 from experiments.report.plots import (
     force_by_radius,
     forecast_by_progress,
@@ -32,13 +27,8 @@ from experiments.report.plots import (
 )
 from experiments.report.recordings import recording_section
 from experiments.report.sentences import PRIVILEGED
-from experiments.report.shortfalls import shortfall_section
 from experiments.report.table_one import table_one_section
-from experiments.results.grouping import (
-    Comparison,
-    comparisons,
-    difference,
-)
+from experiments.results.grouping import Runs, conditions, without_errors
 from experiments.results.reading import read_results
 from experiments.results.records import StudyResults
 from policies.storage import complete_or_absent
@@ -90,26 +80,27 @@ def report(
         folder: Where the page will be.
         reference: As in `write_report`.
     """
-    conditions = comparisons(results.episodes)
+    shown = conditions(results.episodes)
+    ran = {title: without_errors(runs) for title, runs in shown.items()}
+    first = next(iter(ran.values()), {})
     policies = sorted({one.policy for one in results.all})
-    ranking = [*(conditions[0].runs if conditions else ()), *policies]
     lead = list(header(results))
     if reference not in policies:
+        ranking = [*first, *policies]
         best = next((one for one in ranking if one not in PRIVILEGED), ranking[0])
         text = f"{code(reference)} is not in this study; {code(best)} takes its place."
         lead.append(Paragraph(text=text))
         reference = best
-    if conditions:
-        lead += [sentences(conditions[0], reference), _how_to_read(conditions[0])]
-    sections = [table_one_section(results.tests)]
-    for place, comparison in enumerate(conditions):
-        after = difference(comparison.condition, conditions[0].condition)
-        sections += _door_sections(comparison, reference, place, after)
-    sections.append(learning_section(results.tests, reference))
-    if conditions:
-        sections.append(shortfall_section(results.episodes))
-    sections.append(recording_section(study, folder, policies))
-    sections.append(origin_section(results))
+    sections = []
+    if first:
+        lead += [standing(first, reference), _how_to_read(first)]
+        sections += [_opened(shown, first, reference), _paired(ran, reference)]
+    sections += [
+        table_one_section(results.tests),
+        learning_section(results.tests, reference),
+        recording_section(study, folder, policies),
+        origin_section(results),
+    ]
     return Document(
         title="Opening doors: the policies compared",
         lead=tuple(lead),
@@ -117,14 +108,40 @@ def report(
     )
 
 
-def _how_to_read(comparison: Comparison) -> Paragraph:
+def _opened(shown: Mapping[str, Runs], first: Runs, reference: str) -> Section:
+    """All conditions in one table, its details, and plots of the first condition."""
+    return Section(
+        title="Doors opened",
+        anchor="doors",
+        blocks=(
+            *([Paragraph(text=f"{next(iter(shown))}.")] if len(shown) == 1 else []),
+            outcome_table(shown),
+            *outcome_details(shown),
+            *_plots(first, reference),
+        ),
+    )
+
+
+def _paired(ran: Mapping[str, Runs], reference: str) -> Section:
+    """Paired tests of every condition; how the reference stands under the others."""
+    blocks: list[Block] = []
+    for place, (title, runs) in enumerate(ran.items()):
+        if len(ran) > 1:
+            blocks.append(Paragraph(text=f"**{title[0].upper()}{title[1:]}**"))
+        if place:
+            blocks.append(standing(runs, reference))
+        blocks.append(paired_tests(runs, reference))
+    return Section(title="Paired tests", anchor="tests", blocks=tuple(blocks))
+
+
+def _how_to_read(runs: Runs) -> Paragraph:
     text = (
         "Numbers are compared pair by pair, at the same tasks (for forces, times and "
         "slip: doors that both opened), not by their medians: typical difference, its "
         "95 % interval, number of pairs. Beaten: the interval leaves zero out, or the "
         "rate is below the best's interval."
     )
-    if privileged := sorted(PRIVILEGED & comparison.runs.keys()):
+    if privileged := sorted(PRIVILEGED & runs.keys()):
         text += (
             f" {names(privileged)} knows what a robot cannot and is not among the "
             "compared."
@@ -132,35 +149,10 @@ def _how_to_read(comparison: Comparison) -> Paragraph:
     return Paragraph(text=text)
 
 
-def _door_sections(
-    comparison: Comparison, reference: str, place: int, after: str
-) -> list[Section]:
-    """Rates, quality and tests under one condition; plots of the first only."""
-    suffix, after = (f"-{place + 1}", f": {after}") if place else ("", "")
-    condition = str(comparison.condition)
-    rates: list[Block] = [Paragraph(text=f"{condition[0].upper()}{condition[1:]}.")]
-    quality = quality_tables(comparison)
-    if place:
-        rates.append(sentences(comparison, reference))
-    else:
-        success, force, *forecast = _plots(comparison, reference)
-        rates.append(success)
-        quality = [force, *quality, *forecast]
-    parts = {
-        ("opened", "Doors opened"): [*rates, rate_table(comparison)],
-        ("quality", "Forces, times and forecasts"): quality,
-        ("tests", "Paired tests"): [paired_tests(comparison, reference)],
-    }
-    return [
-        Section(title=f"{title}{after}", anchor=f"{name}{suffix}", blocks=tuple(blocks))
-        for (name, title), blocks in parts.items()
-    ]
-
-
-def _plots(comparison: Comparison, reference: str) -> list[Picture]:
+def _plots(runs: Runs, reference: str) -> list[Picture]:
     success = Picture(
         name="success",
-        draw=partial(success_by_radius, comparison, reference),
+        draw=partial(success_by_radius, runs, reference),
         caption="**Doors opened to 60° by the handle's radius,** with Wilson's 95 % "
         "intervals. Blue stripes: radii that were demonstrated. Pale violet: "
         f"{code(reference)}. Policies in order of success, then of radial force; "
@@ -169,7 +161,7 @@ def _plots(comparison: Comparison, reference: str) -> list[Picture]:
     )
     force = Picture(
         name="radial_force",
-        draw=partial(force_by_radius, comparison, reference),
+        draw=partial(force_by_radius, runs, reference),
         caption="**Peak radial force on the doors opened to 60°:** a dot per episode, "
         "a line through the medians. It does no work and shows how badly the path fits "
         "the door. Red: the 22.2 N of ADA 404.2.9.",
@@ -177,7 +169,7 @@ def _plots(comparison: Comparison, reference: str) -> list[Picture]:
     )
     forecast = Picture(
         name="forecast",
-        draw=partial(forecast_by_progress, comparison.runs, reference),
+        draw=partial(forecast_by_progress, runs, reference),
         caption="**Error of the forecast of the rest of the path** as the door opens: "
         "median and middle half of all episodes, those included that failed later. A "
         "falling curve is a policy that learns which door it has.",
@@ -185,7 +177,7 @@ def _plots(comparison: Comparison, reference: str) -> list[Picture]:
     )
     known = any(
         error is not None
-        for own in comparison.runs.values()
+        for own in runs.values()
         for one in own
         for error in one.metrics["forecast_error_mm"]
     )

@@ -1,7 +1,5 @@
 """A panel per policy on common axes, the reference's curve faintly in all of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final, Literal
 

@@ -1,9 +1,8 @@
 """Plots of a study."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from typing import Any, Final
 
 import numpy as np
@@ -21,7 +20,7 @@ from experiments.report.panels import (
     short,
     small_multiples,
 )
-from experiments.results.grouping import Comparison, Runs
+from experiments.results.grouping import Runs, door_name, grouped
 from experiments.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
@@ -40,12 +39,12 @@ LEVELS: Final = (50, 90, 95)
 """Nominal coverages with a measured one [%]."""
 
 
-def success_by_radius(comparison: Comparison, reference: str) -> Figure:
+def success_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the rate of doors opened to 60 degrees over the handle's radius."""
 
     def draw(axes: Axes, policy: str, tint: str) -> None:
         radii, rates = [], []
-        for radius, own in _by_radius(comparison, policy):
+        for radius, own in _by_radius(runs[policy]):
             opened = sum(one.opened() for one in own)
             radii.append(radius)
             rates.append(opened / len(own))
@@ -55,21 +54,21 @@ def success_by_radius(comparison: Comparison, reference: str) -> Figure:
         axes.plot(radii, rates, **line(tint))
 
     def prepare(axes: Axes) -> None:
-        _radius_axis(axes, comparison)
+        _radius_axis(axes, runs)
         axes.set_ylim(-0.05, 1.05)
         axes.set_yticks([0.0, 0.5, 1.0])
 
     labels = ("radius [m]", "opened to 60°")
-    return small_multiples(comparison.runs, reference, draw, prepare, *labels)
+    return small_multiples(runs, reference, draw, prepare, *labels)
 
 
-def force_by_radius(comparison: Comparison, reference: str) -> Figure:
+def force_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the peak radial force of opened doors over the radius: all and median."""
     measure = EPISODE_MEASURES["force_radial_peak"]
 
     def draw(axes: Axes, policy: str, tint: str) -> None:
         points, middles = [], []
-        for radius, own in _by_radius(comparison, policy):
+        for radius, own in _by_radius(runs[policy]):
             forces = [force for one in own if (force := measure.of(one)) is not None]
             points += [(radius, force) for force in forces]
             if forces:
@@ -82,12 +81,12 @@ def force_by_radius(comparison: Comparison, reference: str) -> Figure:
             say(axes, "none opened")
 
     def prepare(axes: Axes) -> None:
-        _radius_axis(axes, comparison)
+        _radius_axis(axes, runs)
         axes.axhline(ADA_FORCE, color=style.LIMIT, linewidth=0.8, linestyle="--")
         log_scale(axes, "y")
 
     labels = ("radius [m]", "peak radial force [N]")
-    return small_multiples(comparison.runs, reference, draw, prepare, *labels)
+    return small_multiples(runs, reference, draw, prepare, *labels)
 
 
 def forecast_by_progress(runs: Runs, reference: str) -> Figure:
@@ -189,21 +188,18 @@ def _row_of_dots(axes: Axes, height: float, values: Sequence[float], tint: str) 
 
 
 def _by_radius(
-    comparison: Comparison, policy: str
+    own: Sequence[EpisodeResult],
 ) -> list[tuple[float, list[EpisodeResult]]]:
-    """Return a policy's episodes on standard doors by mean radius, a group per door."""
-    groups = []
-    for runs in comparison.doors.values():
-        own = [
-            one for one in runs.get(policy, ()) if one.kind != NON_STANDARD or one.drawn
-        ]
-        if own:
-            groups.append((sum(one.radius for one in own) / len(own), own))
-    return groups
+    """Return episodes on standard doors by mean radius, a group per door."""
+    standard = (one for one in own if one.kind != NON_STANDARD or one.drawn)
+    doors = grouped(sorted(standard, key=attrgetter("radius")), door_name)
+    return [
+        (sum(one.radius for one in here) / len(here), here) for here in doors.values()
+    ]
 
 
-def _radius_axis(axes: Axes, comparison: Comparison) -> None:
-    radii = [one.radius for own in comparison.runs.values() for one in own]
+def _radius_axis(axes: Axes, runs: Runs) -> None:
+    radii = [one.radius for own in runs.values() for one in own]
     low, high = min(*radii, *DEMONSTRATED_RADII), max(*radii, *DEMONSTRATED_RADII)
     axes.set_xlim(low - 0.02, high + 0.02)
     for radius in DEMONSTRATED_RADII:

@@ -1,7 +1,5 @@
 """The recordings that a study has kept: their names, their index, and links to them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -6,8 +6,6 @@ number, when the 95 % interval of the paired difference holds zero. Otherwise th
 is beaten.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ Demonstration*, arXiv:2002.09979. What is measured, and what it must be for a ma
 said in `experiments.learning_tests.criteria`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final

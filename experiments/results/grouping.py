@@ -1,14 +1,11 @@
 """Results grouped once: by condition, policy, kind of door and door."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final, TypeVar
 
 from experiments.results.measures import EPISODE_MEASURES, Measure
-from experiments.results.records import KINDS, EpisodeResult, TaskResult
+from experiments.results.records import EpisodeResult, TaskResult
 from experiments.study.settings import Condition
 from gplfd_env.randomization import RANDOMIZATIONS
 
@@ -21,76 +18,52 @@ _BAND: Final = 0.1
 """Width of a band of radii that are drawn at random [m]."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Comparison:
-    """The episodes of one condition, in the groups in which they are compared.
-
-    Episodes that ended in an error are in `failed` alone: neither opened nor closed.
-    """
-
-    condition: Condition
-    """What they have in common."""
-    runs: Runs
-    """Those that ran, by policy: who opens most comes first, then who is gentlest."""
-    failed: Runs
-    """Those that ended in an error, by policy."""
-    kinds: Mapping[str, Runs]
-    """Those that ran by kind of door."""
-    doors: Mapping[str, Runs]
-    """Those that ran by door, from small to large.
-
-    Where radii are drawn at random, a door's name says little: they are put together in
-    bands of 0.1 m.
-    """
-
-
-def comparisons(episodes: Iterable[EpisodeResult]) -> list[Comparison]:
-    """Return the conditions of a study, the one with most episodes first."""
-    return [_comparison(own) for own in by_condition(episodes).values()]
-
-
-def _comparison(episodes: Sequence[EpisodeResult]) -> Comparison:
-    ran = sorted(
-        (one for one in episodes if not one.error),
-        key=lambda one: (one.radius, one.task.door),
-    )
-    kinds = grouped(ran, lambda one: one.kind)
-    drawn = any(one.drawn for one in ran)
-    doors = grouped(ran, _band if drawn else _door)
-    return Comparison(
-        condition=episodes[0].condition,
-        runs=ranked(episodes),
-        failed=by_policy(one for one in episodes if one.error),
-        kinds={kind: by_policy(kinds[kind]) for kind in KINDS if kind in kinds},
-        doors={door: by_policy(own) for door, own in doors.items()},
-    )
+def conditions(episodes: Iterable[EpisodeResult]) -> dict[str, Runs]:
+    """Return ranked episodes by what they share, those with most episodes first."""
+    return {str(one): ranked(own) for one, own in by_condition(episodes).items()}
 
 
 def ranked(episodes: Iterable[EpisodeResult]) -> Runs:
-    """Return episodes that ran by policy: who opens most first, then the gentlest.
+    """Return episodes by policy: who opens most comes first, then who is gentlest.
 
-    A policy whose episodes all ended in an error comes last, without any.
+    A policy whose episodes all ended in an error comes last.
     """
-    runs = {
-        policy: [one for one in own if not one.error]
-        for policy, own in by_policy(episodes).items()
-    }
-    return dict(sorted(runs.items(), key=_rank))
+    return dict(sorted(by_policy(episodes).items(), key=_rank))
 
 
 def _rank(item: tuple[str, Sequence[EpisodeResult]]) -> tuple[float, float, str]:
     policy, own = item
-    rate = sum(one.opened() for one in own) / len(own) if own else -1.0
-    force = EPISODE_MEASURES["force_radial_peak"].median(own)
+    ran = [one for one in own if not one.error]
+    rate = sum(one.opened() for one in ran) / len(ran) if ran else -1.0
+    force = EPISODE_MEASURES["force_radial_peak"].median(ran)
     return -rate, math.inf if force is None else force, policy
 
 
-def _band(one: EpisodeResult) -> str:
-    low = _BAND * math.floor(one.radius / _BAND + 1e-9)
-    return f"{low:.1f}–{low + _BAND:.1f} m"
+def without_errors(
+    results: Mapping[str, Sequence[ResultT]],
+) -> dict[str, list[ResultT]]:
+    """Return results by policy, those alone that are no error."""
+    return {
+        policy: [one for one in own if not one.error] for policy, own in results.items()
+    }
 
 
-def _door(one: EpisodeResult) -> str:
+def of_kind(runs: Runs, kind: str) -> Runs:
+    """Return the episodes at doors of one kind, by policy."""
+    return {
+        policy: [one for one in own if one.kind == kind] for policy, own in runs.items()
+    }
+
+
+def door_name(one: EpisodeResult) -> str:
+    """Return the name of a door, with its radius.
+
+    Where radii are drawn at random, a door's name says little: those in a band of 0.1 m
+    are put together.
+    """
+    if one.drawn:
+        low = _BAND * math.floor(one.radius / _BAND + 1e-9)
+        return f"{low:.1f}–{low + _BAND:.1f} m"
     try:
         float(one.task.door)
     except ValueError:
@@ -145,15 +118,3 @@ def numbers(
         }
         for policy, own in runs.items()
     }
-
-
-def difference(condition: Condition, standard: Condition) -> str:
-    """Say in what a condition differs from another, in few words."""
-    parts = []
-    if condition.randomization != standard.randomization:
-        parts.append(f"{condition.randomization} randomization")
-    if condition.teacher_noise != standard.teacher_noise:
-        parts.append(f"teacher noise × {condition.teacher_noise:g}")
-    if condition.demonstrations_per_door != standard.demonstrations_per_door:
-        parts.append(f"{condition.demonstrations_per_door} demonstrations per door")
-    return ", ".join(parts)

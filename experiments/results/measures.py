@@ -1,7 +1,5 @@
 """What of an episode or a learning test is compared, by the name of its metric."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Callable, Iterable

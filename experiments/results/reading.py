@@ -1,7 +1,5 @@
 """From the files of a study to records; a file that cannot be read is named."""
 
-from __future__ import annotations
-
 import dataclasses
 import typing
 from collections.abc import Iterable, Mapping
@@ -188,7 +186,7 @@ def _episode(task: EpisodeTask, shared: Mapping[str, Any]) -> EpisodeResult:
         kind = UNDEMONSTRATED
     return EpisodeResult(
         radius=drawn.radius,
-        drawn=abs(drawn.radius - planned.radius) > _SAME_RADIUS,
+        drawn=door_randomization(task.randomization).radius is not None,
         kind=kind,
         **shared,
     )

@@ -1,7 +1,5 @@
 """What the files of a study say, as records: episodes, learning tests, errors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -59,7 +57,7 @@ class EpisodeResult(TaskResult):
     radius: float
     """Distance from hinge to handle [m], as drawn."""
     drawn: bool
-    """Whether the radius was drawn at random."""
+    """Whether the radius is drawn at random."""
     kind: str
     """Kind of door, one of `KINDS`."""
 

@@ -7,8 +7,6 @@ difference of pairs is estimated after Hodges and Lehmann, *Estimates of locatio
 on rank tests*, Annals of Mathematical Statistics 34:598-611, 1963.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Mapping, Sequence
@@ -28,18 +26,6 @@ FEWEST_PAIRS: Final = 6
 
 _EXACT_UP_TO: Final = 60
 _LEVEL: Final = 0.95
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class PairedTest:
-    """Two policies on the same tasks."""
-
-    n: int
-    """Number of tasks that both policies have."""
-    n_different: int
-    """Number of pairs that differ; the others say nothing to the test."""
-    p: float
-    """Probability of a difference at least as large if there were none, two-sided."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -84,22 +70,26 @@ def interval_text(successes: int, trials: int) -> str:
     return f"{low:.2f}–{high:.2f}"
 
 
-def mcnemar(first: Sequence[bool], second: Sequence[bool]) -> PairedTest:
-    """Compare two policies' successes on the same tasks, exactly."""
-    wins = sum(a and not b for a, b in zip(first, second, strict=True))
-    losses = sum(b and not a for a, b in zip(first, second, strict=True))
+def mcnemar(wins: int, losses: int) -> float:
+    """Compare two policies' successes on the same tasks, exactly.
+
+    Args:
+        wins: Tasks at which the first alone succeeds.
+        losses: Tasks at which the second alone does.
+
+    Returns:
+        Probability of a difference at least as large if there were none, two-sided.
+    """
     different = wins + losses
-    p = float(binomtest(wins, different, 0.5).pvalue) if different else 1.0
-    return PairedTest(n=len(first), n_different=different, p=p)
+    return float(binomtest(wins, different, 0.5).pvalue) if different else 1.0
 
 
-def signed_rank(first: Sequence[float], second: Sequence[float]) -> PairedTest:
-    """Compare two policies' numbers on the same tasks."""
+def signed_rank(first: Sequence[float], second: Sequence[float]) -> float:
+    """Compare two policies' numbers on the same tasks; returns as `mcnemar`."""
     differences = np.subtract(first, second)
     different = differences[differences != 0.0]
     # Pairs without difference are left out, as Wilcoxon did.
-    p = float(wilcoxon(different).pvalue) if different.size else 1.0
-    return PairedTest(n=len(first), n_different=int(different.size), p=p)
+    return float(wilcoxon(different).pvalue) if different.size else 1.0
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -108,12 +98,11 @@ def holm(p_values: Sequence[float]) -> list[float]:
     A corrected value below 0.05 keeps the chance of any false finding among all tests
     below 5 %.
     """
-    order = sorted(range(len(p_values)), key=p_values.__getitem__)
-    corrected, largest = [0.0] * len(p_values), 0.0
-    for place, which in enumerate(order):
-        largest = max(largest, min(1.0, (len(p_values) - place) * p_values[which]))
-        corrected[which] = largest
-    return corrected
+    order = np.argsort(p_values)
+    corrected = np.empty(order.size)
+    multiplied = np.arange(order.size, 0, -1) * np.take(p_values, order)
+    corrected[order] = np.maximum.accumulate(np.minimum(multiplied, 1.0))
+    return [float(p) for p in corrected]
 
 
 def shift(first: Sequence[float], second: Sequence[float]) -> Shift:

@@ -1,20 +1,24 @@
-"""A study, and the doors of one run, as tables for the terminal."""
+"""A study, and the doors of one run, as tables for the terminal and table.md."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Final
 
 from experiments.episodes.metrics import EpisodeMetrics
-from experiments.files.table import Table
+from experiments.files.table import Table, markdown_table
 from experiments.results.grouping import by_policy, grouped
 from experiments.results.measures import (
     EPISODE_MEASURES,
     PREDICTION_ERROR,
     Measure,
 )
+from experiments.results.reading import read_files
 from experiments.results.records import EpisodeResult
 from experiments.results.statistics import interval_text
+from experiments.study.plan import conditions, episodes
+from experiments.study.settings import StudySettings
+from experiments.study.store import result_path
+from policies.storage import complete_or_absent
 
 _OF_SOLVED: Final = (
     Measure("time_to_60_deg", "to 60° [s]", digits=1),
@@ -92,3 +96,28 @@ def run_table(metrics: Iterable[EpisodeMetrics]) -> Table:
         for one in metrics
     )
     return Table(columns=("door", "opened", *heads), rows=tuple(rows))
+
+
+def write_tables(folder: Path, settings: StudySettings) -> str:
+    """Write DIR/table.md, a table per condition of the study, and return its text.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    text = "\n\n".join(_tables(folder, settings))
+    with complete_or_absent(folder / "table.md") as path:
+        path.write_text(text + "\n", encoding="utf-8")
+    return text
+
+
+def _tables(folder: Path, settings: StudySettings) -> Iterator[str]:
+    """Yield a table per condition of the study, and what is missing in it."""
+    several = list(conditions(settings))
+    for condition in several:
+        tasks = episodes(settings, condition, range(settings.seeds))
+        files = (result_path(folder, task) for task in tasks)
+        results, _, unreadable = read_files(files)
+        if len(several) > 1:
+            yield f"{condition}:"
+        yield from filter(None, (error_count(results), *unreadable))
+        yield markdown_table(study_table(results))

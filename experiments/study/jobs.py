@@ -1,14 +1,12 @@
 """What a worker does with a job: learn once, open all its doors in lockstep."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math
 import numbers
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import gymnasium as gym
 import numpy as np
@@ -32,8 +30,6 @@ from policies.policy import Policy
 FORECAST_PERIOD: Final = 0.05
 """Simulated time between forecasts [s]: at most a degree of a demonstrated opening."""
 
-TaskT = TypeVar("TaskT", bound=Task)
-
 
 def run_job(job: Job, files: Files = NO_FILES) -> list[Result]:
     """Return a result per task; whatever goes wrong in a task is its result.
@@ -50,17 +46,13 @@ def run_job(job: Job, files: Files = NO_FILES) -> list[Result]:
         except ValueError as error:
             return _all_failed(job, error)
         episodes = [task for task in job if isinstance(task, EpisodeTask)]
-        results = dict(
-            zip(
-                (task.key for task in episodes),
-                _episode_results(episodes, policy),
-                strict=True,
-            )
-        )
-        for task in job:
-            if isinstance(task, SkillTask):
-                results[task.key] = _attempt([task], policy, _learning_metrics)[0]
-    return [results[task.key] for task in job]
+        opened = iter(_episode_results(episodes, policy))
+        return [
+            _learning_result(task, policy)
+            if isinstance(task, SkillTask)
+            else next(opened)
+            for task in job
+        ]
 
 
 def failed(task: Task, reason: str, trace: str = "") -> Result:
@@ -104,15 +96,15 @@ def _all_failed(
 
 
 def _attempt(
-    tasks: Sequence[TaskT],
+    tasks: Sequence[Task],
     policy: Policy,
-    measure: Callable[[Sequence[TaskT], Policy], Sequence[Mapping[str, Any]]],
+    measure: Callable[[], Sequence[Mapping[str, Any]]],
 ) -> list[Result]:
     """Measure some tasks; the same error for all of them if it fails."""
     try:
         return [
             {**_origin(task), "metrics": _plain(metrics)}
-            for task, metrics in zip(tasks, measure(tasks, policy), strict=True)
+            for task, metrics in zip(tasks, measure(), strict=True)
         ]
     # Anything: a policy that cannot learn or act is a finding of the study, and one
     # with a mistake in its code must not take the other policies' results along.
@@ -128,13 +120,13 @@ def _episode_results(tasks: Sequence[EpisodeTask], policy: Policy) -> list[Resul
     except Exception as error:
         return _all_failed(tasks, error, policy)
 
-    def measure(some: Sequence[EpisodeTask], _: Policy) -> list[dict[str, Any]]:
-        return _episode_metrics(some, agent_for)
+    def together(some: Sequence[EpisodeTask]) -> list[Result]:
+        return _attempt(some, policy, lambda: _episode_metrics(some, agent_for))
 
-    results = _attempt(tasks, policy, measure)
+    results = together(tasks)
     if len(tasks) > 1 and "error" in results[0]:
         # One door's error ends the lockstep of all: alone, the others are measured.
-        results = [_attempt([task], policy, measure)[0] for task in tasks]
+        results = [result for task in tasks for result in together([task])]
     return results
 
 
@@ -147,24 +139,24 @@ def _episode_metrics(
     ]
 
 
-def _learning_metrics(
-    tasks: Sequence[SkillTask], policy: Policy
-) -> list[Mapping[str, Any]]:
-    if policy.method is None:
-        raise ValueError(
-            f"policy {tasks[0].policy!r} learns no movement, so that there is nothing "
-            "to measure"
-        )
-    return [
-        method_metrics(
-            policy.method,
-            seed=task.seed,
-            demonstrations_per_door=task.demonstrations_per_door,
-            teacher=task.teacher,
-            held_out=task.held_out,
-        )
-        for task in tasks
-    ]
+def _learning_result(task: SkillTask, policy: Policy) -> Result:
+    def measure() -> list[Mapping[str, Any]]:
+        if policy.method is None:
+            raise ValueError(
+                f"policy {task.policy!r} learns no movement, so that there is nothing "
+                "to measure"
+            )
+        return [
+            method_metrics(
+                policy.method,
+                seed=task.seed,
+                demonstrations_per_door=task.demonstrations_per_door,
+                teacher=task.teacher,
+                held_out=task.held_out,
+            )
+        ]
+
+    return _attempt([task], policy, measure)[0]
 
 
 def _learned(task: EpisodeTask, policy: Policy) -> Callable[[float], Agent]:

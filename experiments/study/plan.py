@@ -1,7 +1,5 @@
 """From the settings of a study to its tasks."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

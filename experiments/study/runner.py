@@ -1,7 +1,5 @@
 """Running a study: one result file per task, on any engine, resumable."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Generator, Sequence
 from functools import partial

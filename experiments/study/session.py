@@ -1,7 +1,5 @@
 """One go at a study: settings kept, missing tasks run behind a bar, errors reported."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import sys

@@ -1,7 +1,5 @@
 """What a study compares, as a person writes it; loads nothing heavy, for ``--help``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -54,11 +52,16 @@ class Condition:
     randomization: str
     """What varies from episode to episode."""
 
-    def __str__(self) -> str:
+    @property
+    def teaching(self) -> str:
+        """How the demonstrations were made, in words."""
         return (
             f"{self.demonstrations_per_door} demonstrations per door, teacher noise "
-            f"× {self.teacher_noise:g}, randomization {self.randomization}"
+            f"× {self.teacher_noise:g}"
         )
+
+    def __str__(self) -> str:
+        return f"{self.teaching}, randomization {self.randomization}"
 
 
 PRESETS: Final[Mapping[str, StudySettings]] = MappingProxyType(

@@ -1,7 +1,5 @@
 """The settings of a study as a TOML file, to read, keep and run again."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import typing

@@ -5,8 +5,6 @@ content, which is part of a task; the file itself goes with the jobs, for worker
 machines that lack it.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import tempfile

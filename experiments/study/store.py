@@ -1,7 +1,5 @@
 """The result files of a study: where they are, and which code made them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ A task is named by the hash of what defines it, so that a study can be interrupt
 resumed and extended without repeating a task. The code is no part of the name.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

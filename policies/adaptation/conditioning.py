@@ -93,13 +93,11 @@ class ConditionedProcess:
 
     def variance(self) -> Float[np.ndarray, "M 6"]:
         """Current variance on the grid, white part included."""
-        total: np.ndarray = np.maximum(self._variance, 0.0) + self._white
-        return total
+        return np.asarray(np.maximum(self._variance, 0.0) + self._white)
 
     def white_at(self, phase: float) -> Float[np.ndarray, "6"]:
         """The white variance at any phase."""
-        white: np.ndarray = np.exp(self._row(phase) @ self._log_white)
-        return white
+        return np.asarray(np.exp(self._row(phase) @ self._log_white))
 
     def _row(self, phase: float) -> Float[np.ndarray, " Q"]:
         if not self._basis.start <= phase <= self._basis.stop:
@@ -150,7 +148,7 @@ class ConditionedProcess:
         self._variance -= on_grid**2 * inverse
         return innovation * step, observed.astype(np.float64)
 
-    def trajectory(
+    def distribution(
         self, stretch: Float[np.ndarray, "6"], degrees_of_freedom: float | None
     ) -> GaussianTrajectory:
         """The current distribution; later updates do not change it.
@@ -189,5 +187,4 @@ def _covariance_on_grid(
     full: np.ndarray = rows @ covariance @ rows.T
     diagonal = np.arange(len(rows))
     full[:, diagonal, diagonal] = variance.T
-    scaled: np.ndarray = stretch[:, None, None] ** 2 * full
-    return scaled
+    return np.asarray(stretch[:, None, None] ** 2 * full)

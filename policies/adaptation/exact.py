@@ -8,7 +8,7 @@ from policies.skill import Skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
 
-class ExactAdaptation:
+class ExactAdaptation(ConditionedProcess):
     """p(f | D ∪ V): the via-points join the demonstrations as data, Eqs. (10)–(11).
 
     This is what Eq. (19) of Arduengo et al., arXiv:2002.09979, approximates by a
@@ -33,7 +33,7 @@ class ExactAdaptation:
         basis = basis_for_grid(times, grid, processes.shortest_length_scale)
         moments = processes.moments(basis.nodes)
         root = basis.root_weights[:, None]
-        self._process = ConditionedProcess(
+        super().__init__(
             basis,
             mean=root * moments.mean,
             covariance=basis.weigh(processes.latent_covariance(basis.nodes)),
@@ -44,19 +44,13 @@ class ExactAdaptation:
 
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place, in O(q² + M q)."""
-        self._process.update(via_point.phase, via_point.pose, via_point.noise_variance)
-
-    @property
-    def mean(self) -> Float[np.ndarray, "M 6"]:
-        """Current mean on the grid, read-only."""
-        return self._process.mean
+        self.update(via_point.phase, via_point.pose, via_point.noise_variance)
 
     @property
     def std(self) -> Float[np.ndarray, "M 6"]:
         """Current standard deviation on the grid, spread r(t) included."""
-        std: np.ndarray = np.sqrt(self._process.variance())
-        return std
+        return np.asarray(np.sqrt(self.variance()))
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""
-        return self._process.trajectory(np.ones(6), self._degrees_of_freedom)
+        return self.distribution(np.ones(6), self._degrees_of_freedom)

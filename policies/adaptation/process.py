@@ -21,7 +21,7 @@ the shape of what varies, the model knows what else could."""
 _SMOOTHING_GRID = 60
 
 
-class ProcessAdaptation:
+class ProcessAdaptation(ConditionedProcess):
     """Exact Gaussian conditioning of the demonstrated process; the default.
 
     * Before any via-point it is `Skill.predict`.
@@ -54,7 +54,7 @@ class ProcessAdaptation:
         basis = basis_for_grid(times, grid, shortest)
         mean, covariance, white = _prior(skill, basis.nodes)
         root = basis.root_weights[:, None]
-        self._process = ConditionedProcess(
+        super().__init__(
             basis,
             mean=root * mean,
             covariance=basis.weigh(covariance),
@@ -67,8 +67,8 @@ class ProcessAdaptation:
 
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place, in O(q² + M q)."""
-        white = self._process.white_at(via_point.phase)
-        distance, observed = self._process.update(
+        white = self.white_at(via_point.phase)
+        distance, observed = self.update(
             via_point.phase, via_point.pose, via_point.noise_variance + white
         )
         self._distance += distance
@@ -77,24 +77,17 @@ class ProcessAdaptation:
     def _stretch(self) -> Float[np.ndarray, "6"]:
         """Factor on the standard deviations from how surprising the via-points were."""
         scale = (self._free + self._distance) / (self._free + self._observed)
-        stretch: np.ndarray = np.sqrt(np.maximum(scale, 1.0))
-        return stretch
-
-    @property
-    def mean(self) -> Float[np.ndarray, "M 6"]:
-        """Current mean on the grid, read-only."""
-        return self._process.mean
+        return np.sqrt(np.maximum(scale, 1.0))
 
     @property
     def std(self) -> Float[np.ndarray, "M 6"]:
         """Current standard deviation on the grid."""
-        std: np.ndarray = self._stretch() * np.sqrt(self._process.variance())
-        return std
+        return np.asarray(self._stretch() * np.sqrt(self.variance()))
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""
         free = self._free + float(np.min(self._observed))
-        return self._process.trajectory(self._stretch(), free)
+        return self.distribution(self._stretch(), free)
 
 
 def _prior(

@@ -1,8 +1,4 @@
-"""The paper's adaptation: a product of Gaussians.
-
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Eqs. (19)–(21).
-"""
+"""The paper's adaptation: a product of Gaussians, Eqs. (19)–(21)."""
 
 from functools import partial
 from typing import Literal
@@ -114,8 +110,7 @@ class ProductAdaptation:
     def std(self) -> Float[np.ndarray, "M 6"]:
         """Current standard deviation on the grid."""
         variances = np.diagonal(self._covariances, axis1=1, axis2=2)
-        std: np.ndarray = np.sqrt(np.maximum(variances, 0.0)).T
-        return std
+        return np.asarray(np.sqrt(np.maximum(variances, 0.0)).T)
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid.

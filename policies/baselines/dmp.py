@@ -5,8 +5,7 @@ Motor Behaviors*, Neural Computation 25(2), 2013; Pastor et al., *Learning and
 Generalization of Motor Skills by Learning from Demonstration*, ICRA 2009, for how the
 goal enters; Koutras and Doulgeri, *A correct formulation for the Orientation Dynamic
 Movement Primitives for robot control in the Cartesian space*, CoRL 2019, for the
-orientation. Table 1 is that of Arduengo et al., *Gaussian-Process-based Robot Learning
-from Demonstration*, arXiv:2002.09979.
+orientation.
 
 Notation; τ is the phase from start to end, a dot the derivative by phase:
     x       phase variable, τ ẋ = -α_x x, x = 1 at the start
@@ -49,7 +48,6 @@ from gplfd_env.rotation_paths import unwrap_rotvecs
 from gplfd_env.se3 import compose_rotvecs
 from policies.aligned import AlignedDemonstrations
 from policies.movement import LearnedMovement
-from policies.records import freeze
 from policies.trajectory import GaussianTrajectory, checked_times, white_covariance
 
 _STEPS = 1000
@@ -98,9 +96,6 @@ class DynamicMovementPrimitive(LearnedMovement):
     """e_0, the rotation vector from start to goal [rad]."""
     weights: Float[np.ndarray, "N 6"]
     """W, the weights of the forcing term."""
-
-    def __post_init__(self) -> None:
-        freeze(self, "start", "goal", "start_error", "weights")
 
     def with_goal(self, pose: Float[np.ndarray, " 6"]) -> "DynamicMovementPrimitive":
         """The movement to another goal.
@@ -217,8 +212,7 @@ def _basis(clock: Float[np.ndarray, " M"], config: DMPConfig) -> np.ndarray:
     exponents = -sharpness * (x[:, None] - centres) ** 2
     # The nearest function is 1 before normalisation, even where all others vanish.
     values = np.exp(exponents - exponents.max(axis=1, keepdims=True))
-    activations: np.ndarray = x[:, None] * values / values.sum(axis=1, keepdims=True)
-    return activations
+    return np.asarray(x[:, None] * values / values.sum(axis=1, keepdims=True))
 
 
 def _pull(
@@ -229,8 +223,7 @@ def _pull(
 ) -> Float[np.ndarray, "M 6"]:
     """α β (ξ_g - (ξ_g - ξ_0) x): what draws the state to the goal, starting gently."""
     x = np.exp(-config.alpha_x * clock)[:, None]
-    pull: np.ndarray = 0.25 * config.alpha**2 * (goal - (goal - start) * x)
-    return pull
+    return np.asarray(0.25 * config.alpha**2 * (goal - (goal - start) * x))
 
 
 def _oscillate(

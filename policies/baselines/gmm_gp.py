@@ -1,8 +1,7 @@
 """A Gaussian process whose prior is a Gaussian mixture regression.
 
-The GMM-based GP of Table 1 in Arduengo et al., *Gaussian-Process-based Robot Learning
-from Demonstration*, arXiv:2002.09979. Equation numbers refer to Jaquier, Ginsbourger,
-Calinon, *Learning from demonstration with model-based Gaussian process*, CoRL 2019.
+Equation numbers refer to Jaquier, Ginsbourger, Calinon, *Learning from demonstration
+with model-based Gaussian process*, CoRL 2019.
 
 The prior mean is the mean m(t) of the regression, the prior covariance between two
 phases
@@ -42,8 +41,8 @@ from policies.baselines.mixture_kernel import (
     MixtureKernel,
     fit_kernel,
 )
-from policies.movement import LearnedMovement
-from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
+from policies.baselines.moments import MomentMovement
+from policies.trajectory import ViaPoint
 
 _STRONGEST = 1e-4
 """Least standard deviation of a via-point, standardised, so that demands of zero,
@@ -86,12 +85,11 @@ class _Posterior:
     ) -> Float[np.ndarray, "P 6*M"]:
         """Prior covariance of the constrained outputs with all outputs at ``times``."""
         across = kernel(self.phases, times).reshape(-1, 6 * len(times))
-        constrained: np.ndarray = across[self.entries]
-        return constrained
+        return np.asarray(across[self.entries])
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class GMMGaussianProcess(LearnedMovement):
+class GMMGaussianProcess(MomentMovement):
     """A learned movement that via-points adapt; made by `fit_gmm_gp`, immutable.
 
     For V via-points and M phases a prediction costs O(V³ D³ + V² D² M D), D = 6; no
@@ -154,21 +152,21 @@ class GMMGaussianProcess(LearnedMovement):
     def _moments(
         self, times: Float[np.ndarray, " M"]
     ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
-        """Standardised mean and variance at every phase."""
         mean, _ = self.regression.standardised_moments(times)
         variance = self.kernel.variance(times)
         posterior = self._posterior
-        if posterior is None:
-            return mean, variance
-        across = posterior.against(self.kernel, times)
-        shape = (6, len(times))
-        mean = mean + (posterior.solved @ across).reshape(shape).T
-        half = solve_triangular(posterior.lower, across, lower=True, check_finite=False)
-        explained = np.einsum("pm,pm->m", half, half).reshape(shape).T
-        return mean, np.maximum(variance - explained, 0.0)
+        if posterior is not None:
+            across = posterior.against(self.kernel, times)
+            shape = (6, len(times))
+            mean = mean + (posterior.solved @ across).reshape(shape).T
+            half = solve_triangular(
+                posterior.lower, across, lower=True, check_finite=False
+            )
+            explained = np.einsum("pm,pm->m", half, half).reshape(shape).T
+            variance = np.maximum(variance - explained, 0.0)
+        return self.regression.standardisation.moments(mean, variance)
 
     def _covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "6 M M"]:
-        """Covariance between phases, per output, standardised."""
         prior = self.kernel(times, times)
         covariance = np.stack([prior[output, :, output] for output in range(6)])
         posterior = self._posterior
@@ -177,23 +175,7 @@ class GMMGaussianProcess(LearnedMovement):
             half = solve_triangular(posterior.lower, across, lower=True)
             half = half.reshape(-1, 6, len(times))
             covariance -= np.einsum("pdm,pdn->dmn", half, half, optimize=True)
-        return covariance
-
-    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
-        """The distribution of the pose at ``times``.
-
-        Args:
-            times: phases, strictly increasing, shape (M,).
-
-        Raises:
-            ValueError: if there are no times, or they do not increase.
-        """
-        times = checked_times(times)
-        with threadpool_limits(limits=1, user_api="blas"):
-            mean, variance = self._moments(times)
-        return self.regression.standardisation.trajectory(
-            times, mean, variance, self._covariance
-        )
+        return self.regression.standardisation.covariance(covariance)
 
 
 def fit_gmm_gp(

@@ -1,10 +1,9 @@
 """Kernelized movement primitives: a reference trajectory, kernel-smoothed, adaptable.
 
-The KMP of Table 1 in Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979. Equation numbers refer to Huang, Rozo, Silvério,
-Caldwell, *Kernelized movement primitives*, IJRR 2019: a mixture regression gives a
-reference of means and covariances, Eqs. (21) and (26) smooth it, and a via-point is one
-more entry of the reference, or takes the place of one.
+Equation numbers refer to Huang, Rozo, Silvério, Caldwell, *Kernelized movement
+primitives*, IJRR 2019: a mixture regression gives a reference of means and covariances,
+Eqs. (21) and (26) smooth it, and a via-point is one more entry of the reference, or
+takes the place of one.
 
 What was published for letters in centimetres over two seconds is translated to phase
 and standardised outputs; `KMPConfig` says how. Left out is the velocity, which the
@@ -17,7 +16,6 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
-from threadpoolctl import threadpool_limits
 
 from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
@@ -26,9 +24,9 @@ from policies.baselines.gmr import (
     GMRConfig,
     fit_gmr,
 )
+from policies.baselines.moments import MomentMovement
 from policies.baselines.smoothed_reference import Reference, SmoothedReference
-from policies.movement import LearnedMovement
-from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
+from policies.trajectory import ViaPoint
 
 _STRONGEST = 1e-4
 """Least standard deviation of a via-point, standardised. A demand of zero would have
@@ -71,8 +69,12 @@ class KMPConfig:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class KernelizedMovementPrimitive(LearnedMovement):
-    """A learned movement that via-points adapt; made by `fit_kmp`, immutable."""
+class KernelizedMovementPrimitive(MomentMovement):
+    """A learned movement that via-points adapt; made by `fit_kmp`, immutable.
+
+    Far outside the reference the mean is the demonstrations' average and the variance
+    N/λ_c times their own; via-points count in this N.
+    """
 
     regression: GaussianMixtureRegression
     """The mixture from which the reference was taken."""
@@ -120,23 +122,16 @@ class KernelizedMovementPrimitive(LearnedMovement):
             covariance_regularisation=self.config.covariance_regularisation,
         )
 
-    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
-        """The distribution of the pose at ``times``, Eqs. (21) and (26).
+    def _moments(
+        self, times: Float[np.ndarray, " M"]
+    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
+        """Eq. (21), and the diagonal of Eq. (26)."""
+        return self.regression.standardisation.moments(*self._smoothed.moments(times))
 
-        Args:
-            times: phases, strictly increasing, shape (M,). Far outside the reference
-                the mean is the demonstrations' average and the variance N/λ_c times
-                their own; via-points count in this N.
-
-        Raises:
-            ValueError: if there are no times, or they do not increase.
-        """
-        times = checked_times(times)
-        with threadpool_limits(limits=1, user_api="blas"):
-            mean, variance = self._smoothed.moments(times)
-        return self.regression.standardisation.trajectory(
-            times, mean, variance, self._smoothed.covariance
-        )
+    def _covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "6 M M"]:
+        """Eq. (26)."""
+        smoothed = self._smoothed.covariance(times)
+        return self.regression.standardisation.covariance(smoothed)
 
 
 def fit_kmp(

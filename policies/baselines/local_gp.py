@@ -1,10 +1,9 @@
 """A product of local Gaussian processes: variability through locality.
 
 The method of Schneider and Ertel (*Robot Learning by Demonstration with Local Gaussian
-Process Regression*, IROS 2010), a row of Table 1 in Arduengo et al.,
-*Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979. A process
-with one noise level cannot tell where demonstrations agree from where they differ.
-Many processes can, each with its own noise level and its own stretch of the task.
+Process Regression*, IROS 2010). A process with one noise level cannot tell where
+demonstrations agree from where they differ. Many processes can, each with its own noise
+level and its own stretch of the task.
 
 This is a **reconstruction**: it was written without access to the original, from how
 others describe it. Assumed here:
@@ -28,7 +27,6 @@ The method has no via-points.
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -37,12 +35,11 @@ from threadpoolctl import threadpool_limits
 
 from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
+from policies.baselines.moments import MomentMovement
 from policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
 from policies.gp.hyperparameters import fit_kernel_and_noise
 from policies.gp.noise_profile import NoiseProfile
 from policies.gp.replicates import Replicates
-from policies.movement import LearnedMovement
-from policies.trajectory import GaussianTrajectory, checked_times
 
 _FEWEST_SAMPLES = 4
 """A cluster needs more samples than its process has hyper-parameters."""
@@ -67,21 +64,13 @@ class LocalGPConfig:
         check_quantities(self)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Product:
-    """Everything about the weighted product at M times."""
-
-    mean: Float[np.ndarray, "M 6"]
-    """The product's mean μ."""
-    variance: Float[np.ndarray, "M 6"]
-    """The product's variance v, noise included."""
-    shares: Float[np.ndarray, "C M 6"]
-    """√w_k v / v_k: how the errors of the local predictions add up."""
-
-
 @dataclass(frozen=True, kw_only=True, repr=False)
-class LocalGaussianProcesses(LearnedMovement):
-    """A movement of local Gaussian processes; made by `fit_local_gp`, immutable."""
+class LocalGaussianProcesses(MomentMovement):
+    """A movement of local Gaussian processes; made by `fit_local_gp`, immutable.
+
+    Its standard deviation includes σ_n,k, so it is that of a repetition. Outside the
+    demonstrated range the processes of the outermost clusters return to their priors.
+    """
 
     centres: Float[np.ndarray, " C"]
     """Centres c_k of the clusters, in phase."""
@@ -94,57 +83,37 @@ class LocalGaussianProcesses(LearnedMovement):
     def weights(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "C M"]:
         """The weights w_k(t) of the clusters, which sum to one."""
         distance = np.subtract.outer(self.centres, times) / self.width
-        weights: np.ndarray = softmax(-0.5 * distance**2, axis=0)
-        return weights
+        return np.asarray(softmax(-0.5 * distance**2, axis=0))
 
-    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
-        """The distribution of the pose at ``times``.
-
-        The standard deviation includes σ_n,k, so it is that of a repetition.
-
-        Args:
-            times: phases, shape (M,). Outside the demonstrated range the processes of
-                the outermost clusters return to their priors.
-
-        Raises:
-            ValueError: if there are no times, or one is not finite.
-        """
-        times = checked_times(times)
-        # Small matrices: sharing them out among threads costs ten times the work.
-        with threadpool_limits(limits=1, user_api="blas"):
-            product = self._product(times)
-        return GaussianTrajectory.from_moments(
-            times,
-            product.mean,
-            np.sqrt(product.variance),
-            partial(self._covariance, times, product),
-        )
-
-    def _product(self, times: Float[np.ndarray, " M"]) -> _Product:
-        """The product of the clusters' densities to the powers of their weights."""
+    def _product(
+        self, times: Float[np.ndarray, " M"]
+    ) -> tuple[
+        Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"], Float[np.ndarray, "C M 6"]
+    ]:
+        """The weighted product: μ, v, and √w_k v / v_k, how local errors add up."""
         means = np.empty((len(self.centres), len(times), 6))
         variances = np.empty_like(means)
         for cluster, outputs in enumerate(self.processes):
             for column, process in enumerate(outputs):
-                mean, latent = (
-                    process.latent.mean(times),
-                    process.latent.variance(times),
+                mean = process.latent.mean(times)
+                variance = process.latent.variance(times) + process.noise.variance(
+                    times
                 )
-                noise = process.noise.variance(times)
                 means[cluster, :, column] = process.offset + process.scale * mean
-                variances[cluster, :, column] = process.scale**2 * (latent + noise)
+                variances[cluster, :, column] = process.scale**2 * variance
         weights = self.weights(times)[:, :, None]
         precisions = weights / variances
         variance = 1.0 / precisions.sum(axis=0)
-        return _Product(
-            mean=variance * np.sum(precisions * means, axis=0),
-            variance=variance,
-            shares=np.sqrt(weights) * variance / variances,
-        )
+        mean = variance * np.sum(precisions * means, axis=0)
+        return mean, variance, np.sqrt(weights) * variance / variances
 
-    def _covariance(
-        self, times: Float[np.ndarray, " M"], product: _Product
-    ) -> Float[np.ndarray, "6 M M"]:
+    def _moments(
+        self, times: Float[np.ndarray, " M"]
+    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
+        mean, variance, _ = self._product(times)
+        return mean, np.sqrt(variance)
+
+    def _covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "6 M M"]:
         """Covariance over time of the product.
 
         Its mean is Σ_k (w_k v/v_k) μ_k. Errors of the local predictions that are
@@ -153,13 +122,13 @@ class LocalGaussianProcesses(LearnedMovement):
         shares s_k: v on the diagonal, and the covariance of a plain process for C = 1.
         """
         total = np.zeros((6, len(times), len(times)))
-        with threadpool_limits(limits=1, user_api="blas"):
-            for share, outputs in zip(product.shares, self.processes, strict=True):
-                for column, process in enumerate(outputs):
-                    local = process.latent.covariance(times)
-                    local[np.diag_indices_from(local)] += process.noise.variance(times)
-                    scaled = process.scale * share[:, column]
-                    total[column] += np.outer(scaled, scaled) * local
+        *_, shares = self._product(times)
+        for share, outputs in zip(shares, self.processes, strict=True):
+            for column, process in enumerate(outputs):
+                local = process.latent.covariance(times)
+                local[np.diag_indices_from(local)] += process.noise.variance(times)
+                scaled = process.scale * share[:, column]
+                total[column] += np.outer(scaled, scaled) * local
         return total
 
 

@@ -61,16 +61,14 @@ class LengthScaleConfig:
 
 def _matern(scaled: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """Matérn-5/2 correlation at distance ``scaled`` = √5 |t − t'| / ℓ."""
-    correlation: np.ndarray = (1.0 + scaled + scaled**2 / 3.0) * np.exp(-scaled)
-    return correlation
+    return np.asarray((1.0 + scaled + scaled**2 / 3.0) * np.exp(-scaled))
 
 
 def _matern_log_gradient(
     scaled: Float[np.ndarray, "..."],
 ) -> Float[np.ndarray, "..."]:
     """Derivative of `_matern` with respect to log ℓ."""
-    gradient: np.ndarray = scaled**2 * (1.0 + scaled) / 3.0 * np.exp(-scaled)
-    return gradient
+    return np.asarray(scaled**2 * (1.0 + scaled) / 3.0 * np.exp(-scaled))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -90,7 +88,7 @@ class MixtureKernel:
         """Covariance of every output at ``a`` with every output at ``b``."""
         distance = np.sqrt(5.0) * np.abs(np.subtract.outer(a, b))
         correlation = _matern(distance / self.length_scales[:, None, None])
-        correlation *= self._weights(a)[:, :, None] * self._weights(b)[:, None, :]
+        correlation *= self.weights(a)[:, :, None] * self.weights(b)[:, None, :]
         outputs = self.regression.conditional_covariances
         joint = np.tensordot(outputs, correlation, axes=(0, 0))
         return np.ascontiguousarray(joint.transpose(0, 2, 1, 3))
@@ -99,10 +97,10 @@ class MixtureKernel:
         """Diagonal of K(t, t) for every output."""
         outputs = self.regression.conditional_covariances
         diagonals = np.diagonal(outputs, axis1=1, axis2=2)
-        variance: np.ndarray = self._weights(times).T ** 2 @ diagonals
-        return variance
+        return np.asarray(self.weights(times).T ** 2 @ diagonals)
 
-    def _weights(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "C M"]:
+    def weights(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "C M"]:
+        """h_l(t)^p."""
         weights: np.ndarray = self.regression.responsibilities(times).T
         return weights**self.weight_power
 
@@ -188,15 +186,14 @@ class Evidence:
         count = len(self.times)
         distance = np.sqrt(5.0) * np.abs(np.subtract.outer(self.times, self.times))
         slope = _matern_log_gradient(distance / kernel.length_scales[:, None, None])
-        weights = self.regression.responsibilities(self.times).T ** self.weight_power
+        weights = kernel.weights(self.times)
         slope *= weights[:, :, None] * weights[:, None, :]
         over_outputs = np.tensordot(
             self.regression.conditional_covariances,
             inner.reshape(6, count, 6, count),
             axes=([1, 2], [0, 2]),
         )
-        gradient: np.ndarray = 0.5 * np.sum(over_outputs * slope, axis=(1, 2))
-        return gradient
+        return np.asarray(0.5 * np.sum(over_outputs * slope, axis=(1, 2)))
 
 
 def fit_kernel(

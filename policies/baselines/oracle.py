@@ -1,7 +1,5 @@
 """The oracle knows the radius: its errors are the robot's, not a policy's."""
 
-from __future__ import annotations
-
 from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE, handle_pose_on_arc
 from policies.steps import AgentStep, Observation
 from policies.trajectory import GaussianTrajectory

@@ -1,9 +1,7 @@
 """Probabilistic movement primitives, the second method of Table 1.
 
 Papers: Paraschos et al., *Probabilistic Movement Primitives*, NeurIPS 2013, and *Using
-Probabilistic Movement Primitives in Robotics*, Autonomous Robots 42, 2018; Table 1 is
-that of Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979.
+Probabilistic Movement Primitives in Robotics*, Autonomous Robots 42, 2018.
 
 Notation:
     φ(t)    Gaussian basis functions at phase t, normalised to sum 1, (B,)
@@ -30,12 +28,12 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import pinvh
+from scipy.special import softmax
 from threadpoolctl import threadpool_limits
 
 from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
 from policies.movement import LearnedMovement
-from policies.records import freeze
 from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
 
 
@@ -75,9 +73,6 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
     """Σ, across all outputs."""
     noise_variance: Float[np.ndarray, " 6"]
     """R, what the basis functions do not explain [m², rad²]."""
-
-    def __post_init__(self) -> None:
-        freeze(self, "weight_mean", "weight_covariance", "noise_variance")
 
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The distribution of the pose at ``times``, observation noise included.
@@ -159,8 +154,7 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
         """Covariance of the weights of every output by itself."""
         size = self.config.n_basis
         blocks = self.weight_covariance.reshape(6, size, 6, size)
-        diagonal: np.ndarray = np.einsum("didj->dij", blocks)
-        return diagonal
+        return np.asarray(np.einsum("didj->dij", blocks))
 
 
 def fit_promp(
@@ -223,18 +217,14 @@ def _exponents(
 def _basis(times: Float[np.ndarray, " M"], config: ProMPConfig) -> np.ndarray:
     """φ(t), (M, B)."""
     logarithms, _ = _exponents(times, config)
-    # The nearest function is 1 before normalisation, even where all others vanish.
-    values = np.exp(logarithms - logarithms.max(axis=1, keepdims=True))
-    normalised: np.ndarray = values / values.sum(axis=1, keepdims=True)
-    return normalised
+    return np.asarray(softmax(logarithms, axis=1))
 
 
 def _basis_rate(times: Float[np.ndarray, " M"], config: ProMPConfig) -> np.ndarray:
     """Derivative of φ(t) by phase, (M, B)."""
     basis, (_, slopes) = _basis(times, config), _exponents(times, config)
     mean_slope = np.sum(basis * slopes, axis=1, keepdims=True)
-    rate: np.ndarray = basis * (slopes - mean_slope)
-    return rate
+    return np.asarray(basis * (slopes - mean_slope))
 
 
 def _inverse(matrix: Float[np.ndarray, "V V"]) -> np.ndarray:
@@ -242,5 +232,4 @@ def _inverse(matrix: Float[np.ndarray, "V V"]) -> np.ndarray:
     scale = np.sqrt(np.diag(matrix))
     scale = np.where(scale > 0.0, scale, 1.0)
     units = np.outer(scale, scale)
-    inverse: np.ndarray = pinvh(matrix / units) / units
-    return inverse
+    return np.asarray(pinvh(matrix / units) / units)

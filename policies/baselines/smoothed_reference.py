@@ -98,8 +98,7 @@ class _Features:
         return cls(kernel=kernel, nodes=nodes, root=root)
 
     def __call__(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M R"]:
-        rows: np.ndarray = self.kernel(times, self.nodes) @ self.root
-        return rows
+        return np.asarray(self.kernel(times, self.nodes) @ self.root)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

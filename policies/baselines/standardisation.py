@@ -1,15 +1,12 @@
 """Outputs of order one, for methods whose settings are absolute numbers."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
 from policies.aligned import FINEST
 from policies.records import freeze
-from policies.trajectory import GaussianTrajectory
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -32,42 +29,22 @@ class Standardisation:
 
     def apply(self, poses: Float[np.ndarray, "... 6"]) -> Float[np.ndarray, "... 6"]:
         """Poses in standard deviations from their average."""
-        standardised: np.ndarray = (poses - self.offset) / self.scale
-        return standardised
+        return np.asarray((poses - self.offset) / self.scale)
 
     def undo(
         self, standardised: Float[np.ndarray, "... 6"]
     ) -> Float[np.ndarray, "... 6"]:
         """Poses [m, rad] of standardised ones."""
-        poses: np.ndarray = self.offset + self.scale * standardised
-        return poses
+        return np.asarray(self.offset + self.scale * standardised)
 
-    def trajectory(
-        self,
-        times: Float[np.ndarray, " M"],
-        mean: Float[np.ndarray, "M 6"],
-        variance: Float[np.ndarray, "M 6"],
-        covariance: Callable[[np.ndarray], np.ndarray],
-    ) -> GaussianTrajectory:
-        """The distribution of poses of which these are the standardised moments.
+    def moments(
+        self, mean: Float[np.ndarray, "M 6"], variance: Float[np.ndarray, "M 6"]
+    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
+        """Mean and standard deviation [m, rad] of standardised mean and variance."""
+        return self.undo(mean), self.scale * np.sqrt(variance)
 
-        Args:
-            times: phases, strictly increasing, shape (M,).
-            mean: standardised.
-            variance: standardised.
-            covariance: gives that over time, (6, M, M), standardised, for ``times``.
-        """
-        return GaussianTrajectory.from_moments(
-            times,
-            self.undo(mean),
-            self.scale * np.sqrt(variance),
-            partial(self._covariance, covariance, times),
-        )
-
-    def _covariance(
-        self,
-        standardised: Callable[[np.ndarray], np.ndarray],
-        times: Float[np.ndarray, " M"],
+    def covariance(
+        self, standardised: Float[np.ndarray, "6 M M"]
     ) -> Float[np.ndarray, "6 M M"]:
-        covariance: np.ndarray = self.scale[:, None, None] ** 2 * standardised(times)
-        return covariance
+        """Covariance over time [m², rad²] of a standardised one."""
+        return np.asarray(self.scale[:, None, None] ** 2 * standardised)

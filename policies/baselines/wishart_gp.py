@@ -1,12 +1,10 @@
 """Gaussian processes for the mean and a Wishart process for the variability.
 
 The method of Umlauft, Fanger and Hirche (*Bayesian Uncertainty Modeling for Programming
-by Demonstration*, ICRA 2017), a row of Table 1 in Arduengo et al., *Gaussian-Process-
-based Robot Learning from Demonstration*, arXiv:2002.09979. The uncertainty of the
-mean and the variation of the demonstrations are learned separately: the former is the
-variance of a Gaussian process, the latter a covariance matrix of all outputs that
-changes with time, inferred as a generalised Wishart process
-(`policies.baselines.wishart_process`).
+by Demonstration*, ICRA 2017). The uncertainty of the mean and the variation of the
+demonstrations are learned separately: the former is the variance of a Gaussian process,
+the latter a covariance matrix of all outputs that changes with time, inferred as a
+generalised Wishart process (`policies.baselines.wishart_process`).
 
 This is a **reconstruction**: it was written without access to the original, from its
 abstract and how others describe it. Assumed here:
@@ -28,7 +26,6 @@ The method has no via-points.
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -36,6 +33,7 @@ from threadpoolctl import threadpool_limits
 
 from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import FINEST, AlignedDemonstrations, thinned
+from policies.baselines.moments import MomentMovement
 from policies.baselines.wishart_process import (
     WishartLikelihood,
     WishartPosterior,
@@ -44,8 +42,6 @@ from policies.baselines.wishart_process import (
 )
 from policies.gp.multi_output import MultiOutputGP
 from policies.gp.noise import HomoscedasticNoise
-from policies.movement import LearnedMovement
-from policies.trajectory import GaussianTrajectory, checked_times
 
 _SHRINKAGE = 1e-6
 """Share of independence in the pooled correlations: outputs may be proportional."""
@@ -83,8 +79,12 @@ class WishartGPConfig:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class WishartProcessMovement(LearnedMovement):
-    """A movement with Wishart variability; made by `fit_wishart_gp`, immutable."""
+class WishartProcessMovement(MomentMovement):
+    """A movement with Wishart variability; made by `fit_wishart_gp`, immutable.
+
+    The variance is that of the mean plus the diagonal of `aleatoric`. Outside the
+    demonstrated range the mean returns to its prior mean and its uncertainty grows.
+    """
 
     processes: MultiOutputGP
     """The mean, and how uncertain it is."""
@@ -99,38 +99,20 @@ class WishartProcessMovement(LearnedMovement):
         """
         return self.variability.covariance(times)
 
-    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
-        """The distribution of the pose at ``times``.
+    def _moments(
+        self, times: Float[np.ndarray, " M"]
+    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
+        moments = self.processes.moments(times)
+        return moments.mean, np.sqrt(moments.latent + self._spread(times))
 
-        The variance is that of the mean plus the diagonal of `aleatoric`.
+    def _spread(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6"]:
+        return np.diagonal(self.aleatoric(times), axis1=1, axis2=2)
 
-        Args:
-            times: phases, shape (M,). Outside the demonstrated range the mean returns
-                to its prior mean and its uncertainty grows.
-
-        Raises:
-            ValueError: if there are no times, or one is not finite.
-        """
-        times = checked_times(times)
-        # Small matrices: sharing them out among threads costs more than the work.
-        with threadpool_limits(limits=1, user_api="blas"):
-            moments = self.processes.moments(times)
-            spread = np.diagonal(self.aleatoric(times), axis1=1, axis2=2)
-        return GaussianTrajectory.from_moments(
-            times,
-            moments.mean,
-            np.sqrt(moments.latent + spread),
-            partial(self._covariance, times, spread),
-        )
-
-    def _covariance(
-        self, times: Float[np.ndarray, " M"], spread: Float[np.ndarray, "M 6"]
-    ) -> Float[np.ndarray, "6 M M"]:
+    def _covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "6 M M"]:
         """Covariance over time: of the mean, and white between repetitions."""
-        with threadpool_limits(limits=1, user_api="blas"):
-            total = self.processes.latent_covariance(times)
+        total = self.processes.latent_covariance(times)
         diagonal = np.arange(len(times))
-        total[:, diagonal, diagonal] += spread.T
+        total[:, diagonal, diagonal] += self._spread(times).T
         return total
 
 
@@ -172,7 +154,6 @@ def fit_wishart_gp(
             config.floor,
         )
         variability = sample_posterior(
-            prior,
             WishartLikelihood.of(prior, times[kept], deviations[:, kept]),
             config.steps,
             config.discarded,
@@ -195,5 +176,4 @@ def _pooled_covariance(
     correlation *= 1.0 - _SHRINKAGE
     # 1 where the output varies; also where it does not.
     np.fill_diagonal(correlation, 1.0)
-    covariance: np.ndarray = correlation * np.outer(std, std)
-    return covariance
+    return np.asarray(correlation * np.outer(std, std))

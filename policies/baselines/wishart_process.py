@@ -107,15 +107,13 @@ class WishartPrior:
     def features(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M R"]:
         """φ(t); outside the interval that of its nearer end."""
         inside = np.clip(times, self.basis.start, self.basis.stop)
-        features: np.ndarray = self.basis.matrix(inside) @ self.root
-        return features
+        return np.asarray(self.basis.matrix(inside) @ self.root)
 
     def scaled(self, unit: Float[np.ndarray, "M d d"]) -> Float[np.ndarray, "M d d"]:
         """Σ(t) of U(t) U(t)ᵀ."""
         inner = (1.0 - self.floor) * unit
         inner += self.floor * self.degrees * np.eye(len(self.lower))
-        covariance: np.ndarray = self.lower @ inner @ self.lower.T
-        return covariance
+        return np.asarray(self.lower @ inner @ self.lower.T)
 
     def covariance(
         self, weights: Float[np.ndarray, "nu d R"], times: Float[np.ndarray, " M"]
@@ -135,10 +133,8 @@ class WishartLikelihood:
     """L⁻¹ S_t L⁻ᵀ."""
     free: int
     """Degrees of freedom of the scatter, D − 1."""
-    degrees: int
-    """ν."""
-    floor: float
-    """ε."""
+    prior: WishartPrior
+    """The prior of the weights."""
 
     @classmethod
     def of(
@@ -155,23 +151,23 @@ class WishartLikelihood:
             features=prior.features(times),
             scatter=np.einsum("kti,ktj->tij", white, white),
             free=len(deviations) - 1,
-            degrees=prior.degrees,
-            floor=prior.floor,
+            prior=prior,
         )
 
     def _processes(self, flat: Float[np.ndarray, " N"]) -> Float[np.ndarray, "T d nu"]:
         outputs = self.scatter.shape[1]
         rows = flat.reshape(-1, self.features.shape[1])
         values = self.features @ rows.T
-        unit: np.ndarray = values.reshape(-1, self.degrees, outputs).swapaxes(1, 2)
-        return unit
+        return np.asarray(
+            values.reshape(-1, self.prior.degrees, outputs).swapaxes(1, 2)
+        )
 
     def _covariance(
         self, unit: Float[np.ndarray, "T d nu"]
     ) -> Float[np.ndarray, "T d d"]:
-        covariance: np.ndarray = (1.0 - self.floor) * (unit @ unit.swapaxes(1, 2))
+        covariance: np.ndarray = (1.0 - self.prior.floor) * (unit @ unit.swapaxes(1, 2))
         diagonal = np.arange(covariance.shape[1])
-        covariance[:, diagonal, diagonal] += self.floor * self.degrees
+        covariance[:, diagonal, diagonal] += self.prior.floor * self.prior.degrees
         return covariance
 
     def __call__(self, flat: Float[np.ndarray, " N"]) -> float:
@@ -187,7 +183,7 @@ class WishartLikelihood:
         unit = self._processes(flat)
         inverse = np.linalg.inv(self._covariance(unit))
         sensitivity = inverse @ self.scatter @ inverse - self.free * inverse
-        by_process = (1.0 - self.floor) * (sensitivity @ unit)
+        by_process = (1.0 - self.prior.floor) * (sensitivity @ unit)
         gradient: np.ndarray = np.einsum("tdk,tr->kdr", by_process, self.features)
         return gradient.ravel()
 
@@ -211,7 +207,6 @@ class WishartPosterior:
 
 
 def sample_posterior(
-    prior: WishartPrior,
     likelihood: WishartLikelihood,
     steps: int,
     discarded: int,
@@ -224,7 +219,6 @@ def sample_posterior(
     likelihood is about what it is in the long run.
 
     Args:
-        prior: of Σ(t).
         likelihood: of the deviations.
         steps: length of the chain.
         discarded: steps at its beginning that are left out of the average.
@@ -235,6 +229,7 @@ def sample_posterior(
         value = 0.5 * float(flat @ flat) - likelihood(flat)
         return value, flat - likelihood.gradient(flat)
 
+    prior = likelihood.prior
     degrees, outputs, rank = prior.shape
     mode = minimize(
         objective,

@@ -1,8 +1,4 @@
-"""The virtual spring-mass-damper that turns forces into displacements.
-
-Implements Eq. (22) of Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979.
-"""
+"""The virtual spring-mass-damper that turns forces into displacements."""
 
 import numpy as np
 from jaxtyping import Float

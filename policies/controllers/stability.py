@@ -1,12 +1,11 @@
 """How fast the stiffness may rise without making the virtual dynamics unstable.
 
 Kronander & Billard, *Stability Considerations for Variable Impedance Control*, IEEE
-T-RO 32(5), 2016: the system M ë + D(t) ė + K(t) e = 0 is globally asymptotically
-stable if for some γ > 0 the matrices γM - D and K̇ + γḊ - 2γK are negative (semi-)
-definite. With diagonal matrices and d = 2δ√(m k), this bounds the rate of every k.
-Equation numbers refer to Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979; functions called ``printed_*`` keep its constants,
-which are on the safe side but larger than needed.
+T-RO 32(5), 2016: the system M ë + D(t) ė + K(t) e = 0 is globally asymptotically stable
+if for some γ > 0 the matrices γM - D and K̇ + γḊ - 2γK are negative (semi-) definite.
+With diagonal matrices and d = 2δ√(m k), this bounds the rate of every k. Functions
+called ``printed_*`` keep the constants of the paper, which are on the safe side but
+larger than needed.
 
 Only a *rising* stiffness is bounded, and the stiffness rises when the uncertainty
 *falls*.

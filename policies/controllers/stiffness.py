@@ -1,8 +1,6 @@
 """Stiffness as a function of uncertainty, and the dynamics it is rendered with.
 
-The hand is stiff where the policy is certain and compliant where it is not. Equation
-numbers refer to Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979.
+The hand is stiff where the policy is certain and compliant where it is not.
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,9 @@
 """How demonstrations deviate from their mean: smoothly.
 
-The paper (Arduengo et al., arXiv:2002.09979) puts the spread of the demonstrations into
-Eq. (11) as diag(R), white noise, so that knowing the door's radius at one phase says
-nothing about any other. Here, and this is not in the paper, a deviation of one output
-is a process of the same variance r(t) with covariance
+The paper puts the spread of the demonstrations into Eq. (11) as diag(R), white noise,
+so that knowing the door's radius at one phase says nothing about any other. Here, and
+this is not in the paper, a deviation of one output is a process of the same variance
+r(t) with covariance
 
     √(u(t) u(t')) [g k(t, t'; L) + (1 − g)]          what varies with the task
   + √(v(t) v(t')) [(1 − w) k(t, t'; S) + w 1(t = t')]    the hand's wobble, white noise

@@ -1,9 +1,9 @@
 """Marginal likelihoods of one output as functions of its hyper-parameters.
 
 Both classes evaluate log N(y | 0, K(l, σ_f) + c·N) with N a fixed diagonal, and its
-derivatives with respect to (log l, log σ_f, log c); Eq. (7) of Arduengo et al.,
-arXiv:2002.09979. `SpectralEvidence` passes over the M samples once and then costs
-O(q³) per evaluation, whatever M; `DenseEvidence` costs O(M³).
+derivatives with respect to (log l, log σ_f, log c); Eq. (7). `SpectralEvidence` passes
+over the M samples once and then costs O(q³) per evaluation, whatever M; `DenseEvidence`
+costs O(M³).
 
 Spectral form, with A = a_i(t_m) (M × q) and S the kernel in the basis
 (`policies.gp.legendre`): the QR factorisation N^(−½) A = Q R, u = Qᵀ N^(−½) y and
@@ -15,8 +15,8 @@ Spectral form, with A = a_i(t_m) (M × q) and S the kernel in the basis
 ``test_spectral_evidence_equals_dense`` settles it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -27,14 +27,9 @@ from policies.gp.exact import LOG_2PI, ExactGP
 from policies.gp.kernels import RBF
 from policies.gp.legendre import LegendreBasis
 
-
-@runtime_checkable
-class Evidence(Protocol):
-    """A log marginal likelihood with its gradient."""
-
-    def __call__(self, kernel: RBF, scale: float) -> tuple[float, np.ndarray]:
-        """Value, and derivatives with respect to (log l, log σ_f, log c), (3,)."""
-        ...
+Evidence = Callable[[RBF, float], tuple[float, np.ndarray]]
+"""A log marginal likelihood of kernel and noise scale c: its value, and its derivatives
+by (log l, log σ_f, log c), (3,)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -1,9 +1,8 @@
 """Exact Gaussian-process regression of one output.
 
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Eqs. (1)–(5), (7), and (10)–(11) when the noise differs from point to
-point. Dense, O(N³); `policies.gp.legendre` has the form whose cost does not grow with
-the number of samples.
+Eqs. (1)–(5), (7), and (10)–(11) when the noise differs from point to point. Dense,
+O(N³); `policies.gp.legendre` has the form whose cost does not grow with the number of
+samples.
 """
 
 from collections.abc import Callable
@@ -62,8 +61,7 @@ class ExactGP:
 
     @cached_property
     def _residual(self) -> Float[np.ndarray, " N"]:
-        residual: np.ndarray = self.values - self.prior_mean(self.times)
-        return residual
+        return np.asarray(self.values - self.prior_mean(self.times))
 
     @cached_property
     def weights(self) -> Float[np.ndarray, " N"]:
@@ -98,22 +96,19 @@ class ExactGP:
     def mean(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
         """Posterior mean of f, Eqs. (4) and (10)."""
         prior: np.ndarray = self.prior_mean(times)
-        posterior: np.ndarray = prior + self.kernel(times, self.times) @ self.weights
-        return posterior
+        return np.asarray(prior + self.kernel(times, self.times) @ self.weights)
 
     def covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M M"]:
         """Posterior covariance of f without observation noise, Eq. (5)."""
         half = self.factor.half_solve(self.kernel(self.times, times))
-        remaining: np.ndarray = self.kernel(times, times) - half.T @ half
-        return remaining
+        return np.asarray(self.kernel(times, times) - half.T @ half)
 
     def variance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
         """Diagonal of :meth:`covariance`, never negative."""
         half = self.factor.half_solve(self.kernel(self.times, times))
-        remaining: np.ndarray = np.maximum(
-            self.kernel.variance - np.sum(half**2, axis=0), 0.0
+        return np.asarray(
+            np.maximum(self.kernel.variance - np.sum(half**2, axis=0), 0.0)
         )
-        return remaining
 
     def rates(
         self, times: Float[np.ndarray, " M"]

@@ -20,17 +20,13 @@ class CholeskyFactor:
 
     def solve(self, right: Float[np.ndarray, "N ..."]) -> Float[np.ndarray, "N ..."]:
         """Solve (L Lᵀ) x = ``right``."""
-        solution: np.ndarray = cho_solve((self.lower, True), right, check_finite=False)
-        return solution
+        return cho_solve((self.lower, True), right, check_finite=False)
 
     def half_solve(
         self, right: Float[np.ndarray, "N ..."]
     ) -> Float[np.ndarray, "N ..."]:
         """Solve L x = ``right``."""
-        solution: np.ndarray = solve_triangular(
-            self.lower, right, lower=True, check_finite=False
-        )
-        return solution
+        return solve_triangular(self.lower, right, lower=True, check_finite=False)
 
     def log_determinant(self) -> float:
         """The log-determinant of L Lᵀ."""

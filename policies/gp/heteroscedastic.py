@@ -1,7 +1,6 @@
 """One output: a Gaussian process whose noise depends on time.
 
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Eqs. (10)–(11) and (15).
+Eqs. (10)–(11) and (15).
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,9 @@
 """Maximum-likelihood length-scales, signal and noise levels.
 
-Eq. (7) of Arduengo et al., arXiv:2002.09979, has several local optima when the noise is
-free. With replicated demonstrations the within-demonstration scatter pins the noise and
-few remain: screening three length-scales and polishing the best one reaches the same
-optimum as thirty random starts.
+Eq. (7) has several local optima when the noise is free. With replicated demonstrations
+the within-demonstration scatter pins the noise and few remain: screening three
+length-scales and polishing the best one reaches the same optimum as thirty random
+starts.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,6 @@
 """The radial basis function kernel, its hyper-parameter and its time derivatives.
 
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979. The kernel is its Eq. (13), with the ½ in the exponent.
+The kernel is Eq. (13), with the ½ in the exponent.
 
 Note:
     The multi-output kernel is printed in Eq. (14) without the minus sign and without
@@ -49,15 +48,13 @@ class RBF:
         distance *= -0.5 / self.length_scale**2
         np.exp(distance, out=distance)
         distance *= self.variance
-        values: np.ndarray = distance
-        return values
+        return np.asarray(distance)
 
     def time_derivative(
         self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]
     ) -> Float[np.ndarray, "A B"]:
         """∂k(a_i, b_j)/∂a_i = −(a_i − b_j)/l² · k(a_i, b_j)."""
-        slope: np.ndarray = -np.subtract.outer(a, b) / self.length_scale**2 * self(a, b)
-        return slope
+        return np.asarray(-np.subtract.outer(a, b) / self.length_scale**2 * self(a, b))
 
     def log_gradients(
         self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]

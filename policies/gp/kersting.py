@@ -1,7 +1,6 @@
 """The paper's noise estimate: Kersting's iteration, as printed and with its bias.
 
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Section III-B, after Kersting et al. (2007).
+Section III-B of the paper, after Kersting et al. (2007).
 """
 
 from dataclasses import dataclass

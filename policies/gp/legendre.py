@@ -99,8 +99,7 @@ class LegendreBasis:
     def nodes(self) -> Float[np.ndarray, " Q"]:
         """Gauss–Legendre nodes in [start, stop]."""
         centre, half = 0.5 * (self.start + self.stop), 0.5 * (self.stop - self.start)
-        nodes: np.ndarray = centre + half * _unit_tables(self.size).nodes
-        return nodes
+        return centre + half * _unit_tables(self.size).nodes
 
     @property
     def root_weights(self) -> Float[np.ndarray, " Q"]:
@@ -139,8 +138,7 @@ class LegendreBasis:
     ) -> Float[np.ndarray, "Q ..."]:
         """Coefficients of the time derivatives of curves given by coefficients."""
         chain = 2.0 / (self.stop - self.start)
-        slopes: np.ndarray = chain * (_unit_tables(self.size).slope @ coefficients)
-        return slopes
+        return np.asarray(chain * (_unit_tables(self.size).slope @ coefficients))
 
     def covers(self, times: Float[np.ndarray, " M"]) -> bool:
         """Whether all ``times`` lie inside the interval."""
@@ -155,8 +153,7 @@ class LegendreBasis:
     ) -> Float[np.ndarray, "... Q Q"]:
         """Turn covariances between nodes into coefficients of this basis."""
         root = self.root_weights
-        weighted: np.ndarray = root[:, None] * values * root
-        return weighted
+        return np.asarray(root[:, None] * values * root)
 
 
 @lru_cache(maxsize=4)

@@ -1,8 +1,6 @@
 """Six independent outputs evaluated together.
 
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Eqs. (12)–(13): outputs independent a priori, which is Eq. (6) with a
-diagonal B.
+Eqs. (12)–(13): outputs independent a priori, which is Eq. (6) with a diagonal B.
 """
 
 from dataclasses import dataclass
@@ -34,15 +32,6 @@ class OutputMoments:
     """Noise variance r(t)."""
     noise_rate: Float[np.ndarray, "M d"]
     """Time derivative of r(t)."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Tables:
-    """Every curve of every output in one basis: one matrix product evaluates all."""
-
-    basis: LegendreBasis
-    block: Float[np.ndarray, "Q C"]
-    """Means, log-noises and latent variances of all outputs; then their slopes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +87,12 @@ class MultiOutputGP:
         return tuple(output.spectral(self._basis) for output in self.outputs)
 
     @cached_property
-    def _tables(self) -> _Tables | None:
+    def _tables(self) -> tuple[LegendreBasis, Float[np.ndarray, "Q C"]] | None:
+        """A basis, and every curve of every output in it; None without a basis.
+
+        One matrix product evaluates all: means, log-noises and latent variances of all
+        outputs; then their slopes.
+        """
         coarse = self._basis
         if coarse is None:
             return None
@@ -115,26 +109,18 @@ class MultiOutputGP:
         )
         coefficients = basis.root_weights[:, None] * np.stack(curves, axis=1)
         slopes = basis.differentiate(coefficients)
-        return _Tables(
-            basis=basis, block=np.concatenate([coefficients, slopes], axis=1)
-        )
+        return basis, np.concatenate([coefficients, slopes], axis=1)
 
     def moments(self, times: Float[np.ndarray, " M"]) -> OutputMoments:
         """Means, variances and their rates; inside the demonstrations in O(M)."""
-        tables = self._tables
-        if tables is None or not tables.basis.covers(times):
+        if self._tables is None or not self._tables[0].covers(times):
             return self._dense_moments(times)
-        parts = np.split(tables.basis.matrix(times) @ tables.block, 6, axis=1)
+        basis, block = self._tables
+        parts = np.split(basis.matrix(times) @ block, 6, axis=1)
         mean, log_noise, latent, mean_rate, log_noise_rate, latent_rate = parts
         noise = np.exp(log_noise)
-        return self._in_units(
-            mean,
-            mean_rate,
-            np.maximum(latent, 0.0),
-            latent_rate,
-            noise,
-            noise * log_noise_rate,
-        )
+        positive, noise_rate = np.maximum(latent, 0.0), noise * log_noise_rate
+        return self._in_units(mean, mean_rate, positive, latent_rate, noise, noise_rate)
 
     def _dense_moments(self, times: Float[np.ndarray, " M"]) -> OutputMoments:
         columns = []
@@ -155,15 +141,9 @@ class MultiOutputGP:
             *(np.stack(part, axis=1) for part in zip(*columns, strict=True))
         )
 
-    def _in_units(
-        self,
-        mean: Float[np.ndarray, "M d"],
-        mean_rate: Float[np.ndarray, "M d"],
-        latent: Float[np.ndarray, "M d"],
-        latent_rate: Float[np.ndarray, "M d"],
-        noise: Float[np.ndarray, "M d"],
-        noise_rate: Float[np.ndarray, "M d"],
-    ) -> OutputMoments:
+    def _in_units(self, *scaled: Float[np.ndarray, "M d"]) -> OutputMoments:
+        """Moments of the outputs from those of the scaled ones, in the same order."""
+        mean, mean_rate, latent, latent_rate, noise, noise_rate = scaled
         scale, square = self._scales, self._scales**2
         return OutputMoments(
             mean=self._offsets + scale * mean,
@@ -185,5 +165,4 @@ class MultiOutputGP:
             matrix = basis.matrix(times)
             halves = [matrix @ posterior.factor for posterior in self._posteriors]
             unscaled = [half @ half.T for half in halves]
-        scaled: np.ndarray = self._scales[:, None, None] ** 2 * np.stack(unscaled)
-        return scaled
+        return np.asarray(self._scales[:, None, None] ** 2 * np.stack(unscaled))

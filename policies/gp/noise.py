@@ -1,9 +1,8 @@
 """How the spread of the demonstrations, r(t), is estimated by default.
 
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979. It models z(t) = log r(t) with a second Gaussian process and takes its
-most likely value, Eq. (15). A noise model is an object with one method, ``fit``; the
-paper's own is in `policies.gp.kersting`.
+The paper models z(t) = log r(t) with a second Gaussian process and takes its most
+likely value, Eq. (15). A noise model is an object with one method, ``fit``; the paper's
+own is in `policies.gp.kersting`.
 
 Note:
     The logarithm of an empirical variance with k degrees of freedom is biased:
@@ -126,5 +125,4 @@ def _gamma_mode(
             candidate, candidate_scaled = cost(position - length * step)
         position = position - length * step
         value, scaled = candidate, candidate_scaled
-    coefficients: np.ndarray = root @ position
-    return coefficients
+    return root @ position

@@ -1,7 +1,6 @@
 """The spread of the demonstrations as a function of time, and who may estimate it.
 
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979: the noise r(t) of Eqs. (10)–(11), kept as z(t) = log r(t), Eq. (15).
+The noise r(t) of Eqs. (10)–(11), kept as z(t) = log r(t), Eq. (15).
 """
 
 from dataclasses import dataclass
@@ -59,15 +58,11 @@ class NoiseProfile:
     def log_variance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
         """Its logarithm z(t) at ``times``."""
         inside = np.clip(times, self.basis.start, self.basis.stop)
-        log_variance: np.ndarray = (
-            self.level + self.basis.matrix(inside) @ self.coefficients
-        )
-        return log_variance
+        return np.asarray(self.level + self.basis.matrix(inside) @ self.coefficients)
 
     def variance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
         """The noise variance r(t) at ``times``."""
-        variance: np.ndarray = np.exp(self.log_variance(times))
-        return variance
+        return np.asarray(np.exp(self.log_variance(times)))
 
     def log_variance_rate(
         self, times: Float[np.ndarray, " M"]

@@ -2,8 +2,8 @@
 
 Aligned demonstrations are D observations at each of M common times. For noise that is
 independent between observations, the D·M values enter the Gaussian-process likelihood
-(paper: Arduengo et al., arXiv:2002.09979, Eq. (7) with the noise of Eq. (10)) only
-through the M averages and the M within-time sums of squares:
+(Eq. (7) with the noise of Eq. (10)) only through the M averages and the M within-time
+sums of squares:
 
     log p(Y) = log N(ȳ | m, K + diag(r/D))
              + Σ_i [ −(D−1)/2 log(2π r_i) − ½ log D − SS_i/(2 r_i) ]

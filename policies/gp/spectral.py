@@ -1,8 +1,7 @@
 """The posterior of one output in the spectral form.
 
 With f(t) = Σ_i a_i(t) w_i, w ~ N(0, S) (`policies.gp.legendre`), S = F₀ F₀ᵀ, and the
-reduced data R, u of `policies.gp.evidence`, the posterior of Eqs. (10)–(11) (Arduengo
-et al., arXiv:2002.09979) is
+reduced data R, u of `policies.gp.evidence`, the posterior of Eqs. (10)–(11) is
 
     Λ = I + F₀ᵀ Rᵀ R F₀ = L Lᵀ,   F = F₀ L⁻ᵀ,   cov w = F Fᵀ,   E w = F Fᵀ Rᵀ u:
 
@@ -26,8 +25,7 @@ def square_root(covariance: Float[np.ndarray, "Q Q"]) -> Float[np.ndarray, "Q R"
     """F₀ with F₀ F₀ᵀ = covariance, dropping directions below rounding."""
     values, vectors = np.linalg.eigh(covariance)
     kept = values > _RANK_TOLERANCE * values[-1]
-    root: np.ndarray = vectors[:, kept] * np.sqrt(values[kept])
-    return root
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

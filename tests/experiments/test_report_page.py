@@ -2,6 +2,7 @@
 
 import base64
 import html.parser
+import itertools
 import json
 import math
 import re
@@ -12,7 +13,7 @@ from experiments import cli
 from experiments.figures import style
 from experiments.files.table import Table
 from experiments.learning_tests.criteria import CRITERIA
-from experiments.report.document import Document, Items, Paragraph, Section
+from experiments.report.document import Details, Document, Items, Paragraph, Section
 from experiments.report.html import html_page, inline
 from experiments.report.markdown import markdown_page
 from experiments.report.page import report, write_report
@@ -47,6 +48,15 @@ def policies(episode_result):
 def markdown(folder, reference="gp"):
     """The text alone: plots take their time."""
     return markdown_page(report(read_results(folder), folder, folder, reference))
+
+
+def cells(text, title="## Doors opened"):
+    """The first table after a title: cells by policy and head."""
+    lines = text.partition(title)[2].splitlines()
+    start = next(n for n, line in enumerate(lines) if line.startswith("| policy"))
+    table = itertools.takewhile(lambda line: line.startswith("|"), lines[start:])
+    heads, _, *rows = (line.strip("| ").split(" | ") for line in table)
+    return {row[0].strip("`"): dict(zip(heads, row, strict=False)) for row in rows}
 
 
 class Page(html.parser.HTMLParser):
@@ -158,10 +168,15 @@ def test_results_of_several_kinds_of_machine_are_named(study, policies):
 
 def test_a_policy_that_opened_no_door_and_why(study, policies):
     text = markdown(study(policies))
-    assert "**No door to 60°:** `dmp`." in text
-    assert "| policy | stalled | median angle | largest angle |" in text
-    assert "| `dmp` | 16 | 35.0° | 38.5° |" in text
-    assert "| `kmp` | 8 |" in text
+    rows = cells(text)
+    reached = ("to 60°", "stalled", "median angle<br>largest")
+    assert [rows["dmp"][head].partition("<br>")[0] for head in reached[:2]] == [
+        "0/16",
+        "16",
+    ]
+    assert rows["dmp"][reached[2]] == "35.0°<br>38.5°"
+    assert rows["kmp"]["stalled"] == "8"
+    assert rows["gp"]["stalled"] == "0"
     assert "stalled: the hand held on and the door gained no more angle." in text
 
 
@@ -174,11 +189,16 @@ def test_a_door_that_slipped_away_is_opened_but_not_solved(
     assert "**Doors opened to 60°:** `gp`, 17 of 17 (0.82–1.00), is best" in text
     held = "**Opened and held, the handle in the hand:** `gp`, 16 of 17 (0.73–0.99), is"
     assert held in text
-    row = re.search(r"^\| `gp` \| (\d+/\d+)<br>[^|]*\| (\d+/\d+)<br>.*$", text, re.M)
-    assert row.groups() == ("16/17", "17/17")
+    row = cells(text)["gp"]
+    assert row["solved"].startswith("16/17<br>")
+    assert row["to 60°"].startswith("17/17<br>")
+    assert (row["grasp lost"], row["stalled"]) == ("1", "0")
+    assert row["median angle<br>largest"].startswith("64.0°")
     # In the kind of door and in the door where it slipped.
-    assert row[0].count("<br>to 60°: 9") == 2
-    assert "| `gp` | 1 | 0 | 64.0° |" in text
+    assert "| `gp` | 8/9<br>0.57–0.98 | 9/9" in text
+    doors = cells(text, "**Door by door**")["gp"]
+    assert doors["0.5"] == "8/9<br>0.57–0.98<br>to 60°: 9<br>1.0 N"
+    assert doors["0.42"] == "8/8<br>0.68–1.00<br>1.0 N"
 
 
 def test_errors_are_apart_and_come_first(study, policies, episode_result):
@@ -194,7 +214,7 @@ def test_errors_are_apart_and_come_first(study, policies, episode_result):
         "nor as closed: gp 1."
     )
     assert "`gp`, 16 of 16 (0.81–1.00), is best" in text
-    assert re.search(r"^\| `gp` \| 16/16.*\| 1 \|$", text, re.M)
+    assert "| `gp`<br>errors: 1 | 16/16" in text
     assert "1 × gp, 0.5: ValueError: too <few> demonstrations" in text
     assert "too &lt;few&gt; demonstrations" in (folder / "report.html").read_text()
 
@@ -218,9 +238,8 @@ def test_a_policy_whose_episodes_all_failed_has_its_row(
     folder = study([*policies, *broken])
     write_report(folder)
     text = (folder / "report.md").read_text()
-    row = re.search(r"^\| `mine` \|.*$", text, re.M)[0]
-    assert set(row.split(" | ")[1:-1]) == {"–"}
-    assert row.endswith("| 3 |")
+    name, *row = cells(text)["mine`<br>errors: 3"].values()
+    assert (name, set(row)) == ("`mine`<br>errors: 3", {"–"})
 
 
 def test_parts_of_a_study_give_a_report(study, episode_result, learning_result):
@@ -262,8 +281,12 @@ def test_radii_that_are_drawn_are_in_bands(study, policies, episode_result):
     for result, radius in zip(drawn, (0.33, 0.36, 0.58), strict=True):
         result["metrics"]["radius"] = radius
     text = markdown(study([*policies, *drawn]))
-    assert "## Doors opened: hard randomization" in text
-    assert "| to 15° | undemonstrated radii | 0.3–0.4 m | 0.5–0.6 m |" in text
+    condition = "2 demonstrations per door, teacher noise × 1, randomization hard"
+    assert f"| **{condition}** |  |" in text
+    assert f"| **undemonstrated radii: {condition}** |  |" in text
+    doors = text.partition("**Door by door**")[2]
+    assert "| policy | 0.3–0.4 m | 0.42 | 0.5 | 0.5–0.6 m |" in doors
+    assert "| `gp` | 2/2<br>0.34–1.00<br>1.0 N | – | – | 1/1<br>" in doors
 
 
 def test_non_standard_doors_are_not_taken_for_demonstrated(
@@ -272,9 +295,13 @@ def test_non_standard_doors_are_not_taken_for_demonstrated(
     heavy = episode_result("gp", 0, 0.5, door="heavy")
     heavy["task"]["door_config"]["closer_preload"] = 5.0
     text = markdown(study([*policies, heavy]))
-    assert "| demonstrated radii | undemonstrated radii | non-standard doors |" in text
-    row = re.search(r"^\| `gp` \|.*$", text, re.M)[0]
-    assert "| 8/8<br>0.68–1.00 | 8/8<br>0.68–1.00 | 1/1<br>0.21–1.00 |" in row
+    for kind, rate in (
+        ("demonstrated radii", "8/8<br>0.68–1.00"),
+        ("undemonstrated radii", "8/8<br>0.68–1.00"),
+        ("non-standard doors", "1/1<br>0.21–1.00"),
+    ):
+        group = text.partition(f"| **{kind}** |")[2]
+        assert group.splitlines()[1].startswith(f"| `gp` | {rate} |")
 
 
 def judged(row, *, earned):
@@ -391,6 +418,7 @@ def test_links_lead_to_the_web_or_to_files_beside_the_page(address):
 
 
 def test_both_writers_keep_cells_apart():
+    table = Table(columns=("a", "b"), rows=(("group", ""), ("x|y", "1\n2")))
     document = Document(
         title="T",
         lead=(Paragraph(text="mind", warning=True), Items(texts=("one",))),
@@ -398,12 +426,15 @@ def test_both_writers_keep_cells_apart():
             Section(
                 title="S",
                 anchor="s",
-                blocks=(Table(columns=("a", "b"), rows=(("x|y", "1\n2"),)),),
+                blocks=(Details(title="<D>", table=table),),
             ),
         ),
     )
+    assert "**\\<D>**\n\n| a | b |" in markdown_page(document)
     assert "| x\\|y | 1<br>2 |" in markdown_page(document)
     page = html_page(document, {})
     assert "<td>x|y</td><td>1<br><small>2</small></td>" in page
+    assert '<tr><th colspan="2" scope="rowgroup">group</th></tr>' in page
+    assert "<details><summary>&lt;D&gt;</summary>" in page
     assert '<p class="warning">mind</p>' in page
     Page(page)

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from experiments.learning_tests.extrapolation import prior_mean_used
 from experiments.learning_tests.methods import learn
-from experiments.learning_tests.prior_mean import prior_mean_used
 from experiments.teacher import Teacher
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align

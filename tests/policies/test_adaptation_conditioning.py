@@ -154,7 +154,7 @@ def test_sequential_updates_equal_batch_conditioning():
     np.testing.assert_allclose(
         process.variance()[:, 0], np.diag(covariance) + 1e-12, atol=1e-14
     )
-    full = process.trajectory(np.ones(6), None).covariance
+    full = process.distribution(np.ones(6), None).covariance
     np.testing.assert_allclose(full[3], covariance + 1e-12 * np.eye(60), atol=1e-14)
 
 
@@ -162,7 +162,7 @@ def test_incremental_variance_equals_that_of_the_covariance():
     process, _, _ = smooth_process()
     for phase in np.linspace(0.0, 1.0, 37):
         process.update(float(phase), np.zeros(6), np.full(6, 1e-8))
-    full = process.trajectory(np.ones(6), None).covariance
+    full = process.distribution(np.ones(6), None).covariance
     diagonal = np.diagonal(full, axis1=1, axis2=2).T
     np.testing.assert_allclose(process.variance(), diagonal, atol=1e-15)
 

@@ -1,7 +1,5 @@
 """Where the jobs of a study run: in this process, on its cores, or on a cluster."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType

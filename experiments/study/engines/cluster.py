@@ -1,7 +1,5 @@
 """The engine for many machines: a Dask cluster that runs already."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass

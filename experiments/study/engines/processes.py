@@ -1,7 +1,5 @@
 """The engine for one machine: loky's worker processes."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """The engine for debugging: one item after the other, in this process."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar

@@ -1,0 +1,46 @@
+"""Tables with a row per policy, in groups, written column by column."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from experiments.files.table import Table
+from experiments.report.document import code
+from experiments.results.grouping import without_errors
+from experiments.results.measures import Measure
+
+Cell = Callable[[Sequence[Any]], str]
+"""Says what some results of a policy are, none of them an error."""
+
+
+def policy_table(
+    groups: Mapping[str, Mapping[str, Sequence[Any]]],
+    columns: Mapping[str, Cell],
+    note: str = "",
+) -> Table:
+    """Return a row per policy, in groups under headings unless there is only one.
+
+    Args:
+        groups: Results by policy, by the heading. Errors are counted below the policy's
+            name; one without other results has dashes.
+        columns: Cells by the heads of their columns.
+        note: What a reader has to know.
+    """
+    rows: list[tuple[str, ...]] = []
+    for title, results in groups.items():
+        if len(groups) > 1:
+            rows.append((f"**{title}**", *("" for _ in columns)))
+        for policy, ran in without_errors(results).items():
+            failed = len(results[policy]) - len(ran)
+            name = f"{code(policy)}\nerrors: {failed}" if failed else code(policy)
+            cells = (cell(ran) if ran else "–" for cell in columns.values())
+            rows.append((name, *cells))
+    return Table(columns=("policy", *columns), rows=tuple(rows), note=note)
+
+
+def medians(*measures: Measure) -> dict[str, Cell]:
+    """Return a column with the median of a measure, those of others below it."""
+
+    def cell(results: Sequence[Any]) -> str:
+        return "\n".join(one.text(one.median(results)) for one in measures)
+
+    return {"\n".join(one.title for one in measures): cell}

@@ -1,0 +1,52 @@
+"""What movements share that state mean and spread at any phase, and no derivatives."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float
+from threadpoolctl import threadpool_limits
+
+from policies.movement import LearnedMovement
+from policies.trajectory import GaussianTrajectory, checked_times
+
+ResultT = TypeVar("ResultT")
+
+
+class MomentMovement(LearnedMovement, ABC):
+    """A movement whose rates are differences of its moments."""
+
+    @abstractmethod
+    def _moments(
+        self, times: Float[np.ndarray, " M"]
+    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
+        """Mean and standard deviation of a repetition of the task [m, rad]."""
+
+    @abstractmethod
+    def _covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "6 M M"]:
+        """Covariance over time of every output [m², rad²]."""
+
+    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
+        """The distribution of the pose at ``times``.
+
+        Args:
+            times: phases, strictly increasing, shape (M,).
+
+        Raises:
+            ValueError: if there are no times, one is not finite, or they do not
+                increase.
+        """
+        times = checked_times(times)
+        mean, std = on_one_thread(self._moments, times)
+        covariance = partial(on_one_thread, self._covariance, times)
+        return GaussianTrajectory.from_moments(times, mean, std, covariance)
+
+
+def on_one_thread(
+    compute: Callable[[np.ndarray], ResultT], times: Float[np.ndarray, " M"]
+) -> ResultT:
+    """Compute without sharing small matrices out among threads, which costs more."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        return compute(times)
