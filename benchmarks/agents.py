@@ -1,7 +1,5 @@
 """Agents in the loop, and what recording them costs: python benchmarks/agents.py."""
 
-from __future__ import annotations
-
 import copy
 import statistics
 import tempfile

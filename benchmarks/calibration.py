@@ -1,7 +1,5 @@
 """How honest the stated uncertainty is: python benchmarks/calibration.py."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final
 

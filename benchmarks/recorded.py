@@ -1,7 +1,5 @@
 """Recorded demonstrations, each left out once: python benchmarks/recorded.py FILE."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Sequence

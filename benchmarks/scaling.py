@@ -1,7 +1,5 @@
 """Learning more and longer demonstrations: python benchmarks/scaling.py."""
 
-from __future__ import annotations
-
 import itertools
 import warnings
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ A study keeps numbers, no logs. Its episodes are deterministic: the same task gi
 same numbers but for the times that it takes.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 from collections.abc import Mapping

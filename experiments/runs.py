@@ -1,7 +1,5 @@
 """A run: learn once, open some doors, and keep numbers and recordings in a folder."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import math

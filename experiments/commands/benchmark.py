@@ -1,7 +1,5 @@
 """``gplfd benchmark``: many policies, doors and seeds, and a table."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

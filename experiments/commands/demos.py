@@ -1,7 +1,5 @@
 """``gplfd demos``: record episodes as a data set, look at one, run one again."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final

@@ -1,7 +1,5 @@
 """``gplfd figures``: the paper's figures, from this project's own runs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """``gplfd learn``: a skill from demonstrations, in a file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated

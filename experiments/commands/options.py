@@ -1,7 +1,5 @@
 """What the options of several subcommands have in common."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """``gplfd run``: demonstrations, skill, and every door opened once."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal

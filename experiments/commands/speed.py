@@ -1,7 +1,5 @@
 """``gplfd speed``: how fast and how accurate, beside other libraries."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Let a policy open doors, and keep everything that happens as a data set."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@ Two runs are compared by what MuJoCo's next step depends on (the physics state, 
 part), by what the agent saw, and by how the episode went.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

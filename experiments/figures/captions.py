@@ -1,7 +1,5 @@
 """Captions of a folder of figures, in one Markdown file."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every figure by name."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Final

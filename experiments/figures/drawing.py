@@ -1,7 +1,5 @@
 """All figures, or some of them: their runs, their pictures and their captions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final

@@ -3,8 +3,6 @@
 This is the only module beside the figures that simulates.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

@@ -4,8 +4,6 @@ Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstratio
 arXiv:2002.09979, Section IV-A.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

@@ -4,8 +4,6 @@ Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstratio
 arXiv:2002.09979, Section IV-B; E[ε²] is defined there, without a number.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Final
 

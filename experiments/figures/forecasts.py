@@ -6,8 +6,6 @@ Demonstration*, arXiv:2002.09979, Eqs. (20)–(21), exact conditioning of its mo
 conditioning of the demonstrated process.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final

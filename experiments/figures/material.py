@@ -1,7 +1,5 @@
 """What figures are made from, and what they are."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any

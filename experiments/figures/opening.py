@@ -4,8 +4,6 @@ The prediction error E[ε²] is that of Arduengo et al., *Gaussian-Process-based
 Learning from Demonstration*, arXiv:2002.09979, Section IV-B, where it has no number.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ No global state: styles hold inside `paper_style` only, and figures are made wit
 pyplot, hence without a window system.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The page beside the scene: what was run and how to read the view."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -5,8 +5,6 @@ policy has a colour, the same for its robot's label, the path of its hand and it
 curves.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The view that a comparison opens with: all robots, their curves and their paths."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 from collections.abc import Sequence

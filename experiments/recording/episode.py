@@ -1,10 +1,7 @@
 """Write one episode as a recording that opens on the right view."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import mujoco
 import rerun as rr
@@ -20,10 +17,8 @@ from experiments.recording.part import Part
 from experiments.recording.scene import drawn_scene, moved_scene
 from experiments.recording.stages import stage_lane
 from experiments.recording.stream import recording_file, static
+from experiments.recording.tiago_meshes import TiagoLooks
 from policies.demonstrations import Demonstration
-
-if TYPE_CHECKING:
-    from experiments.recording.tiago_meshes import TiagoLooks
 
 
 def record_episode(

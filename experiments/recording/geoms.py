@@ -1,7 +1,5 @@
 """MuJoCo's visual geoms as Rerun primitives on the entity of what carries them."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
@@ -93,7 +91,7 @@ class _Geoms(NamedTuple):
     colours: NDArray[np.uint8]
 
     @classmethod
-    def unpacked(cls, packed: bytes) -> _Geoms:
+    def unpacked(cls, packed: bytes) -> "_Geoms":
         rows = np.frombuffer(packed).reshape(-1, 14)
         return cls(
             sizes=rows[:, :3],

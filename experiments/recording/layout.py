@@ -1,7 +1,5 @@
 """The view a recording opens with: scene, policy and the reasons side by side."""
 
-from __future__ import annotations
-
 import functools
 import tempfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Show an episode while it happens, as a recording of it would show it."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time

@@ -1,7 +1,5 @@
 """Run an episode and watch it in a viewer on this machine."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

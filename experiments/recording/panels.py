@@ -1,7 +1,5 @@
 """Time series beside the scene, all on the same time axis."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 from typing import Final, NamedTuple

@@ -5,8 +5,6 @@ CC BY-NC-ND 3.0. Nothing of it is part of this package: it is read where the use
 installed it, and drawn. A recording drawn with the meshes contains them.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

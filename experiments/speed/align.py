@@ -1,7 +1,5 @@
 """Bringing two demonstrations onto one clock: interpolation and time warping."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """What a step costs beyond its physics, and what it costs to begin an episode."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Learning six outputs: time and accuracy beside hetGP and scikit-learn."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Final, get_args

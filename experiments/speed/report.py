@@ -1,7 +1,5 @@
 """What every comparison reports: a table of numbers, and targets that they meet."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 

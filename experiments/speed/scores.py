@@ -1,7 +1,5 @@
 """How well a prediction fits what was held out."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -14,8 +14,6 @@ suit whose axes are turned against the door, magnetic disturbance, dropped sampl
 and one person's habits that persist from one demonstration to the next.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """What a data set holds, as text."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

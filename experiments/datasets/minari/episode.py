@@ -1,7 +1,5 @@
 """One episode with everything that is needed to run it again."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

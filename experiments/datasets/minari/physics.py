@@ -1,7 +1,5 @@
 """What MuJoCo's future depends on: the physics state and the model."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping
 from typing import Any, Final

@@ -1,7 +1,5 @@
 """Writing a data set: the whole folder appears at once, or not at all."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import io
