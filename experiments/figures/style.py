@@ -133,6 +133,11 @@ def name_panels(panels: Iterable[Axes], titles: Iterable[str]) -> None:
         axes.set_title(rf"$\bf{{{letter}}}$  {title}", loc="left")
 
 
+def note(axes: Axes, x: float, text: str, **look: Any) -> None:
+    """Write small text below a panel's upper edge, at a share ``x`` of its width."""
+    axes.text(x, 0.98, text, transform=axes.transAxes, va="top", **look)
+
+
 def band(
     axes: Axes,
     x: NDArray[np.float64],
