@@ -21,7 +21,6 @@ from experiments.speed.timing import Action, Timed, after, measure, repeated
 from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_env import ENVIRONMENT_ID
 from policies.agent import Agent
-from policies.demonstrations import Demonstration
 from policies.lockstep import batch_agents
 from policies.registry import make_agent
 
@@ -29,13 +28,6 @@ ALONE = "one agent, gym.make"
 TOGETHER = "{} agents in lockstep, gym.make_vec on 2 threads"
 
 Observation = Mapping[str, np.ndarray]
-
-
-def demonstrations() -> tuple[Demonstration, ...]:
-    """Two openings of each demonstrated door."""
-    return Teacher().demonstrate_doors(
-        DEMONSTRATED_RADII, per_radius=2, rng=np.random.default_rng(0)
-    )
 
 
 def loop(
@@ -102,7 +94,7 @@ def measure_loops(
         counts: How many agents open doors together, rising.
         periods: Control periods of one run; so few that no episode ends.
     """
-    agent = make_agent("gp", demonstrations())
+    agent = make_agent("gp", Teacher().standard_demonstrations(seed=0))
     env = gym.make(ENVIRONMENT_ID, door="medium")
     loops = {ALONE: loop(env, agent.reset, agent.act, 1, periods)} | {
         TOGETHER.format(count): lockstep(agent, count, periods) for count in counts
@@ -131,7 +123,7 @@ def measure_recording(repeats: int) -> Measurement:
     Args:
         repeats: Episodes, all the same.
     """
-    given = demonstrations()
+    given = Teacher().standard_demonstrations(seed=0)
     agent = make_agent("gp", given)
     env: Any = gym.make(ENVIRONMENT_ID, door="medium")
     episode = partial(rollout, env, agent, policy="gp", door="medium", seed=0)

@@ -29,7 +29,6 @@ class Figures:
     """Seed of teacher, policy, environment and synthetic sets, 0 or more."""
 
     quiet: Quiet = False
-    """Show no progress, only results."""
 
     def execute(self) -> int:
         """Draw the figures and print where they are."""

@@ -33,7 +33,6 @@ class Learn:
     """Seeds whatever is random in the learning, 0 or more."""
 
     quiet: Quiet = False
-    """Show no progress, only results."""
 
     def execute(self) -> int:
         """Learn, and print how to use the file."""

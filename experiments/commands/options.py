@@ -2,11 +2,14 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import tyro
 
-Quiet = tyro.conf.FlagCreatePairsOff[bool]
+Quiet = Annotated[
+    tyro.conf.FlagCreatePairsOff[bool],
+    tyro.conf.arg(help="Show no progress, only results."),
+]
 """A flag without its opposite."""
 
 

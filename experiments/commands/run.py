@@ -49,7 +49,6 @@ class Run:
     """Folder to write to; results/POLICY-seedSEED by default."""
 
     quiet: Quiet = False
-    """Show no progress, only results."""
 
     def execute(self) -> int:
         """Open the doors and print a table."""

@@ -34,7 +34,6 @@ class Speed:
     """Folder to write to."""
 
     quiet: Quiet = False
-    """Show no progress, only results."""
 
     def execute(self) -> int:
         """Measure, print tables and write the results."""

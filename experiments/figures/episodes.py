@@ -97,8 +97,8 @@ def _source_digest() -> str:
 def _demonstrations(kept: Path, settings: Mapping[str, Any]) -> LabelledDemonstrations:
     path = kept / "demonstrations.npz"
     if not path.is_file():
-        each, rng = DEMONSTRATIONS_PER_DOOR, np.random.default_rng(settings["seed"])
-        given = Teacher().demonstrate_doors(DEMONSTRATED_RADII, each, rng=rng)
+        each = DEMONSTRATIONS_PER_DOOR
+        given = Teacher().standard_demonstrations(each, seed=settings["seed"])
         write_json(kept / "settings.json", settings)
         save_demonstrations(path, given, np.repeat(DEMONSTRATED_RADII, each).tolist())
     return load_demonstrations(path)

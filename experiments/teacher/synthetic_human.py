@@ -180,6 +180,13 @@ class Teacher:
             for demonstration_rng in door_rng.spawn(per_radius)
         )
 
+    def standard_demonstrations(
+        self, per_radius: int = 2, *, seed: int
+    ) -> tuple[Demonstration, ...]:
+        """Open the `DEMONSTRATED_RADII` as runs and studies of this seed do."""
+        rng = np.random.default_rng(seed)
+        return self.demonstrate_doors(DEMONSTRATED_RADII, per_radius, rng=rng)
+
     def _hand(
         self,
         radius: float,
