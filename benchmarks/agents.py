@@ -1,7 +1,5 @@
 """Agents in the loop, and what recording them costs: python benchmarks/agents.py."""
 
-from __future__ import annotations
-
 import copy
 import statistics
 import tempfile
@@ -19,11 +17,10 @@ from experiments.episodes.rollout import rollout
 from experiments.recording import record_episode
 from experiments.speed.machine import load
 from experiments.speed.report import Measurement, at_least, at_most, measure_all
-from experiments.speed.timing import Timed, after, measure, repeated
+from experiments.speed.timing import Action, Timed, after, measure, repeated
 from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_env import ENVIRONMENT_ID
 from policies.agent import Agent
-from policies.demonstrations import Demonstration
 from policies.lockstep import batch_agents
 from policies.registry import make_agent
 
@@ -33,15 +30,14 @@ TOGETHER = "{} agents in lockstep, gym.make_vec on 2 threads"
 Observation = Mapping[str, np.ndarray]
 
 
-def demonstrations() -> tuple[Demonstration, ...]:
-    """Two openings of each demonstrated door."""
-    return Teacher().demonstrate_doors(
-        DEMONSTRATED_RADII, per_radius=2, rng=np.random.default_rng(0)
-    )
-
-
-class Loop:
-    """A closed loop of agents and simulations.
+def loop(
+    envs: Any,
+    reset: Callable[[Observation], None],
+    act: Callable[[Observation], Any],
+    count: int,
+    periods: int,
+) -> tuple[Timed, list[float]]:
+    """Return a closed loop of agents and simulations, to be timed.
 
     Args:
         envs: One door or many.
@@ -50,40 +46,30 @@ class Loop:
         count: How many doors.
         periods: Control periods of one run; so few that no episode ends.
 
-    Attributes:
-        timed: Runs of control steps, which begin at closed doors.
-        deciding: CPU seconds that the agents took per control step, run by run.
+    Returns:
+        Runs of control steps, which begin at closed doors; and the CPU seconds that the
+        agents took per control step, which grow run by run.
     """
+    deciding: list[float] = []
 
-    def __init__(
-        self,
-        envs: Any,
-        reset: Callable[[Observation], None],
-        act: Callable[[Observation], Any],
-        *,
-        count: int,
-        periods: int,
-    ) -> None:
-        self._envs, self._reset, self._act, self._periods = envs, reset, act, periods
-        self._steps = count * periods
-        self.timed: Timed = after(self._begin, self._run, self._steps)
-        self.deciding: list[float] = []
+    def prepare() -> Action:
+        first, _ = envs.reset(seed=0)
+        reset(first)
+        return partial(run, first)
 
-    def _begin(self) -> None:
-        self._observation, _ = self._envs.reset(seed=0)
-        self._reset(self._observation)
-
-    def _run(self) -> None:
-        observation, spent = self._observation, 0
-        for _ in range(self._periods):
+    def run(observation: Observation) -> None:
+        spent = 0
+        for _ in range(periods):
             started = time.thread_time_ns()
-            action = self._act(observation).action
+            action = act(observation).action
             spent += time.thread_time_ns() - started
-            observation, *_ = self._envs.step(action)
-        self.deciding.append(1e-9 * spent / self._steps)
+            observation, *_ = envs.step(action)
+        deciding.append(1e-9 * spent / (count * periods))
+
+    return Timed(prepare=prepare, operations=count * periods), deciding
 
 
-def loop_of(agent: Agent, count: int, periods: int) -> Loop:
+def lockstep(agent: Agent, count: int, periods: int) -> tuple[Timed, list[float]]:
     """Return copies of an agent in lockstep, at doors of the demonstrated radii."""
     doors = [DEMONSTRATED_RADII[row % len(DEMONSTRATED_RADII)] for row in range(count)]
     envs = gym.make_vec(
@@ -95,7 +81,7 @@ def loop_of(agent: Agent, count: int, periods: int) -> Loop:
     )
     # One learning serves all: a copy is an agent of its own.
     agents = batch_agents([copy.deepcopy(agent) for _ in range(count)])
-    return Loop(envs, agents.reset, agents.act, count=count, periods=periods)
+    return loop(envs, agents.reset, agents.act, count, periods)
 
 
 def measure_loops(
@@ -108,12 +94,12 @@ def measure_loops(
         counts: How many agents open doors together, rising.
         periods: Control periods of one run; so few that no episode ends.
     """
-    agent = make_agent("gp", demonstrations())
+    agent = make_agent("gp", Teacher().standard_demonstrations(seed=0))
     env = gym.make(ENVIRONMENT_ID, door="medium")
-    loops = {ALONE: Loop(env, agent.reset, agent.act, count=1, periods=periods)} | {
-        TOGETHER.format(count): loop_of(agent, count, periods) for count in counts
+    loops = {ALONE: loop(env, agent.reset, agent.act, 1, periods)} | {
+        TOGETHER.format(count): lockstep(agent, count, periods) for count in counts
     }
-    times = measure({name: loop.timed for name, loop in loops.items()}, repeats)
+    times = measure({name: timed for name, (timed, _) in loops.items()}, repeats)
     most = TOGETHER.format(counts[-1])
     return Measurement(
         title=f"agent in the loop ({load()})",
@@ -121,9 +107,9 @@ def measure_loops(
             name: {
                 "control steps/s": times[name].rate,
                 "CPU µs/step": 1e6 * times[name].cpu_median,
-                "of which agent": 1e6 * statistics.median(loop.deciding[-repeats:]),
+                "of which agent": 1e6 * statistics.median(deciding[-repeats:]),
             }
-            for name, loop in loops.items()
+            for name, (_, deciding) in loops.items()
         },
         targets=(
             at_least(f"loop: {most} [control steps/s]", times[most].rate, 5000.0),
@@ -137,7 +123,7 @@ def measure_recording(repeats: int) -> Measurement:
     Args:
         repeats: Episodes, all the same.
     """
-    given = demonstrations()
+    given = Teacher().standard_demonstrations(seed=0)
     agent = make_agent("gp", given)
     env: Any = gym.make(ENVIRONMENT_ID, door="medium")
     episode = partial(rollout, env, agent, policy="gp", door="medium", seed=0)

@@ -1,24 +1,18 @@
 """How honest the stated uncertainty is: python benchmarks/calibration.py."""
 
-from __future__ import annotations
-
+import itertools
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, get_args
 
 import numpy as np
 import tyro
 
 from experiments.speed.known_process import Deviations, KnownProcess
 from experiments.speed.report import Measurement, at_least, between, measure_all
-from experiments.speed.scores import score
+from experiments.speed.scores import mean_scores, score
 from policies.skill import fit_skill
 
-_CASES: Final[tuple[tuple[Deviations, int], ...]] = (
-    ("independent", 6),
-    ("independent", 20),
-    ("smooth", 6),
-    ("smooth", 20),
-)
+_CASES: Final = tuple(itertools.product(get_args(Deviations), (6, 20)))
 
 
 def calibrate(
@@ -35,25 +29,15 @@ def calibrate(
     for kind, count in cases:
         scores = [_scores(process, kind, count, seed) for seed in range(draws)]
         name = f"{count} {kind}"
-        rows[name] = {
-            column: float(np.mean([one[column] for one in scores]))
-            for column in scores[0]
-        }
+        rows[name] = own = mean_scores(scores)
         # Where the model is right, so is its standard deviation; elsewhere what it
         # states must hold.
+        column = "within 1.96 std" if kind == "independent" else "in stated 95 %"
+        what = f"accuracy, {name}: {column}", own[column]
         targets.append(
-            between(
-                f"accuracy, {name}: within 1.96 std",
-                rows[name]["within 1.96 std"],
-                0.94,
-                0.96,
-            )
+            between(*what, 0.94, 0.96)
             if kind == "independent"
-            else at_least(
-                f"accuracy, {name}: in stated 95 %",
-                rows[name]["in stated 95 %"],
-                0.92,
-            )
+            else at_least(*what, 0.92)
         )
     return Measurement(
         title="accuracy: 200 samples, scored on 100 other demonstrations",

@@ -4,8 +4,6 @@ Every radius in turn is left out of the demonstrations. The left-out opening is 
 streamed as via-points, and after each the rest of it is predicted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Final

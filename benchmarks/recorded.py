@@ -1,7 +1,5 @@
 """Recorded demonstrations, each left out once: python benchmarks/recorded.py FILE."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Sequence
@@ -13,8 +11,9 @@ import tyro
 from numpy.typing import NDArray
 
 from experiments.datasets.npz import load_demonstrations
+from experiments.speed.align import resampled
 from experiments.speed.report import Measurement, at_least, at_most, measure_all
-from experiments.speed.scores import score
+from experiments.speed.scores import mean_scores, score
 from gplfd_env.se3 import relative_poses
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
@@ -112,12 +111,8 @@ def score_recordings(
 
 
 def _on_own_clock(demonstrations: Sequence[Demonstration]) -> AlignedDemonstrations:
+    poses = [resampled(demo, _SAMPLES).poses for demo in demonstrations]
     phases = np.linspace(0.0, 1.0, _SAMPLES)
-    poses = []
-    for demo in demonstrations:
-        clock = (demo.times - demo.times[0]) / (demo.times[-1] - demo.times[0])
-        columns = [np.interp(phases, clock, column) for column in demo.poses.T]
-        poses.append(np.column_stack(columns))
     return AlignedDemonstrations(times=phases, poses=np.stack(poses))
 
 
@@ -127,9 +122,10 @@ def _left_out_once(aligned: AlignedDemonstrations) -> dict[str, float]:
         given = np.delete(aligned.poses, left_out, axis=0)
         skill = fit_skill(AlignedDemonstrations(times=aligned.times, poses=given))
         scores.append(score(skill.predict(aligned.times), poses))
-    worst = max(one["NLPD"] for one in scores)
-    means = {name: float(np.mean([one[name] for one in scores])) for name in scores[0]}
-    return {**means, "worst NLPD": worst}
+    return {
+        **mean_scores(scores),
+        "worst NLPD": max(one["NLPD"] for one in scores),
+    }
 
 
 def main(

@@ -1,7 +1,5 @@
 """Learning more and longer demonstrations: python benchmarks/scaling.py."""
 
-from __future__ import annotations
-
 import itertools
 import warnings
 from collections.abc import Sequence
@@ -48,25 +46,20 @@ def measure_scaling(
         # Two demonstrations are few, and `fit_skill` says so.
         warnings.simplefilter("ignore", UserWarning)
         times = measure(fits, repeats)
-    in_counts, in_samples = log_log_slopes(
-        sizes, [time.cpu_median for time in times.values()]
-    )
+    medians = [time.cpu_median for time in times.values()]
+    in_counts, in_samples = log_log_slopes(sizes, medians)
     largest, usual = (counts[-1], samples[-1]), (counts[1], samples[1])
-    rows = {
-        f"{count} demonstrations": {
-            f"{size} samples": times[count, size] for size in samples
-        }
-        for count in counts
-    }
+    ratio = times[largest].cpu_over(times[usual])
     return Measurement(
         title="scaling: fit of six outputs, CPU ms [quartiles]",
-        rows=rows,
+        rows={
+            f"{count} demonstrations": {
+                f"{size} samples": times[count, size] for size in samples
+            }
+            for count in counts
+        },
         targets=(
-            at_most(
-                f"scaling: fit of {largest} / fit of {usual}",
-                times[largest].cpu_over(times[usual]),
-                2.0,
-            ),
+            at_most(f"scaling: fit of {largest} / fit of {usual}", ratio, 2.0),
             at_most("scaling: exponent in demonstrations", in_counts, 0.15),
             at_most("scaling: exponent in samples", in_samples, 0.15),
         ),

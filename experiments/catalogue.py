@@ -1,7 +1,5 @@
 """What there is to run, as text."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID

@@ -4,8 +4,6 @@ A study keeps numbers, no logs. Episodes are deterministic, so that those worth 
 are run again, and their numbers are compared with the stored ones.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

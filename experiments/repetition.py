@@ -4,8 +4,6 @@ A study keeps numbers, no logs. Its episodes are deterministic: the same task gi
 same numbers but for the times that it takes.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 from collections.abc import Mapping
@@ -21,7 +19,7 @@ from experiments.episodes.metrics import episode_metrics
 from experiments.results.records import EpisodeResult
 from experiments.study.jobs import episode_logs
 from experiments.study.tasks import EpisodeTask
-from experiments.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
+from experiments.teacher import Teacher, TeacherConfig
 from gplfd_env import ENVIRONMENT_ID
 from policies.demonstrations import Demonstration
 
@@ -47,17 +45,15 @@ class Repeated:
 
 def repeat(episode: EpisodeResult) -> Repeated:
     """Run an episode again as the study did, and compare it with what is stored."""
-    task = episode.task
+    task, teacher = episode.task, Teacher(TeacherConfig(**episode.task.teacher))
     (log,) = episode_logs([task])
     angle = task.teacher["angle_mean"]
     metrics = episode_metrics(log, demonstrated_angle=angle).as_json()
     return Repeated(
         log=_thinned(log),
         model=_model(task),
-        demonstrations=Teacher(TeacherConfig(**task.teacher)).demonstrate_doors(
-            DEMONSTRATED_RADII,
-            task.demonstrations_per_door,
-            rng=np.random.default_rng(task.seed),
+        demonstrations=teacher.standard_demonstrations(
+            task.demonstrations_per_door, seed=task.seed
         ),
         different=differences(episode.metrics, metrics),
     )

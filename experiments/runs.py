@@ -1,7 +1,5 @@
 """A run: learn once, open some doors, and keep numbers and recordings in a folder."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import math
@@ -12,7 +10,6 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import gymnasium as gym
-import numpy as np
 
 from experiments.arguments import check_folder, check_least
 from experiments.datasets.npz import (
@@ -172,9 +169,7 @@ def _demonstrations(given: Path | int, seed: int) -> LabelledDemonstrations:
         return load_demonstrations(given)
     check_least("--demonstrations-per-door", given, 1)
     return LabelledDemonstrations(
-        demonstrations=Teacher().demonstrate_doors(
-            DEMONSTRATED_RADII, given, rng=np.random.default_rng(seed)
-        ),
+        demonstrations=Teacher().standard_demonstrations(given, seed=seed),
         radii=tuple(radius for radius in DEMONSTRATED_RADII for _ in range(given)),
     )
 

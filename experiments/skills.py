@@ -1,7 +1,5 @@
 """Skills in files: learned once, followed on any door."""
 
-from __future__ import annotations
-
 import time
 from functools import partial
 from pathlib import Path

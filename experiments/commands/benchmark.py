@@ -1,7 +1,5 @@
 """``gplfd benchmark``: many policies, doors and seeds, and a table."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +9,7 @@ from typing import Annotated, Final
 
 import tyro
 
-from experiments.commands.options import Quiet, recorded
+from experiments.commands.options import recorded
 from experiments.interruption import postponed_interruption
 from experiments.study.engines import EngineName
 from experiments.study.settings import StudySettings
@@ -58,7 +56,7 @@ class Benchmark:
     record: bool = False
     """Also record the best, the median and the worst episode of every policy."""
 
-    quiet: Quiet = False
+    quiet: tyro.conf.FlagCreatePairsOff[bool] = False
     """Show no progress, only results and what went wrong."""
 
     def execute(self) -> int:

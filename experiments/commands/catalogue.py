@@ -1,7 +1,5 @@
 """``gplfd list``: what there is to run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from experiments.interruption import postponed_interruption

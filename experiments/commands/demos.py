@@ -1,7 +1,5 @@
 """``gplfd demos``: record episodes as a data set, look at one, run one again."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
@@ -55,7 +53,6 @@ class Record:
     """Replace the data set that is there already."""
 
     quiet: Quiet = False
-    """Show no progress, only results."""
 
     def execute(self) -> int:
         """Record the data set and print where it is."""
@@ -95,7 +92,6 @@ class Replay:
     """Episodes to run, from 0; all by default."""
 
     quiet: Quiet = False
-    """Show no progress, only results."""
 
     def execute(self) -> int:
         """Print a line per episode; return `DEPARTED` if one departs."""

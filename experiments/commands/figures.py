@@ -1,7 +1,5 @@
 """``gplfd figures``: the paper's figures, from this project's own runs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -31,7 +29,6 @@ class Figures:
     """Seed of teacher, policy, environment and synthetic sets, 0 or more."""
 
     quiet: Quiet = False
-    """Show no progress, only results."""
 
     def execute(self) -> int:
         """Draw the figures and print where they are."""

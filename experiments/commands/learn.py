@@ -1,7 +1,5 @@
 """``gplfd learn``: a skill from demonstrations, in a file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -35,7 +33,6 @@ class Learn:
     """Seeds whatever is random in the learning, 0 or more."""
 
     quiet: Quiet = False
-    """Show no progress, only results."""
 
     def execute(self) -> int:
         """Learn, and print how to use the file."""

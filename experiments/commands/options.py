@@ -1,14 +1,15 @@
 """What the options of several subcommands have in common."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import tyro
 
-Quiet = tyro.conf.FlagCreatePairsOff[bool]
+Quiet = Annotated[
+    tyro.conf.FlagCreatePairsOff[bool],
+    tyro.conf.arg(help="Show no progress, only results."),
+]
 """A flag without its opposite."""
 
 

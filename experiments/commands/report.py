@@ -1,7 +1,5 @@
 """``gplfd report``: a study's result files told on one page."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """``gplfd run``: demonstrations, skill, and every door opened once."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -51,7 +49,6 @@ class Run:
     """Folder to write to; results/POLICY-seedSEED by default."""
 
     quiet: Quiet = False
-    """Show no progress, only results."""
 
     def execute(self) -> int:
         """Open the doors and print a table."""

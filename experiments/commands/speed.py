@@ -1,7 +1,5 @@
 """``gplfd speed``: how fast and how accurate, beside other libraries."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +34,6 @@ class Speed:
     """Folder to write to."""
 
     quiet: Quiet = False
-    """Show no progress, only results."""
 
     def execute(self) -> int:
         """Measure, print tables and write the results."""

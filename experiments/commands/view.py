@@ -1,7 +1,5 @@
 """``gplfd view``: open a recording in the Rerun viewer, or watch an episode live."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Demonstrations in one .npz file with their units, frame and doors inside."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Let a policy open doors, and keep everything that happens as a data set."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from experiments.arguments import check_folder, check_least
@@ -18,7 +15,7 @@ from experiments.datasets.minari.contents import outcome
 from experiments.episodes.agents import learned, reported_errors
 from experiments.episodes.doors import named_doors
 from experiments.progress import LOG, progress_bar
-from experiments.teacher import DEMONSTRATED_RADII, Teacher
+from experiments.teacher import Teacher
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DoorConfig
 from gplfd_env.randomization import door_randomization
@@ -106,9 +103,7 @@ def _recorded(
     """Run and yield every episode of the plan."""
     recorder = Recorder(env)
     for door, config, seed in progress_bar(plan, desc="recording", unit="episode"):
-        shown = Teacher().demonstrate_doors(
-            DEMONSTRATED_RADII, demonstrations_per_door, rng=np.random.default_rng(seed)
-        )
+        shown = Teacher().standard_demonstrations(demonstrations_per_door, seed=seed)
         training = TrainingInput(demonstrations=shown, seed=seed)
         with reported_errors(name, policy):
             agent = learned(policy, training)(config.radius)

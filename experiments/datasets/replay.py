@@ -4,12 +4,10 @@ Two runs are compared by what MuJoCo's next step depends on (the physics state, 
 part), by what the agent saw, and by how the episode went.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -23,8 +21,6 @@ from experiments.progress import progress_bar
 
 Array = NDArray[Any]
 FloatArray = NDArray[np.float64]
-
-_OUTCOMES: Final = ("rewards", "terminations", "truncations")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -151,14 +147,12 @@ def changes_since(origin: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
     Args:
         origin: `Dataset.origin`.
     """
-    recorded = {name: origin["versions"][name] for name in REPRODUCING}
-    here = {name: versions()[name] for name in REPRODUCING}
-    recorded |= origin["arithmetic"]
-    here |= arithmetic()
+    recorded = {**origin["versions"], **origin["arithmetic"]}
+    here = {**{name: versions()[name] for name in REPRODUCING}, **arithmetic()}
     return {
-        name: (recorded.get(name, "unknown"), here[name])
-        for name in here
-        if recorded.get(name) != here[name]
+        name: (recorded.get(name, "unknown"), now)
+        for name, now in here.items()
+        if recorded.get(name) != now
     }
 
 
@@ -171,7 +165,7 @@ def _signals(episode: RecordedEpisode) -> dict[str, FloatArray]:
         start += size
     for name, values in episode.observations.items():
         signals[f"observed {name}"] = values.reshape(len(values), -1)
-    for name in _OUTCOMES:
+    for name in ("rewards", "terminations", "truncations"):
         signals[name] = np.append(0.0, getattr(episode, name))[:, None]
     return {
         name: np.ascontiguousarray(values, dtype=np.float64)

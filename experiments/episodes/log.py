@@ -170,6 +170,22 @@ class EpisodeLog:
         """Distance from hinge to handle [m]."""
         return float(self.door_config["radius"])
 
+    def first_forecast(
+        self, phases: Number
+    ) -> tuple[Float[np.ndarray, "T 6"], Float[np.ndarray, "T 6"]]:
+        """Mean and standard deviation that the agent first expected at some phases.
+
+        Raises:
+            IndexError: The policy makes no forecasts.
+        """
+        mean, std = (
+            np.column_stack(
+                [np.interp(phases, self.forecast_phase, c) for c in first.T]
+            )
+            for first in (self.forecast_mean[0], self.forecast_std[0])
+        )
+        return mean, std
+
     def save(self, path: str | Path) -> None:
         """Write the log as .npz, complete or not at all.
 

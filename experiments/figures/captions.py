@@ -1,7 +1,5 @@
 """Captions of a folder of figures, in one Markdown file."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,8 +8,6 @@ from typing import Final
 from policies.storage import complete_or_absent
 
 FILE: Final = "captions.md"
-
-_HEAD: Final = re.compile(r"^## (\S+): ", flags=re.MULTILINE)
 
 
 def section(name: str, title: str, seed: int, caption: str) -> str:
@@ -33,18 +29,13 @@ def update_captions(
         OSError: The file cannot be read or written.
     """
     path = folder / FILE
-    kept = _sections(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    there = path.read_text(encoding="utf-8") if path.is_file() else ""
+    _, *parts = re.split(r"^(?=## (\S+): )", there, flags=re.MULTILINE)
+    kept = {
+        name: old.rstrip("\n") + "\n"
+        for name, old in zip(parts[::2], parts[1::2], strict=True)
+    }
     kept.update(sections)
     text = "\n".join(kept[name] for name in order if name in kept)
     with complete_or_absent(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-def _sections(text: str) -> dict[str, str]:
-    """Sections of a captions file by the figure's name."""
-    heads = list(_HEAD.finditer(text))
-    ends = [head.start() for head in heads[1:]] + [len(text)]
-    return {
-        head[1]: text[head.start() : end].rstrip("\n") + "\n"
-        for head, end in zip(heads, ends, strict=True)
-    }

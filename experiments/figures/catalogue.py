@@ -1,7 +1,5 @@
 """Every figure by name."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Final
@@ -16,24 +14,24 @@ from experiments.figures import (
     fig10_stiffness,
     forecasts,
 )
-from experiments.figures.material import Entry
+from experiments.figures.material import PaperFigure
 
-FIGURES: Final[Mapping[str, Entry]] = MappingProxyType(
+FIGURES: Final[Mapping[str, PaperFigure]] = MappingProxyType(
     {
-        "fig02": fig02_heteroscedastic.FIGURE,
-        "fig03": fig03_alignment.FIGURE,
-        "fig04": fig04_via_points.FIGURE,
-        "fig06": fig06_policy.FIGURE,
-        "fig07": fig07_region.FIGURE,
-        "fig09": fig09_adaptation.FIGURE,
-        "fig10": fig10_stiffness.FIGURE,
-        "forecasts": forecasts.FIGURE,
+        "fig02": fig02_heteroscedastic,
+        "fig03": fig03_alignment,
+        "fig04": fig04_via_points,
+        "fig06": fig06_policy,
+        "fig07": fig07_region,
+        "fig09": fig09_adaptation,
+        "fig10": fig10_stiffness,
+        "forecasts": forecasts,
     }
 )
 """Figures of the paper by their number, and one of our own."""
 
 
-def chosen(names: Iterable[str]) -> dict[str, Entry]:
+def chosen(names: Iterable[str]) -> dict[str, PaperFigure]:
     """Return figures by name, in the catalogue's order; all for no name.
 
     Raises:
@@ -41,11 +39,8 @@ def chosen(names: Iterable[str]) -> dict[str, Entry]:
             are.
     """
     wanted = set(names)
-    unknown = sorted(wanted - set(FIGURES))
-    if unknown:
+    if unknown := sorted(wanted - set(FIGURES)):
         raise ValueError(
             f"there is no figure {unknown[0]!r}; figures: {', '.join(FIGURES)}"
         )
-    return {
-        name: entry for name, entry in FIGURES.items() if not wanted or name in wanted
-    }
+    return {name: one for name, one in FIGURES.items() if not wanted or name in wanted}

@@ -1,7 +1,5 @@
 """All figures, or some of them: their runs, their pictures and their captions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -10,7 +8,6 @@ from experiments.arguments import check_folder, check_least
 from experiments.figures.captions import section, update_captions
 from experiments.figures.catalogue import FIGURES, chosen
 from experiments.figures.episodes import material
-from experiments.figures.material import Entry, Material
 from experiments.figures.style import paper_style, write_figure
 from experiments.files.plain_data import write_json
 from experiments.files.provenance import provenance
@@ -38,28 +35,18 @@ def draw_figures(
         ValueError: An argument is wrong.
         OSError: A file cannot be read or written.
     """
-    entries = chosen(only)
+    figures = chosen(only)
     check_least("--seed", seed, 0)
     check_folder(folder)
     write_json(folder / PROVENANCE, provenance(options))
-    shown = _material(folder, entries, seed)
-    bar = progress_bar(entries.items(), desc="figures", unit="figure")
-    for name, entry in bar:
+    doors = [door for figure in figures.values() for door in figure.DOORS]
+    given = material(folder / LOGS, doors, seed=seed)
+    bar = progress_bar(figures.items(), desc="figures", unit="figure")
+    for name, figure in bar:
         bar.set_postfix_str(name)
+        shown = figure.measure(given)
         with paper_style():
-            drawing = entry.make(shown)
-            write_figure(drawing.figure, folder, name)
-        text = section(name, entry.title, seed, drawing.caption)
+            write_figure(figure.draw(shown), folder, name)
+        text = section(name, figure.TITLE, seed, figure.caption(shown))
         update_captions(folder, {name: text}, list(FIGURES))
-    return len(entries)
-
-
-def _material(folder: Path, entries: Mapping[str, Entry], seed: int) -> Material:
-    doors = list(dict.fromkeys(d for entry in entries.values() for d in entry.doors))
-    with progress_bar(desc="episodes", total=len(doors), unit="door") as bar:
-
-        def show(door: str) -> None:
-            bar.set_postfix_str(door, refresh=False)
-            bar.update()
-
-        return material(folder / LOGS, doors, seed=seed, on_episode=show)
+    return len(figures)

@@ -3,12 +3,10 @@
 This is the only module beside the figures that simulates.
 """
 
-from __future__ import annotations
-
-import dataclasses
+import contextlib
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,14 +22,16 @@ from experiments.datasets.npz import (
     load_demonstrations,
     save_demonstrations,
 )
+from experiments.episodes.doors import named_doors
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.rollout import rollout
 from experiments.figures.material import Material
 from experiments.files.plain_data import write_json
 from experiments.files.provenance import versions
-from experiments.teacher import DEMONSTRATED_RADII, Teacher
+from experiments.progress import progress_bar
+from experiments.teacher import DEMONSTRATED_RADII, Teacher, standard_teacher
 from gplfd_env import ENVIRONMENT_ID
-from gplfd_env.config import DoorConfig, door_config
+from gplfd_env.config import DoorConfig
 from policies.registry import make_agent
 
 POLICY: Final = "gp"
@@ -41,13 +41,7 @@ DEMONSTRATIONS_PER_DOOR: Final = 2
 """As in the paper, Section IV-A."""
 
 
-def material(
-    folder: Path,
-    doors: Iterable[str],
-    *,
-    seed: int,
-    on_episode: Callable[[str], None] = lambda door: None,
-) -> Material:
+def material(folder: Path, doors: Iterable[str], *, seed: int) -> Material:
     """Demonstrations, and an episode per door: from the folder, or else made now.
 
     Args:
@@ -55,27 +49,27 @@ def material(
             or door configuration finds nothing to use again.
         doors: Names of doors, or radii [m] as text.
         seed: Seed of teacher, policy and environment.
-        on_episode: Called with the door's name after each.
 
     Raises:
         ValueError: An unknown door.
         OSError: A file cannot be read or written.
     """
-    configs = {door: _config(door) for door in doors}
-    kept = folder / f"seed{seed}-{_digest(_settings(seed))}"
-    demonstrations = _demonstrations(kept, seed)
-    episodes = {}
-    for door, config in configs.items():
-        episodes[door] = _episode(kept, door, config, demonstrations, seed)
-        on_episode(door)
-    return Material(seed=seed, demonstrations=demonstrations, episodes=episodes)
-
-
-def _config(door: str) -> DoorConfig:
-    try:
-        return door_config(float(door))
-    except ValueError:
-        return door_config(door)
+    wanted = list(dict.fromkeys(doors))
+    configs = named_doors(wanted) if wanted else {}
+    settings = _settings(seed)
+    text = json.dumps(settings, sort_keys=True)
+    digest = hashlib.sha256(text.encode()).hexdigest()[:12]
+    kept = folder / f"seed{seed}-{digest}"
+    demonstrations = _demonstrations(kept, settings)
+    bar = progress_bar(configs.items(), desc="episodes", unit="door")
+    return Material(
+        seed=seed,
+        demonstrations=demonstrations,
+        episodes={
+            door: _episode(kept, door, config, demonstrations, seed)
+            for door, config in bar
+        },
+    )
 
 
 def _settings(seed: int) -> dict[str, Any]:
@@ -85,15 +79,10 @@ def _settings(seed: int) -> dict[str, Any]:
         "seed": seed,
         "radii": list(DEMONSTRATED_RADII),
         "demonstrations_per_door": DEMONSTRATIONS_PER_DOOR,
-        "teacher": dataclasses.asdict(Teacher().config),
+        "teacher": standard_teacher(),
         "versions": dict(versions()),
         "source": _source_digest(),
     }
-
-
-def _digest(settings: Mapping[str, Any]) -> str:
-    text = json.dumps(settings, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def _source_digest() -> str:
@@ -105,16 +94,13 @@ def _source_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def _demonstrations(kept: Path, seed: int) -> LabelledDemonstrations:
+def _demonstrations(kept: Path, settings: Mapping[str, Any]) -> LabelledDemonstrations:
     path = kept / "demonstrations.npz"
     if not path.is_file():
         each = DEMONSTRATIONS_PER_DOOR
-        given = Teacher().demonstrate_doors(
-            DEMONSTRATED_RADII, each, rng=np.random.default_rng(seed)
-        )
-        radii = [radius for radius in DEMONSTRATED_RADII for _ in range(each)]
-        write_json(kept / "settings.json", _settings(seed))
-        save_demonstrations(path, given, radii)
+        given = Teacher().standard_demonstrations(each, seed=settings["seed"])
+        write_json(kept / "settings.json", settings)
+        save_demonstrations(path, given, np.repeat(DEMONSTRATED_RADII, each).tolist())
     return load_demonstrations(path)
 
 
@@ -130,15 +116,7 @@ def _episode(
     if path.is_file():
         return EpisodeLog.load(path)
     agent = make_agent(POLICY, learned.demonstrations, seed=seed, radius=config.radius)
-    env = gym.make(ENVIRONMENT_ID, door=config)
-    log = rollout(
-        env,
-        agent,
-        policy=POLICY,
-        door=door,
-        door_config=dataclasses.asdict(config),
-        seed=seed,
-    )
-    env.close()
+    with contextlib.closing(gym.make(ENVIRONMENT_ID, door=config)) as env:
+        log = rollout(env, agent, policy=POLICY, door=door, seed=seed)
     log.save(path)
     return log

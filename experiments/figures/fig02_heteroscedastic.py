@@ -4,8 +4,6 @@ Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstratio
 arXiv:2002.09979, Section II-C.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -18,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from experiments.figures import style
-from experiments.figures.material import Entry
+from experiments.figures.material import Material
 from experiments.figures.pick_and_place import (
     HEIGHT,
     PHASES,
@@ -33,6 +31,8 @@ from policies.trajectory import GaussianTrajectory
 
 FloatArray = NDArray[np.float64]
 
+TITLE: Final = "One noise level against a local one"
+DOORS: Final = ()
 LOW, HIGH, LIKELY, LOCAL = "low", "high", "likely", "local"
 _DEMONSTRATIONS: Final = 20
 _SETS: Final = 8
@@ -80,13 +80,14 @@ class LocalNoise:
     by itself."""
 
 
-def measure(seed: int) -> LocalNoise:
+def measure(material: Material) -> LocalNoise:
     """Fit the models to several sets and test them on repetitions they have not seen.
 
     Args:
-        seed: Seed of all sets.
+        material: Only its seed counts: that of all sets.
     """
-    *set_rngs, fresh_rng, error_rng = np.random.default_rng(seed).spawn(_SETS + 2)
+    rng = np.random.default_rng(material.seed)
+    *set_rngs, fresh_rng, error_rng = rng.spawn(_SETS + 2)
     fresh = true_height(PHASES) + deviations(_FRESH, fresh_rng)
     sets = [constrained_set(_DEMONSTRATIONS, rng) for rng in set_rngs]
     policies = [
@@ -214,11 +215,3 @@ def caption(shown: LocalNoise) -> str:
         f"{100.0 * local.min():.0f} to {100.0 * local.max():.0f} % at its phases, "
         f"where the grey area reaches from {100.0 * low:.0f} to {100.0 * high:.0f} %."
     )
-
-
-FIGURE: Final = Entry(
-    title="One noise level against a local one",
-    measure=lambda material: measure(material.seed),
-    draw=draw,
-    caption=caption,
-)

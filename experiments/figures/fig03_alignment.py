@@ -4,8 +4,6 @@ Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstratio
 arXiv:2002.09979, Section III-C, Eqs. (16)–(17).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -16,13 +14,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from experiments.figures import style
-from experiments.figures.material import Entry
+from experiments.figures.material import Material
 from experiments.figures.pick_and_place import HEIGHT, ShelfMotion, shelf_motions
 from policies import AlignedDemonstrations, align
 from policies.completion import task_completion_index
 
 FloatArray = NDArray[np.float64]
 
+TITLE: Final = "Alignment by distance and by task completion"
+DOORS: Final = ()
 LEVELS: Final = (0.12, 0.45)
 _COLOURS: Final = {LEVELS[0]: style.DOORS[0], LEVELS[1]: style.DOORS[2]}
 _PER_LEVEL: Final = 3
@@ -46,13 +46,13 @@ class Alignments:
     """Largest distance of an aligned end from the recorded one [m]."""
 
 
-def measure(seed: int) -> Alignments:
+def measure(material: Material) -> Alignments:
     """Align one set of motions in each way.
 
     Args:
-        seed: Seed of the set.
+        material: Only its seed counts: that of the set.
     """
-    motions = shelf_motions(LEVELS, _PER_LEVEL, np.random.default_rng(seed))
+    motions = shelf_motions(LEVELS, _PER_LEVEL, np.random.default_rng(material.seed))
     demonstrations = [motion.demonstration for motion in motions]
     aligned = {
         EUCLIDEAN: align(demonstrations, method="dtw-euclidean"),
@@ -72,12 +72,9 @@ def measure(seed: int) -> Alignments:
 def _clock_error(motions: tuple[ShelfMotion, ...]) -> float:
     """Phase error of motions that are only stretched to the same duration."""
     phases = np.linspace(0.0, 1.0, 200)
-    clocks = [m.demonstration.times / m.demonstration.times[-1] for m in motions]
+    given = [(motion.demonstration.times, motion.progress) for motion in motions]
     return _disagreement(
-        [
-            np.interp(phases, clock, motion.progress)
-            for clock, motion in zip(clocks, motions, strict=True)
-        ]
+        [np.interp(phases, times / times[-1], progress) for times, progress in given]
     )
 
 
@@ -124,11 +121,9 @@ def draw(shown: Alignments) -> Figure:
     _draw_aligned(euclidean, shown, EUCLIDEAN)
     _draw_aligned(completed, shown, COMPLETION)
     for panel in (recorded, index):
-        panel.set_xlabel("time [s]")
-        panel.set_xlim(0.0, None)
+        panel.set(xlabel="time [s]", xlim=(0.0, None))
     for panel in (recorded, euclidean, completed):
-        panel.set_ylabel("height [m]")
-        panel.set_ylim(-0.03, 0.52)
+        panel.set(ylabel="height [m]", ylim=(-0.03, 0.52))
     index.set_ylabel("completion ζ")
     shelves = {"high shelf": recorded.lines[-1], "low shelf": recorded.lines[0]}
     style.legend_above(figure, shelves)
@@ -141,17 +136,9 @@ def _draw_aligned(axes: Axes, shown: Alignments, name: str) -> None:
     aligned = shown.aligned[name]
     for motion, poses in zip(shown.motions, aligned.poses, strict=True):
         axes.plot(aligned.times, poses[:, HEIGHT], color=_COLOURS[motion.level])
-    axes.set_xlabel("phase")
-    axes.set_xlim(0.0, 1.0)
-    axes.set_xticks([0.0, 0.5, 1.0])
-    axes.text(
-        0.05,
-        0.98,
-        f"phase error {100.0 * shown.phase_error[name]:.1f} %",
-        transform=axes.transAxes,
-        verticalalignment="top",
-        fontsize=6.5,
-    )
+    axes.set(xlabel="phase", xlim=(0.0, 1.0), xticks=[0.0, 0.5, 1.0])
+    error = f"phase error {100.0 * shown.phase_error[name]:.1f} %"
+    style.note(axes, 0.05, error, fontsize=6.5)
 
 
 def caption(shown: Alignments) -> str:
@@ -180,11 +167,3 @@ def caption(shown: Alignments) -> str:
         f"{1e3 * shown.end_error[EUCLIDEAN]:.1f} mm in (b), where a whole stretch of "
         "samples is averaged into one."
     )
-
-
-FIGURE: Final = Entry(
-    title="Alignment by distance and by task completion",
-    measure=lambda material: measure(material.seed),
-    draw=draw,
-    caption=caption,
-)

@@ -4,8 +4,6 @@ Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstratio
 arXiv:2002.09979, Section III-D, Eqs. (19)–(21).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -18,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from experiments.figures import style
-from experiments.figures.material import Entry
+from experiments.figures.material import Material
 from experiments.figures.pick_and_place import HEIGHT, PHASES, constrained_set
 from policies.adaptation import (
     AdaptationForm,
@@ -31,6 +29,8 @@ from policies.trajectory import GaussianTrajectory, ViaPoint
 
 FloatArray = NDArray[np.float64]
 
+TITLE: Final = "Strong and weak via-points"
+DOORS: Final = ()
 DEMONSTRATED, PROCESS, PRODUCT = "demonstrated", "process", "product"
 COARSE, PRINTED = "coarse", "printed"
 _GRID: Final = PHASES[::2]
@@ -79,13 +79,14 @@ class ViaPoints:
         return float(np.interp(phase, trajectory.times, trajectory.std[:, HEIGHT]))
 
 
-def measure(seed: int) -> ViaPoints:
+def measure(material: Material) -> ViaPoints:
     """Adapt one skill to the two via-points in each form.
 
     Args:
-        seed: Seed of the demonstrations.
+        material: Only its seed counts: that of the demonstrations.
     """
-    demonstrations = constrained_set(_DEMONSTRATIONS, np.random.default_rng(seed))
+    rng = np.random.default_rng(material.seed)
+    demonstrations = constrained_set(_DEMONSTRATIONS, rng)
     skill = fit_skill(demonstrations)
     via_points = (_via_point(skill, *_STRONG), _via_point(skill, *_WEAK))
     adapted = {
@@ -126,13 +127,9 @@ def draw(shown: ViaPoints) -> Figure:
         else:
             mean = shown.policies[DEMONSTRATED].mean[:, HEIGHT]
             panel.plot(_GRID, mean, color=style.BEFORE, linestyle="--")
+            dot = "." if name == COARSE else None
             style.mean_and_interval(
-                panel,
-                policy,
-                HEIGHT,
-                style.ADAPTED,
-                marker="." if name == COARSE else None,
-                markersize=4.0,
+                panel, policy, HEIGHT, style.ADAPTED, marker=dot, markersize=4.0
             )
             _draw_via_points(panel, shown.via_points)
         panel.set_xlabel("phase")
@@ -192,11 +189,3 @@ def caption(shown: ViaPoints) -> str:
         f"{1e3 * shown.far_change(PRODUCT):.1f} mm in (c), "
         f"{1e3 * shown.far_change(PRINTED):.1f} mm with the prior mean of zero."
     )
-
-
-FIGURE: Final = Entry(
-    title="Strong and weak via-points",
-    measure=lambda material: measure(material.seed),
-    draw=draw,
-    caption=caption,
-)

@@ -4,8 +4,7 @@ Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstratio
 arXiv:2002.09979, Section IV-A.
 """
 
-from __future__ import annotations
-
+import itertools
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,13 +16,15 @@ from numpy.typing import NDArray
 
 from experiments.datasets.npz import LabelledDemonstrations
 from experiments.figures import style
-from experiments.figures.material import Entry
+from experiments.figures.material import Material
 from policies.alignment import align
 from policies.skill import Skill, fit_skill
 from policies.trajectory import GaussianTrajectory
 
 FloatArray = NDArray[np.float64]
 
+TITLE: Final = "From demonstrations to a policy, output by output"
+DOORS: Final = ()
 OUTPUTS: Final = ("$x$", "$y$", "$z$", "$θu_x$", "$θu_y$", "$θu_z$")
 UNITS: Final = ("m", "m", "m", "rad", "rad", "rad")
 _MAGNIFICATIONS: Final = (20, 10, 5, 2, 1)
@@ -52,8 +53,9 @@ class Learning:
         return float(np.sqrt(between)), float(np.sqrt(within))
 
 
-def measure(recorded: LabelledDemonstrations) -> Learning:
+def measure(material: Material) -> Learning:
     """Align the demonstrations and learn from them."""
+    recorded = material.demonstrations
     skill = fit_skill(align(recorded.demonstrations))
     policy = skill.predict(skill.aligned.times)
     return Learning(recorded=recorded, skill=skill, policy=policy)
@@ -63,15 +65,17 @@ def draw(shown: Learning) -> Figure:
     """Draw three rows of six panels."""
     figure = style.new_figure(style.PAGE, 3.9)
     rows = figure.subplots(3, 6, sharey="col", sharex="row")
-    colours = door_colours(shown.recorded.radii)
+    radii = shown.recorded.radii
+    colours = door_colours(radii)
+    aligned = shown.skill.aligned
     for output in range(6):
-        for number, demonstration in enumerate(shown.recorded.demonstrations):
-            times = demonstration.times - demonstration.times[0]
-            line = {"color": colours[number], "linewidth": 0.8}
-            rows[0, output].plot(times, demonstration.poses[:, output], **line)
-            aligned = shown.skill.aligned
-            poses = aligned.poses[number, :, output]
-            rows[1, output].plot(aligned.times, poses, **line)
+        for recorded, poses, radius in zip(
+            shown.recorded.demonstrations, aligned.poses, radii, strict=True
+        ):
+            times = recorded.times - recorded.times[0]
+            line = {"color": colours[radius], "linewidth": 0.8}
+            rows[0, output].plot(times, recorded.poses[:, output], **line)
+            rows[1, output].plot(aligned.times, poses[:, output], **line)
         style.mean_and_interval(rows[2, output], shown.policy, output, style.BEFORE)
         _scale(rows[0, output], shown, output)
         rows[0, output].set_title(f"{OUTPUTS[output]} [{UNITS[output]}]")
@@ -83,19 +87,15 @@ def draw(shown: Learning) -> Figure:
     for row in rows[1:]:
         row[0].set_xlim(0.0, 1.0)
         row[0].set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
-    _legend(figure, rows[0, 0], shown.recorded.radii)
+    _legend(figure, rows[0, 0], radii)
     return figure
 
 
-def door_colours(radii: tuple[float | None, ...]) -> list[str]:
-    """Colour of each demonstration, by the rank of its door's radius."""
+def door_colours(radii: tuple[float | None, ...]) -> dict[float | None, str]:
+    """Colours of doors by radius, from the smallest; also of those without one."""
     ranked = sorted({radius for radius in radii if radius is not None})
-    return [
-        style.DEMONSTRATION
-        if radius is None
-        else style.DOORS[min(ranked.index(radius), len(style.DOORS) - 1)]
-        for radius in radii
-    ]
+    colours = itertools.chain(style.DOORS, itertools.repeat(style.DOORS[-1]))
+    return dict(zip(ranked, colours, strict=False)) | {None: style.DEMONSTRATION}
 
 
 def _scale(axes: Axes, shown: Learning, output: int) -> None:
@@ -106,16 +106,8 @@ def _scale(axes: Axes, shown: Learning, output: int) -> None:
     low, high = extents[output]
     magnified = next(m for m in _MAGNIFICATIONS if m * (high - low) <= span)
     if magnified > 1:
-        axes.text(
-            0.5,
-            0.98,
-            f"{magnified} × enlarged",
-            transform=axes.transAxes,
-            horizontalalignment="center",
-            verticalalignment="top",
-            fontsize=6.0,
-            color="0.35",
-        )
+        text = f"{magnified} × enlarged"
+        style.note(axes, 0.5, text, fontsize=6.0, color="0.35", ha="center")
     middle, half = 0.5 * (low + high), 0.5 * span / magnified
     axes.set_ylim(middle - half, middle + half)
 
@@ -139,14 +131,13 @@ def _legend(figure: Figure, axes: Axes, radii: tuple[float | None, ...]) -> None
 
 def caption(shown: Learning) -> str:
     """Say what is seen, and the numbers."""
-    spread = [shown.spread_between_doors(output) for output in range(6)]
-    names = ("x", "y", "z", "θu_x", "θu_y", "θu_z")
-    deviation = shown.policy.std.max(axis=0)
+    (x_between, x_within), (z_between, z_within) = map(
+        shown.spread_between_doors, (0, 2)
+    )
+    largest = 1e3 * shown.policy.std.max(axis=0)
     listed = ", ".join(
-        f"{name} {1e3 * std:.0f} {unit}"
-        for name, std, unit in zip(
-            names, deviation, ["mm"] * 3 + ["mrad"] * 3, strict=True
-        )
+        f"{name.strip('$')} {std:.0f} m{unit}"
+        for name, std, unit in zip(OUTPUTS, largest, UNITS, strict=True)
     )
     return (
         f"{len(shown.recorded.demonstrations)} demonstrations of opening "
@@ -158,15 +149,7 @@ def caption(shown: Learning) -> str:
         "aligned x and z fall into one group per door, and only x, z and θu_y move by "
         f"much. Largest standard deviation of the policy: {listed}. Spread between "
         "doors over spread between repetitions on one door: "
-        f"{spread[0][0] / spread[0][1]:.0f} in x, {spread[2][0] / spread[2][1]:.0f} in "
-        "z. What differs: θu_y varies no more than the other rotations here, because "
-        "all doors are opened to nearly the same angle."
+        f"{x_between / x_within:.0f} in x, {z_between / z_within:.0f} in z. "
+        "What differs: θu_y varies no more than the other rotations here, because all "
+        "doors are opened to nearly the same angle."
     )
-
-
-FIGURE: Final = Entry(
-    title="From demonstrations to a policy, output by output",
-    measure=lambda material: measure(material.demonstrations),
-    draw=draw,
-    caption=caption,
-)

@@ -4,10 +4,8 @@ Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstratio
 arXiv:2002.09979, Section IV-A.
 """
 
-from __future__ import annotations
-
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,7 +18,7 @@ from scipy.special import chdtri, fdtri
 from experiments.datasets.npz import LabelledDemonstrations
 from experiments.figures import style
 from experiments.figures.fig06_policy import door_colours
-from experiments.figures.material import Entry
+from experiments.figures.material import Material
 from gplfd_env.task import handle_pose_on_arc
 from policies.alignment import align
 from policies.skill import Skill, fit_skill
@@ -28,6 +26,8 @@ from policies.trajectory import GaussianTrajectory
 
 FloatArray = NDArray[np.float64]
 
+TITLE: Final = "The policy on the plane of the door"
+DOORS: Final = ()
 X, Z = 0, 2
 PLANE: Final = (X, Z)
 _PHASES: Final = np.linspace(0.0, 1.0, 201)
@@ -72,8 +72,9 @@ class Region:
     """What was learned from them."""
     policy: GaussianTrajectory
     """Its prediction at 201 phases."""
-    arcs: tuple[FloatArray, ...]
-    """True paths (200, 2) of the demonstrated doors' handles [m], to the mean angle."""
+    arcs: Mapping[float, FloatArray]
+    """True paths (200, 2) of the demonstrated doors' handles [m], to the mean angle, by
+    radius [m]."""
     arc_inside: tuple[float, float]
     """Share of the arcs' samples inside the region that holds 95 % at some phase: with
     the quantiles of few demonstrations, and with those of many."""
@@ -81,13 +82,15 @@ class Region:
     """Share of the aligned demonstrations' samples inside at their own phase."""
 
 
-def measure(demonstrations: LabelledDemonstrations) -> Region:
+def measure(material: Material) -> Region:
     """Learn, and count what is inside the 95 % region."""
+    demonstrations = material.demonstrations
     skill = fit_skill(align(demonstrations.demonstrations))
     policy = skill.predict(_PHASES)
     angle = np.mean([d.poses[-1, 4] for d in demonstrations.demonstrations])
     angles = np.linspace(0.0, float(angle), _ARC_SAMPLES)
-    arcs = tuple(arc(radius, angles) for radius in _known(demonstrations.radii))
+    known = sorted({radius for radius in demonstrations.radii if radius is not None})
+    arcs = {radius: arc(radius, angles) for radius in known}
     own = skill.predict(skill.aligned.times)
     deviation = (skill.aligned.poses - own.mean)[:, :, PLANE] / own.std[:, PLANE]
     return Region(
@@ -95,7 +98,7 @@ def measure(demonstrations: LabelledDemonstrations) -> Region:
         skill=skill,
         policy=policy,
         arcs=arcs,
-        arc_inside=_inside(distance(policy, np.vstack(arcs)), policy),
+        arc_inside=_inside(distance(policy, np.vstack(list(arcs.values()))), policy),
         aligned_inside=_inside((deviation**2).sum(axis=2), policy),
     )
 
@@ -107,11 +110,6 @@ def _inside(distances: FloatArray, policy: GaussianTrajectory) -> tuple[float, f
         for free in (policy.degrees_of_freedom, None)
     )
     return wide, narrow
-
-
-def _known(radii: Sequence[float | None]) -> list[float]:
-    """Return the radii that are known, each once, from the smallest."""
-    return sorted({radius for radius in radii if radius is not None})
 
 
 def arc(radius: float, angles: FloatArray) -> FloatArray:
@@ -130,16 +128,12 @@ def draw(shown: Region) -> Figure:
     for poses in shown.skill.aligned.poses:
         axes.plot(*poses[:, PLANE].T, color=style.DEMONSTRATION, linewidth=0.6)
     axes.lines[-1].set_label("demonstrations")
-    radii = shown.demonstrations.radii
-    colours = door_colours(radii)
-    for radius, path in zip(_known(radii), shown.arcs, strict=True):
-        colour = colours[radii.index(radius)]
-        axes.plot(*path.T, color=colour, label=f"arc, {radius:.2f} m")
+    colours = door_colours(shown.demonstrations.radii)
+    for radius, path in shown.arcs.items():
+        axes.plot(*path.T, color=colours[radius], label=f"arc, {radius:.2f} m")
     mean = shown.policy.mean[:, PLANE]
     axes.plot(*mean.T, color="black", linestyle=":", label="mean")
-    axes.set_aspect("equal")
-    axes.set_xlabel("$x$ [m], along the pull")
-    axes.set_ylabel("$z$ [m], across it")
+    axes.set(xlabel="$x$ [m], along the pull", ylabel="$z$ [m], across it", aspect=1)
     figure.legend(loc="outside upper center", ncols=3)
     return figure
 
@@ -174,7 +168,7 @@ def shade_region(axes: Axes, policy: GaussianTrajectory, colour: str) -> None:
 
 def caption(shown: Region) -> str:
     """Say what is seen, and the numbers."""
-    count = sum(map(len, shown.arcs))
+    count = sum(map(len, shown.arcs.values()))
     wide, narrow = (round(share * count) for share in shown.arc_inside)
     aligned = [f"{100.0 * share:.1f} %" for share in shown.aligned_inside]
     return (
@@ -194,11 +188,3 @@ def caption(shown: Region) -> str:
         "phase, although wider doors move x and z together, so that most of the region "
         "is where no door's handle goes."
     )
-
-
-FIGURE: Final = Entry(
-    title="The policy on the plane of the door",
-    measure=lambda material: measure(material.demonstrations),
-    draw=draw,
-    caption=caption,
-)

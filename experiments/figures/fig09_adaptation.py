@@ -4,8 +4,6 @@ Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstratio
 arXiv:2002.09979, Section IV-B; E[ε²] is defined there, without a number.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Final
 
@@ -16,17 +14,24 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from experiments.figures import style
-from experiments.figures.material import Entry, Material
-from experiments.figures.opening import Opening, measure
+from experiments.figures.material import Material
+from experiments.figures.opening import Opening, reviewed
 from policies.registry import make_agent
 from policies.trajectory import GaussianTrajectory
 
+TITLE: Final = "Adaptation while the door opens"
 SHOWN: Final = "large"
 DOORS: Final = ("small", "medium", "large", "0.42")
 _STAGES: Final = (0.15, 0.4, 0.65)
 """Observed phases at which the posterior is shown."""
 _OUTPUTS: Final = {0: "x", 2: "z"}
 _DOTTED: Final = (0, (1.0, 1.0))
+
+
+def measure(material: Material) -> dict[str, Opening]:
+    """Note what the policy believed in each opening."""
+    agent = make_agent("gp", material.demonstrations.demonstrations)
+    return {door: reviewed(material.episodes[door], agent, _STAGES) for door in DOORS}
 
 
 def draw(openings: Mapping[str, Opening]) -> Figure:
@@ -155,17 +160,3 @@ def caption(openings: Mapping[str, Opening]) -> str:
         f"the true motion inside the 95 % intervals of (d): {coverage[0]} adaptive, "
         f"{coverage[1]} fixed."
     )
-
-
-def _measure(material: Material) -> dict[str, Opening]:
-    agent = make_agent("gp", material.demonstrations.demonstrations)
-    return {door: measure(material.episodes[door], agent, _STAGES) for door in DOORS}
-
-
-FIGURE: Final = Entry(
-    title="Adaptation while the door opens",
-    measure=_measure,
-    draw=draw,
-    caption=caption,
-    doors=DOORS,
-)

@@ -4,8 +4,6 @@ Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstratio
 arXiv:2002.09979, Section IV-B, Eqs. (24)–(28).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -17,7 +15,7 @@ from numpy.typing import NDArray
 
 from experiments.episodes.log import EpisodeLog
 from experiments.figures import style
-from experiments.figures.material import Entry
+from experiments.figures.material import Material
 from policies.controllers.stability import (
     printed_uncertainty_fall_bound,
     uncertainty_fall_bound,
@@ -26,6 +24,7 @@ from policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
 
 FloatArray = NDArray[np.float64]
 
+TITLE: Final = "Stiffness and its stability"
 DOORS: Final = ("medium", "heavy")
 AXES: Final = {0: ("x", style.AXIS_X), 2: ("z", style.AXIS_Z)}
 _LINEAR: Final = 0.03
@@ -65,14 +64,14 @@ class Stability:
     """Where the governor held the stiffness back, (T, 6)."""
 
 
-def measure(log: EpisodeLog) -> Stability:
+def measure(material: Material) -> dict[str, Stability]:
+    """Compare the episode at each door with the bounds."""
+    return {door: stability(material.episodes[door]) for door in DOORS}
+
+
+def stability(log: EpisodeLog) -> Stability:
     """Compare an episode with the bounds."""
-    fixed = np.column_stack(
-        [
-            np.interp(log.phase, log.forecast_phase, column)
-            for column in log.forecast_std[0].T
-        ]
-    )
+    _, fixed = log.first_forecast(log.phase)
     wished = DEFAULT_PROFILE.stiffness(log.std)
     bound = log.stability_margin + log.stiffness_rate
     fixed_rate = np.diff(fixed, axis=0, prepend=fixed[:1]) / log.dt
@@ -189,12 +188,3 @@ def caption(shown: Mapping[str, Stability]) -> str:
         "law; the condition itself (c, f) always holds, because the governor holds the "
         "stiffness back where it would not."
     )
-
-
-FIGURE: Final = Entry(
-    title="Stiffness and its stability",
-    measure=lambda material: {door: measure(material.episodes[door]) for door in DOORS},
-    draw=draw,
-    caption=caption,
-    doors=DOORS,
-)

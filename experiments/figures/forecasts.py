@@ -6,8 +6,6 @@ Demonstration*, arXiv:2002.09979, Eqs. (20)–(21), exact conditioning of its mo
 conditioning of the demonstrated process.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -22,13 +20,14 @@ from experiments.episodes.log import EpisodeLog
 from experiments.figures import style
 from experiments.figures.fig07_region import PLANE, arc, shade_region
 from experiments.figures.hindsight import decisions, expectation
-from experiments.figures.material import Entry, Material
+from experiments.figures.material import Material
 from policies.agent import Agent
 from policies.registry import make_agent
 from policies.trajectory import GaussianTrajectory
 
 FloatArray = NDArray[np.float64]
 
+TITLE: Final = "Forecasts of the rest of the opening"
 FORMS: Final = {"gp-product": "product", "gp-exact": "exact", "gp": "process"}
 """Policies of the registry that differ in the form of adaptation alone."""
 SHARES: Final = (0.05, 0.15, 0.30)
@@ -73,7 +72,14 @@ class Forecasts:
     """One forecast per share, by the policy's name."""
 
 
-def measure(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
+def measure(material: Material) -> dict[str, Forecasts]:
+    """Let every form forecast every opening."""
+    given = material.demonstrations.demonstrations
+    agents = {name: make_agent(name, given) for name in FORMS}
+    return {door: foretold(material.episodes[door], agents) for door in DOORS}
+
+
+def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
     """Show the opening to each form and ask at each share of it.
 
     All see the same hand; none of them moved it but the one of the log.
@@ -198,18 +204,3 @@ def caption(openings: Mapping[str, Forecasts]) -> str:
         "it should be. The truth is taken at the phase that the agent later gives to "
         "it, so that errors of that phase count as errors of x and z."
     )
-
-
-def _measure(material: Material) -> dict[str, Forecasts]:
-    given = material.demonstrations.demonstrations
-    agents = {name: make_agent(name, given) for name in FORMS}
-    return {door: measure(material.episodes[door], agents) for door in DOORS}
-
-
-FIGURE: Final = Entry(
-    title="Forecasts of the rest of the opening",
-    measure=_measure,
-    draw=draw,
-    caption=caption,
-    doors=DOORS,
-)

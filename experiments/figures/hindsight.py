@@ -1,7 +1,5 @@
 """What an agent decides and expects when it is shown a logged episode."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from experiments.episodes.log import EpisodeLog

@@ -1,10 +1,8 @@
 """What figures are made from, and what they are."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from matplotlib.figure import Figure
 
@@ -24,32 +22,22 @@ class Material:
     """One episode of the policy ``gp`` per door, by the door's name."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Drawing:
-    """A figure with its caption."""
+class PaperFigure(Protocol):
+    """A figure in three steps: a module with these names."""
 
-    figure: Figure
-    """The figure, not yet written anywhere."""
-    caption: str
-    """One paragraph: what is seen, what the paper showed, what differs, numbers."""
+    @property
+    def TITLE(self) -> str:
+        """Its subject, in a few words."""
 
+    @property
+    def DOORS(self) -> tuple[str, ...]:
+        """Doors whose episodes it shows: names or radii in metres."""
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Entry:
-    """One figure of the catalogue, in three steps."""
+    def measure(self, material: Material, /) -> Any:
+        """Compute everything that is shown; the others take what this returns."""
 
-    title: str
-    """Its subject, in a few words."""
-    measure: Callable[[Material], Any]
-    """Computes everything that is shown; the others take what it returns."""
-    draw: Callable[[Any], Figure]
-    """Draws what was measured."""
-    caption: Callable[[Any], str]
-    """Says what is seen, and the numbers."""
-    doors: tuple[str, ...] = ()
-    """Doors whose episodes it shows: names or radii in metres."""
+    def draw(self, shown: Any, /) -> Figure:
+        """Draw what was measured."""
 
-    def make(self, material: Material) -> Drawing:
-        """Measure, draw and describe."""
-        shown = self.measure(material)
-        return Drawing(figure=self.draw(shown), caption=self.caption(shown))
+    def caption(self, shown: Any, /) -> str:
+        """Say in a paragraph what is seen, what the paper showed, and the numbers."""

@@ -4,8 +4,6 @@ The prediction error E[ε²] is that of Arduengo et al., *Gaussian-Process-based
 Learning from Demonstration*, arXiv:2002.09979, Section IV-B, where it has no number.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -69,7 +67,7 @@ class Opening:
         return share
 
 
-def measure(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
+def reviewed(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
     """Show the opening once more to the policy, and note what it believed.
 
     The log has means and standard deviations; how wide their 95 % interval is depends
@@ -90,6 +88,7 @@ def measure(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
             belief = expectation(agent)
         reached = sum(decision.observed_phase >= phase for phase in phases)
         stages.extend([belief] * (reached - len(stages)))
+    mean, std = log.first_forecast(log.observed_phase)
     return Opening(
         log=log,
         motion=opening_motion(log),
@@ -98,11 +97,7 @@ def measure(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
         adaptive=Prediction(
             mean=log.predicted_mean, std=log.predicted_std, width=width
         ),
-        fixed=Prediction(
-            mean=_at(log.observed_phase, initial.times, initial.mean),
-            std=_at(log.observed_phase, initial.times, initial.std),
-            width=np.full(width.size, width[0]),
-        ),
+        fixed=Prediction(mean=mean, std=std, width=np.full(width.size, width[0])),
     )
 
 
@@ -110,8 +105,3 @@ def _half_width(policy: GaussianTrajectory) -> float:
     """Half of a policy's 95 % interval over its standard deviation."""
     _, high = policy.interval()
     return float((high[-1, 0] - policy.mean[-1, 0]) / policy.std[-1, 0])
-
-
-def _at(phases: FloatArray, grid: FloatArray, values: FloatArray) -> FloatArray:
-    """Interpolate values (M, 6) on a grid of phases (M,) at other phases (T,)."""
-    return np.column_stack([np.interp(phases, grid, column) for column in values.T])

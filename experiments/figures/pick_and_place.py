@@ -6,8 +6,6 @@ What the paper says of them is built in: both ends are constrained and the way b
 them is free, or the shelf is at one of two heights.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

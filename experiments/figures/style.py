@@ -4,8 +4,6 @@ No global state: styles hold inside `paper_style` only, and figures are made wit
 pyplot, hence without a window system.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -133,6 +131,11 @@ def name_panels(panels: Iterable[Axes], titles: Iterable[str]) -> None:
     """Write a bold letter, from a on, and a title flush left above each panel."""
     for axes, letter, title in zip(panels, ascii_lowercase, titles, strict=False):
         axes.set_title(rf"$\bf{{{letter}}}$  {title}", loc="left")
+
+
+def note(axes: Axes, x: float, text: str, **look: Any) -> None:
+    """Write small text below a panel's upper edge, at a share ``x`` of its width."""
+    axes.text(x, 0.98, text, transform=axes.transAxes, va="top", **look)
 
 
 def band(

@@ -1,33 +1,29 @@
 """The page beside the scene: what was run and how to read the view."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Mapping
+
+import rerun as rr
+from rerun.chunk import Chunk
 
 from experiments.episodes.log import EpisodeLog
+from experiments.files.provenance import versions
+from experiments.recording.layout import TEXT
+from experiments.recording.stream import static
 
 
-def about(
-    log: EpisodeLog,
-    n_demonstrations: int,
-    versions: Mapping[str, str],
-    *,
-    ended: bool = True,
-) -> str:
-    """Write the page as Markdown.
+def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk:
+    """Write the page.
 
     Args:
         log: Episode.
         n_demonstrations: How many demonstrations the policy learned from.
-        versions: Versions of the packages that took part, by name.
         ended: Whether the outcome is known.
     """
     outcome = _outcome(log) if ended else "being opened"
     door = ", ".join(
         f"{name.replace('_', ' ')} {value:g}" for name, value in log.door_config.items()
     )
-    return f"""\
+    text = f"""\
 ### {log.door} door, policy `{log.policy}`: {outcome}
 
 **How to read it.** The grey-blue tube is where the demonstrations alone put the \
@@ -42,8 +38,9 @@ door's force on the hand, 10 cm per 10 N.
 - **door**: {door} (SI)
 - **demonstrations**: {n_demonstrations}; **seed**: {log.seed}; **control period**: \
 {1e3 * log.dt:g} ms
-- {", ".join(f"{name} {version}" for name, version in versions.items())}
+- {", ".join(f"{name} {version}" for name, version in versions().items())}
 """
+    return static(TEXT, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
 
 def _outcome(log: EpisodeLog) -> str:

@@ -1,7 +1,5 @@
 """What each colour means, the same in the scene and in every panel."""
 
-from __future__ import annotations
-
 from typing import Final
 
 Colour = tuple[int, int, int]

@@ -5,10 +5,8 @@ policy has a colour, the same for its robot's label, the path of its hand and it
 curves.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -18,7 +16,7 @@ import rerun as rr
 from rerun.chunk import Chunk
 
 from experiments.episodes.log import EpisodeLog
-from experiments.recording import colours, motion, scene
+from experiments.recording import colours, motion
 from experiments.recording.colours import Colour
 from experiments.recording.comparison_layout import (
     ABOUT,
@@ -30,7 +28,10 @@ from experiments.recording.comparison_layout import (
     comparison_layout,
     robot_entity,
 )
+from experiments.recording.episode import check_model, stage_setting
+from experiments.recording.motion import hand_motion, policy_motion
 from experiments.recording.part import Part
+from experiments.recording.scene import moved_scene
 from experiments.recording.stream import moving, recording_file, seconds, static
 from gplfd_env.task import SUCCESS_ANGLE
 from policies.demonstrations import Demonstration
@@ -95,11 +96,7 @@ def _check(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> None:
                 f"{log.policy} opened another door than {logs[0].policy}; a comparison "
                 "shows one door"
             )
-        if log.qpos.shape[1] != model.nq:
-            raise ValueError(
-                f"the log of {log.policy} has {log.qpos.shape[1]} generalised "
-                f"positions per step and the model has {model.nq}"
-            )
+        check_model(log, model)
 
 
 def _everything(
@@ -123,24 +120,17 @@ def _robot(
     root, part = robot_entity(log.policy), Part(log=log)
     place = rr.Transform3D(translation=SPACING * number * ROW)
     yield static(f"{root}/world", place)
-    yield from _moved_to(root, scene.drawn_scene(model))
-    yield from _moved_to(root, motion.door_frame(model, log.radius, []))
-    yield from _moved_to(root, scene.moved_scene(model, part))
-    yield from _moved_to(root, motion.policy_motion(part))
-    hand = motion.hand_motion(part)
-    yield from _moved_to(root, hand)
-    trails = [chunk for chunk in hand if chunk.entity_path == _TRAIL]
-    overlay = f"{OVERLAY}{motion.ROOT}/paths/{log.policy}"
-    for chunk in trails:
-        yield chunk.with_entity_path(overlay)
+    overlay, hand = f"{OVERLAY}{motion.ROOT}/paths/{log.policy}", hand_motion(part)
+    yield from _moved_to(root, stage_setting(log, model, []))
+    yield from _moved_to(root, [*moved_scene(model, part), *policy_motion(part), *hand])
+    for chunk in hand:
+        if chunk.entity_path == _TRAIL:
+            yield chunk.with_entity_path(overlay)
     for entity in (f"{root}{_TRAIL}", overlay):
         yield static(entity, rr.LineStrips3D.from_fields(colors=colour, radii=0.007))
+    text = [_label(log)]
     label = rr.Points3D(
-        [_LABEL],
-        radii=0.012,
-        colors=colour,
-        labels=[_label(log)],
-        show_labels=True,
+        [_LABEL], radii=0.012, colors=colour, labels=text, show_labels=True
     )
     yield static(f"{root}{motion.ROOT}/label", label)
 
@@ -167,7 +157,7 @@ def _success_line(logs: Sequence[EpisodeLog]) -> Iterator[Chunk]:
     yield moving(entity, seconds(ends), rr.Scalars.columns(scalars=[angle] * 2))
 
 
-def _moved_to(root: str, chunks: Sequence[Chunk]) -> Iterator[Chunk]:
+def _moved_to(root: str, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
     """The same chunks below another entity."""
     for chunk in chunks:
         yield chunk.with_entity_path(f"{root}{chunk.entity_path}")

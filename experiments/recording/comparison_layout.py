@@ -1,22 +1,18 @@
 """The view that a comparison opens with: all robots, their curves and their paths."""
 
-from __future__ import annotations
-
 import math
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
 import mujoco
 import numpy as np
 import rerun.blueprint as rrb
-from rerun.chunk import Chunk, RrdReader
+from rerun.chunk import Chunk
 
 from experiments.episodes.log import EpisodeLog
-from experiments.recording import colours, motion
+from experiments.recording import motion
 from experiments.recording.kinematics import task_frame
-from experiments.recording.stream import APPLICATION, TIMELINE
+from experiments.recording.layout import Eye, as_chunks, only, view_3d
 
 ABOUT: Final = "/about"
 """Entity of the page that explains the view."""
@@ -48,48 +44,34 @@ def comparison_layout(
         logs: An episode per policy.
         model: Model that the episodes ran in.
     """
-    blueprint = _layout(logs, model)
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "layout.rbl"
-        blueprint.save(APPLICATION, file)
-        reader = RrdReader(file)
-        return tuple(reader.stream(store=reader.blueprints()[0]))
+    bottom = [*_series(), _paths(logs[0].radius)]
+    bottom.append(rrb.TextDocumentView(origin=ABOUT, name="What is seen"))
+    panels = rrb.Horizontal(*bottom, column_shares=[3, 3, 2.4, 3])
+    return as_chunks(only(rrb.Vertical(_row(logs, model), panels, row_shares=[5, 4])))
 
 
-def _layout(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> rrb.Blueprint:
+def _row(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> rrb.Spatial3DView:
+    """All robots, from behind and above."""
     handle, _ = task_frame(model)
     middle = handle + 0.5 * SPACING * (len(logs) - 1) * ROW + [-0.2, 0.0, -0.2]
     away = max(2.2, 0.35 * SPACING * len(logs))
     back = np.array([-math.cos(_TURN), math.sin(_TURN), 0.45])
-    radius = logs[0].radius
-    robots = rrb.Spatial3DView(
-        origin="/",
-        name="One door each, the same door",
-        contents=[
-            "/robots/**",
-            *(f"- {robot_entity(log.policy)}{motion.PLAN}/**" for log in logs),
-        ],
-        background=colours.BACKGROUND,
-        line_grid=False,
-        eye_controls=rrb.EyeControls3D(
-            position=middle + away * back,
-            look_target=middle,
-            eye_up=(0.0, 0.0, 1.0),
-        ),
-    )
-    plan = rrb.Spatial3DView(
-        origin=f"{OVERLAY}{motion.VIEW}",
-        name="All paths on one door, from above",
-        contents=[f"{OVERLAY}/**"],
-        background=colours.BACKGROUND,
-        line_grid=False,
-        eye_controls=rrb.EyeControls3D(
-            position=(-0.5 * radius, -0.55 * radius, 1.45 * radius),
-            look_target=(-0.5 * radius, -0.55 * radius, 0.0),
-            eye_up=(1.0, 0.0, 0.0),
-        ),
-    )
-    series = [
+    plans = [f"- {robot_entity(log.policy)}{motion.PLAN}/**" for log in logs]
+    eye = Eye(middle + away * back, middle, (0.0, 0.0, 1.0))
+    name = "One door each, the same door"
+    return view_3d(name, "/", ["/robots/**", *plans], eye)
+
+
+def _paths(radius: float) -> rrb.Spatial3DView:
+    """All paths over each other, from above."""
+    above, below = np.multiply(radius, [[-0.5, -0.55, 1.45], [-0.5, -0.55, 0.0]])
+    eye = Eye(above, below, (1.0, 0.0, 0.0))
+    name, origin = "All paths on one door, from above", f"{OVERLAY}{motion.VIEW}"
+    return view_3d(name, origin, [f"{OVERLAY}/**"], eye)
+
+
+def _series() -> list[rrb.View]:
+    return [
         rrb.TimeSeriesView(
             origin=origin,
             name=name,
@@ -100,17 +82,3 @@ def _layout(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> rrb.Blueprint:
             (FORCE, "Radial force [N]: fights the hinge", False),
         )
     ]
-    about = rrb.TextDocumentView(origin=ABOUT, name="What is seen")
-    return rrb.Blueprint(
-        rrb.Vertical(
-            robots,
-            rrb.Horizontal(*series, plan, about, column_shares=[3, 3, 2.4, 3]),
-            row_shares=[5, 4],
-        ),
-        rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="playing"),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.TopPanel(state="hidden"),
-        auto_views=False,
-        auto_layout=False,
-    )

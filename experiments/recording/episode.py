@@ -1,29 +1,22 @@
 """Write one episode as a recording that opens on the right view."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import mujoco
-import rerun as rr
 from rerun.chunk import Chunk
 
 from experiments.episodes.log import EpisodeLog
-from experiments.files.provenance import versions
-from experiments.recording.about import about
-from experiments.recording.layout import TEXT, layout_chunks
+from experiments.recording.about import page
+from experiments.recording.layout import layout_chunks
 from experiments.recording.motion import door_frame, hand_motion, policy_motion
 from experiments.recording.panels import panels
 from experiments.recording.part import Part
 from experiments.recording.scene import drawn_scene, moved_scene
 from experiments.recording.stages import stage_lane
-from experiments.recording.stream import recording_file, static
+from experiments.recording.stream import recording_file
+from experiments.recording.tiago_meshes import TiagoLooks
 from policies.demonstrations import Demonstration
-
-if TYPE_CHECKING:
-    from experiments.recording.tiago_meshes import TiagoLooks
 
 
 def record_episode(
@@ -46,15 +39,21 @@ def record_episode(
         ValueError: The log does not fit the model.
         OSError: The file cannot be written.
     """
-    if log.qpos.shape[1] != model.nq:
-        raise ValueError(
-            f"the log has {log.qpos.shape[1]} generalised positions per step and the "
-            f"model has {model.nq}; record with the model that the episode ran in"
-        )
+    check_model(log, model)
     with recording_file(path, layout_chunks()) as stream:
         stream.send_recording_name(recording_name(log))
         # One by one: while one is written the next is made.
         stream.send_chunks(_everything(log, model, demonstrations, looks))
+
+
+def check_model(log: EpisodeLog, model: mujoco.MjModel) -> None:
+    """Raise ValueError unless an episode can have run in a model."""
+    if log.qpos.shape[1] != model.nq:
+        raise ValueError(
+            f"the log of {log.policy} has {log.qpos.shape[1]} generalised positions "
+            f"per step and the model has {model.nq}; record with the model that the "
+            "episode ran in"
+        )
 
 
 def _everything(
@@ -86,12 +85,6 @@ def happening(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
     yield from policy_motion(part)
     yield from hand_motion(part)
     yield from panels(part)
-
-
-def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk:
-    """The page beside the scene."""
-    text = about(log, n_demonstrations, versions(), ended=ended)
-    return static(TEXT, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
 
 def recording_name(log: EpisodeLog) -> str:

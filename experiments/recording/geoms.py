@@ -1,10 +1,8 @@
 """MuJoCo's visual geoms as Rerun primitives on the entity of what carries them."""
 
-from __future__ import annotations
-
 import functools
-from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -20,6 +18,12 @@ FloatArray = NDArray[np.float64]
 
 _GEOM: Final = mujoco.mjtGeom
 _MESH: Final = int(_GEOM.mjGEOM_MESH)
+_PRIMITIVES: Final = (
+    _GEOM.mjGEOM_BOX,
+    _GEOM.mjGEOM_ELLIPSOID,
+    _GEOM.mjGEOM_CYLINDER,
+    _GEOM.mjGEOM_CAPSULE,
+)
 _LARGEST_VISUAL_GROUP: Final = 2
 """MuJoCo's convention: geoms of groups 0 to 2 are drawn, 3 and above collide."""
 
@@ -83,72 +87,37 @@ def _solids(model: mujoco.MjModel) -> tuple[list[int], FloatArray]:
     return kinds.tolist(), rows
 
 
-class _Geoms(NamedTuple):
-    """Geoms of one kind on one body, N rows."""
-
-    sizes: FloatArray
-    positions: FloatArray
-    quaternions: FloatArray
-    """As Rerun has them, scalar last."""
-    colours: NDArray[np.uint8]
-
-    @classmethod
-    def unpacked(cls, packed: bytes) -> _Geoms:
-        rows = np.frombuffer(packed).reshape(-1, 14)
-        return cls(
-            sizes=rows[:, :3],
-            positions=rows[:, 3:6],
-            quaternions=xyzw(rows[:, 6:10]),
-            colours=(255.0 * rows[:, 10:]).round().astype(np.uint8),
-        )
-
-
 # The robot's bodies are the same beside every door.
 @functools.lru_cache(maxsize=256)
 def _body(entity: str, primitives: tuple[tuple[int, bytes], ...]) -> Chunk:
     """Draw the primitives of one body from the bytes of their rows."""
-    drawn = (_PRIMITIVES[kind](_Geoms.unpacked(rows)) for kind, rows in primitives)
+    drawn = (
+        _primitives(kind, np.frombuffer(rows).reshape(-1, 14))
+        for kind, rows in primitives
+    )
     return static(entity, *drawn)
 
 
-def _placement(geoms: _Geoms) -> dict[str, Any]:
-    return {
-        "quaternions": geoms.quaternions,
-        "colors": geoms.colours,
+def _primitives(kind: int, rows: FloatArray) -> Any:
+    """Draw geoms of one kind on one body, each a row of `_solids`."""
+    sizes, positions, quaternions = rows[:, :3], rows[:, 3:6], xyzw(rows[:, 6:10])
+    look: dict[str, Any] = {
+        "quaternions": quaternions,
+        "colors": (255.0 * rows[:, 10:]).round().astype(np.uint8),
         "fill_mode": "solid",
     }
-
-
-def _boxes(geoms: _Geoms) -> rr.Boxes3D:
-    return rr.Boxes3D(
-        half_sizes=geoms.sizes, centers=geoms.positions, **_placement(geoms)
-    )
-
-
-def _ellipsoids(geoms: _Geoms) -> rr.Ellipsoids3D:
-    return rr.Ellipsoids3D(
-        half_sizes=geoms.sizes, centers=geoms.positions, **_placement(geoms)
-    )
-
-
-def _cylinders(geoms: _Geoms) -> rr.Cylinders3D:
-    return rr.Cylinders3D(
-        lengths=2.0 * geoms.sizes[:, 1],
-        radii=geoms.sizes[:, 0],
-        centers=geoms.positions,
-        **_placement(geoms),
-    )
-
-
-def _capsules(geoms: _Geoms) -> rr.Capsules3D:
+    if kind == _GEOM.mjGEOM_BOX:
+        return rr.Boxes3D(half_sizes=sizes, centers=positions, **look)
+    if kind == _GEOM.mjGEOM_ELLIPSOID:
+        return rr.Ellipsoids3D(half_sizes=sizes, centers=positions, **look)
+    radii, half = sizes[:, 0], sizes[:, 1]
+    if kind == _GEOM.mjGEOM_CYLINDER:
+        return rr.Cylinders3D(
+            lengths=2.0 * half, radii=radii, centers=positions, **look
+        )
     # MuJoCo centres a capsule; Rerun's runs from its origin along +z.
-    half = geoms.sizes[:, 1]
-    return rr.Capsules3D(
-        lengths=2.0 * half,
-        radii=geoms.sizes[:, 0],
-        translations=geoms.positions - half[:, None] * _axes(geoms.quaternions),
-        **_placement(geoms),
-    )
+    starts = positions - half[:, None] * _axes(quaternions)
+    return rr.Capsules3D(lengths=2.0 * half, radii=radii, translations=starts, **look)
 
 
 def _axes(quaternions: FloatArray) -> FloatArray:
@@ -168,14 +137,9 @@ def _mesh(model: mujoco.MjModel, geom: int, entity: str, row: FloatArray) -> Chu
             triangle_indices=model.mesh_face[face : face + n_faces],
             albedo_factor=row[10:],
         ),
-        transform(row[3:6], row[6:10]),
-    )
-
-
-def transform(position: FloatArray, quaternion: FloatArray) -> rr.Transform3D:
-    """Return a pose (3,) [m] with a quaternion (w, x, y, z)."""
-    return rr.Transform3D(
-        translation=position, quaternion=rr.Quaternion(xyzw=xyzw(quaternion))
+        rr.Transform3D(
+            translation=row[3:6], quaternion=rr.Quaternion(xyzw=xyzw(row[6:10]))
+        ),
     )
 
 
@@ -194,12 +158,3 @@ def _colours(model: mujoco.MjModel) -> FloatArray:
 def xyzw(quaternion: FloatArray) -> FloatArray:
     """MuJoCo's scalar-first quaternions (..., 4) in Rerun's order."""
     return quaternion[..., [1, 2, 3, 0]]
-
-
-_PRIMITIVES: Final[dict[int, Callable[[_Geoms], Any]]] = {
-    int(_GEOM.mjGEOM_BOX): _boxes,
-    int(_GEOM.mjGEOM_ELLIPSOID): _ellipsoids,
-    int(_GEOM.mjGEOM_CYLINDER): _cylinders,
-    int(_GEOM.mjGEOM_CAPSULE): _capsules,
-}
-"""What draws a kind of geom, by MuJoCo's type."""

@@ -1,7 +1,5 @@
 """Where a model's bodies are: fixed parts from the model, moving ones from states."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import mujoco

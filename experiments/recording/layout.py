@@ -1,13 +1,13 @@
 """The view a recording opens with: scene, policy and the reasons side by side."""
 
-from __future__ import annotations
-
 import functools
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
 import rerun.blueprint as rrb
+from numpy.typing import ArrayLike
 from rerun.chunk import Chunk, RrdReader
 
 from experiments.recording import motion, panels, stages
@@ -21,11 +21,11 @@ TEXT: Final = "/about"
 
 
 class Eye(NamedTuple):
-    """Where a 3-D view looks from, at what, and which way is up, in `motion.VIEW`."""
+    """Where a 3-D view looks from, at what, and which way is up [m]."""
 
-    position: tuple[float, float, float]
-    target: tuple[float, float, float]
-    up: tuple[float, float, float]
+    position: ArrayLike
+    target: ArrayLike
+    up: ArrayLike
 
 
 # From the hinge side the hand stays before the leaf however far the door is open.
@@ -46,28 +46,27 @@ def layout(*, live: bool = False) -> rrb.Blueprint:
     Args:
         live: Whether time follows what comes in, and does not play what is there.
     """
-    scene = _view_3d("Scene", _SCENE_EYE, "/world/**", f"- {motion.PLAN}/**")
+    everything = ["/world/**", f"- {motion.PLAN}/**"]
+    scene = view_3d("Scene", motion.VIEW, everything, _SCENE_EYE)
     title = "From above: door at the top, hinge right"
-    plan = _view_3d(title, _PLAN_EYE, f"{motion.ROOT}/**")
+    plan = view_3d(title, motion.VIEW, [f"{motion.ROOT}/**"], _PLAN_EYE)
     about = rrb.TextDocumentView(origin=TEXT, name="About this run")
     lane = rrb.StateTimelineView(origin=stages.ENTITY, name="Stage")
+    left = rrb.Vertical(
+        scene, lane, rrb.Horizontal(plan, about), row_shares=[5, 1.2, 4]
+    )
+    middle, right = rrb.Vertical(*_policy_views()), rrb.Vertical(*_reason_views())
+    views = rrb.Horizontal(left, middle, right, column_shares=[5.4, 3, 3])
+    return only(views, "following" if live else "playing")
+
+
+def only(
+    views: rrb.Container, play_state: Literal["playing", "following"] = "playing"
+) -> rrb.Blueprint:
+    """Arrange some views in a window that shows little beside them."""
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(
-                scene,
-                lane,
-                rrb.Horizontal(plan, about),
-                row_shares=[5, 1.2, 4],
-            ),
-            rrb.Vertical(*_policy_views()),
-            rrb.Vertical(*_reason_views()),
-            column_shares=[5.4, 3, 3],
-        ),
-        rrb.TimePanel(
-            timeline=TIMELINE,
-            state="collapsed",
-            play_state="following" if live else "playing",
-        ),
+        views,
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state=play_state),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TopPanel(state="hidden"),
@@ -78,19 +77,34 @@ def layout(*, live: bool = False) -> rrb.Blueprint:
 
 @functools.cache
 def layout_chunks() -> tuple[Chunk, ...]:
-    """Return the layout of a recording as Rerun writes it, made once per process."""
+    """Return the layout of a recording, made once per process."""
+    return as_chunks(layout())
+
+
+def as_chunks(blueprint: rrb.Blueprint) -> tuple[Chunk, ...]:
+    """Return a layout as Rerun writes it."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "layout.rbl"
-        layout().save(APPLICATION, file)
+        blueprint.save(APPLICATION, file)
         reader = RrdReader(file)
         return tuple(reader.stream(store=reader.blueprints()[0]))
 
 
-def _view_3d(name: str, eye: Eye, *contents: str) -> rrb.Spatial3DView:
+def view_3d(
+    name: str, origin: str, contents: Sequence[str], eye: Eye
+) -> rrb.Spatial3DView:
+    """Return a 3-D view of some entities.
+
+    Args:
+        name: Its title.
+        origin: Entity in whose frame it looks.
+        contents: Entities, as Rerun's queries name them.
+        eye: Where it looks from.
+    """
     return rrb.Spatial3DView(
-        origin=motion.VIEW,
+        origin=origin,
         name=name,
-        contents=list(contents),
+        contents=contents,
         background=BACKGROUND,
         line_grid=False,
         eye_controls=rrb.EyeControls3D(

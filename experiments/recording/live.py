@@ -1,7 +1,5 @@
 """Show an episode while it happens, as a recording of it would show it."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time
@@ -14,12 +12,8 @@ import rerun as rr
 
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.rollout import Progress, rollout
-from experiments.recording.episode import (
-    happening,
-    page,
-    recording_name,
-    stage_setting,
-)
+from experiments.recording.about import page
+from experiments.recording.episode import happening, recording_name, stage_setting
 from experiments.recording.part import Part
 from experiments.recording.stages import stage_lane, stages
 from policies.agent import Agent

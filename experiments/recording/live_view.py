@@ -1,7 +1,5 @@
 """Run an episode and watch it in a viewer on this machine."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os
@@ -14,7 +12,6 @@ from typing import Any, Final
 from urllib.parse import quote
 
 import gymnasium as gym
-import numpy as np
 import rerun as rr
 
 from experiments.arguments import check_least
@@ -26,7 +23,7 @@ from experiments.recording.layout import layout
 from experiments.recording.live import LiveRecording, watched_rollout
 from experiments.recording.stream import open_stream
 from experiments.recording.viewer import has_display, viewer
-from experiments.teacher import DEMONSTRATED_RADII, Teacher
+from experiments.teacher import Teacher
 from gplfd_env import ENVIRONMENT_ID
 from policies.method import TrainingInput
 from policies.registry import policy_named
@@ -67,9 +64,7 @@ def watch(
     chosen = policy_named(policy)
     [(name, config)] = named_doors([door]).items()
     env = gym.make(ENVIRONMENT_ID, door=config, randomization=randomization)
-    demonstrations = Teacher().demonstrate_doors(
-        DEMONSTRATED_RADII, 2, rng=np.random.default_rng(seed)
-    )
+    demonstrations = Teacher().standard_demonstrations(seed=seed)
     training = TrainingInput(demonstrations=demonstrations, seed=seed)
     with reported_errors(policy, chosen):
         agent = learned(chosen, training)(config.radius)

@@ -1,7 +1,5 @@
 """Demonstrations, policy, via-points and force in the door's frame."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from typing import Final

@@ -5,8 +5,6 @@ by the same functions, each of which turns a `Part` into chunks: what a later pa
 never changes what an earlier one showed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

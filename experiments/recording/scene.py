@@ -1,7 +1,5 @@
 """Robot and door: their bodies drawn once, and moved by transforms."""
 
-from __future__ import annotations
-
 import mujoco
 import rerun as rr
 from rerun.chunk import Chunk

@@ -1,7 +1,5 @@
 """The stages of the task as a coloured lane over time."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Collection

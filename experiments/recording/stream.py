@@ -1,7 +1,5 @@
 """The Rerun stream that one recording is written to, and the chunks it is made of."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import functools

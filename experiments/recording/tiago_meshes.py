@@ -5,8 +5,6 @@ CC BY-NC-ND 3.0. Nothing of it is part of this package: it is read where the use
 installed it, and drawn. A recording drawn with the meshes contains them.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -96,7 +94,7 @@ def tiago_looks(bodies: Sequence[str]) -> TiagoLooks:
         ModuleNotFoundError: The meshes or what reads them are not installed.
         ValueError: The installed description is not the one expected.
     """
-    robot = _load(description(), meshes=True)
+    robot = _load(description())
     above = {joint.child: joint.parent for joint in robot.robot.joints}
     graph = robot.scene.graph
     meshes: dict[str, list[LinkMesh]] = {}
@@ -137,47 +135,7 @@ def description() -> Path:
     )
 
 
-def link_differences(
-    model: mujoco.MjModel, configurations: FloatArray
-) -> dict[str, tuple[float, float]]:
-    """Compare PAL's kinematics with ours.
-
-    Args:
-        model: A model with our arm.
-        configurations: Torso lift [m] and arm joints [rad], (N, 8).
-
-    Returns:
-        The largest difference over the configurations, position [m] and angle [rad],
-        of every link that both have, seen from ``base_link``.
-
-    Raises:
-        ModuleNotFoundError: See `tiago_looks`.
-        ValueError: The installed description is not the one expected.
-    """
-    robot = _load(description(), meshes=False)
-    joints = ("torso_lift_joint", *(f"arm_{i}_joint" for i in range(1, 8)))
-    ours = {model.body(body).name for body in range(1, model.nbody)}
-    links = [name for name in robot.link_map if name in ours]
-    data = mujoco.MjData(model)
-    largest = {name: (0.0, 0.0) for name in links}
-    for configuration in configurations:
-        robot.update_cfg(dict(zip(joints, configuration, strict=True)))
-        for joint, value in zip(joints, configuration, strict=True):
-            data.joint(joint).qpos = value
-        mujoco.mj_kinematics(model, data)
-        for name in links:
-            theirs = robot.get_transform(name, _BASE)
-            gap = np.linalg.inv(_pose(data, _BASE)) @ _pose(data, name)
-            distance = float(np.linalg.norm(gap[:3, 3] - theirs[:3, 3]))
-            angle = _angle(gap[:3, :3].T @ theirs[:3, :3])
-            largest[name] = (
-                max(largest[name][0], distance),
-                max(largest[name][1], angle),
-            )
-    return largest
-
-
-def _load(path: Path, *, meshes: bool) -> Any:
+def _load(path: Path) -> Any:
     try:
         import yourdfpy
     except ImportError as error:
@@ -185,11 +143,11 @@ def _load(path: Path, *, meshes: bool) -> Any:
             "PAL's meshes of TIAGo are read by yourdfpy, which is not installed: "
             "pip install 'gplfd[tiago]'"
         ) from error
-    robot = yourdfpy.URDF.load(str(path), load_meshes=meshes)
+    robot = yourdfpy.URDF.load(str(path))
     if _BASE not in robot.link_map:
         raise ValueError(f"{path} is not TIAGo's description: it has no link {_BASE}")
     drawn = sum(len(link.visuals) for link in robot.robot.links)
-    if meshes and len(robot.scene.geometry) < drawn:
+    if len(robot.scene.geometry) < drawn:
         raise ValueError(
             f"only {len(robot.scene.geometry)} of {drawn} meshes that {path} names "
             f"could be read; install {DISTRIBUTION} again"
@@ -220,15 +178,3 @@ def _pose(data: mujoco.MjData, body: str) -> FloatArray:
     pose[:3, :3] = data.body(body).xmat.reshape(3, 3)
     pose[:3, 3] = data.body(body).xpos
     return pose
-
-
-def _angle(rotation: FloatArray) -> float:
-    """Angle of a rotation matrix [rad], exact also for the smallest."""
-    twice_sine = np.linalg.norm(
-        [
-            rotation[2, 1] - rotation[1, 2],
-            rotation[0, 2] - rotation[2, 0],
-            rotation[1, 0] - rotation[0, 1],
-        ]
-    )
-    return float(np.arctan2(twice_sine, np.trace(rotation) - 1.0))

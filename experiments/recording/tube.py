@@ -1,7 +1,5 @@
 """The band of ±1.96 σ of a policy along its path, as a closed triangle mesh."""
 
-from __future__ import annotations
-
 import functools
 from typing import Any, Final
 

@@ -1,7 +1,5 @@
 """The Rerun viewer on this machine, and whether there is a screen for it."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Asking a skill, and taking in via-points."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Bringing two demonstrations onto one clock: interpolation and time warping."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from functools import partial
@@ -63,7 +61,8 @@ def measure_alignment(repeats: int, seed: int = 0) -> Measurement:
     )
 
 
-def _resampled(recorded: Demonstration, size: int) -> Demonstration:
+def resampled(recorded: Demonstration, size: int) -> Demonstration:
+    """Return a demonstration at equal steps of its own time."""
     times = np.linspace(recorded.times[0], recorded.times[-1], size)
     columns = [np.interp(times, recorded.times, column) for column in recorded.poses.T]
     return Demonstration(times=times, poses=np.column_stack(columns))
@@ -71,7 +70,7 @@ def _resampled(recorded: Demonstration, size: int) -> Demonstration:
 
 def _candidates(recorded: Sequence[Demonstration], size: int) -> dict[str, Timed]:
     """What is timed with two demonstrations, resampled to a size."""
-    two = [_resampled(demo, size) for demo in recorded]
+    two = [resampled(demo, size) for demo in recorded]
 
     def completions() -> list[Array]:
         return [measure_completion(demo, 0.5, denoise=True).index for demo in two]

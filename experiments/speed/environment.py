@@ -1,7 +1,5 @@
 """What a step costs beyond its physics, and what it costs to begin an episode."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 from collections.abc import Callable, Mapping
@@ -146,27 +144,24 @@ def _resets(env: gym.Env[Any, Any]) -> dict[str, Timed]:
     """Resets of each kind; before, one that is not timed brings the door there."""
     rng, known = np.random.default_rng(0), itertools.cycle(_RADII)
 
-    def to(door: Any) -> None:
-        env.reset(options={"door": door})
+    def new_physics() -> dict[str, float]:
+        return {
+            "hinge_friction": rng.uniform(0.0, 2.0),
+            "panel_mass": rng.uniform(5.0, 30.0),
+        }
 
-    def to_new_physics() -> None:
-        friction, mass = rng.uniform(0.0, 2.0), rng.uniform(5.0, 30.0)
-        to({"hinge_friction": friction, "panel_mass": mass})
+    def to(door: Callable[[], Any], times: int = 1) -> None:
+        for _ in range(times):
+            env.reset(options={"door": door()})
 
-    def to_next() -> None:
-        to(next(known))
-
-    def to_both() -> None:
-        to_next()
-        to_next()
-
-    def to_new_radius() -> None:
-        to(rng.uniform(0.30, 0.65))
-
-    medium = partial(to, "medium")
+    medium, next_known = partial(to, lambda: "medium"), partial(next, known)
     return {
         "the same door": repeated(env.reset, 20, medium),
-        "new friction and mass": repeated(to_new_physics, 20, medium),
-        "a radius met before": repeated(to_next, 20, to_both),
-        "a new radius": repeated(to_new_radius, 5, medium),
+        "new friction and mass": repeated(partial(to, new_physics), 20, medium),
+        "a radius met before": repeated(
+            partial(to, next_known), 20, partial(to, next_known, len(_RADII))
+        ),
+        "a new radius": repeated(
+            partial(to, lambda: rng.uniform(0.30, 0.65)), 5, medium
+        ),
     }

@@ -1,10 +1,8 @@
 """Demonstrations drawn from a known distribution."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +30,7 @@ class KnownProcess:
     """Mean and standard deviation of a demonstration at M phases."""
 
     @classmethod
-    def on_grid(cls, samples: int) -> KnownProcess:
+    def on_grid(cls, samples: int) -> Self:
         """Return the process at equally spaced phases."""
         times = np.linspace(0.0, 1.0, samples)
         output = np.arange(6)

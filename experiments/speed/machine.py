@@ -1,7 +1,5 @@
 """What times depend on besides the code: processor, threads, load, libraries."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 import platform

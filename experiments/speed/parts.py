@@ -1,7 +1,5 @@
 """The parts of ``gplfd speed`` by name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final

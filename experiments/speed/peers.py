@@ -4,8 +4,6 @@ They are imported by name where they are used: an optional extra brings them, an
 ship no types.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import warnings

@@ -1,7 +1,5 @@
 """What every comparison reports: a table of numbers, and targets that they meet."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -15,7 +13,7 @@ Value = float | Timing | str | None
 """A number, a time, a word, or nothing where there is none."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Target:
     """A number, and what is wanted of it."""
 
@@ -31,22 +29,17 @@ class Target:
 
 def at_most(name: str, value: float, limit: float) -> Target:
     """Return a target for a number that should be small."""
-    return Target(
-        name=name, value=value, wanted=f"at most {limit:g}", met=value <= limit
-    )
+    return Target(name, value, f"at most {limit:g}", value <= limit)
 
 
 def at_least(name: str, value: float, limit: float) -> Target:
     """Return a target for a number that should be large."""
-    return Target(
-        name=name, value=value, wanted=f"at least {limit:g}", met=value >= limit
-    )
+    return Target(name, value, f"at least {limit:g}", value >= limit)
 
 
 def between(name: str, value: float, low: float, high: float) -> Target:
     """Return a target for a number that should be neither small nor large."""
-    met = low <= value <= high
-    return Target(name=name, value=value, wanted=f"{low:g} to {high:g}", met=met)
+    return Target(name, value, f"{low:g} to {high:g}", low <= value <= high)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -99,13 +92,8 @@ def measure_all(
     with threadpool_limits(1):
         for name, run in measures.items():
             LOG.info("measuring: %s", name)
-            found[name] = run(repeats)
-            print(
-                found[name].title,
-                text_table(value_table(found[name].rows)),
-                "",
-                sep="\n",
-            )
+            one = found[name] = run(repeats)
+            print(one.title, text_table(value_table(one.rows)), "", sep="\n")
     targets: dict[str, dict[str, Value]] = {
         target.name: {
             "measured": target.value,

@@ -1,6 +1,6 @@
 """How well a prediction fits what was held out."""
 
-from __future__ import annotations
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,3 +27,8 @@ def score(
         "within 1.96 std": predicted.coverage(held_out, normal=True),
         "in stated 95 %": predicted.coverage(held_out),
     }
+
+
+def mean_scores(scores: Sequence[dict[str, float]]) -> dict[str, float]:
+    """Return the mean of every column."""
+    return {name: float(np.mean([one[name] for one in scores])) for name in scores[0]}

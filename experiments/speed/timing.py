@@ -4,8 +4,6 @@ What is compared runs in turns within one process: whatever else the machine doe
 slows all of it alike.
 """
 
-from __future__ import annotations
-
 import gc
 import time
 from collections.abc import Callable, Mapping
@@ -80,15 +78,15 @@ class Timing:
         """Operations per second of the clock, by the median time."""
         return 1.0 / _median(self.wall)
 
-    def cpu_over(self, other: Timing) -> float:
+    def cpu_over(self, other: "Timing") -> float:
         """CPU time as a multiple of another's, median over rounds."""
         return _median(np.divide(self.cpu, other.cpu))
 
-    def cpu_beyond(self, other: Timing) -> float:
+    def cpu_beyond(self, other: "Timing") -> float:
         """CPU time more than another's [s], median over rounds."""
         return _median(np.subtract(self.cpu, other.cpu))
 
-    def speed_over(self, other: Timing) -> float:
+    def speed_over(self, other: "Timing") -> float:
         """How many times faster than another by the clock, median over rounds."""
         return _median(np.divide(other.wall, self.wall))
 

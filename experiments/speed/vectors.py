@@ -1,7 +1,5 @@
 """Many doors at once: environment steps per second, and what each of them costs."""
 
-from __future__ import annotations
-
 import copy
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Random functions of time that human motion and its measurement are made of."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

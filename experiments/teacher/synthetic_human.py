@@ -17,8 +17,6 @@ against the door, magnetic disturbance, and one person's habits that persist fro
 demonstration to the next.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -36,6 +34,7 @@ from experiments.teacher.random_motion import (
     smooth_functions,
     uneven_timing,
 )
+from gplfd_env.fields import check_quantities, quantity
 from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
 from policies.demonstrations import Demonstration
 
@@ -51,74 +50,60 @@ class TeacherConfig:
 
     Raises:
         ValueError: A field is not finite or outside its range.
+        TypeError: A field is not a number.
     """
 
-    duration_mean: float = 6.0
-    """Mean duration of an opening [s], 0.5 to 60."""
+    duration_mean: float = quantity(6.0, unit="s", low=0.5, high=60.0)
+    """Mean duration of an opening."""
 
-    duration_std: float = 0.8
-    """Standard deviation of the duration [s]; no opening is shorter than half the
-    mean."""
+    duration_std: float = quantity(0.8, unit="s", low=0.0, high=20.0)
+    """Standard deviation of the duration; no opening is shorter than half the mean."""
 
-    angle_mean: float = DEMONSTRATED_ANGLE
-    """Mean final door angle [rad], 0.1 to 2.5."""
+    angle_mean: float = quantity(DEMONSTRATED_ANGLE, unit="rad", low=0.1, high=2.5)
+    """Mean final door angle."""
 
-    angle_std: float = math.radians(1.0)
-    """Standard deviation of the final door angle [rad]."""
+    angle_std: float = quantity(math.radians(1.0), unit="rad", low=0.0, high=0.5)
+    """Standard deviation of the final door angle."""
 
-    timing_std: float = 0.25
+    timing_std: float = quantity(0.25, low=0.0, high=1.0)
     """Unevenness of the timing: standard deviation of the log of the local speed-up
-    (0 = exactly minimum jerk), at most 1."""
+    (0 = exactly minimum jerk)."""
 
-    wobble_position_std: float = 0.002
-    """Hand moving on the bar: standard deviation per axis [m]."""
+    wobble_position_std: float = quantity(0.002, unit="m", low=0.0, high=1.0)
+    """Hand moving on the bar: standard deviation per axis."""
 
-    wobble_rotation_std: float = math.radians(1.0)
-    """Hand turning on the bar: standard deviation per axis [rad]."""
+    wobble_rotation_std: float = quantity(
+        math.radians(1.0), unit="rad", low=0.0, high=1.0
+    )
+    """Hand turning on the bar: standard deviation per axis."""
 
-    wobble_time: float = 1.0
-    """Correlation time of the wobble [s], 0.05 to 60."""
+    wobble_time: float = quantity(1.0, unit="s", low=0.05, high=60.0)
+    """Correlation time of the wobble."""
 
-    grasp_offset_std: float = 0.01
+    grasp_offset_std: float = quantity(0.01, unit="m", low=0.0, high=1.0)
     """Sensor's place on the hand relative to the bar, constant in a demonstration:
-    standard deviation per axis [m]."""
+    standard deviation per axis."""
 
-    vertical_drift_std: float = 0.001
-    """Suit's height drift: standard deviation of its rate [m/s]."""
+    vertical_drift_std: float = quantity(0.001, unit="m/s", low=0.0, high=1.0)
+    """Suit's height drift: standard deviation of its rate."""
 
-    sampling_rate: float = 60.0
-    """Suit's sampling rate [Hz], 10 to 1000."""
+    sampling_rate: float = quantity(60.0, unit="Hz", low=10.0, high=1000.0)
+    """Suit's sampling rate."""
 
-    noise_position_std: float = 0.001
-    """Suit's position noise after its filters: standard deviation per axis [m]."""
+    noise_position_std: float = quantity(0.001, unit="m", low=0.0, high=1.0)
+    """Suit's position noise after its filters: standard deviation per axis."""
 
-    noise_rotation_std: float = math.radians(0.3)
-    """Suit's orientation noise after its filters: standard deviation per axis [rad]."""
+    noise_rotation_std: float = quantity(
+        math.radians(0.3), unit="rad", low=0.0, high=1.0
+    )
+    """Suit's orientation noise after its filters: standard deviation per axis."""
 
-    noise_bandwidth: float = 1.0
-    """Cut-off frequency of the suit's noise [Hz]. The sensor fusion follows its smooth
+    noise_bandwidth: float = quantity(1.0, unit="Hz", low=0.1, high=500.0)
+    """Cut-off frequency of the suit's noise. The sensor fusion follows its smooth
     gyroscopes at short times, and what remains is corrected over about a second."""
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            low, high = _RANGES.get(field.name, (0.0, 1.0))
-            if not (math.isfinite(value) and low <= value <= high):
-                raise ValueError(
-                    f"TeacherConfig.{field.name} = {value!r} is outside "
-                    f"[{low:g}, {high:g}]"
-                )
-
-
-_RANGES: Final = {
-    "duration_mean": (0.5, 60.0),
-    "duration_std": (0.0, 20.0),
-    "angle_mean": (0.1, 2.5),
-    "angle_std": (0.0, 0.5),
-    "wobble_time": (0.05, 60.0),
-    "sampling_rate": (10.0, 1000.0),
-    "noise_bandwidth": (0.1, 500.0),
-}
+        check_quantities(self)
 
 
 def standard_teacher() -> dict[str, float]:
@@ -162,13 +147,10 @@ class Teacher:
             raise ValueError(f"radius = {radius!r} must be a positive number [m]")
         motion_rng, timing_rng, hand_rng, suit_rng, habit_rng = rng.spawn(5)
         config = self.config
-        duration = config.duration_mean + config.duration_std * (
-            motion_rng.standard_normal()
-        )
+        longer, further = motion_rng.standard_normal(2)
+        duration = config.duration_mean + config.duration_std * float(longer)
         duration = max(duration, 0.5 * config.duration_mean)
-        final_angle = config.angle_mean + config.angle_std * (
-            motion_rng.standard_normal()
-        )
+        final_angle = config.angle_mean + config.angle_std * float(further)
         rate, tidy = config.sampling_rate, self.habits == TIDY
         if tidy:
             times = np.arange(math.ceil(duration * rate) + 1) / rate
@@ -212,6 +194,13 @@ class Teacher:
             for radius, door_rng in zip(radii, rng.spawn(len(radii)), strict=True)
             for demonstration_rng in door_rng.spawn(per_radius)
         )
+
+    def standard_demonstrations(
+        self, per_radius: int = 2, *, seed: int
+    ) -> tuple[Demonstration, ...]:
+        """Open the `DEMONSTRATED_RADII` as runs and studies of this seed do."""
+        rng = np.random.default_rng(seed)
+        return self.demonstrate_doors(DEMONSTRATED_RADII, per_radius, rng=rng)
 
     def _hand(
         self,

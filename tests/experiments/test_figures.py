@@ -70,16 +70,18 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Material:
 def test_figures_draw_from_saved_logs_without_simulating(
     name: str, small: Material, tmp_path: Path
 ) -> None:
+    shown = FIGURES[name].measure(small)
     with style.paper_style():
-        drawing = FIGURES[name].make(small)
-        style.write_figure(drawing.figure, tmp_path, name)
+        figure = FIGURES[name].draw(shown)
+        style.write_figure(figure, tmp_path, name)
     assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
     assert b"</svg>" in (tmp_path / f"{name}.svg").read_bytes()
-    assert len(drawing.caption) > 300
-    assert "\n" not in drawing.caption
-    assert "paper" in drawing.caption
-    assert "nan" not in drawing.caption
-    assert_units(drawing.figure, name)
+    caption = FIGURES[name].caption(shown)
+    assert len(caption) > 300
+    assert "\n" not in caption
+    assert "paper" in caption
+    assert "nan" not in caption
+    assert_units(figure, name)
 
 
 def assert_units(figure: Figure, name: str) -> None:
@@ -106,8 +108,8 @@ def test_the_same_data_give_the_same_bytes_whatever_the_user_has_configured(
         with matplotlib.rc_context({"axes.grid": grid, "svg.hashsalt": str(grid)}):
             before = dict(matplotlib.rcParams)
             with style.paper_style():
-                drawing = FIGURES["fig10"].make(small)
-                style.write_figure(drawing.figure, tmp_path, f"number{number}")
+                figure = FIGURES["fig10"].draw(FIGURES["fig10"].measure(small))
+                style.write_figure(figure, tmp_path, f"number{number}")
             assert dict(matplotlib.rcParams) == before
         written.append(
             [
@@ -121,7 +123,7 @@ def test_the_same_data_give_the_same_bytes_whatever_the_user_has_configured(
 
 def test_drawing_needs_no_window_system(small: Material) -> None:
     with style.paper_style():
-        figure = FIGURES["fig03"].make(small).figure
+        figure = FIGURES["fig03"].draw(FIGURES["fig03"].measure(small))
     assert type(figure.canvas).__name__ == "FigureCanvasAgg"
     assert figure.canvas.manager is None
 

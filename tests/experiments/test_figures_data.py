@@ -27,7 +27,7 @@ from experiments.figures import (
     forecasts,
 )
 from experiments.figures.material import Material
-from experiments.figures.opening import measure
+from experiments.figures.opening import reviewed
 from experiments.figures.pick_and_place import HEIGHT, PHASES
 from experiments.teacher import Teacher
 from policies.agent import CompliantAgent
@@ -44,6 +44,12 @@ def doors() -> LabelledDemonstrations:
     return LabelledDemonstrations(
         demonstrations=given, radii=tuple(radius for radius in radii for _ in range(2))
     )
+
+
+@pytest.fixture(scope="module")
+def given(doors: LabelledDemonstrations) -> Material:
+    """What figures without episodes are made from."""
+    return Material(seed=0, demonstrations=doors, episodes={})
 
 
 @pytest.fixture(scope="module")
@@ -83,18 +89,18 @@ def assert_shows(
 
 
 def test_fig02_bands_are_the_policies_intervals(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, given: Material
 ) -> None:
     monkeypatch.setattr(fig02_heteroscedastic, "_SETS", 2)
-    shown = fig02_heteroscedastic.measure(0)
+    shown = fig02_heteroscedastic.measure(given)
     figure = fig02_heteroscedastic.draw(shown)
     for letter, name in (("a", "low"), ("b", "high"), ("c", "local")):
         (drawn,) = bands(panel(figure, letter))
         assert_shows(drawn, shown.policies[name], HEIGHT)
 
 
-def test_fig02_only_local_noise_covers_everywhere() -> None:
-    shown = fig02_heteroscedastic.measure(0)
+def test_fig02_only_local_noise_covers_everywhere(given: Material) -> None:
+    shown = fig02_heteroscedastic.measure(given)
     ends, middle = (PHASES < 0.1) | (PHASES > 0.9), abs(PHASES - 0.5) < 0.1
     low, high, likely, local = (
         shown.coverage[name] for name in ("low", "high", "likely", "local")
@@ -109,15 +115,15 @@ def test_fig02_only_local_noise_covers_everywhere() -> None:
     assert shown.expected[1] - shown.expected[0] < 0.08
 
 
-def test_fig03_completion_aligns_what_distance_does_not() -> None:
-    shown = fig03_alignment.measure(0)
+def test_fig03_completion_aligns_what_distance_does_not(given: Material) -> None:
+    shown = fig03_alignment.measure(given)
     assert shown.phase_error["completion"] < 0.015
     assert shown.phase_error["euclidean"] > 5 * shown.phase_error["completion"]
     assert shown.end_error["completion"] < 1e-9
 
 
-def test_fig03_draws_what_was_recorded_and_aligned() -> None:
-    shown = fig03_alignment.measure(0)
+def test_fig03_draws_what_was_recorded_and_aligned(given: Material) -> None:
+    shown = fig03_alignment.measure(given)
     figure = fig03_alignment.draw(shown)
     for letter, name in (("b", "euclidean"), ("c", "completion")):
         for line, poses in zip(
@@ -132,8 +138,8 @@ def test_fig03_draws_what_was_recorded_and_aligned() -> None:
         np.testing.assert_array_equal(line.get_ydata(), index)
 
 
-def test_fig04_strong_via_points_are_hit_and_weak_ones_are_not() -> None:
-    shown = fig04_via_points.measure(0)
+def test_fig04_strong_via_points_are_hit_and_weak_ones_are_not(given: Material) -> None:
+    shown = fig04_via_points.measure(given)
     strong, weak = shown.via_points
     for name in ("process", "product"):
         assert shown.miss(name, strong) < 2e-3
@@ -149,9 +155,9 @@ _FIG04 = ("demonstrated", "process", "product")
 
 
 def test_fig06_draws_recordings_alignment_and_policy(
-    doors: LabelledDemonstrations,
+    doors: LabelledDemonstrations, given: Material
 ) -> None:
-    shown = fig06_policy.measure(doors)
+    shown = fig06_policy.measure(given)
     axes = np.reshape(fig06_policy.draw(shown).axes, (3, 6))
     for output in range(6):
         assert_shows(bands(axes[2, output])[0], shown.policy, output)
@@ -162,10 +168,8 @@ def test_fig06_draws_recordings_alignment_and_policy(
             assert axes[0, output].get_ylim()[1] > poses[:, output].max()
 
 
-def test_fig06_scales_of_a_kind_differ_by_what_is_written(
-    doors: LabelledDemonstrations,
-) -> None:
-    axes = np.reshape(fig06_policy.draw(fig06_policy.measure(doors)).axes, (3, 6))
+def test_fig06_scales_of_a_kind_differ_by_what_is_written(given: Material) -> None:
+    axes = np.reshape(fig06_policy.draw(fig06_policy.measure(given)).axes, (3, 6))
     spans = [float(np.ptp(column[0].get_ylim())) for column in axes.T]
     written = [
         int(column[0].texts[0].get_text().split()[0]) if column[0].texts else 1
@@ -193,15 +197,15 @@ def test_fig07_radius_holds_95_percent() -> None:
     )
 
 
-def test_fig07_counts_the_samples_of_the_arcs(doors: LabelledDemonstrations) -> None:
-    shown = fig07_region.measure(doors)
+def test_fig07_counts_the_samples_of_the_arcs(given: Material) -> None:
+    shown = fig07_region.measure(given)
     mean, std = shown.policy.mean[:, (0, 2)], shown.policy.std[:, (0, 2)]
     few = shown.policy.degrees_of_freedom
     for free, counted in zip((few, None), shown.arc_inside, strict=True):
         inside = [
             (((point - mean) / std) ** 2).sum(axis=1).min()
             <= fig07_region.squared_radius(free)
-            for path in shown.arcs
+            for path in shown.arcs.values()
             for point in path
         ]
         assert counted == pytest.approx(np.mean(inside))
@@ -212,13 +216,13 @@ def test_fig07_counts_the_samples_of_the_arcs(doors: LabelledDemonstrations) -> 
 
 
 def _arcs(shown: fig07_region.Region) -> list[tuple[float, Any]]:
-    return list(zip((0.35, 0.50, 0.65), shown.arcs, strict=True))
+    return list(shown.arcs.items())
 
 
 def test_fig09_draws_the_logs_predictions(opened: Material) -> None:
     log = opened.episodes["large"]
     agent = make_agent("gp", opened.demonstrations.demonstrations)
-    opening = measure(log, agent, (0.15, 0.4, 0.65))
+    opening = reviewed(log, agent, (0.15, 0.4, 0.65))
     shown = dict.fromkeys(fig09_adaptation.DOORS, opening)
     rows = np.reshape(fig09_adaptation.draw(shown).axes, (3, 4))
     order = np.argsort(log.observed_phase[opening.motion], kind="stable")
@@ -243,7 +247,7 @@ def test_fig09_draws_the_logs_predictions(opened: Material) -> None:
 def test_fig09_adaptive_predicts_better_than_fixed(opened: Material) -> None:
     log = opened.episodes["large"]
     agent = make_agent("gp", opened.demonstrations.demonstrations)
-    opening = measure(log, agent, (0.15, 0.4, 0.65))
+    opening = reviewed(log, agent, (0.15, 0.4, 0.65))
     adaptive, fixed = (errors.mean(axis=0) for errors in opening.errors())
     assert (10.0 * adaptive[[0, 2]] < fixed[[0, 2]]).all()
     # Student t with 5 degrees of freedom, and nearly normal many via-points later.
@@ -255,7 +259,7 @@ def test_fig09_adaptive_predicts_better_than_fixed(opened: Material) -> None:
 def test_fig10_rates_are_the_logs_and_bounds_the_controllers(make_log: Log) -> None:
     rng = np.random.default_rng(2)
     log = make_log(n_steps=50, std_rate=0.03 * rng.standard_normal((50, 6)))
-    shown = fig10_stiffness.measure(log)
+    shown = fig10_stiffness.stability(log)
     axes = np.reshape(fig10_stiffness.draw({"medium": shown}).axes, (3,))
     for line, output in zip(axes[1].lines, (0, 2), strict=False):
         np.testing.assert_array_equal(line.get_xdata(), log.times)
@@ -273,7 +277,7 @@ def test_fig10_marks_where_the_governor_holds_back(make_log: Log) -> None:
     stiffness = np.tile([300.0, 300.0, 300.0, 30.0, 30.0, 30.0], (50, 1))
     stiffness[20:23, 0] -= 15.0
     log = make_log(n_steps=50, std=agent_std, stiffness=stiffness)
-    shown = fig10_stiffness.measure(log)
+    shown = fig10_stiffness.stability(log)
     np.testing.assert_array_equal(np.flatnonzero(shown.governed[:, 0]), [20, 21, 22])
     assert not shown.governed[:, 2].any()
     use = fig10_stiffness.draw({"medium": shown}).axes[2]
@@ -295,7 +299,7 @@ def test_forecasts_are_of_what_is_still_to_come(opened: Material) -> None:
     log = opened.episodes["large"]
     given = opened.demonstrations.demonstrations
     agents = {name: make_agent(name, given) for name in forecasts.FORMS}
-    shown = forecasts.measure(log, agents)
+    shown = forecasts.foretold(log, agents)
     for each in shown.by_form.values():
         for forecast, phase in zip(each, shown.phases, strict=True):
             rest = forecast.rest

@@ -18,7 +18,7 @@ from experiments.recording import record_episode
 from experiments.recording.geoms import visual_geoms
 from experiments.recording.layout import _policy_views, layout
 from experiments.recording.motion import VIEW
-from experiments.recording.panels import before_adaptation, share_of_bound
+from experiments.recording.panels import share_of_bound
 from experiments.recording.stages import stages
 from experiments.recording.tube import (
     N_RINGS,
@@ -246,9 +246,7 @@ def test_before_adaptation_is_the_first_forecast_at_the_observed_phase(
     make_log: MakeLog,
 ) -> None:
     log = make_log()
-    found = before_adaptation(log)
-    assert found is not None
-    mean, std = found
+    mean, std = log.first_forecast(log.observed_phase)
     arc = handle_pose_on_arc(0.5, math.radians(66.0) * 0.5)
     half = int(np.argmin(np.abs(log.observed_phase - 0.5)))
     np.testing.assert_allclose(mean[half], arc, atol=1e-3)

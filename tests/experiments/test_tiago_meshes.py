@@ -12,14 +12,14 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
+import yourdfpy
 from rerun.chunk import Chunk
+from scipy.spatial.transform import Rotation
 
-from experiments.recording.tiago_meshes import (
-    description,
-    link_differences,
-    tiago_looks,
-)
+from experiments.recording.tiago_meshes import description, tiago_looks
 from gplfd_env._paths import asset_path
+from gplfd_env.config import DoorConfig
+from gplfd_env.scene import build_scene
 
 SHARE = "cmeel.prefix/share/example-robot-data/robots/tiago_description"
 ARM = "".join(
@@ -232,6 +232,47 @@ def test_another_robot_is_refused(
     install(tmp_path, '<robot name="other"><link name="trunk"/></robot>')
     with pytest.raises(ValueError, match="is not TIAGo's description"):
         tiago_looks(["base_link"])
+
+
+JOINTS = ("torso_lift_joint", *(f"arm_{i}_joint" for i in range(1, 8)))
+
+
+def link_differences(
+    ours: mujoco.MjModel, configurations: np.ndarray
+) -> dict[str, tuple[float, float]]:
+    """Largest difference of every link that both have, seen from the base [m, rad]."""
+    theirs = yourdfpy.URDF.load(str(description()), load_meshes=False)
+    links, data = set(theirs.link_map) & set(names(ours)), mujoco.MjData(ours)
+    found: dict[str, list[tuple[float, float]]] = {link: [] for link in links}
+    for configuration in configurations:
+        theirs.update_cfg(dict(zip(JOINTS, configuration, strict=True)))
+        for joint, value in zip(JOINTS, configuration, strict=True):
+            data.joint(joint).qpos = value
+        mujoco.mj_kinematics(ours, data)
+        base = data.body("base_link")
+        for link in links:
+            pose = theirs.get_transform(link, "base_link")
+            axes = base.xmat.reshape(3, 3).T
+            gap = axes @ (data.body(link).xpos - base.xpos) - pose[:3, 3]
+            turn = pose[:3, :3].T @ axes @ data.body(link).xmat.reshape(3, 3)
+            angle = Rotation.from_matrix(turn).magnitude()
+            found[link].append((float(np.linalg.norm(gap)), float(angle)))
+    return {link: tuple(np.max(each, axis=0)) for link, each in found.items()}
+
+
+def test_our_arm_is_that_of_the_manufacturer_where_its_description_is() -> None:
+    try:
+        description()
+    except ModuleNotFoundError as error:
+        pytest.skip(str(error))
+    rng = np.random.default_rng(0)
+    ours = build_scene(DoorConfig())
+    differences = link_differences(ours, rng.uniform(0.0, 0.3, (20, 8)))
+    distance, angle = np.max(list(differences.values()), axis=0)
+    assert len(differences) >= 10
+    # By 3 mm from arm_2_link on and by 6 mm from arm_3_link on.
+    assert distance < 0.0061
+    assert angle < 1e-9
 
 
 def test_differences_of_the_kinematics_are_measured_per_link(

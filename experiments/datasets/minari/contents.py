@@ -1,13 +1,12 @@
 """What a data set holds, as text."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 
 from experiments.datasets.minari.episode import RecordedEpisode
 from experiments.datasets.minari.physics import model_hash
 from experiments.datasets.minari.reading import Dataset
+from experiments.files.table import Table, text_table
 
 
 def title(dataset: Dataset) -> str:
@@ -38,8 +37,7 @@ def contents(dataset: Dataset) -> str:
     origin, git = dataset.origin, dataset.origin["git"]
     edited = " with edits" if git and git.get("dirty") else ""
     rows = [_row(n, dataset.episode(n)) for n in range(dataset.n_episodes)]
-    lines = [list(rows[0]), *(list(row.values()) for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    table = Table(columns=tuple(rows[0]), rows=tuple(tuple(r.values()) for r in rows))
     return "\n".join(
         [
             title(dataset),
@@ -49,10 +47,7 @@ def contents(dataset: Dataset) -> str:
             _listed({"minari": origin["minari"], **origin["versions"]}),
             _listed(origin["arithmetic"]),
             "",
-            *(
-                "  ".join(cell.rjust(w) for cell, w in zip(line, widths, strict=True))
-                for line in lines
-            ),
+            text_table(table),
         ]
     )
 

@@ -1,11 +1,9 @@
 """One episode with everything that is needed to run it again."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import gymnasium as gym
 import numpy as np
@@ -125,7 +123,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         observation, info = self.env.reset(seed=seed, options=given or None)
         # Options hold from their episode on: what an earlier reset set still counts.
         self._in_force |= _storable(given)
-        model = self._unwrapped.model
+        model = cast(Any, self.unwrapped).model
         self._start = {
             "seed": seed,
             "options": dict(self._in_force),
@@ -166,12 +164,9 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
             infos=_stack("info", self._infos),
         )
 
-    @property
-    def _unwrapped(self) -> Any:
-        return self.env.unwrapped
-
     def _keep(self, observation: Mapping[str, Any], info: Mapping[str, Any]) -> None:
-        state = physics_state(self._unwrapped.model, self._unwrapped.data)
+        inner: Any = self.unwrapped
+        state = physics_state(inner.model, inner.data)
         self._observations.append(_copied(observation))
         self._infos.append({**_copied(info), PHYSICS_STATE: state})
 

@@ -1,7 +1,5 @@
 """What MuJoCo's future depends on: the physics state and the model."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
@@ -28,16 +26,13 @@ def physics_state(model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
 
 def state_layout(model: mujoco.MjModel) -> dict[str, int]:
     """How many numbers of the state each part has, in order; empty parts left out."""
+    members = mujoco.mjtState.__members__.items()
     sizes = {
         name.removeprefix("mjSTATE_").lower(): mujoco.mj_stateSize(model, int(bit))
-        for name, bit in sorted(mujoco.mjtState.__members__.items(), key=_bit)
+        for name, bit in sorted(members, key=lambda member: int(member[1]))
         if int(bit).bit_count() == 1 and int(bit) & _STATE
     }
     return {name: size for name, size in sizes.items() if size}
-
-
-def _bit(member: tuple[str, Any]) -> int:
-    return int(member[1])
 
 
 def model_digests(model: mujoco.MjModel) -> dict[str, str]:

@@ -1,7 +1,5 @@
 """Reading a data set that this package wrote, and no other."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

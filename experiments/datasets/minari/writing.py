@@ -1,7 +1,5 @@
 """Writing a data set: the whole folder appears at once, or not at all."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import io
@@ -9,7 +7,6 @@ import json
 import re
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -80,35 +77,46 @@ def write_dataset(
     specification = _specification(env)
     target.parent.mkdir(parents=True, exist_ok=True)
     with _replacing(target) as data:
-        packed = _packed(episodes)
+        content, totals = _packed(episodes)
+        origin = provenance(config)
+        versions = {name: origin["versions"][name] for name in REPRODUCING}
         metadata = {
             "dataset_id": target.name,
             "env_spec": specification,
             "observation_space": serialize_space(env.observation_space),
             "action_space": serialize_space(env.action_space),
             "algorithm_name": policy,
-            **_metadata(packed, provenance(config)),
+            **totals,
+            "dataset_size": round(len(content) / 1e6, 1),
+            "data_format": "hdf5",
+            "jpeg_encoding": False,
+            "minari_version": minari.__version__,
+            "requirements": [
+                f"{name}=={version}"
+                for name, version in versions.items()
+                if version != "unknown"
+            ],
+            KIND: {
+                "layout": LAYOUT,
+                "sha256": hashlib.sha256(content).hexdigest(),
+                **origin,
+            },
         }
         try:
             with complete_or_absent(data / MAIN_FILE) as path:
-                path.write_bytes(packed.content)
+                path.write_bytes(content)
             write_json(data / METADATA_FILE, metadata)
         except OSError as error:
-            size = f"the data set takes {len(packed.content) / 1e6:.1f} MB"
+            size = f"the data set takes {len(content) / 1e6:.1f} MB"
             reason = f"{error.strerror}; {size}"
             raise OSError(error.errno, reason, str(folder)) from error
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Packed:
-    content: bytes
-    n_episodes: int
-    n_steps: int
-    n_doors: int
-
-
-def _packed(episodes: Iterable[RecordedEpisode]) -> _Packed:
+def _packed(episodes: Iterable[RecordedEpisode]) -> tuple[bytes, dict[str, Any]]:
     """Make the HDF5 file in memory: on a full disk, HDF5 ends the process.
+
+    Returns:
+        Its content, and what the metadata say of it.
 
     Raises:
         ValueError: There is no episode.
@@ -125,12 +133,21 @@ def _packed(episodes: Iterable[RecordedEpisode]) -> _Packed:
             doors.add(repr(episode.options.get("door")))
     if not steps:
         raise ValueError("a data set needs at least one episode; none was added")
-    return _Packed(
-        content=image.getvalue(),
-        n_episodes=len(steps),
-        n_steps=sum(steps),
-        n_doors=len(doors),
-    )
+    return image.getvalue(), {
+        "total_episodes": len(steps),
+        "total_steps": sum(steps),
+        "description": _description(len(doors)),
+    }
+
+
+def _description(n_doors: int) -> str:
+    text = "Door opening, recorded by gplfd; run again with `gplfd demos replay`."
+    if n_doors > 1:
+        text += (
+            f" It holds {n_doors} doors, and recover_environment() makes one: reset it "
+            "with the options of an episode to have that episode's door."
+        )
+    return text
 
 
 def _attributes(number: int, episode: RecordedEpisode) -> dict[str, Any]:
@@ -164,37 +181,6 @@ def _add(group: Any, name: str, array: NDArray[Any]) -> None:
         compression="gzip",
         shuffle=True,
     )
-
-
-def _metadata(packed: _Packed, origin: Mapping[str, Any]) -> dict[str, Any]:
-    description = (
-        "Door opening, recorded by gplfd; run again with `gplfd demos replay`."
-    )
-    if packed.n_doors > 1:
-        description += (
-            f" It holds {packed.n_doors} doors, and recover_environment() makes one: "
-            "reset it with the options of an episode to have that episode's door."
-        )
-    versions = {name: origin["versions"][name] for name in REPRODUCING}
-    return {
-        "total_episodes": packed.n_episodes,
-        "total_steps": packed.n_steps,
-        "dataset_size": round(len(packed.content) / 1e6, 1),
-        "data_format": "hdf5",
-        "jpeg_encoding": False,
-        "minari_version": minari.__version__,
-        "description": description,
-        "requirements": [
-            f"{name}=={version}"
-            for name, version in versions.items()
-            if version != "unknown"
-        ],
-        KIND: {
-            "layout": LAYOUT,
-            "sha256": hashlib.sha256(packed.content).hexdigest(),
-            **origin,
-        },
-    }
 
 
 @contextlib.contextmanager
