@@ -11,6 +11,7 @@ Importing this package registers the ids; MuJoCo is loaded only by ``gym.make``:
 import gymnasium
 
 from gplfd_env.config import DOORS, DoorConfig
+from gplfd_env.geometry import DoorGeometry
 from gplfd_env.randomization import RANDOMIZATIONS, DoorRandomization
 
 ENVIRONMENT_ID = "gplfd/DoorOpening-v0"
@@ -43,5 +44,6 @@ __all__ = [
     "RANDOMIZATIONS",
     "TIME_LIMIT",
     "DoorConfig",
+    "DoorGeometry",
     "DoorRandomization",
 ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,26 +14,25 @@ from policies.method import TrainingInput
 from policies.policy import Policy
 
 
-def learned(policy: Policy, training: TrainingInput) -> Callable[[float], Agent]:
+def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
     """Learn a policy's movement once, if it follows one.
 
     Args:
         policy: What to learn.
-        training: What to learn from, without a radius.
+        training: What to learn from.
 
     Returns:
-        What makes an agent for a door's radius [m]. Policies that follow no learned
-        movement begin anew for every door.
+        What makes an agent. Policies that follow no learned movement begin anew for
+        every one.
     """
     method = policy.method
 
-    def make(radius: float) -> Agent:
+    def make() -> Agent:
         # Matrices of a hundred rows: sharing them out among threads costs ten times
         # the work itself.
         with threadpool_limits(limits=1, user_api="blas"):
             if method is None:
-                given = dataclasses.replace(training, radius=radius)
-                return as_agent(policy.make(given))
+                return as_agent(policy.make(training))
             return method.follow(movement)
 
     if method is not None:

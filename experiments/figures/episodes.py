@@ -129,7 +129,7 @@ def _episode(
     path = kept / f"{POLICY}-{door}.npz"
     if path.is_file():
         return EpisodeLog.load(path)
-    agent = make_agent(POLICY, learned.demonstrations, seed=seed, radius=config.radius)
+    agent = make_agent(POLICY, learned.demonstrations, seed=seed)
     env = gym.make(ENVIRONMENT_ID, door=config)
     log = rollout(
         env,
