@@ -83,6 +83,6 @@ class DoorGeometry:
         return math.cos(angle) * self.pull + math.sin(angle) * inwards
 
     def angle(self, position: ArrayLike) -> Array:
-        """Return the opening angles [rad], (...), at positions of the hand, (..., 3)."""
+        """Return the opening angles [rad], (...), at hand positions, (..., 3)."""
         lever = np.asarray(position, dtype=np.float64) - self.hinge
         return np.arctan2(lever @ self.pull, lever @ -self.hinge / self.radius)

@@ -14,14 +14,16 @@ estimate is the most probable one,
 
     min over ω, κ:  Σ_i ρ(‖(r_i, q_a,i)‖/σ) + Σ_j (ω_j/σ_j)² + ((κ - κ₀)/σ_κ)²,
 
-with Huber's ρ, which bounds what one wrong point can do. Gauss-Newton with weights
-min(1, c/‖·‖) converges in two or three steps from anywhere near, and a fit that is
-continued with every new point needs one. The prior is what an engineer knows before
+with ρ(e) = c² log(1 + e²/c²), the logarithm of heavy tails, which takes from a wrong
+point what it could do the farther it is. Gauss-Newton with weights 1/(1 + e²/c²)
+converges in a few steps from anywhere near, and a fit that is continued with every new
+point needs one. The prior is what an engineer knows before
 touching the door: it faces the robot within a few degrees, hinges stand upright, and
 a radius is half a metre, give or take. A path too short to tell leaves it so.
 
 Sources: N. Chernov, *Circular and Linear Regression*, 2010, ch. 4-6 (geometric fit,
-bias of algebraic ones, curvature as parameter); P. J. Huber, *Robust Statistics*, 1981.
+bias of algebraic ones, curvature as parameter); P. J. Huber, *Robust Statistics*, 1981
+(M-estimates by weights).
 """
 
 from __future__ import annotations
@@ -156,7 +158,8 @@ def _residuals(
     Derivatives by δ, of E exp(δ), and by κ: a small turn moves q by -δ × q.
     """
     square, across = t * t + n * n, kappa * n + 1.0
-    length = np.hypot(kappa * t, across)
+    # At the hinge itself there is no direction away from it.
+    length = np.maximum(np.hypot(kappa * t, across), 1e-9)
     radial = (kappa * square + 2.0 * n) / (length + 1.0)
     by_t, by_n = kappa * t / length, across / length
     by_length = (kappa * t * t + n * across) / length
