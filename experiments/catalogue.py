@@ -15,9 +15,11 @@ def catalogue() -> str:
         f"doors (or any radius from {low:g} to {high:g} m)": {
             name: _door(config) for name, config in DOORS.items()
         },
-        "policies (or one of your own: module:function)": {
-            name: POLICIES[name].summary for name in sorted(POLICIES)
-        },
+        "methods (or a policy of your own: module:function)": _policies("method"),
+        "ablations: a method without one idea, or with another one": _policies(
+            "ablation"
+        ),
+        "references, which learn nothing": _policies("reference"),
         "policies of installed packages": {
             one.name: f"{one.policy.summary if one.policy else one.problem} "
             f"({one.package})"
@@ -36,6 +38,14 @@ def catalogue() -> str:
     return "\n\n".join(
         _section(title, lines) for title, lines in sections.items() if lines
     )
+
+
+def _policies(kind: str) -> dict[str, str]:
+    return {
+        name: POLICIES[name].summary
+        for name in sorted(POLICIES)
+        if POLICIES[name].kind == kind
+    }
 
 
 def _door(config: DoorConfig) -> str:

@@ -108,10 +108,10 @@ def open_doors(
     started = time.perf_counter()
     with reported_errors(policy, chosen):
         if skill is None:
-            shown, agent_for = _learn(chosen, demonstrations, seed)
+            shown, make = _learn(chosen, demonstrations, seed)
         else:
-            shown, agent_for = _load(policy, skill)
-        agents = {door: agent_for(config.radius) for door, config in configs.items()}
+            shown, make = _load(policy, skill)
+        agents = {door: make() for door in configs}
     LOG.info("ready to act (%.1f s)", time.perf_counter() - started)
     run = _Run(
         folder=folder,
@@ -176,7 +176,7 @@ def _demonstrations(given: Path | int, seed: int) -> LabelledDemonstrations:
 
 def _learn(
     policy: Policy, demonstrations: Path | int, seed: int
-) -> tuple[LabelledDemonstrations, Callable[[float], Agent]]:
+) -> tuple[LabelledDemonstrations, Callable[[], Agent]]:
     shown = _demonstrations(demonstrations, seed)
     LOG.info("learning from %d demonstrations", len(shown.demonstrations))
     training = TrainingInput(demonstrations=shown.demonstrations, seed=seed)
@@ -185,7 +185,7 @@ def _learn(
 
 def _load(
     policy: str, file: Path
-) -> tuple[LabelledDemonstrations, Callable[[float], Agent]]:
+) -> tuple[LabelledDemonstrations, Callable[[], Agent]]:
     method, skill = skill_method(policy), load_skill(file)
     times = skill.duration * skill.aligned.times
     shown = [Demonstration(times=times, poses=poses) for poses in skill.aligned.poses]
@@ -193,7 +193,7 @@ def _load(
         LabelledDemonstrations(
             demonstrations=tuple(shown), radii=tuple(None for _ in shown)
         ),
-        lambda _: method.follow(skill),
+        lambda: method.follow(skill),
     )
 
 

@@ -12,6 +12,7 @@ import gymnasium
 
 from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.disturbance import DISTURBANCES, Disturbance
+from gplfd_env.geometry import DoorGeometry
 from gplfd_env.randomization import RANDOMIZATIONS, DoorRandomization
 
 ENVIRONMENT_ID = "gplfd/DoorOpening-v0"
@@ -46,5 +47,6 @@ __all__ = [
     "TIME_LIMIT",
     "Disturbance",
     "DoorConfig",
+    "DoorGeometry",
     "DoorRandomization",
 ]

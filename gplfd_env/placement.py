@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gplfd_env.config import DoorConfig
-from gplfd_env.variation import Placement
+from gplfd_env.geometry import DoorGeometry
+from gplfd_env.variation import Placement, Variation
 
 HANDLE_XY_W: Final = (0.7345, 0.7004)
 """Closed handle in the base frame where the base stands as it should [m];
@@ -87,10 +88,26 @@ def grasp_in_door_frame(placement: Placement) -> tuple[Matrix, Matrix]:
 
     It is where the hand takes hold, in the heading that the robot believes in.
     """
+    position, rotation = _task_in_door_frame(placement)
+    return position, quaternion(rotation)
+
+
+def door_geometry(variation: Variation) -> DoorGeometry:
+    """Return where the hinge of an episode's door is in its task frame."""
+    position, rotation = _task_in_door_frame(variation.placement)
+    hinge = np.array([0.0, 0.0, -variation.door.radius])
+    return DoorGeometry(
+        hinge=rotation.T @ (hinge - position),
+        axis=rotation.T @ np.array([0.0, 1.0, 0.0]),
+    )
+
+
+def _task_in_door_frame(placement: Placement) -> tuple[Matrix, Matrix]:
+    """Return the task frame in the door frame: position (3,) [m], axes (3, 3)."""
     back = gripper_rotation_w() @ np.array([0.0, 0.0, placement.grasp_depth])
     door = task_rotation_w(placement.base_yaw)
     position = door.T @ back + np.array([0.0, placement.grasp_height, 0.0])
-    return position, quaternion(door.T @ task_rotation_w())
+    return position, door.T @ task_rotation_w()
 
 
 def solve_closed_posture(

@@ -12,6 +12,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from gplfd_env.geometry import DoorGeometry
 from policies.compliance import ComplianceConfig, ComplianceController
 from policies.gridded import GriddedMovement
 from policies.phase import PhaseRule
@@ -22,6 +23,9 @@ from policies.trajectory import GaussianTrajectory
 @runtime_checkable
 class Agent(Protocol):
     """What acts in one episode; `as_agent` makes one of anything that can act."""
+
+    def inform(self, door: DoorGeometry) -> None:
+        """Take in which door the next episode has; for an oracle, else ignored."""
 
     def reset(self, observation: Observation) -> None:
         """Begin an episode at the closed, grasped door."""
@@ -38,8 +42,8 @@ def as_agent(candidate: object) -> Agent:
 
     Args:
         candidate: Has ``act(observation)``, which returns the commanded pose (6,)
-            [m, rad] or an `AgentStep`; ``reset(observation)`` and ``forecast()`` are
-            called if it has them.
+            [m, rad] or an `AgentStep`; ``inform(door)``, ``reset(observation)`` and
+            ``forecast()`` are called if it has them.
 
     Returns:
         An agent that checks what the object returns, step by step.
@@ -70,6 +74,11 @@ class CheckedAgent:
     def __init__(self, candidate: Any) -> None:
         self._candidate = candidate
         self._step = 0
+
+    def inform(self, door: DoorGeometry) -> None:
+        """Pass on which door the next episode has."""
+        if hasattr(self._candidate, "inform"):
+            self._candidate.inform(door)
 
     def reset(self, observation: Observation) -> None:
         """Begin an episode."""
@@ -145,6 +154,9 @@ class CompliantAgent:
     def __post_init__(self) -> None:
         controller = ComplianceController(self.movement, self.phases, self.config)
         object.__setattr__(self, "_controller", controller)
+
+    def inform(self, door: DoorGeometry) -> None:
+        """Ignore it: what it knows of doors it has learned and will observe."""
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed one."""

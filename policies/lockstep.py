@@ -12,6 +12,7 @@ from typing import Any, Protocol, SupportsIndex, runtime_checkable
 
 import numpy as np
 
+from gplfd_env.geometry import DoorGeometry
 from policies.agent import Agent, CompliantAgent, as_agent
 from policies.compliance import ComplianceController
 from policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
@@ -26,6 +27,9 @@ Mask = np.ndarray
 @runtime_checkable
 class AgentBatch(Protocol):
     """N agents in lockstep, each with a door of its own."""
+
+    def inform(self, doors: Sequence[DoorGeometry]) -> None:
+        """Tell every member the door of its next episode; for oracles, else ignored."""
 
     def reset(self, observations: Observation, mask: Mask | None = None) -> None:
         """Let members begin an episode at the closed, grasped door.
@@ -106,6 +110,9 @@ class _AllAtOnce:
         self._controller = ComplianceController(self._movements, rule, agents[0].config)
         self._actions = np.full((len(agents), 6), np.nan)
 
+    def inform(self, doors: Sequence[DoorGeometry]) -> None:
+        """Ignore them, as each agent does."""
+
     def reset(self, observations: Observation, mask: Mask | None = None) -> None:
         """Let members begin an episode."""
         self._controller.reset(members_of(mask, len(self._movements)))
@@ -132,6 +139,11 @@ class _OneByOne:
         self._agents = tuple(agents)
         self._numbers = np.arange(len(agents))
         self._actions = np.full((len(agents), 6), np.nan)
+
+    def inform(self, doors: Sequence[DoorGeometry]) -> None:
+        """Tell every member the door of its next episode."""
+        for agent, door in zip(self._agents, doors, strict=True):
+            agent.inform(door)
 
     def reset(self, observations: Observation, mask: Mask | None = None) -> None:
         """Let members begin an episode."""

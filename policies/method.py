@@ -42,8 +42,6 @@ class TrainingInput:
     """At least one, in the task frame."""
     seed: int = 0
     """Seeds whatever is random in the learning."""
-    radius: float | None = None
-    """True radius of the door to open [m], or None; privileged: for an oracle."""
     prior_mean: PriorMean | None = None
     """What is expected where nothing was demonstrated, or None; some methods only."""
 

@@ -51,6 +51,9 @@ class Policy:
     make: Callable[[TrainingInput], object]
     """Learns from the training input and returns an agent, or anything that
     `policies.agent.as_agent` takes: a `Method`, or any function."""
+    kind: Literal["method", "ablation", "reference"] = "method"
+    """Something to compare; what is left of it without one idea, or with another in its
+    place; or what every method is measured against, which learns nothing."""
     origin: PolicyOrigin | None = None
     """Where it was found; `policies.registry.policy_named` fills it in."""
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from policies.adaptation import (
@@ -25,7 +26,6 @@ from policies.baselines.gmm_gp import fit_gmm_gp
 from policies.baselines.gmr import fit_gmr
 from policies.baselines.kmp import KMPConfig, fit_kmp
 from policies.baselines.local_gp import LocalGPConfig, fit_local_gp
-from policies.baselines.oracle import OracleAgent
 from policies.baselines.promp import fit_promp
 from policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
 from policies.compliance import ComplianceConfig
@@ -39,6 +39,10 @@ from policies.load import YieldToAll
 from policies.method import Method, TrainingInput, clock_phase, demonstrated_phase
 from policies.policy import Policy, PolicyOrigin
 from policies.prior_mean import PriorMean
+from policies.reference.compliant_pull import CompliantPullAgent
+from policies.reference.displacement import ChordAgent, ReflexAgent
+from policies.reference.hinge_fit import HingeFitAgent
+from policies.reference.oracle import OracleAgent
 from policies.skill import fit_skill
 from policies.user_policies import module_policy, packaged_names, packaged_policy
 
@@ -48,7 +52,6 @@ def make_agent(
     demonstrations: Sequence[Demonstration],
     *,
     seed: int = 0,
-    radius: float | None = None,
     prior_mean: PriorMean | None = None,
 ) -> Agent:
     """Learn a policy by name and return an agent that follows it.
@@ -58,17 +61,15 @@ def make_agent(
             ``module:function`` for one of your own.
         demonstrations: What to learn from, task frame.
         seed: Seeds whatever is random in the learning.
-        radius: True radius of the door to open [m]; only an oracle reads it.
         prior_mean: What is expected where nothing was demonstrated.
 
     Raises:
         TypeError: Something else than a sequence of demonstrations.
-        ValueError: An unknown name, no demonstrations, the oracle without radius, a
-            prior mean for a method that cannot be given one, or a policy of one's own
-            whose agent cannot act.
+        ValueError: An unknown name, no demonstrations, a prior mean for a method that
+            cannot be given one, or a policy of one's own whose agent cannot act.
     """
     training = TrainingInput(
-        demonstrations=demonstrations, seed=seed, radius=radius, prior_mean=prior_mean
+        demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
     )
     policy = policy_named(name)
     takers = [
@@ -133,13 +134,20 @@ def load_policy(origin: PolicyOrigin) -> Policy:
     return policy
 
 
-def _oracle(training: TrainingInput) -> Agent:
-    if training.radius is None:
-        raise ValueError(
-            "the oracle needs the door's true radius: make_agent('oracle', ..., "
-            "radius=0.5)"
-        )
-    return OracleAgent(training.radius)
+def _reference(agent: Callable[[], object], summary: str) -> Policy:
+    make = partial(_untaught, agent)
+    return Policy(summary=summary, make=make, kind="reference")
+
+
+def _untaught(agent: Callable[[], object], training: TrainingInput) -> object:
+    return agent()
+
+
+def _constant_stiffness(translation: float) -> Method:
+    """Return `GP` at one stiffness [N/m]; in rotation at a tenth of it [N m/rad]."""
+    constant = np.repeat([translation, 0.1 * translation], 3)
+    profile = replace(DEFAULT_PROFILE, k_min=constant, k_max=constant)
+    return replace(GP, config=ComplianceConfig(profile=profile))
 
 
 GP: Final = Method(fit=fit_skill, accepts_prior_mean=True, adaptation=ProcessAdaptation)
@@ -194,39 +202,56 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-product": Policy(
             summary="gp with the paper's adaptation, a product of Gaussians",
             make=replace(GP, adaptation=ProductAdaptation),
+            kind="ablation",
         ),
         "gp-exact": Policy(
             summary="gp conditioned on demonstrations and via-points, white spread",
             make=replace(GP, adaptation=ExactAdaptation),
+            kind="ablation",
         ),
         "gp-fixed": Policy(
             summary="the same GP without adaptation: the demonstrations' mean",
             make=replace(GP, adaptation=None),
+            kind="ablation",
         ),
         "gp-homoscedastic": Policy(
             summary="gp with one noise level for the whole task",
             make=replace(GP, fit=partial(fit_skill, noise="homoscedastic")),
+            kind="ablation",
         ),
         "gp-dtw-euclidean": Policy(
             summary="gp aligned by distance of poses instead of task completion",
             make=replace(GP, align=partial(align, method="dtw-euclidean")),
+            kind="ablation",
         ),
         "gp-clock": Policy(
             summary="gp that dates its observations by the clock: learns its own lag",
             make=replace(GP, phases=clock_phase),
+            kind="ablation",
         ),
         "gp-paper": Policy(
             summary="what the paper states: Kersting, product, one stiffness law",
             make=PAPER,
         ),
-        "gp-constant-stiffness": Policy(
-            summary="the adapted GP, always at the greatest stiffness",
-            make=replace(
-                GP,
-                config=ComplianceConfig(
-                    profile=replace(DEFAULT_PROFILE, k_min=DEFAULT_PROFILE.k_max)
-                ),
-            ),
+        "gp-constant-100": Policy(
+            summary="gp always at 100 N/m, the least that it uses",
+            make=_constant_stiffness(100.0),
+            kind="ablation",
+        ),
+        "gp-constant-200": Policy(
+            summary="gp always at 200 N/m",
+            make=_constant_stiffness(200.0),
+            kind="ablation",
+        ),
+        "gp-constant-330": Policy(
+            summary="gp always at 330 N/m",
+            make=_constant_stiffness(330.0),
+            kind="ablation",
+        ),
+        "gp-constant-500": Policy(
+            summary="gp always at 500 N/m, the greatest that it uses",
+            make=_constant_stiffness(500.0),
+            kind="ablation",
         ),
         "dmp": Policy(
             summary="dynamic movement primitive of the mean; no uncertainty, no "
@@ -269,8 +294,18 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
             summary="GP with a Gaussian-mixture prior, conditioned while opening",
             make=Method(fit=fit_gmm_gp, adaptation=OwnAdaptation),
         ),
-        "oracle": Policy(
-            summary="knows the door's radius; no policy, no compliance", make=_oracle
+        "hinge-fit": _reference(
+            HingeFitAgent, "fits the hinge to the hand's path, follows it, yields"
+        ),
+        "reflex": _reference(
+            ReflexAgent, "moves on where the hand just went, yields to what is across"
+        ),
+        "chord": _reference(ChordAgent, "pulls towards where the hand just went"),
+        "compliant-pull": _reference(
+            CompliantPullAgent, "pulls straight back with a constant force, yields"
+        ),
+        "oracle": _reference(
+            OracleAgent, "is told the door, follows its arc, does not yield"
         ),
     }
 )

@@ -18,6 +18,7 @@ from experiments.progress import LOG, progress_bar
 from experiments.teacher import Teacher
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DoorConfig
+from gplfd_env.placement import door_geometry
 from gplfd_env.randomization import door_randomization
 from policies.agent import Agent
 from policies.method import TrainingInput
@@ -106,7 +107,7 @@ def _recorded(
         shown = Teacher().standard_demonstrations(demonstrations_per_door, seed=seed)
         training = TrainingInput(demonstrations=shown, seed=seed)
         with reported_errors(name, policy):
-            agent = learned(policy, training)(config.radius)
+            agent = learned(policy, training)()
             _act(agent, recorder, config, seed)
         episode = recorder.episode
         LOG.info("%s, seed %d: %s", door, seed, outcome(episode))
@@ -115,10 +116,12 @@ def _recorded(
 
 def _act(agent: Agent, env: Recorder, door: DoorConfig, seed: int) -> None:
     """Let the agent act from the reset to the end of the episode."""
+    inner: Any = env.unwrapped
     # Small matrices: more threads only cost time, and change the order of sums.
     with threadpool_limits(limits=1, user_api="blas"):
         options = {"door": dataclasses.asdict(door)}
         observation, _ = env.reset(seed=seed, options=options)
+        agent.inform(door_geometry(inner.variation))
         agent.reset(observation)
         ended = False
         while not ended:

@@ -1,7 +1,6 @@
 """Agents from a policy, and where in a policy of the user's an error arose."""
 
 import contextlib
-import dataclasses
 import traceback
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -14,16 +13,16 @@ from policies.method import TrainingInput
 from policies.policy import Policy
 
 
-def learned(policy: Policy, training: TrainingInput) -> Callable[[float], Agent]:
+def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
     """Learn a policy's movement once, if it follows one.
 
     Args:
         policy: What to learn.
-        training: What to learn from, without a radius.
+        training: What to learn from.
 
     Returns:
-        What makes an agent for a door's radius [m]. Policies that follow no learned
-        movement begin anew for every door.
+        What makes an agent. Policies that follow no learned movement begin anew for
+        every one.
     """
     method = policy.method
     # Matrices of a hundred rows: sharing them out among threads costs ten times the
@@ -32,11 +31,11 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[float], Agent]
     with one_thread():
         movement = method.learn(training) if method is not None else None
 
-    def make(radius: float) -> Agent:
+    def make() -> Agent:
         with one_thread():
             if method is not None and movement is not None:
                 return method.follow(movement)
-            return as_agent(policy.make(dataclasses.replace(training, radius=radius)))
+            return as_agent(policy.make(training))
 
     return make
 

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
+from gplfd_env.placement import door_geometry
 from policies.agent import Agent, as_agent
 from policies.steps import AgentStep
 
@@ -44,7 +45,7 @@ def rollout(
     """Let the agent act until the episode ends, and log everything.
 
     Args:
-        env: Door environment; its ``unwrapped.data`` is the MuJoCo state.
+        env: Door environment; its ``unwrapped`` has the MuJoCo state and the variation.
         agent: Anything that `policies.agent.as_agent` takes.
         policy: Name of the policy, for the log.
         door: Name of the door, for the log.
@@ -68,6 +69,7 @@ def rollout(
     # ten times the work itself.
     with threadpool_limits(limits=1, user_api="blas"):
         observation, info = env.reset(seed=seed)
+        agent.inform(door_geometry(inner.variation))
         agent.reset(observation)
         steps = StepRecorder()
         forecasts = ForecastRecorder(agent.forecast, forecast_period)

@@ -115,7 +115,7 @@ def _episode(
     path = kept / f"{POLICY}-{door}.npz"
     if path.is_file():
         return EpisodeLog.load(path)
-    agent = make_agent(POLICY, learned.demonstrations, seed=seed, radius=config.radius)
+    agent = make_agent(POLICY, learned.demonstrations, seed=seed)
     with contextlib.closing(gym.make(ENVIRONMENT_ID, door=config)) as env:
         log = rollout(env, agent, policy=POLICY, door=door, seed=seed)
     log.save(path)

@@ -67,7 +67,7 @@ def watch(
     demonstrations = Teacher().standard_demonstrations(seed=seed)
     training = TrainingInput(demonstrations=demonstrations, seed=seed)
     with reported_errors(policy, chosen):
-        agent = learned(chosen, training)(config.radius)
+        agent = learned(chosen, training)()
 
     def show(stream: rr.RecordingStream, viewer: subprocess.Popen[bytes]) -> EpisodeLog:
         model: Any = env.unwrapped.model  # type: ignore[attr-defined]

@@ -116,12 +116,12 @@ def _episode_results(tasks: Sequence[EpisodeTask], policy: Policy) -> list[Resul
     if not tasks:
         return []
     try:
-        agent_for = _learned(tasks[0], policy)
+        make = _learned(tasks[0], policy)
     except Exception as error:
         return _all_failed(tasks, error, policy)
 
     def together(some: Sequence[EpisodeTask]) -> list[Result]:
-        return _attempt(some, policy, lambda: _episode_metrics(some, agent_for))
+        return _attempt(some, policy, lambda: _episode_metrics(some, make))
 
     results = together(tasks)
     if len(tasks) > 1 and "error" in results[0]:
@@ -131,11 +131,11 @@ def _episode_results(tasks: Sequence[EpisodeTask], policy: Policy) -> list[Resul
 
 
 def _episode_metrics(
-    tasks: Sequence[EpisodeTask], agent_for: Callable[[float], Agent]
+    tasks: Sequence[EpisodeTask], make: Callable[[], Agent]
 ) -> list[dict[str, Any]]:
     return [
         episode_metrics(log, demonstrated_angle=task.teacher["angle_mean"]).as_json()
-        for task, log in zip(tasks, _open(tasks, agent_for), strict=True)
+        for task, log in zip(tasks, _open(tasks, make), strict=True)
     ]
 
 
@@ -159,8 +159,8 @@ def _learning_result(task: SkillTask, policy: Policy) -> Result:
     return _attempt([task], policy, measure)[0]
 
 
-def _learned(task: EpisodeTask, policy: Policy) -> Callable[[float], Agent]:
-    """Learn the task's policy; return what makes an agent for a door's radius [m]."""
+def _learned(task: EpisodeTask, policy: Policy) -> Callable[[], Agent]:
+    """Learn the task's policy; return what makes an agent."""
     training = TrainingInput(
         demonstrations=Teacher(TeacherConfig(**task.teacher)).demonstrate_doors(
             DEMONSTRATED_RADII,
@@ -173,9 +173,9 @@ def _learned(task: EpisodeTask, policy: Policy) -> Callable[[float], Agent]:
 
 
 def _open(
-    tasks: Sequence[EpisodeTask], agent_for: Callable[[float], Agent]
+    tasks: Sequence[EpisodeTask], make: Callable[[], Agent]
 ) -> tuple[EpisodeLog, ...]:
-    agents = [agent_for(task.door_config["radius"]) for task in tasks]
+    agents = [make() for _ in tasks]
     envs: Any = gym.make_vec(
         ENVIRONMENT_ID,
         num_envs=len(tasks),

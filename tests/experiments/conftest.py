@@ -18,6 +18,7 @@ from experiments.episodes.metrics import episode_metrics
 from experiments.teacher import standard_teacher
 from gplfd_env.config import DoorConfig
 from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.variation import Variation
 from policies.steps import AgentStep
 from policies.trajectory import GaussianTrajectory
 
@@ -75,6 +76,7 @@ class DoorEnv(gym.Env[Any, Any]):
     def __init__(self, outcome: str = "success", n_steps: int = 30) -> None:
         self.model = mujoco.MjModel.from_xml_string(MODEL)
         self.data = mujoco.MjData(self.model)
+        self.variation = Variation()
         self.outcome, self.n_steps = outcome, n_steps
         self.actions: list[Any] = []
 

@@ -301,7 +301,7 @@ from policies import make_agent
 def make(training):
     while training.seed >= int(Path("allowed").read_text()):
         time.sleep(0.02)
-    return make_agent("oracle", training.demonstrations, radius=training.radius)
+    return make_agent("oracle", training.demonstrations)
 """
 """A policy that learns from as many seeds as a file allows, and waits for more."""
 

@@ -145,7 +145,7 @@ def test_agents_of_a_log_decide_the_same_again(opened: Material) -> None:
 
 
 def test_expectation_of_an_agent_that_makes_no_forecasts(opened: Material) -> None:
-    agent = make_agent("oracle", opened.demonstrations.demonstrations, radius=0.5)
+    agent = make_agent("oracle", opened.demonstrations.demonstrations)
     with pytest.raises(ValueError, match="makes no forecasts"):
         expectation(agent)
 

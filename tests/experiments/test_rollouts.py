@@ -40,7 +40,7 @@ def in_lockstep(
         autoreset_mode=autoreset_mode,
         **options,
     )
-    agents = [make_agent(policy, demonstrations, radius=door) for door in DOORS]
+    agents = [make_agent(policy, demonstrations) for _ in DOORS]
     return rollouts(
         envs,
         batch_agents(agents),
@@ -52,7 +52,8 @@ def in_lockstep(
 
 @pytest.mark.bits
 @pytest.mark.parametrize(
-    ("policy", "randomization"), [("gp", "hard"), ("oracle", "mild")]
+    ("policy", "randomization"),
+    [("gp", "hard"), ("oracle", "hard"), ("hinge-fit", "mild")],
 )
 def test_logs_are_those_of_episodes_alone(
     policy: str, randomization: str, demonstrations: tuple[Demonstration, ...]
@@ -62,7 +63,7 @@ def test_logs_are_those_of_episodes_alone(
     assert len(lengths) > 1, "episodes must end at different times to prove anything"
     for door, seed, log in zip(DOORS, SEEDS, together, strict=True):
         env = gym.make(ENVIRONMENT_ID, door=door, randomization=randomization)
-        agent = make_agent(policy, demonstrations, radius=door)
+        agent = make_agent(policy, demonstrations)
         alone = rollout(env, agent, policy=policy, door=str(door), seed=seed)
         for field in dataclasses.fields(EpisodeLog):
             if field.name == "latency_s":

@@ -45,7 +45,7 @@ def test_a_kept_skill_opens_doors_as_one_that_was_just_learned(
     assert len(first["skill_sha256"]) == 64
     assert second["skill_sha256"] is None
     # Another policy follows the same skill in its own way.
-    assert cli.main([*kept, "--policy", "gp-constant-stiffness", "--out", "c"]) == 0
+    assert cli.main([*kept, "--policy", "gp-constant-500", "--out", "c"]) == 0
     assert metrics("c")["force_radial_peak"] != metrics("a")["force_radial_peak"]
 
 

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from gplfd_env import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc
 from policies import POLICIES, ViaPoint, align, make_agent
 from policies.adaptation import ADAPTATIONS
@@ -44,7 +45,14 @@ def observations(count):
 @pytest.fixture(scope="module")
 def agents(demonstrations):
     """Every policy's agent; learned once, as a reset makes it as new."""
-    return cache(lambda name: make_agent(name, demonstrations, radius=0.42))
+
+    @cache
+    def make(name):
+        agent = make_agent(name, demonstrations)
+        agent.inform(DoorGeometry.nominal(0.42))
+        return agent
+
+    return make
 
 
 @pytest.mark.parametrize("name", sorted(POLICIES))

@@ -27,7 +27,8 @@ GRID = np.linspace(0.0, 1.0, 31)
 FAR = np.array([-40.0, -30.0, 30.0, 40.0])
 TAKES_ONE = (
     *("gp", "gp-paper", "gp-product", "gp-exact", "gp-fixed", "gp-homoscedastic"),
-    *("gp-dtw-euclidean", "gp-clock", "gp-constant-stiffness"),
+    *("gp-dtw-euclidean", "gp-clock"),
+    *(f"gp-constant-{stiffness}" for stiffness in (100, 200, 330, 500)),
     *("local-gp", "wishart-gp"),
 )
 SHORT_CHAIN = WishartGPConfig(steps=20, discarded=5, times=15, degrees=6)
@@ -188,7 +189,7 @@ def test_methods_that_cannot_be_given_a_prior_mean_say_so(name, demonstrations):
     with pytest.raises(
         ValueError, match=f"^{name} has no prior mean.* gp, .*, wishart-gp$"
     ):
-        make_agent(name, demonstrations, radius=0.5, prior_mean=Line())
+        make_agent(name, demonstrations, prior_mean=Line())
 
 
 @pytest.mark.parametrize("name", TAKES_ONE)

@@ -1,0 +1,81 @@
+"""Where the hinge is in the task frame."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import gplfd_env
+from gplfd_env import DoorGeometry
+from gplfd_env.config import DoorConfig
+from gplfd_env.placement import door_geometry
+from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.variation import Placement, Variation
+
+ANGLES = np.linspace(0.0, 1.2, 7)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_hinge_is_where_the_simulator_has_it(seed: int) -> None:
+    env = gym.make(gplfd_env.ENVIRONMENT_ID, randomization="hard")
+    env.reset(seed=seed)
+    inner = env.unwrapped
+    found, data = door_geometry(inner.variation), inner.data  # type: ignore[attr-defined]
+    frame = data.site("task_frame")
+    axes = frame.xmat.reshape(3, 3)
+    hinge = axes.T @ (data.joint("hinge").xanchor - frame.xpos)
+    # Any point of an axis that stands upright: its height says nothing.
+    np.testing.assert_allclose(found.hinge[[0, 2]], hinge[[0, 2]], atol=1e-9)
+    axis = axes.T @ data.joint("hinge").xaxis
+    np.testing.assert_allclose(found.axis, axis, atol=1e-12)
+
+
+@given(st.floats(0.3, 0.65), st.floats(-0.1, 0.1))
+def test_a_wrong_heading_turns_the_arc_as_documented(radius: float, psi: float) -> None:
+    door = DoorConfig(radius=radius)
+    placed = Variation(door=door, placement=Placement(base_yaw=psi))
+    poses = door_geometry(placed).hand_poses(ANGLES)
+    sine, rest = np.sin(ANGLES), 1.0 - np.cos(ANGLES)
+    x = radius * (np.cos(psi) * sine + np.sin(psi) * rest)
+    z = radius * (np.sin(psi) * sine - np.cos(psi) * rest)
+    zero = np.zeros_like(x)
+    expected = np.stack([x, zero, z, zero, ANGLES, zero], axis=1)
+    np.testing.assert_allclose(poses, expected, atol=1e-12)
+
+
+@given(st.floats(0.3, 0.65))
+def test_the_nominal_door_is_the_task_s_arc(radius: float) -> None:
+    poses = DoorGeometry.nominal(radius).hand_poses(ANGLES)
+    np.testing.assert_allclose(poses, handle_pose_on_arc(radius, ANGLES), atol=1e-12)
+
+
+@given(*[st.tuples(*[st.floats(-1.0, 1.0)] * 3)] * 2)
+def test_angles_and_directions_are_those_of_the_poses(
+    hinge: tuple[float, ...], axis: tuple[float, ...]
+) -> None:
+    if np.linalg.norm(np.cross(hinge, axis)) < 1e-2:
+        return
+    door = DoorGeometry(hinge=np.array(hinge), axis=np.array(axis))
+    poses = door.hand_poses(ANGLES)
+    np.testing.assert_allclose(door.angle(poses[:, :3]), ANGLES, atol=1e-9)
+    ahead = door.hand_poses(ANGLES + 1e-6)[:, :3] - poses[:, :3]
+    for angle, step in zip(ANGLES, ahead, strict=True):
+        direction = step / np.linalg.norm(step)
+        np.testing.assert_allclose(door.direction(angle), direction, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("hinge", "axis", "message"),
+    [
+        ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), "not pass through the handle"),
+        ((0.0, 0.0, -0.5), (0.0, 0.0, 0.0), "must have a direction"),
+        ((0.0, 0.0), (0.0, 1.0, 0.0), r"DoorGeometry\.hinge must be three finite"),
+        ((0.0, 0.0, -0.5), (0.0, np.nan, 0.0), r"DoorGeometry\.axis must be three"),
+    ],
+)
+def test_impossible_doors_are_refused(
+    hinge: tuple[float, ...], axis: tuple[float, ...], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        DoorGeometry(hinge=np.array(hinge), axis=np.array(axis))

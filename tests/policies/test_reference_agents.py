@@ -1,0 +1,131 @@
+"""What the reference agents do about a door, without a simulator."""
+
+import numpy as np
+import pytest
+
+from gplfd_env import DoorGeometry
+from gplfd_env.task import DEMONSTRATED_ANGLE
+from policies import batch_agents, make_agent
+from policies.reference.path import HandPath, turned_towards
+
+LEARNING_NOTHING = ("hinge-fit", "reflex", "chord", "compliant-pull")
+
+
+def observation(pose, force=(0.0, 0.0, 0.0)):
+    return {"ee_pose": np.array(pose), "wrench": np.array([*force, 0.0, 0.0, 0.0])}
+
+
+def follow(agent, door, periods, lag=0.2):
+    """Let a hand that a door guides follow the commands without any force."""
+    angle, steps = 0.0, []
+    agent.reset(observation(np.zeros(6)))
+    for _ in range(periods):
+        step = agent.act(observation(door.hand_poses(angle)))
+        angle += lag * (float(door.angle(step.action[:3])) - angle)
+        steps.append(step)
+    return angle, steps
+
+
+@pytest.mark.parametrize("name", ["hinge-fit", "reflex", "chord"])
+@pytest.mark.parametrize("radius", [0.3, 0.65])
+def test_a_door_is_opened_along_its_circle(name, radius):
+    door = DoorGeometry.nominal(radius)
+    angle, steps = follow(make_agent(name, ()), door, 1000)
+    assert np.radians(60.0) < angle < np.radians(85.0)
+    turned = steps[-1].action[3:]
+    np.testing.assert_allclose(turned, [0.0, DEMONSTRATED_ANGLE, 0.0], atol=0.1)
+
+
+def test_hinge_fit_follows_the_circle_to_where_demonstrations_end():
+    door = DoorGeometry(
+        hinge=np.array([0.01, 0.0, -0.35]), axis=np.array([0.0, 1.0, 0.0])
+    )
+    angle, steps = follow(make_agent("hinge-fit", ()), door, 900)
+    assert angle == pytest.approx(DEMONSTRATED_ANGLE, abs=0.01)
+    poses = np.array([step.action for step in steps])
+    distances = np.linalg.norm((poses[:, :3] - door.hinge)[:, [0, 2]], axis=1)
+    assert np.abs(distances - door.radius).max() < 4e-3
+    assert np.abs(np.diff(poses[:, :3], axis=0)).max() < 0.25 * 0.35 * 0.01 * 1.5
+    assert np.diff([step.phase for step in steps]).min() > -0.01
+    assert steps[-1].phase == pytest.approx(1.0, abs=0.01)
+
+
+def test_hinge_fit_nulls_a_lasting_radial_force():
+    agent, force = make_agent("hinge-fit", ()), [0.0, 0.0, 2.0]
+    agent.reset(observation(np.zeros(6)))
+    moved = [agent.act(observation(np.zeros(6), force)) for _ in range(100)][-1]
+    # 2 N over 100 N s/m for a second, nearly.
+    assert (moved.action - moved.desired)[2] == pytest.approx(0.02, rel=0.05)
+
+
+def test_hinge_fit_waits_for_a_door_that_does_not_give():
+    agent = make_agent("hinge-fit", ())
+    agent.reset(observation(np.zeros(6)))
+    for _ in range(300):
+        step = agent.act(observation(np.zeros(6), [-25.0, 0.0, 0.0]))
+    assert np.abs(step.action[:3]).max() < 1e-3
+
+
+def test_compliant_pull_moves_where_its_force_leads():
+    agent = make_agent("compliant-pull", ())
+    agent.reset(observation(np.zeros(6)))
+    for _ in range(100):
+        step = agent.act(observation(np.zeros(6), [-16.0, 0.0, 3.0]))
+    assert abs(step.action[0]) < 1e-9 < 0.02 < step.action[2]
+
+
+@pytest.mark.parametrize("name", LEARNING_NOTHING)
+def test_a_reset_makes_them_as_new(name):
+    agent, door = make_agent(name, ()), DoorGeometry.nominal(0.4)
+    first, second = (follow(agent, door, 200)[1] for _ in range(2))
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_array_equal(one.action, other.action)
+
+
+def test_the_oracle_follows_the_door_that_it_is_told():
+    doors = [DoorGeometry.nominal(0.4), DoorGeometry.nominal(0.6)]
+    batch = batch_agents([make_agent("oracle", ()) for _ in doors])
+    batch.inform(doors)
+    start = {"ee_pose": np.zeros((2, 6)), "wrench": np.zeros((2, 6))}
+    batch.reset(start)
+    for _ in range(700):
+        poses = batch.act(start).action
+    for pose, door in zip(poses, doors, strict=True):
+        expected = door.hand_poses(DEMONSTRATED_ANGLE)
+        np.testing.assert_allclose(pose, expected, atol=1e-12)
+
+
+def test_the_oracle_must_be_told():
+    agent = make_agent("oracle", ())
+    agent.reset(observation(np.zeros(6)))
+    with pytest.raises(ValueError, match=r"told the door .* agent\.inform\(door\)"):
+        agent.act(observation(np.zeros(6)))
+
+
+def test_a_hand_that_stands_still_adds_nothing_to_its_way():
+    path, rng = HandPath(), np.random.default_rng(0)
+    for _ in range(500):
+        assert not path.add(5e-4 * rng.normal(size=3))
+    np.testing.assert_array_equal(path.direction(), [1.0, 0.0, 0.0])
+
+
+def test_the_last_displacement_is_the_chord_of_its_stretches():
+    path, door = HandPath(), DoorGeometry.nominal(0.5)
+    for angle in np.linspace(0.0, 1.0, 1000):
+        path.add(door.hand_poses(angle)[:3])
+    # Six centimetres and the mean of a stretch lag by half of their length.
+    behind = np.linalg.norm(turned_towards(path.direction()))
+    assert 0.9 < behind < 0.96
+    np.testing.assert_allclose(np.linalg.norm(path.direction()), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("direction", "expected"),
+    [
+        ([1.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+        ([0.0, 0.0, -1.0], [0.0, np.pi / 2, 0.0]),
+        ([0.0, 1.0, 0.0], [0.0, 0.0, np.pi / 2]),
+    ],
+)
+def test_the_shortest_turn_from_the_pull(direction, expected):
+    np.testing.assert_allclose(turned_towards(np.array(direction)), expected)

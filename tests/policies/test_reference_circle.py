@@ -1,0 +1,137 @@
+"""The circle fit of the reference agents."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from gplfd_env import DoorGeometry
+from policies.reference.circle import UPRIGHT, Circle, _residuals, fit_circle
+
+CERTAIN = replace(UPRIGHT, noise=1e-6)
+RADII = st.floats(0.3, 1.0)
+HEADINGS = st.floats(-0.1, 0.1)
+TILTS = st.floats(-0.02, 0.02)
+
+
+def door(radius, heading=0.0, tilt=0.0, slope=0.0):
+    axes = Rotation.from_rotvec([tilt, heading, slope]).as_matrix()
+    return DoorGeometry(hinge=-radius * axes[:, 2], axis=axes[:, 1])
+
+
+def way(door, length, spacing=0.005):
+    """The hand's way along a door's circle, without its start."""
+    count = round(length / spacing)
+    return door.hand_poses(np.arange(1, count + 1) * spacing / door.radius)[:, :3]
+
+
+def error(circle, door):
+    found = circle.door()
+    off = np.linalg.norm(found.hinge - door.hinge) / door.radius
+    return off + np.linalg.norm(found.axis - door.axis)
+
+
+@given(RADII, HEADINGS, TILTS, TILTS, st.floats(0.05, 0.5))
+def test_exact_circles_are_recovered(radius, heading, tilt, slope, length):
+    true = door(radius, heading, tilt, slope)
+    assert error(fit_circle(way(true, length), CERTAIN), true) < 2e-3
+
+
+@given(RADII, HEADINGS, st.integers(0, 9))
+def test_noise_of_a_millimetre_is_averaged(radius, heading, seed):
+    true = door(radius, heading)
+    points = way(true, radius)
+    points += 1e-3 * np.random.default_rng(seed).normal(size=points.shape)
+    found = fit_circle(points).door()
+    np.testing.assert_allclose(found.radius, radius, rtol=0.05)
+
+
+def test_short_arcs_are_not_pulled_inwards_by_noise():
+    """As Kåsa's algebraic fit is, which takes noise for curvature."""
+    true, flat = door(0.9), replace(UPRIGHT, radius=0.9, curvature_std=100.0)
+    rng = np.random.default_rng(0)
+    curvatures, algebraic = [], []
+    for _ in range(100):
+        points = way(true, 0.15) + 1e-3 * rng.normal(size=(30, 3))
+        curvatures.append(fit_circle(points, flat).curvature)
+        plane = points[:, [0, 2]]
+        centre = np.linalg.lstsq(plane, (plane**2).sum(axis=1) / 2.0)[0]
+        algebraic.append(1.0 / np.linalg.norm(centre))
+    bias, kasa = (abs(np.mean(each) * 0.9 - 1.0) for each in (curvatures, algebraic))
+    assert bias < 0.04 < 0.08 < kasa
+
+
+def test_a_path_too_short_to_tell_leaves_the_prior():
+    circle = fit_circle(way(door(0.3), 0.01))
+    np.testing.assert_allclose(circle.door().radius, UPRIGHT.radius, rtol=0.02)
+
+
+@given(st.tuples(*[st.floats(-3.0, 3.0)] * 3), RADII, HEADINGS, st.integers(0, 9))
+def test_a_turned_task_turns_the_estimate(turn, radius, heading, seed):
+    rotation = Rotation.from_rotvec(turn).as_matrix()
+    points = way(door(radius, heading), 0.3)
+    points += 1e-3 * np.random.default_rng(seed).normal(size=points.shape)
+    turned = replace(UPRIGHT, axes=rotation @ UPRIGHT.axes)
+    here = fit_circle(points).door()
+    there = fit_circle(points @ rotation.T, turned).door()
+    np.testing.assert_allclose(there.hinge, rotation @ here.hinge, atol=1e-7)
+    np.testing.assert_allclose(there.axis, rotation @ here.axis, atol=1e-7)
+
+
+@pytest.mark.parametrize("place", [0, 10, 25, 58])
+def test_one_wrong_point_changes_little(place):
+    """While the hand goes on: the estimate is continued with every point."""
+    true = door(0.4, 0.03)
+    points = way(true, 0.3)
+    points[place] += [0.3, 0.1, -0.4]
+    circle = Circle.expected(UPRIGHT)
+    for count in range(len(points)):
+        circle = circle.updated(points[: count + 1])
+        assert 0.3 < circle.door().radius < 0.7
+    np.testing.assert_allclose(circle.door().radius, 0.4, rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.zeros((0, 3)),
+        np.zeros((20, 3)),
+        np.linspace(0.0, 0.5, 50)[1:, None] * [1.0, 0.0, 0.0],
+        np.linspace(0.0, 0.5, 50)[1:, None] * [0.0, 1.0, 0.0],
+        np.linspace(0.0, 0.5, 50)[1:, None] * [0.0, 0.0, -1.0],
+        np.linspace(0.0, 0.5, 50)[1:, None] * [-1.0, 0.0, 0.0],
+        np.tile([0.0, 0.0, -UPRIGHT.radius], (9, 1)),
+        1e3 * np.random.default_rng(0).normal(size=(50, 3)),
+    ],
+)
+def test_what_is_no_circle_gives_a_bounded_door(points):
+    with np.errstate(all="raise"):
+        found = fit_circle(points).door()
+    assert np.isfinite([found.hinge, found.axis, found.pull]).all()
+    assert 0.1 - 1e-9 <= found.radius <= 5.0 + 1e-9
+    assert found.axis[1] > 0.5 < found.pull[0]
+
+
+def test_what_is_not_finite_is_refused():
+    with pytest.raises(ValueError, match="leave out what was not seen"):
+        fit_circle(np.array([[0.0, np.nan, 0.0]]))
+
+
+@given(st.floats(0.0, 3.0), st.integers(0, 99))
+def test_derivatives_are_those_of_the_distances(curvature, seed):
+    rng = np.random.default_rng(seed)
+    points, step = 0.2 * rng.normal(size=(5, 3)), 1e-6
+
+    def distances(change):
+        turned = points @ Rotation.from_rotvec(change[:3]).as_matrix()
+        return np.array(_residuals(*turned.T, curvature + change[3])[0])
+
+    for number, analytic in enumerate(
+        np.swapaxes(_residuals(*points.T, curvature)[1], 0, 1)
+    ):
+        change = step * np.eye(4)[number]
+        numeric = (distances(change) - distances(-change)) / (2.0 * step)
+        np.testing.assert_allclose(numeric, analytic, atol=1e-8)
