@@ -9,7 +9,7 @@ from policies.user_policies import packaged_policies
 
 
 def catalogue() -> str:
-    """Return doors, policies, environments and randomizations, a line about each."""
+    """Return doors, policies, environments, and what can happen, a line about each."""
     low, high = RADIUS_RANGE
     sections = {
         f"doors (or any radius from {low:g} to {high:g} m)": {
@@ -33,6 +33,16 @@ def catalogue() -> str:
             "none": "every episode the same door",
             "mild": "what a careful laboratory leaves over",
             "hard": "another door every time, also of another radius",
+        },
+        "disturbances (what happens from outside while the door is opened)": {
+            "none": "nothing",
+            "push": "the hand is pushed for 0.3 s by up to 15 N along and across",
+            "person": "somebody holds the hand for 2.5 s",
+            "person-behind": "somebody's hand is in the door's way for 2.5 s",
+            "stop": "the door is blocked for 2.5 s",
+            "locked": "the door does not open at all",
+            "bump": "the robot's base is moved by up to 10 mm ahead and to the side",
+            "breakaway": "the hinge sticks at the start, and a seal holds the leaf",
         },
     }
     return "\n\n".join(

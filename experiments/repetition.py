@@ -17,9 +17,8 @@ import numpy as np
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import episode_metrics
 from experiments.results.records import EpisodeResult
-from experiments.study.jobs import episode_logs
+from experiments.study.jobs import demonstrations_of, episode_logs
 from experiments.study.tasks import EpisodeTask
-from experiments.teacher import Teacher, TeacherConfig
 from gplfd_env import ENVIRONMENT_ID
 from policies.demonstrations import Demonstration
 
@@ -45,16 +44,14 @@ class Repeated:
 
 def repeat(episode: EpisodeResult) -> Repeated:
     """Run an episode again as the study did, and compare it with what is stored."""
-    task, teacher = episode.task, Teacher(TeacherConfig(**episode.task.teacher))
+    task = episode.task
     (log,) = episode_logs([task])
     angle = task.teacher["angle_mean"]
     metrics = episode_metrics(log, demonstrated_angle=angle).as_json()
     return Repeated(
         log=_thinned(log),
         model=_model(task),
-        demonstrations=teacher.standard_demonstrations(
-            task.demonstrations_per_door, seed=task.seed
-        ),
+        demonstrations=demonstrations_of(task),
         different=differences(episode.metrics, metrics),
     )
 
@@ -75,7 +72,7 @@ def _model(task: EpisodeTask) -> mujoco.MjModel:
     door = dict(task.door_config)
     env = gym.make(ENVIRONMENT_ID, door=door, randomization=task.randomization)
     with contextlib.closing(env):
-        env.reset(seed=task.seed)
+        env.reset(seed=task.reset_seed)
         return env.unwrapped.model  # type: ignore[attr-defined]
 
 

@@ -32,6 +32,7 @@ from experiments.study.sources import source_of
 from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DoorConfig
+from gplfd_env.disturbance import disturbance_named
 from gplfd_env.randomization import door_randomization
 from gplfd_env.scene import build_scene
 from policies.agent import Agent
@@ -57,6 +58,7 @@ class _Run:
     seed: int
     configs: Mapping[str, DoorConfig]
     randomization: str
+    disturbance: str
     shown: LabelledDemonstrations
     """What the policy learned from."""
     agents: Mapping[str, Agent]
@@ -73,6 +75,7 @@ def open_doors(
     demonstrations: Path | int,
     skill: Path | None,
     randomization: str,
+    disturbance: str,
     looks: Literal["primitives", "tiago"],
     options: Mapping[str, Any],
 ) -> tuple[EpisodeMetrics, ...]:
@@ -90,6 +93,7 @@ def open_doors(
             each of the three demonstrated doors.
         skill: A file of a skill to follow instead of learning, or None.
         randomization: Name of what the environment draws anew.
+        disturbance: Name of what happens from outside.
         looks: How recordings draw the robot.
         options: The command's, for the record; JSON-able.
 
@@ -101,6 +105,7 @@ def open_doors(
     check_least("--seed", seed, 0)
     configs = named_doors(doors)
     door_randomization(randomization)
+    disturbance_named(disturbance)
     chosen = policy_named(policy)
     check_folder(folder)
     earlier = _files_of_earlier_run(folder)
@@ -120,6 +125,7 @@ def open_doors(
         seed=seed,
         configs=configs,
         randomization=randomization,
+        disturbance=disturbance,
         shown=shown,
         agents=agents,
         looks=drawn,
@@ -223,7 +229,10 @@ def _open(run: _Run, door: str) -> EpisodeMetrics:
     """Open a door, write its log and recording, and return its metrics."""
     started = time.perf_counter()
     env = gym.make(
-        ENVIRONMENT_ID, door=run.configs[door], randomization=run.randomization
+        ENVIRONMENT_ID,
+        door=run.configs[door],
+        randomization=run.randomization,
+        disturbance=run.disturbance,
     )
     with contextlib.closing(env):
         with reported_errors(run.name, run.policy):

@@ -31,6 +31,9 @@ class Run:
     randomization: str = "none"
     """What the environment draws anew for every door: none, mild or hard."""
 
+    disturbance: str = "none"
+    """What happens from outside: none, push, person, ...; see `gplfd list`."""
+
     demonstrations_per_door: int = 2
     """How often the synthetic human opens each of the three demonstrated doors."""
 
@@ -71,6 +74,7 @@ class Run:
             demonstrations=self.demonstrations or self.demonstrations_per_door,
             skill=self.skill,
             randomization=self.randomization,
+            disturbance=self.disturbance,
             looks=self.looks,
             options=recorded(self),
         )

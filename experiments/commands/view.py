@@ -31,6 +31,9 @@ class View:
     randomization: str = "none"
     """With --live: what the environment draws anew: none, mild or hard."""
 
+    disturbance: str = "none"
+    """With --live: what happens from outside: none, push, person, ..."""
+
     speed: float = 1.0
     """With --live: simulated seconds per second."""
 
@@ -54,6 +57,7 @@ class View:
             policy=self.policy,
             seed=self.seed,
             randomization=self.randomization,
+            disturbance=self.disturbance,
             speed=self.speed,
             serve=self.serve,
         )

@@ -41,6 +41,7 @@ def watch(
     policy: str,
     seed: int,
     randomization: str,
+    disturbance: str,
     speed: float,
     serve: bool,
 ) -> None:
@@ -51,6 +52,7 @@ def watch(
         policy: Name of the policy.
         seed: Seed of teacher, policy and environment.
         randomization: Name of what the environment draws anew.
+        disturbance: Name of what happens from outside.
         speed: Simulated seconds per second.
         serve: Serve a browser on this machine instead of opening a window.
 
@@ -63,7 +65,12 @@ def watch(
     _check_screen(serve=serve)
     chosen = policy_named(policy)
     [(name, config)] = named_doors([door]).items()
-    env = gym.make(ENVIRONMENT_ID, door=config, randomization=randomization)
+    env = gym.make(
+        ENVIRONMENT_ID,
+        door=config,
+        randomization=randomization,
+        disturbance=disturbance,
+    )
     demonstrations = Teacher().standard_demonstrations(seed=seed)
     training = TrainingInput(demonstrations=demonstrations, seed=seed)
     with reported_errors(policy, chosen):

@@ -85,7 +85,7 @@ def by_condition(results: Iterable[ResultT]) -> dict[Condition, list[ResultT]]:
         condition, own = item
         return (
             -len(own),
-            standing[condition.randomization],
+            standing.get(condition.randomization, len(standing)),
             abs(condition.teacher_noise - 1.0),
             condition.teacher_noise,
             abs(condition.demonstrations_per_door - 2),

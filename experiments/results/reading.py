@@ -1,6 +1,7 @@
 """From the files of a study to records; a file that cannot be read is named."""
 
 import dataclasses
+import json
 import typing
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -20,8 +21,9 @@ from experiments.results.records import (
 )
 from experiments.study.settings import Condition
 from experiments.study.tasks import EpisodeTask, SkillTask, Task, task_from
-from experiments.teacher import DEMONSTRATED_RADII, TeacherConfig
+from experiments.teacher import Habits, TeacherConfig
 from gplfd_env.config import DoorConfig
+from gplfd_env.disturbance import disturbance_named
 from gplfd_env.randomization import door_randomization
 
 STUDY, TASKS = "study.json", "tasks"
@@ -43,8 +45,17 @@ _EPISODE: Final = {
     **_LEARNING_TEST,
     "door": str,
     "door_config": dict[str, float],
-    "randomization": str,
+    "randomization": str | dict[str, Any],
 }
+_SELDOM: Final = {
+    "disturbance": str | dict[str, Any],
+    "demonstrated_radii": tuple[float, ...],
+    "habits": dict[str, float] | None,
+    "prior_radius": float | None,
+    "trial": str,
+    "level": str,
+}
+"""Fields that most episodes' files leave out."""
 _SOURCE: Final = dict[str, Any] | None
 _BY_OUTPUTS: Final = dict[str, float | None]
 _OUTPUTS: Final = frozenset({"outputs_cpu_s", "outputs_nlpd"})
@@ -153,9 +164,13 @@ def _task(fields: Mapping[str, Any]) -> Task:
             raise ValueError(f"{name} = {value[:_LONGEST]!r} is not a name in one line")
         if kind is int and value < 0:
             raise ValueError(f"{name} = {value} must be 0 or more")
+    for name in _SELDOM.keys() & fields.keys():
+        entry(fields, name, _SELDOM[name])
     task = task_from(fields)
     if isinstance(task, EpisodeTask):
         door_randomization(task.randomization)
+        disturbance_named(task.disturbance)
+        Habits(**(task.habits or {}))
     elif isinstance(task, SkillTask) and task.held_out not in HELD_OUT:
         raise ValueError(f"held_out must be one of {HELD_OUT}, got {task.held_out!r}")
     return task
@@ -163,11 +178,24 @@ def _task(fields: Mapping[str, Any]) -> Task:
 
 def _condition(task: Task) -> Condition:
     noise = TeacherConfig(**task.teacher).wobble_position_std
-    return Condition(
+    taught = Condition(
         demonstrations_per_door=task.demonstrations_per_door,
         teacher_noise=round(noise / TeacherConfig().wobble_position_std, 6),
-        randomization=task.randomization if isinstance(task, EpisodeTask) else "none",
+        randomization="none",
     )
+    if not isinstance(task, EpisodeTask):
+        return taught
+    return dataclasses.replace(
+        taught,
+        randomization=_told(task.randomization),
+        disturbance=_told(task.disturbance),
+        trial=task.trial,
+        level=task.level,
+    )
+
+
+def _told(spec: str | Mapping[str, Any]) -> str:
+    return spec if isinstance(spec, str) else json.dumps(spec)
 
 
 def _episode(task: EpisodeTask, shared: Mapping[str, Any]) -> EpisodeResult:
@@ -180,7 +208,9 @@ def _episode(task: EpisodeTask, shared: Mapping[str, Any]) -> EpisodeResult:
             raise ValueError("forecast_progress and forecast_error_mm differ in length")
     if dataclasses.replace(planned, radius=DoorConfig().radius) != DoorConfig():
         kind = NON_STANDARD
-    elif any(abs(drawn.radius - each) < _SAME_RADIUS for each in DEMONSTRATED_RADII):
+    elif any(
+        abs(drawn.radius - each) < _SAME_RADIUS for each in task.demonstrated_radii
+    ):
         kind = DEMONSTRATED
     else:
         kind = UNDEMONSTRATED

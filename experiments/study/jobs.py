@@ -20,12 +20,15 @@ from experiments.files.provenance import code_state
 from experiments.learning_tests.scores import method_metrics
 from experiments.study.sources import NO_FILES, Files, policy_of
 from experiments.study.tasks import EpisodeTask, Job, Result, SkillTask, Task
-from experiments.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
+from experiments.teacher import Habits, Teacher, TeacherConfig
 from gplfd_env import ENVIRONMENT_ID
+from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
 from policies.agent import Agent
+from policies.demonstrations import Demonstration
 from policies.lockstep import batch_agents
 from policies.method import TrainingInput
 from policies.policy import Policy
+from policies.prior_mean import PosePath
 
 FORECAST_PERIOD: Final = 0.05
 """Simulated time between forecasts [s]: at most a degree of a demonstrated opening."""
@@ -70,7 +73,7 @@ def episode_logs(tasks: Sequence[EpisodeTask]) -> tuple[EpisodeLog, ...]:
     """Learn once and open the doors of these tasks.
 
     Args:
-        tasks: Differ in their doors only; at least one.
+        tasks: Learn from the same; at least one.
 
     Returns:
         The logs from which the tasks' metrics come.
@@ -159,20 +162,54 @@ def _learning_result(task: SkillTask, policy: Policy) -> Result:
     return _attempt([task], policy, measure)[0]
 
 
+def demonstrations_of(task: EpisodeTask) -> tuple[Demonstration, ...]:
+    """Let the synthetic human show what the task's policy learns from."""
+    teacher = Teacher(TeacherConfig(**task.teacher), Habits(**(task.habits or {})))
+    return teacher.demonstrate_doors(
+        task.demonstrated_radii,
+        task.demonstrations_per_door,
+        rng=np.random.default_rng(task.seed),
+    )
+
+
 def _learned(task: EpisodeTask, policy: Policy) -> Callable[[], Agent]:
     """Learn the task's policy; return what makes an agent."""
+    prior = task.prior_radius
     training = TrainingInput(
-        demonstrations=Teacher(TeacherConfig(**task.teacher)).demonstrate_doors(
-            DEMONSTRATED_RADII,
-            task.demonstrations_per_door,
-            rng=np.random.default_rng(task.seed),
-        ),
+        demonstrations=demonstrations_of(task),
         seed=task.seed,
+        prior_mean=None if prior is None else _arc(prior, task.teacher["angle_mean"]),
     )
     return learned(policy, training)
 
 
+def _arc(radius: float, angle_mean: float) -> PosePath:
+    """Return a door's whole arc by the phase of demonstrations that end earlier."""
+    angles = np.linspace(0.0, DEMONSTRATED_ANGLE, 50)
+    return PosePath(
+        phases=angles / angle_mean, poses=handle_pose_on_arc(radius, angles)
+    )
+
+
 def _open(
+    tasks: Sequence[EpisodeTask], make: Callable[[], Agent]
+) -> tuple[EpisodeLog, ...]:
+    """Open the doors of all tasks; those of one environment in lockstep."""
+    groups: dict[str, list[int]] = {}
+    for place, task in enumerate(tasks):
+        around = json.dumps([task.randomization, task.disturbance])
+        groups.setdefault(around, []).append(place)
+    logs = {
+        place: log
+        for places in groups.values()
+        for place, log in zip(
+            places, _lockstep([tasks[place] for place in places], make), strict=True
+        )
+    }
+    return tuple(logs[place] for place in range(len(tasks)))
+
+
+def _lockstep(
     tasks: Sequence[EpisodeTask], make: Callable[[], Agent]
 ) -> tuple[EpisodeLog, ...]:
     agents = [make() for _ in tasks]
@@ -181,6 +218,7 @@ def _open(
         num_envs=len(tasks),
         door=[dict(task.door_config) for task in tasks],
         randomization=tasks[0].randomization,
+        disturbance=tasks[0].disturbance,
         autoreset_mode="Disabled",
         num_threads=1,
     )
@@ -190,7 +228,7 @@ def _open(
             batch_agents(agents),
             policy=tasks[0].policy,
             doors=[task.door for task in tasks],
-            seeds=[task.seed for task in tasks],
+            seeds=[task.reset_seed for task in tasks],
             forecast_period=FORECAST_PERIOD,
         )
 

@@ -13,6 +13,7 @@ from experiments.study.settings import TABLE_1_NAME, Condition, StudySettings
 from experiments.study.sources import chosen, source_of
 from experiments.study.tasks import EpisodeTask, SkillTask, Task
 from experiments.teacher import standard_teacher
+from gplfd_env.disturbance import disturbance_named
 from gplfd_env.randomization import door_randomization
 from policies.registry import TABLE_1
 
@@ -43,6 +44,8 @@ def checked(settings: StudySettings) -> StudySettings:
     named_doors(settings.doors)
     for name in settings.randomizations:
         door_randomization(name)
+    for name in settings.disturbances:
+        disturbance_named(name)
     for field in dataclasses.fields(settings):
         values = getattr(settings, field.name)
         if isinstance(values, tuple):
@@ -89,15 +92,17 @@ def _check_size(settings: StudySettings) -> None:
 
 def conditions(settings: StudySettings) -> Iterator[Condition]:
     """Yield what is varied besides policies, doors and seeds."""
-    for number, noise, randomization in itertools.product(
+    for number, noise, randomization, disturbance in itertools.product(
         settings.demonstrations_per_door,
         settings.teacher_noise,
         settings.randomizations,
+        settings.disturbances,
     ):
         yield Condition(
             demonstrations_per_door=number,
             teacher_noise=noise,
             randomization=randomization,
+            disturbance=disturbance,
         )
 
 
@@ -117,6 +122,7 @@ def episodes(
             demonstrations_per_door=condition.demonstrations_per_door,
             teacher=teacher,
             randomization=condition.randomization,
+            disturbance=condition.disturbance,
         )
 
 

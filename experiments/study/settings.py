@@ -37,6 +37,9 @@ class StudySettings:
     randomizations: tuple[str, ...] = ("none",)
     """What varies from episode to episode: none, mild or hard."""
 
+    disturbances: tuple[str, ...] = ("none",)
+    """What happens from outside: none, push, person, ...; see `gplfd list`."""
+
     skill: bool = True
     """Also hold what is learned against demonstrations left out, without a robot."""
 
@@ -51,6 +54,12 @@ class Condition:
     """Multiple of the teacher's standard noise."""
     randomization: str
     """What varies from episode to episode."""
+    disturbance: str = "none"
+    """What happens from outside."""
+    trial: str = ""
+    """Name of the trial, if they belong to one."""
+    level: str = ""
+    """Level of the trial."""
 
     @property
     def teaching(self) -> str:
@@ -61,7 +70,11 @@ class Condition:
         )
 
     def __str__(self) -> str:
-        return f"{self.teaching}, randomization {self.randomization}"
+        if self.trial:
+            return f"trial {self.trial}, {self.level}"
+        text = f"{self.teaching}, randomization {self.randomization}"
+        disturbed = self.disturbance != "none"
+        return f"{text}, disturbance {self.disturbance}" if disturbed else text
 
 
 PRESETS: Final[Mapping[str, StudySettings]] = MappingProxyType(

@@ -7,12 +7,12 @@ resumed and extended without repeating a task. The code is no part of the name.
 import dataclasses
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
 from experiments.learning_tests.folds import HeldOut
-from experiments.teacher import standard_teacher
+from experiments.teacher import DEMONSTRATED_RADII, standard_teacher
 
 Result = dict[str, Any]
 """What a task came to: ``task``, the ``versions`` and ``git`` of the code that made it,
@@ -22,6 +22,14 @@ and ``metrics`` or, where the task failed, ``error`` and ``traceback``."""
 PolicySource = Mapping[str, str]
 """``kind`` ("module" or "package"), ``distribution`` and ``version`` of a package, name
 and ``sha256`` of the ``file``."""
+
+
+_SELDOM: Final = "seldom"
+"""Key of the metadata of fields that most tasks leave at their default."""
+
+
+def _seldom(default: Any) -> Any:
+    return field(default=default, metadata={_SELDOM: True})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -36,16 +44,33 @@ class Task:
     """How often the teacher opens each of the three demonstrated doors."""
     teacher: Mapping[str, float] = field(default_factory=standard_teacher)
     """Fields of `experiments.teacher.TeacherConfig`."""
-    policy_source: PolicySource | None = None
+    policy_source: PolicySource | None = _seldom(None)
     """What names the content of a policy that is not this project's."""
 
     @property
     def definition(self) -> dict[str, Any]:
-        """Everything that defines the task, as a result file has it."""
-        fields = dataclasses.asdict(self)
-        if self.policy_source is None:
-            del fields["policy_source"]
-        return fields
+        """Everything that defines the task, as a result file has it.
+
+        What most tasks have not is left out of the others.
+        """
+        seldom = {
+            one.name: one.default
+            for one in dataclasses.fields(self)
+            if one.metadata.get(_SELDOM)
+        }
+        return {
+            name: value
+            for name, value in dataclasses.asdict(self).items()
+            if name not in seldom or value != seldom[name]
+        }
+
+    @property
+    def training(self) -> str:
+        """What the policy learns from, and which policy: equal texts learn the same."""
+        fields = self.definition
+        for name in _OF_THE_DOOR:
+            fields.pop(name, None)
+        return json.dumps(fields, sort_keys=True)
 
     @property
     def key(self) -> str:
@@ -62,10 +87,39 @@ class EpisodeTask(Task):
     """Name of the door."""
     door_config: Mapping[str, float]
     """Fields of `gplfd_env.config.DoorConfig`."""
-    randomization: str = "none"
-    """Name in `gplfd_env.randomization.RANDOMIZATIONS`."""
+    randomization: str | Mapping[str, Any] = "none"
+    """What `gplfd_env.randomization.door_randomization` takes."""
+    disturbance: str | Mapping[str, Any] = _seldom("none")
+    """What `gplfd_env.disturbance.disturbance_named` takes."""
+    demonstrated_radii: Sequence[float] = _seldom(DEMONSTRATED_RADII)
+    """Doors that the teacher opens [m]."""
+    habits: Mapping[str, Any] | None = _seldom(None)
+    """Fields of `experiments.teacher.Habits`; None for a tidy teacher."""
+    prior_radius: float | None = _seldom(None)
+    """Radius of the arc that is given as a prior mean [m]; None for none."""
+    trial: str = _seldom("")
+    """Name of the trial that it belongs to; "" for none."""
+    level: str = _seldom("")
+    """Level of the trial."""
     kind: Literal["episode"] = field(default="episode", init=False)
     """What tells it from other tasks in a file."""
+
+    def __post_init__(self) -> None:
+        # A file has a list.
+        radii = tuple(self.demonstrated_radii)
+        object.__setattr__(self, "demonstrated_radii", radii)
+
+    @property
+    def reset_seed(self) -> int:
+        """Seed of the environment's reset.
+
+        Where something is drawn every door of a seed draws for itself, and all policies
+        the same.
+        """
+        if self.randomization == self.disturbance == "none":
+            return self.seed
+        drawn = hashlib.sha256(f"{self.seed} {self.door}".encode())
+        return int.from_bytes(drawn.digest()[:4])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -77,6 +131,16 @@ class SkillTask(Task):
     kind: Literal["skill"] = field(default="skill", init=False)
     """What tells it from other tasks in a file."""
 
+
+_OF_THE_DOOR: Final = (
+    "door",
+    "door_config",
+    "randomization",
+    "disturbance",
+    "trial",
+    "level",
+)
+"""Fields of an episode that are no matter of learning."""
 
 Job = tuple[Task, ...]
 """Tasks that one worker runs together: episodes of one policy that learned once, or a
@@ -106,9 +170,5 @@ def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
     """
     groups: dict[str, dict[str, Task]] = {}
     for task in study:
-        definition = task.definition
-        for name in ("door", "door_config"):
-            definition.pop(name, None)
-        group = groups.setdefault(json.dumps(definition, sort_keys=True), {})
-        group[task.key] = task
+        groups.setdefault(task.training, {})[task.key] = task
     return tuple(tuple(group.values()) for group in groups.values())

@@ -63,6 +63,12 @@ CHANGES = {
     "demonstrations_per_door": 3,
     "teacher": {"noise_bandwidth": 2.0},
     "randomization": "mild",
+    "disturbance": "person",
+    "demonstrated_radii": (0.4,),
+    "habits": {"pauses": 1},
+    "prior_radius": 0.5,
+    "trial": "person",
+    "level": "500 N/m",
     "held_out": "radius",
     "policy_source": {"kind": "module", "file": "mine.py", "sha256": "ab12"},
 }
@@ -78,6 +84,19 @@ def test_key_depends_on_every_field(task):
         for name in sorted(names & CHANGES.keys())
     }
     assert len(keys | {task.key}) == len(names) + 1
+
+
+def test_every_episode_draws_its_own_door_and_all_policies_the_same():
+    assert episode(seed=7).reset_seed == 7
+    hard = [
+        episode(policy=policy, door=door, seed=seed, randomization="hard").reset_seed
+        for policy in ("gp", "dmp")
+        for door in DOORS
+        for seed in range(3)
+    ]
+    assert hard[:6] == hard[6:]
+    assert len(set(hard)) == 6
+    assert episode(disturbance="push").reset_seed == hard[0]
 
 
 def test_keys_are_the_same_in_every_process():
@@ -101,6 +120,9 @@ def test_another_standard_teacher_makes_another_task(monkeypatch):
     [
         episode(randomization="hard"),
         episode(policy_source=CHANGES["policy_source"]),
+        episode(
+            randomization={"longest_delay": 2}, demonstrated_radii=(0.4,), level="1"
+        ),
         SkillTask(policy="gp", seed=3, held_out="radius"),
     ],
 )
@@ -123,7 +145,7 @@ def test_a_job_learns_from_one_set_of_demonstrations():
         episode(seed=1),
         episode(demonstrations_per_door=3),
         episode(teacher={"noise_bandwidth": 2.0}),
-        episode(randomization="mild"),
+        episode(habits={"pauses": 1}),
         SkillTask(policy="gp", seed=0, held_out="radius"),
         SkillTask(policy="gp", seed=0, held_out="demonstration"),
     ]

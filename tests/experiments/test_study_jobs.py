@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 import pytest
 
 from experiments.episodes.metrics import EpisodeMetrics
@@ -103,11 +104,65 @@ def test_what_is_learned_once_opens_all_doors(
     durations = [one.times[-1] for one in training.demonstrations]
     assert (training.seed, len(durations)) == (3, 6)
     assert min(durations) > 6.0
-    assert call["seeds"] == [3, 3, 3]
+    assert call["seeds"] == [one.reset_seed for one in job]
+    assert len(set(call["seeds"])) == 3
     assert call["forecast_period"] == jobs.FORECAST_PERIOD
     varied = [variation.door for variation in call["envs"].variations]
     assert [door.radius for door in varied] == list(doors)
     assert varied[0].hinge_friction != door_config(0.35).hinge_friction
+    assert len({door.hinge_friction for door in varied}) == 3
+
+
+def test_what_happens_at_a_door_is_no_matter_of_learning(
+    opened: list[dict[str, Any]],
+) -> None:
+    """Tasks that learn the same are one job, of an environment per circumstances."""
+    slowed = {"preset": "mild", "longest_delay": 3}
+    job = (
+        task("oracle", door=0.35, randomization=slowed),
+        task("oracle", door=0.35, disturbance="person", trial="person", level="1"),
+        task("oracle", door=0.5, randomization=slowed),
+    )
+    assert jobs_of(job) == (job,)
+    results = run_job(job)
+    assert [one["metrics"]["door"] for one in results] == ["0.35", "0.35", "0.5"]
+    assert [one["task"] for one in results] == [one.definition for one in job]
+    first, second = (call["envs"].variations for call in opened)
+    assert len(first) == 2
+    assert second[0].disturbance.person is not None
+    assert first[0].disturbance.idle
+    untidy = task("gp", habits={"pauses": 1})
+    assert len(jobs_of((task("gp"), untidy, task("gp", demonstrated_radii=[0.4])))) == 3
+
+
+def test_a_task_says_what_is_demonstrated() -> None:
+    habits = {"longest_rest": 2.0, "pauses": 1}
+    shown = jobs.demonstrations_of(
+        task("gp", demonstrated_radii=[0.4], habits=habits, demonstrations_per_door=1)
+    )
+    assert len(shown) == 1
+    reach = np.linalg.norm(shown[0].poses[-1, :3])
+    assert reach == pytest.approx(2 * 0.4 * np.sin(np.radians(67) / 2), abs=0.03)
+    tidy = jobs.demonstrations_of(
+        task("gp", demonstrated_radii=[0.4], demonstrations_per_door=1)
+    )
+    assert shown[0].times[-1] > tidy[0].times[-1]
+
+
+def test_a_prior_mean_is_the_arc_at_the_phases_of_demonstrations(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given = []
+    monkeypatch.setattr(
+        jobs, "learned", lambda policy, training: given.append(training)
+    )
+    short = {**task().teacher, "angle_mean": 0.5}
+    jobs._learned(task("gp", teacher=short, prior_radius=0.45), registry.POLICIES["gp"])
+    prior = given[0].prior_mean
+    pose = prior.mean(np.array([1.0]))[0]
+    arc = [0.45 * np.sin(0.5), 0.0, 0.45 * (np.cos(0.5) - 1), 0.0, 0.5, 0.0]
+    np.testing.assert_allclose(pose, arc, atol=1e-4)
+    assert prior.mean(np.array([9.0]))[0, 4] == pytest.approx(np.radians(67.0))
 
 
 def test_progress_is_counted_to_the_angle_that_the_teacher_shows(
