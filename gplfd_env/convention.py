@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_env.config import DoorConfig, DoorSpec, door_config
-
 Mask = NDArray[np.bool_]
-Doors = DoorSpec | Sequence[DoorSpec]
-"""One door for all simulations, or one for each."""
+Record = TypeVar("Record")
 
 Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
 """One seed to count up from, or one or None for each."""
@@ -68,20 +65,28 @@ def unmasked(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if not name.startswith("_")}
 
 
-def each_door(door: Doors, n: int) -> list[DoorConfig]:
-    """Return the door of every simulation.
+def each(
+    name: str, given: Any, n: int, resolve: Callable[[Any], Record]
+) -> list[Record]:
+    """Return what holds for every simulation.
+
+    Args:
+        name: What messages call it.
+        given: One for all simulations, or a sequence of n.
+        n: Number of simulations.
+        resolve: Makes a record of one.
 
     Raises:
-        ValueError: A sequence of another length, or an impossible door.
+        ValueError: A sequence of another length, or what `resolve` refuses.
     """
-    if not isinstance(door, list | tuple):
-        return [door_config(door)] * n  # type: ignore[arg-type]
-    if len(door) != n:
+    if not isinstance(given, list | tuple):
+        return [resolve(given)] * n
+    if len(given) != n:
         raise ValueError(
-            f"door must be one for all simulations or a sequence of {n}, got "
-            f"{len(door)} doors"
+            f"{name} must be one for all simulations or a sequence of {n}, got "
+            f"{len(given)}"
         )
-    return [door_config(one) for one in door]
+    return [resolve(one) for one in given]
 
 
 def each_seed(seed: Seeds, n: int) -> list[int | None]:

@@ -87,10 +87,16 @@ class DoorRandomization:
     wrench_noise: Pair = (0.0, 0.0)
     """Standard deviation of the observed force [N] and torque [N m]."""
 
+    shortest_delay: int = quantity(
+        0, unit="control periods", low=0, high=allowed_range(Variation, "delay").high
+    )
+    """Commands take effect after this many control periods or more, at most
+    `longest_delay`."""
+
     longest_delay: int = quantity(
         0, unit="control periods", low=0, high=allowed_range(Variation, "delay").high
     )
-    """Commands take effect after 0 to this many control periods."""
+    """Commands take effect after `shortest_delay` to this many control periods."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -104,6 +110,11 @@ class DoorRandomization:
                     f"DoorRandomization.{name} = {bounds} must be (low, high) with "
                     "low <= high"
                 )
+        if self.shortest_delay > self.longest_delay:
+            raise ValueError(
+                f"DoorRandomization.shortest_delay = {self.shortest_delay} must not be "
+                f"above longest_delay = {self.longest_delay}"
+            )
         self._check_pair("pose_noise", SensorNoise, "position", "rotation")
         self._check_pair("wrench_noise", SensorNoise, "force", "torque")
 
@@ -159,7 +170,11 @@ class DoorRandomization:
             noise=SensorNoise(
                 position=position, rotation=rotation, force=force, torque=torque
             ),
-            delay=min(int(next(draws) * (self.longest_delay + 1)), self.longest_delay),
+            delay=min(
+                self.shortest_delay
+                + int(next(draws) * (self.longest_delay - self.shortest_delay + 1)),
+                self.longest_delay,
+            ),
         )
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, get_args
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, get_args
 
 import gymnasium as gym
 import mujoco
@@ -16,18 +16,18 @@ from numpy.typing import NDArray
 from gplfd_env.batch import DoorBatch
 from gplfd_env.camera import Camera
 from gplfd_env.command import COMMANDS
+from gplfd_env.config import DoorSpec, door_config
 from gplfd_env.convention import (
-    Doors,
     Seeds,
     checked_options,
     chosen_rows,
-    each_door,
+    each,
     each_seed,
     masked,
     unmasked,
 )
 from gplfd_env.disturbance import DisturbanceSpec, disturbance_named
-from gplfd_env.draw import draw_episode
+from gplfd_env.draw import Drawn, draw_episode
 from gplfd_env.episode import FLAGS, NUMBERS, POSE, REWARDS, Episode, Reward
 from gplfd_env.fields import Range, check_choice, checked_count
 from gplfd_env.observation import Observation, Reader, observation_space
@@ -41,6 +41,14 @@ Mask = NDArray[np.bool_]
 Info = dict[str, Any]
 
 
+_RESOLVE: Final[Mapping[str, Callable[[Any], Any]]] = {
+    "door": door_config,
+    "randomization": door_randomization,
+    "disturbance": disturbance_named,
+}
+"""What each simulation's episodes are drawn from, in the order of `draw_episode`."""
+
+
 class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     """n simulations of `gplfd_env.door_opening.DoorOpeningEnv`, stepped on threads.
 
@@ -52,7 +60,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     Args:
         num_envs: Number of simulations n.
-        door: As for the single environment, or a sequence of n such.
+        door: As for the single environment, or a sequence of n such; so are
+            `randomization` and `disturbance`.
         max_episode_steps: Control periods after which an episode is truncated; None or
             -1 for no limit.
         autoreset_mode: ``"NextStep"`` (the step after an episode's end resets it),
@@ -74,11 +83,11 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     def __init__(
         self,
         num_envs: int = 1,
-        door: Doors = "medium",
+        door: DoorSpec | Sequence[DoorSpec] = "medium",
         *,
         grasp: Grasp = "contact",
-        randomization: RandomizationSpec = "none",
-        disturbance: DisturbanceSpec = "none",
+        randomization: RandomizationSpec | Sequence[RandomizationSpec] = "none",
+        disturbance: DisturbanceSpec | Sequence[DisturbanceSpec] = "none",
         reward: Reward = "dense",
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
@@ -112,9 +121,11 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self.single_action_space = self.command.space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._doors = each_door(door, num_envs)
-        self._randomization = door_randomization(randomization)
-        self._disturbance = disturbance_named(disturbance)
+        given = door, randomization, disturbance
+        self._sources: dict[str, list[Any]] = {
+            name: each(name, one, num_envs, resolve)
+            for (name, resolve), one in zip(_RESOLVE.items(), given, strict=True)
+        }
         self._reader = Reader.of(grasp, self.command.control)
         self._reward: Reward = reward
         self._episodes: list[Episode] = []
@@ -161,7 +172,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             seed: An integer s seeds simulation i with s + i; or one seed, or None, per
                 simulation.
             options: ``"door"``, ``"randomization"`` and ``"disturbance"`` as for the
-                single environment, the door also as a sequence of n;
+                single environment, or sequences of n;
                 ``"reset_mask"``, (n,) bool: only these simulations are reset.
 
         Returns:
@@ -232,37 +243,33 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         given = checked_options(
             options,
             {
-                "door": "as for the single environment, or a sequence of num_envs",
-                "randomization": "as for the single environment",
-                "disturbance": "as for the single environment",
-                "reset_mask": "an array of num_envs booleans",
-            },
+                name: "as for the single environment, or a sequence of num_envs"
+                for name in _RESOLVE
+            }
+            | {"reset_mask": "an array of num_envs booleans"},
         )
         n = self.num_envs
         rows = chosen_rows(given.get("reset_mask"), n, begun=bool(self._episodes))
-        doors = each_door(given.get("door", self._doors), n)
-        self._randomization = door_randomization(
-            given.get("randomization", self._randomization)
-        )
-        self._disturbance = disturbance_named(
-            given.get("disturbance", self._disturbance)
-        )
-        for row in np.flatnonzero(rows):
-            self._doors[row] = doors[row]
+        changed = {
+            name: each(name, given[name], n, resolve)
+            for name, resolve in _RESOLVE.items()
+            if name in given
+        }
+        for name, values in changed.items():
+            for row in np.flatnonzero(rows):
+                self._sources[name][row] = values[row]
         return rows
+
+    def _draw(self, row: int) -> Drawn:
+        door, randomization, disturbance = (
+            values[row] for values in self._sources.values()
+        )
+        return draw_episode(door, randomization, disturbance, self._random[row][0])
 
     def _restart(self, rows: Mask) -> None:
         """Draw new episodes for some simulations and begin them."""
         chosen = np.flatnonzero(rows).tolist()
-        drawn = {
-            row: draw_episode(
-                self._doors[row],
-                self._randomization,
-                self._disturbance,
-                self._random[row][0],
-            )
-            for row in chosen
-        }
+        drawn = {row: self._draw(row) for row in chosen}
         for row in chosen:
             self._batch.load(row, drawn[row].variation)
         self._batch.restart(chosen)

@@ -194,31 +194,13 @@ def _arc(radius: float, angle_mean: float) -> PosePath:
 def _open(
     tasks: Sequence[EpisodeTask], make: Callable[[], Agent]
 ) -> tuple[EpisodeLog, ...]:
-    """Open the doors of all tasks; those of one environment in lockstep."""
-    groups: dict[str, list[int]] = {}
-    for place, task in enumerate(tasks):
-        around = json.dumps([task.randomization, task.disturbance])
-        groups.setdefault(around, []).append(place)
-    logs = {
-        place: log
-        for places in groups.values()
-        for place, log in zip(
-            places, _lockstep([tasks[place] for place in places], make), strict=True
-        )
-    }
-    return tuple(logs[place] for place in range(len(tasks)))
-
-
-def _lockstep(
-    tasks: Sequence[EpisodeTask], make: Callable[[], Agent]
-) -> tuple[EpisodeLog, ...]:
     agents = [make() for _ in tasks]
     envs: Any = gym.make_vec(
         ENVIRONMENT_ID,
         num_envs=len(tasks),
         door=[dict(task.door_config) for task in tasks],
-        randomization=tasks[0].randomization,
-        disturbance=tasks[0].disturbance,
+        randomization=[task.randomization for task in tasks],
+        disturbance=[task.disturbance for task in tasks],
         autoreset_mode="Disabled",
         num_threads=1,
     )

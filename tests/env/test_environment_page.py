@@ -150,7 +150,8 @@ def test_randomization_table_is_the_presets_and_the_widest_ranges() -> None:
         number = getattr(widest, "expected", widest)
         if unit == "°":
             number = float(f"{number:.4f}")
-        DoorRandomization(**{name: number})
+        other = {"longest_delay": 10} if name == "shortest_delay" else {}
+        DoorRandomization(**{name: number, **other})
         wider = np.array(number) + 1 if unit == "periods" else 1.01 * np.array(number)
         beyond = tuple(wider.tolist()) if wider.ndim else wider.item()
         with pytest.raises(ValueError, match=r"outside|whole number"):

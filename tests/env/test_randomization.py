@@ -105,6 +105,16 @@ def test_draws_are_uniform_and_independent() -> None:
     assert {row["delay"] for row in rows} == set(range(11))
 
 
+def test_a_delay_can_be_pinned() -> None:
+    for shortest, longest in ((3, 3), (2, 4)):
+        pinned = DoorRandomization(shortest_delay=shortest, longest_delay=longest)
+        rng = np.random.default_rng(0)
+        delays = {pinned.sample(DoorConfig(), rng).delay for _ in range(200)}
+        assert delays == set(range(shortest, longest + 1))
+    with pytest.raises(ValueError, match="shortest_delay = 3 must not be above"):
+        DoorRandomization(shortest_delay=3, longest_delay=2)
+
+
 def test_presets() -> None:
     assert list(RANDOMIZATIONS) == ["none", "mild", "hard"]
     assert RANDOMIZATIONS["none"] == DoorRandomization()
@@ -219,4 +229,6 @@ def test_wrong_ones_are_told_what_is_allowed(
 
 def test_fields_are_covered_by_this_file() -> None:
     known = {field.name for field in dataclasses.fields(DoorRandomization)}
-    assert known == {*DOOR_FIELDS, *WIDTHS, *NOISES, "longest_delay"}
+    assert known == {
+        *(*DOOR_FIELDS, *WIDTHS, *NOISES, "shortest_delay", "longest_delay")
+    }

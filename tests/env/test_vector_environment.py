@@ -175,7 +175,7 @@ def test_properties_tell_doors_and_joints(make_vec: Callable) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"door": ["small"]}, "door must be one for all .* sequence of 2, got 1 doors"),
+        ({"door": ["small"]}, "door must be one for all .* sequence of 2, got 1"),
         ({"door": ["small", "smal"]}, "unknown door 'smal'"),
         ({"grasp": "glue"}, "grasp = 'glue' is not one of"),
         ({"reward": "shaped"}, "reward = 'shaped' is not one of 'dense', 'sparse'"),
@@ -265,7 +265,7 @@ def test_actions_of_ended_simulations_are_ignored(
             {"options": {"dor": 1}},
             r"unknown reset option\(s\) 'dor'; allowed: \"door\"",
         ),
-        ({"options": {"door": ["small"] * 3}}, "a sequence of 2, got 3 doors"),
+        ({"options": {"door": ["small"] * 3}}, "a sequence of 2, got 3"),
         ({"options": {"reset_mask": [True]}}, "an array of 2 booleans"),
         ({"options": {"reset_mask": np.array([0, 1])}}, "an array of 2 booleans"),
         ({"options": {"reset_mask": np.array([False] * 2)}}, "at least one True"),

@@ -127,6 +127,40 @@ def test_every_number_is_that_of_single_environments(
         assert len({one.delay for one in ours.variations}) > 1
 
 
+def test_each_simulation_may_have_circumstances_of_its_own(
+    make_vec: Callable,
+) -> None:
+    randomizations = ["hard", {"longest_delay": 3}, "none"]
+    disturbances = [{"push": {"along": (4.0, 9.0)}}, "none", EVERYTHING]
+    ours = make_vec(3, randomization=randomizations, disturbance=disturbances)
+    singles = [
+        gym.make(IDS[0], randomization=one, disturbance=other)
+        for one, other in zip(randomizations, disturbances, strict=True)
+    ]
+    starts = [single.reset(seed=7 + row)[0] for row, single in enumerate(singles)]
+    together, _ = ours.reset(seed=7)
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        for row, start in enumerate(starts):
+            for key, value in start.items():
+                assert_array_equal(together[key][row], value)
+        actions = 0.03 * rng.uniform(-1.0, 1.0, (3, 6))
+        together, *_ = ours.step(actions)
+        starts = [
+            one.step(action)[0] for one, action in zip(singles, actions, strict=True)
+        ]
+    changed = ours.reset(
+        seed=1, options={"disturbance": "bump", "reset_mask": np.array([0, 1, 0], bool)}
+    )
+    assert changed[1]["_slip"].tolist() == [False, True, False]
+    kinds = [one.disturbance.bump is not None for one in ours.variations]
+    assert kinds == [False, True, True]
+    with pytest.raises(ValueError, match="randomization must be one for all simul"):
+        ours.reset(options={"randomization": ["hard"]})
+    for single in singles:
+        single.close()
+
+
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 @pytest.mark.parametrize("value", [1e8, np.nan])
 def test_a_diverged_simulation_ends_alone_and_starts_anew(

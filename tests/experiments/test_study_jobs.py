@@ -116,7 +116,6 @@ def test_what_is_learned_once_opens_all_doors(
 def test_what_happens_at_a_door_is_no_matter_of_learning(
     opened: list[dict[str, Any]],
 ) -> None:
-    """Tasks that learn the same are one job, of an environment per circumstances."""
     slowed = {"preset": "mild", "longest_delay": 3}
     job = (
         task("oracle", door=0.35, randomization=slowed),
@@ -127,10 +126,11 @@ def test_what_happens_at_a_door_is_no_matter_of_learning(
     results = run_job(job)
     assert [one["metrics"]["door"] for one in results] == ["0.35", "0.35", "0.5"]
     assert [one["task"] for one in results] == [one.definition for one in job]
-    first, second = (call["envs"].variations for call in opened)
-    assert len(first) == 2
-    assert second[0].disturbance.person is not None
-    assert first[0].disturbance.idle
+    ((first, second, third),) = (call["envs"].variations for call in opened)
+    assert second.disturbance.person is not None
+    assert first.disturbance.idle
+    assert third.door.hinge_friction != first.door.hinge_friction
+    assert second.door.hinge_friction == 0.5
     untidy = task("gp", habits={"pauses": 1})
     assert len(jobs_of((task("gp"), untidy, task("gp", demonstrated_radii=[0.4])))) == 3
 
