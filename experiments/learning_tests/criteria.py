@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Limit:
     """What one number must be."""
 
@@ -67,8 +67,8 @@ CRITERIA: Final[Mapping[str, Criterion]] = {
             row="High-dimensional Learning",
             limits=(
                 Limit(
-                    metric="outputs_nlpd_change",
-                    symbol="NLPD of z with six outputs less that with two",
+                    "outputs_nlpd_change",
+                    "NLPD of z with six outputs less that with two",
                     high=0.3,
                 ),
             ),
@@ -82,15 +82,9 @@ CRITERIA: Final[Mapping[str, Criterion]] = {
         Criterion(
             row="Via-point Adaptation",
             limits=(
-                Limit(
-                    metric="via_error_strict_position_m",
-                    symbol="missed by [m]",
-                    high=0.002,
-                ),
-                Limit(
-                    metric="via_error_strict_rotation_rad", symbol="by [rad]", high=0.02
-                ),
-                Limit(metric="via_far_change", symbol="far change [std]", high=0.5),
+                Limit("via_error_strict_position_m", "missed by [m]", high=0.002),
+                Limit("via_error_strict_rotation_rad", "by [rad]", high=0.02),
+                Limit("via_far_change", "far change [std]", high=0.5),
             ),
             sentence="Three poses of a demonstration that was not learned from, "
             "demanded to 0.1 mm and 0.1 mrad, are met within 2 mm and 0.02 rad, and "
@@ -103,11 +97,7 @@ CRITERIA: Final[Mapping[str, Criterion]] = {
         Criterion(
             row="Task Variability",
             limits=(
-                Limit(
-                    metric="spread_followed",
-                    symbol="correlation of std and spread",
-                    low=0.5,
-                ),
+                Limit("spread_followed", "correlation of std and spread", low=0.5),
             ),
             sentence="Along the task the standard deviation rises and falls with the "
             "spread of the demonstrations: their logarithms correlate by at least 0.5, "
@@ -119,8 +109,8 @@ CRITERIA: Final[Mapping[str, Criterion]] = {
             row="Prediction Uncertainty",
             limits=(
                 Limit(
-                    metric="uncertainty_growth",
-                    symbol="growth of the std beyond the demonstrations",
+                    "uncertainty_growth",
+                    "growth of the std beyond the demonstrations",
                     low=1.5,
                 ),
             ),
@@ -134,8 +124,8 @@ CRITERIA: Final[Mapping[str, Criterion]] = {
             row="Prior Information",
             limits=(
                 Limit(
-                    metric="prior_mean_used",
-                    symbol="return to a prior mean far beyond the demonstrations",
+                    "prior_mean_used",
+                    "return to a prior mean far beyond the demonstrations",
                     low=0.9,
                 ),
             ),
@@ -150,8 +140,8 @@ CRITERIA: Final[Mapping[str, Criterion]] = {
             row="Task Space Rotations",
             limits=(
                 Limit(
-                    metric="tumbling_error",
-                    symbol="error of the mean orientation [std of a demonstration]",
+                    "tumbling_error",
+                    "error of the mean orientation [std of a demonstration]",
                     high=1.0,
                 ),
             ),

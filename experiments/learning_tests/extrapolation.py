@@ -46,7 +46,7 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
         seed: Seeds whatever is random in the learning.
     """
     starts = [_start(demonstration) for demonstration in fold.given]
-    movement = learn(method, starts, seed).movement
+    movement, _ = learn(method, starts, seed)
     border = movement.predict(_BORDER).std[:, _MOVING]
     outside = movement.predict(_BEYOND).std[:, _MOVING]
     found: dict[str, float | None] = {
@@ -106,9 +106,9 @@ def prior_mean_used(
     prior = PosePath(
         phases=aligned.times, poses=aligned.poses.mean(axis=0) + _DISPLACEMENT
     )
-    learned = learn(method, demonstrations, seed, prior)
+    informed, _ = learn(method, demonstrations, seed, prior)
     without = plain.predict(_FAR).mean
-    moved, whole = learned.movement.predict(_FAR).mean - without, prior.mean(_FAR)
+    moved, whole = informed.predict(_FAR).mean - without, prior.mean(_FAR)
     whole = whole - without
     share = float(np.sum(moved * whole) / np.sum(whole**2))
     return min(max(share, 0.0), 1.0)

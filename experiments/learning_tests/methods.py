@@ -3,7 +3,6 @@
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -15,22 +14,12 @@ from policies.movement import Movement
 from policies.prior_mean import PriorMean
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Learned:
-    """A movement, and what learning it took."""
-
-    movement: Movement
-    """What was learned."""
-    cpu_s: float
-    """CPU time of this thread until it could predict, alignment included [s]."""
-
-
 def learn(
     method: Method,
     demonstrations: Sequence[Demonstration],
     seed: int,
     prior_mean: PriorMean | None = None,
-) -> Learned:
+) -> tuple[Movement, float]:
     """Learn, and predict once.
 
     Some methods put work off until they are first asked; it belongs to learning.
@@ -42,6 +31,10 @@ def learn(
         demonstrations: From what.
         seed: Seeds whatever is random in the learning.
         prior_mean: What is expected where nothing was demonstrated.
+
+    Returns:
+        What was learned, and the CPU time of this thread until it could predict,
+        alignment included [s].
 
     Raises:
         ValueError: The method cannot learn from them, or be given a prior mean.
@@ -57,8 +50,7 @@ def learn(
             movement.predict(np.array([0.0, 1.0]))
         return movement
 
-    movement, cpu_s = cpu_seconds(able_to_predict)
-    return Learned(movement=movement, cpu_s=cpu_s)
+    return cpu_seconds(able_to_predict)
 
 
 ResultT = TypeVar("ResultT")

@@ -95,14 +95,13 @@ def _scores(
     method: Method, fold: Fold, seed: int
 ) -> Sequence[Mapping[str, float | None]]:
     """Every score of every demonstration that a fold leaves out."""
-    learned = learn(method, fold.given, seed)
-    movement = learned.movement
+    movement, cpu_s = learn(method, fold.given, seed)
     left_out = [aligned_to(one, movement.aligned) for one in fold.left_out]
     asked = [one.thinned(_SAMPLES) for one in left_out]
     shared = {
-        **adaptation(method, learned, left_out),
+        **adaptation(method, movement, left_out),
         **_of_the_movement(movement),
-        "cpu_fit_s": learned.cpu_s,
+        "cpu_fit_s": cpu_s,
         "cpu_predict_s": _prediction_time(movement),
     }
     return [

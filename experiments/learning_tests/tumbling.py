@@ -16,10 +16,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from experiments.learning_tests.accuracy import known, rms_rotation
-from experiments.learning_tests.methods import Learned, learn
+from experiments.learning_tests.methods import learn
 from experiments.teacher.random_motion import smooth_functions
 from policies.demonstrations import Demonstration
 from policies.method import Method
+from policies.movement import Movement
 
 FloatArray = NDArray[np.float64]
 
@@ -53,15 +54,15 @@ def tumbling(method: Method, seed: int) -> Mapping[str, object]:
         truth, by number of outputs; and how far the mean orientation of the six is
         from the true one, in standard deviations of a demonstration.
     """
-    two = learn(method, tumble(seed, active=(0, 2)), seed)
-    six = learn(method, tumble(seed, active=range(6)), seed)
-    mean = six.movement.predict(_JUDGED).mean
+    two, two_s = learn(method, tumble(seed, active=(0, 2)), seed)
+    six, six_s = learn(method, tumble(seed, active=range(6)), seed)
+    mean = six.predict(_JUDGED).mean
     truth = np.zeros_like(mean)
     truth[:, 3:] = tumbled_rotations(_JUDGED).as_rotvec()
     alone, beside = _excess(two, seed), _excess(six, seed)
     change = None if alone is None or beside is None else beside - alone
     return {
-        "outputs_cpu_s": {"2": two.cpu_s, "6": six.cpu_s, "24": None},
+        "outputs_cpu_s": {"2": two_s, "6": six_s, "24": None},
         "outputs_nlpd": {"2": alone, "6": beside, "24": None},
         "outputs_nlpd_change": change,
         "tumbling_error": rms_rotation(mean, truth) / (math.sqrt(3.0) * TUMBLE_STD),
@@ -113,12 +114,12 @@ def tumble(seed: int, active: range | tuple[int, ...]) -> tuple[Demonstration, .
     return tuple(demonstrations)
 
 
-def _excess(learned: Learned, seed: int) -> float | None:
+def _excess(movement: Movement, seed: int) -> float | None:
     """Density of z in other repetitions, above that of the true distribution."""
     rng = np.random.default_rng([seed, 1])
     wobble = smooth_functions(_JUDGED, _CORRELATION, _HELD_OUT, rng)
     std = _spread(_JUDGED)[:, None]
     drawn = std * wobble
-    predicted = learned.movement.predict(_JUDGED)
+    predicted = movement.predict(_JUDGED)
     got = norm.logpdf(drawn, predicted.mean[:, [2]], predicted.std[:, [2]])
     return known(float(np.mean(norm.logpdf(drawn, 0.0, std)) - np.mean(got)))

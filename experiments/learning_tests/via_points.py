@@ -13,7 +13,7 @@ from experiments.learning_tests.accuracy import (
     rms_rotation,
 )
 from experiments.learning_tests.folds import OnPhases
-from experiments.learning_tests.methods import Learned, cpu_seconds
+from experiments.learning_tests.methods import cpu_seconds
 from policies.adaptation import begin_adaptation
 from policies.compliance import ComplianceConfig
 from policies.method import Method
@@ -43,7 +43,7 @@ _VIA_POINT_SCORES: Final = (
 
 
 def adaptation(
-    method: Method, learned: Learned, left_out: Sequence[OnPhases]
+    method: Method, movement: Movement, left_out: Sequence[OnPhases]
 ) -> dict[str, float | None]:
     """Adapt to demonstrations that were left out.
 
@@ -56,7 +56,7 @@ def adaptation(
 
     Args:
         method: How to adapt.
-        learned: What is adapted.
+        movement: What is adapted.
         left_out: Demonstrations on its phases.
 
     Returns:
@@ -67,9 +67,9 @@ def adaptation(
     for one in left_out:
         found: dict[str, float | None] = dict.fromkeys(_VIA_POINT_SCORES)
         if method.adaptation is not None:
-            found |= _hits(method.adaptation, learned.movement, one)
-            found |= _far_changes(method.adaptation, learned.movement, one)
-        scores.append(found | _rest(method, learned, one))
+            found |= _hits(method.adaptation, movement, one)
+            found |= _far_changes(method.adaptation, movement, one)
+        scores.append(found | _rest(method, movement, one))
     return averaged(scores)
 
 
@@ -109,11 +109,11 @@ def _far_changes(
 
 
 def _rest(
-    method: Method, learned: Learned, left_out: OnPhases
+    method: Method, movement: Movement, left_out: OnPhases
 ) -> dict[str, float | None]:
     truth, ahead = left_out.at(GRID), GRID > _SEEN
-    before = learned.movement.predict(GRID)
-    adapted = begin_adaptation(learned.movement, method.adaptation, GRID)
+    before = movement.predict(GRID)
+    adapted = begin_adaptation(movement, method.adaptation, GRID)
     cpu_s = None
     if method.adaptation is not None:
         seen = _observations(left_out)

@@ -24,6 +24,7 @@ from experiments.results.grouping import Runs, door_name, grouped
 from experiments.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
+    LEARNING_HEADLINES,
     LEARNING_MEASURES,
     median,
 )
@@ -159,9 +160,8 @@ def prediction_scores(runs: Mapping[str, Sequence[LearningTestResult]]) -> Figur
 
     order = sorted(runs, key=error, reverse=True)
     figure = style.new_figure(style.PAGE, 0.24 * len(runs) + 0.75)
-    names = ("nlpd", "rmse_position_m", "rmse_rotation_rad")
-    panels = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
-    for axes, name in zip(panels, names, strict=True):
+    panels = figure.subplots(1, len(LEARNING_HEADLINES), sharey=True, squeeze=False)[0]
+    for axes, name in zip(panels, LEARNING_HEADLINES, strict=True):
         measure = LEARNING_MEASURES[name]
         for row, policy in enumerate(order):
             for kind in kinds:

@@ -41,7 +41,7 @@ from policies.baselines.mixture_kernel import (
     MixtureKernel,
     fit_kernel,
 )
-from policies.baselines.moments import MomentMovement
+from policies.baselines.moments import MomentMovement, Moments
 from policies.trajectory import ViaPoint
 
 _STRONGEST = 1e-4
@@ -149,9 +149,7 @@ class GMMGaussianProcess(MomentMovement):
             solved=cho_solve((lower, True), missed),
         )
 
-    def _moments(
-        self, times: Float[np.ndarray, " M"]
-    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
+    def _moments(self, times: Float[np.ndarray, " M"]) -> Moments:
         mean, _ = self.regression.standardised_moments(times)
         variance = self.kernel.variance(times)
         posterior = self._posterior

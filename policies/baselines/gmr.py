@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 
 from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
-from policies.baselines.moments import MomentMovement
+from policies.baselines.moments import MomentMovement, Moments
 from policies.baselines.standardisation import Standardisation
 from policies.trajectory import white_covariance
 
@@ -126,9 +126,7 @@ class GaussianMixtureRegression(MomentMovement):
         scale = self.standardisation.scale
         return self.standardisation.undo(mean), scale[:, None] * covariance * scale
 
-    def _moments(
-        self, times: Float[np.ndarray, " M"]
-    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
+    def _moments(self, times: Float[np.ndarray, " M"]) -> Moments:
         mean, covariance = self.moments(times)
         return mean, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
 

@@ -24,7 +24,7 @@ from policies.baselines.gmr import (
     GMRConfig,
     fit_gmr,
 )
-from policies.baselines.moments import MomentMovement
+from policies.baselines.moments import MomentMovement, Moments
 from policies.baselines.smoothed_reference import Reference, SmoothedReference
 from policies.trajectory import ViaPoint
 
@@ -122,9 +122,7 @@ class KernelizedMovementPrimitive(MomentMovement):
             covariance_regularisation=self.config.covariance_regularisation,
         )
 
-    def _moments(
-        self, times: Float[np.ndarray, " M"]
-    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
+    def _moments(self, times: Float[np.ndarray, " M"]) -> Moments:
         """Eq. (21), and the diagonal of Eq. (26)."""
         return self.regression.standardisation.moments(*self._smoothed.moments(times))
 

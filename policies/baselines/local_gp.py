@@ -35,7 +35,7 @@ from threadpoolctl import threadpool_limits
 
 from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
-from policies.baselines.moments import MomentMovement
+from policies.baselines.moments import MomentMovement, Moments
 from policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
 from policies.gp.hyperparameters import fit_kernel_and_noise
 from policies.gp.noise_profile import NoiseProfile
@@ -107,9 +107,7 @@ class LocalGaussianProcesses(MomentMovement):
         mean = variance * np.sum(precisions * means, axis=0)
         return mean, variance, np.sqrt(weights) * variance / variances
 
-    def _moments(
-        self, times: Float[np.ndarray, " M"]
-    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
+    def _moments(self, times: Float[np.ndarray, " M"]) -> Moments:
         mean, variance, _ = self._product(times)
         return mean, np.sqrt(variance)
 

@@ -14,14 +14,15 @@ from policies.trajectory import GaussianTrajectory, checked_times
 
 ResultT = TypeVar("ResultT")
 
+Moments = tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]
+"""Mean and standard deviation at M phases, or mean and variance."""
+
 
 class MomentMovement(LearnedMovement, ABC):
     """A movement whose rates are differences of its moments."""
 
     @abstractmethod
-    def _moments(
-        self, times: Float[np.ndarray, " M"]
-    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
+    def _moments(self, times: Float[np.ndarray, " M"]) -> Moments:
         """Mean and standard deviation of a repetition of the task [m, rad]."""
 
     @abstractmethod

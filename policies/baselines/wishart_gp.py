@@ -33,7 +33,7 @@ from threadpoolctl import threadpool_limits
 
 from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import FINEST, AlignedDemonstrations, thinned
-from policies.baselines.moments import MomentMovement
+from policies.baselines.moments import MomentMovement, Moments
 from policies.baselines.wishart_process import (
     WishartLikelihood,
     WishartPosterior,
@@ -99,9 +99,7 @@ class WishartProcessMovement(MomentMovement):
         """
         return self.variability.covariance(times)
 
-    def _moments(
-        self, times: Float[np.ndarray, " M"]
-    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
+    def _moments(self, times: Float[np.ndarray, " M"]) -> Moments:
         moments = self.processes.moments(times)
         return moments.mean, np.sqrt(moments.latent + self._spread(times))
 

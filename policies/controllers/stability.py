@@ -42,7 +42,8 @@ def rate_bound(
 ) -> Float[np.ndarray, "*T 6"]:
     """Return the tight bound on dk/dt at a stiffness: 2γ k^{3/2}/(√k + δγ√m).
 
-    It rises with k. `test_eq23_tight_bound_follows_from_condition_2` derives it.
+    `test_eq23_tight_bound_follows_from_condition_2` derives it. It rises with k:
+    what it is at k_min, 4δ k_min^{3/2}/((1 + 2δ²)√m), holds at every k, Eq. (27).
 
     Args:
         stiffness: Stiffness k [N/m, N m/rad].
@@ -62,26 +63,10 @@ def printed_rate_bound(
 ) -> Float[np.ndarray, "*T 6"]:
     """Return Eq. (23) as printed: 2γ k^{3/2}/(√k + 2δγ√m), sufficient, not tight.
 
-    Arguments and result are those of `rate_bound`.
+    At k_min it is Eq. (27) as printed, with 1 + 4δ² for 1 + 2δ². Arguments and result
+    are those of `rate_bound`.
     """
     return _pointwise_bound(stiffness, decay_rate(k_min, dynamics), dynamics, 2.0)
-
-
-def constant_rate_bound(
-    k_min: Float[np.ndarray, " 6"], dynamics: VirtualDynamics
-) -> Float[np.ndarray, " 6"]:
-    """Return the tight bound that holds at every k ≥ k_min: `rate_bound` at k_min.
-
-    In closed form 4δ k_min^{3/2}/((1 + 2δ²)√m).
-    """
-    return rate_bound(k_min, k_min, dynamics)
-
-
-def printed_constant_rate_bound(
-    k_min: Float[np.ndarray, " 6"], dynamics: VirtualDynamics
-) -> Float[np.ndarray, " 6"]:
-    """Return the left side of Eq. (27) as printed, with 1 + 4δ² for 1 + 2δ²."""
-    return printed_rate_bound(k_min, k_min, dynamics)
 
 
 def uncertainty_fall_bound(
@@ -89,7 +74,7 @@ def uncertainty_fall_bound(
 ) -> Float[np.ndarray, " 6"]:
     """Return the bound on -dσ/dt that keeps the profile stable at every σ, Eq. (28).
 
-    16δ k_min^{3/2}/(α (k_max - k_min)(1 + 2δ²)√m): the constant bound over the largest
+    16δ k_min^{3/2}/(α (k_max - k_min)(1 + 2δ²)√m): the bound at k_min over the largest
     slope of the profile. Infinite where the stiffness is constant.
 
     Note:
@@ -104,34 +89,16 @@ def uncertainty_fall_bound(
     Returns:
         Bound on the rate at which σ may fall [m/s, rad/s].
     """
-    return _over_steepest(constant_rate_bound(profile.k_min, dynamics), profile)
+    constant = rate_bound(profile.k_min, profile.k_min, dynamics)
+    return _over_steepest(constant, profile)
 
 
 def printed_uncertainty_fall_bound(
     profile: StiffnessProfile, dynamics: VirtualDynamics
 ) -> Float[np.ndarray, " 6"]:
     """Return the right side of Eq. (28) as printed, with 1 + 4δ² for 1 + 2δ²."""
-    return _over_steepest(printed_constant_rate_bound(profile.k_min, dynamics), profile)
-
-
-def stability_margin(
-    stiffness: Float[np.ndarray, "*T 6"],
-    stiffness_rate: Float[np.ndarray, "*T 6"],
-    k_min: Float[np.ndarray, " 6"],
-    dynamics: VirtualDynamics,
-) -> Float[np.ndarray, "*T 6"]:
-    """Return the tight pointwise bound minus the rate along a trajectory.
-
-    Args:
-        stiffness: Stiffness along a run, at or above k_min [N/m, N m/rad].
-        stiffness_rate: Its rate [N/(m s), N m/(rad s)].
-        k_min: Least stiffness that ever occurs.
-        dynamics: Virtual mass and damping ratio.
-
-    Returns:
-        Margins [N/(m s), N m/(rad s)]: positive where the condition holds.
-    """
-    return np.asarray(rate_bound(stiffness, k_min, dynamics) - stiffness_rate)
+    constant = printed_rate_bound(profile.k_min, profile.k_min, dynamics)
+    return _over_steepest(constant, profile)
 
 
 def _pointwise_bound(

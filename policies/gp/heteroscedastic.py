@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Float
 
 from policies.aligned import FINEST
-from policies.gp.evidence import SpectralEvidence
 from policies.gp.exact import ExactGP
 from policies.gp.hyperparameters import fit_kernel
 from policies.gp.kernels import RBF
@@ -101,8 +100,5 @@ class HeteroscedasticGP:
 
     def spectral(self, basis: LegendreBasis) -> SpectralPosterior:
         """Posterior of the scaled f in a basis that can represent its kernel."""
-        times, count = self.replicates.times, self.replicates.count
-        evidence = SpectralEvidence.reduce(
-            basis, times, self.replicates.mean, self.noise.variance(times) / count
-        )
-        return SpectralPosterior.condition(evidence, self.kernel)
+        noise = self.noise.variance(self.replicates.times)
+        return self.replicates.condition_in(basis, self.kernel, noise)

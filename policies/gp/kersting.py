@@ -9,13 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from gplfd_env.fields import check_quantities, quantity
-from policies.gp.evidence import SpectralEvidence
 from policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
 from policies.gp.kernels import RBF
 from policies.gp.legendre import LegendreBasis
 from policies.gp.noise_profile import LEAST_VARIANCE, SHORTEST_SCALE, NoiseProfile
 from policies.gp.replicates import Replicates
-from policies.gp.spectral import SpectralPosterior
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -65,10 +63,7 @@ def _latent(
     if basis is None:
         dense = replicates.condition(kernel, noise)
         return dense.mean(times), dense.variance(times)
-    evidence = SpectralEvidence.reduce(
-        basis, times, replicates.mean, noise / replicates.count
-    )
-    posterior = SpectralPosterior.condition(evidence, kernel)
+    posterior = replicates.condition_in(basis, kernel, noise)
     matrix = basis.matrix(times)
     variance = np.sum((matrix @ posterior.factor) ** 2, axis=1)
     return matrix @ posterior.weights, variance
@@ -82,7 +77,6 @@ def _smooth(
     replicates = Replicates.from_samples(times, observed - level)
     kernel, variance = fit_kernel_and_noise(replicates, shortest=SHORTEST_SCALE)
     basis = NoiseProfile.basis_over(times)
-    noise = np.full(len(times), variance / replicates.count)
-    evidence = SpectralEvidence.reduce(basis, times, replicates.mean, noise)
-    posterior = SpectralPosterior.condition(evidence, kernel)
+    noise = np.full(len(times), variance)
+    posterior = replicates.condition_in(basis, kernel, noise)
     return NoiseProfile(level=level, basis=basis, coefficients=posterior.weights)

@@ -17,8 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from policies.gp.evidence import SpectralEvidence
 from policies.gp.exact import ExactGP
 from policies.gp.kernels import RBF
+from policies.gp.legendre import LegendreBasis
+from policies.gp.spectral import SpectralPosterior
 from policies.records import short_repr
 
 
@@ -55,6 +58,17 @@ class Replicates:
             - 0.5 * self.within / noise_variance
         )
         return float(np.sum(terms))
+
+    def condition_in(
+        self,
+        basis: LegendreBasis,
+        kernel: RBF,
+        noise_variance: Float[np.ndarray, " M"],
+    ) -> SpectralPosterior:
+        """`condition` in a basis that can represent the kernel."""
+        noise = noise_variance / self.count
+        evidence = SpectralEvidence.reduce(basis, self.times, self.mean, noise)
+        return SpectralPosterior.condition(evidence, kernel)
 
     def condition(
         self, kernel: RBF, noise_variance: Float[np.ndarray, " M"]

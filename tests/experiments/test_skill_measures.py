@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from experiments.learning_tests import tumbling as tumbling_module
 from experiments.learning_tests.extrapolation import beyond
 from experiments.learning_tests.folds import OnPhases, folds
-from experiments.learning_tests.methods import Learned
 from experiments.learning_tests.tumbling import (
     TUMBLE_STD,
     tumble,
@@ -119,9 +118,7 @@ def test_far_changes_are_in_units_of_the_std_before() -> None:
     poses[:, 1] = 0.2
     left_out = OnPhases(phases=np.linspace(0.0, 1.0, 7), poses=poses)
 
-    score = adaptation(
-        method, Learned(movement=Known(aligned_doors()), cpu_s=0), [left_out]
-    )
+    score = adaptation(method, Known(aligned_doors()), [left_out])
 
     assert score["via_far_change"] == pytest.approx(0.5)
     assert score["via_far_std_change"] == pytest.approx(0.75)
@@ -144,9 +141,7 @@ def test_via_point_errors_are_distance_and_angle() -> None:
     )
     left_out.poses[:, [3, 5]] = 0.0
 
-    score = adaptation(
-        method, Learned(movement=Known(aligned_doors()), cpu_s=0), [left_out]
-    )
+    score = adaptation(method, Known(aligned_doors()), [left_out])
 
     assert score["via_error_position_m"] == pytest.approx(0.005)
     assert score["via_error_strict_rotation_rad"] == pytest.approx(0.01)
@@ -162,7 +157,7 @@ def test_the_rest_is_what_follows_the_first_third() -> None:
 
     movement = Known(aligned_doors(), early)
     left_out = OnPhases(phases=GRID, poses=np.zeros((len(GRID), 6)))
-    score = adaptation(knowing(), Learned(movement=movement, cpu_s=0), [left_out])
+    score = adaptation(knowing(), movement, [left_out])
     assert score["rmse_rest_position_m"] == 0.0
     assert score["rmse_rest_unadapted_position_m"] == 0.0
     assert score["via_error_position_m"] is score["cpu_adapt_s"] is None

@@ -51,7 +51,7 @@ def used(learner: Callable[[TrainingInput], Movement]) -> float | None:
 
 
 def used_by(method: Method) -> float | None:
-    plain = learn(method, DEMONSTRATIONS, 0).movement
+    plain, _ = learn(method, DEMONSTRATIONS, 0)
     return prior_mean_used(method, DEMONSTRATIONS, 0, plain)
 
 

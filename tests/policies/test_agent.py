@@ -10,7 +10,7 @@ from gplfd_env.task import handle_pose_on_arc
 from policies.adaptation import ProcessAdaptation
 from policies.agent import CompliantAgent
 from policies.compliance import ComplianceConfig
-from policies.controllers.stability import stability_margin
+from policies.controllers.stability import rate_bound
 from policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
 from policies.empirical import EmpiricalDistribution
 from policies.gridded import GriddedMovement
@@ -88,17 +88,13 @@ def test_rendered_stiffness_keeps_the_stability_bound(skill, radius):
     history = ideal_door(agent_of(skill, via_spacing=0.2), radius, 600)
     stiffness = np.array([step.stiffness for step, _ in history])
     rate = np.diff(stiffness, axis=0) / PERIOD
-    margin = stability_margin(
-        stiffness[:-1], rate, DEFAULT_PROFILE.k_min, DEFAULT_DYNAMICS
-    )
-    assert margin.min() > 0.0
+    bound = rate_bound(stiffness[:-1], DEFAULT_PROFILE.k_min, DEFAULT_DYNAMICS)
+    assert (bound - rate).min() > 0.0
     # Ungoverned it would be crossed: rare via-points drop the uncertainty at once.
     wished = np.array([DEFAULT_PROFILE.stiffness(step.std) for step, _ in history])
     ungoverned = np.diff(wished, axis=0) / PERIOD
-    margin = stability_margin(
-        wished[:-1], ungoverned, DEFAULT_PROFILE.k_min, DEFAULT_DYNAMICS
-    )
-    assert margin.min() < 0.0
+    bound = rate_bound(wished[:-1], DEFAULT_PROFILE.k_min, DEFAULT_DYNAMICS)
+    assert (bound - ungoverned).min() < 0.0
 
 
 def test_via_points_are_weak_along_what_the_phase_leaves_open(skill, monkeypatch):

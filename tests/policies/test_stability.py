@@ -9,13 +9,10 @@ from hypothesis.extra.numpy import arrays
 
 from policies.controllers.stability import (
     StiffnessGovernor,
-    constant_rate_bound,
     decay_rate,
-    printed_constant_rate_bound,
     printed_rate_bound,
     printed_uncertainty_fall_bound,
     rate_bound,
-    stability_margin,
     uncertainty_fall_bound,
 )
 from policies.controllers.stiffness import (
@@ -89,8 +86,8 @@ def test_eq23_is_the_edge_of_condition_2_and_the_printed_one_lies_inside(
 def test_eq27_constant_bound_is_the_least_pointwise_bound(ratio):
     k_min, mass = np.full(6, 100.0), np.linspace(0.5, 2.0, 6)
     dynamics = VirtualDynamics(mass=mass, damping_ratio=ratio)
-    constant = constant_rate_bound(k_min, dynamics)
-    printed = printed_constant_rate_bound(k_min, dynamics)
+    constant = rate_bound(k_min, k_min, dynamics)
+    printed = printed_rate_bound(k_min, k_min, dynamics)
     np.testing.assert_allclose(
         constant, 4 * ratio * 1000.0 / ((1 + 2 * ratio**2) * np.sqrt(mass))
     )
@@ -123,7 +120,7 @@ def test_eq28_bounds_falling_uncertainty(profile, dynamics):
 
     def margin(std_rate):
         rate = profile.rate(std, np.broadcast_to(std_rate, std.shape))
-        return stability_margin(stiffness, rate, profile.k_min, dynamics)
+        return rate_bound(stiffness, profile.k_min, dynamics) - rate
 
     assert np.all(margin(-0.999 * bound) > 0)
     # Sufficient, not necessary: the slope is steepest where more rate is allowed.
@@ -139,16 +136,6 @@ def test_eq28_is_no_bound_for_a_constant_stiffness():
         beta=np.full(6, 0.01),
     )
     assert np.all(uncertainty_fall_bound(constant, PAPER_DYNAMICS) == np.inf)
-
-
-def test_stability_margin_is_bound_minus_rate():
-    stiffness = np.linspace(100.0, 500.0, 4)[:, None] * np.ones(6)
-    rate = np.arange(24.0).reshape(4, 6)
-    bound = rate_bound(stiffness, PAPER_PROFILE.k_min, PAPER_DYNAMICS)
-    np.testing.assert_allclose(
-        stability_margin(stiffness, rate, PAPER_PROFILE.k_min, PAPER_DYNAMICS),
-        bound - rate,
-    )
 
 
 # --- Governor ----------------------------------------------------------------
@@ -190,7 +177,7 @@ def test_governor_holds_the_bound_where_the_profile_breaks_it(
     std = uncertainty(profile.beta)
     wished = profile.stiffness(std)
     wished_rate = np.diff(wished, axis=0) / dt
-    broken = stability_margin(wished[:-1], wished_rate, profile.k_min, dynamics)
+    broken = rate_bound(wished[:-1], profile.k_min, dynamics) - wished_rate
     assert broken.min() < 0
     stiffness, _, margin = govern(profile, dynamics, std, dt)
     assert margin.min() > 0
