@@ -1,7 +1,5 @@
 """Agents from a policy, and where in a policy of the user's an error arose."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import traceback

@@ -1,7 +1,5 @@
 """Doors as people name them on a command line or in a file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from gplfd_env.config import DoorConfig, door_config

@@ -1,7 +1,5 @@
 """How well a policy knows, while it opens a door, where the handle will go."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -7,8 +7,6 @@ Journal of NeuroEngineering and Rehabilitation 12:112, 2015. Errors of forecasts
 `experiments.episodes.forecast_error`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass

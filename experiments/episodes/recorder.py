@@ -1,7 +1,5 @@
 """Collects what happens in an episode, or in many in lockstep, for their logs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Many episodes in lockstep: one vector environment, one batch of agents."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Sequence

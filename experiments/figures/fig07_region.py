@@ -35,15 +35,15 @@ _PIXELS: Final = 240
 _ARC_SAMPLES: Final = 200
 
 
-def squared_radius(degrees_of_freedom: float | None, level: float = 0.95) -> float:
-    """Squared Mahalanobis radius that holds ``level`` of a pose's x and z together.
+def squared_radius(degrees_of_freedom: float | None) -> float:
+    """Squared Mahalanobis radius that holds 95 % of a pose's x and z together.
 
     The two-dimensional counterpart of `GaussianTrajectory.interval`: Hotelling's
     2 F(2, ν) with few degrees of freedom, χ²(2) with many.
     """
     if degrees_of_freedom is None:
-        return float(chdtri(2, 1.0 - level))
-    return 2.0 * float(fdtri(2, degrees_of_freedom, level))
+        return float(chdtri(2, 1.0 - 0.95))
+    return 2.0 * float(fdtri(2, degrees_of_freedom, 0.95))
 
 
 def distance(policy: GaussianTrajectory, points: FloatArray) -> FloatArray:

@@ -45,19 +45,15 @@ class Forecast:
     truth: FloatArray
     """True poses of the handle at them, (M', 6); to the end of the episode."""
 
-    @property
-    def known(self) -> slice:
-        """Phases of ``rest`` at which the truth is known."""
-        return slice(0, len(self.truth))
-
     def rms_error(self) -> float:
         """Root mean square distance of the mean from the truth on the plane [m]."""
-        error = (self.rest.mean[self.known] - self.truth)[:, PLANE]
+        error = (self.rest.mean[: len(self.truth)] - self.truth)[:, PLANE]
         return float(np.sqrt((error**2).sum(axis=1).mean()))
 
     def coverage(self) -> float:
         """Share of the true x and z inside their 95 % intervals."""
-        return float(self.rest[self.known].inside(self.truth)[:, PLANE].mean())
+        known = self.rest[: len(self.truth)]
+        return float(known.inside(self.truth)[:, PLANE].mean())
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -103,16 +99,11 @@ def _forecasts(log: EpisodeLog, agent: Agent, rows: list[int]) -> Iterator[Forec
     """One form's forecasts after the observations of some rows."""
     for row, decision in enumerate(decisions(log, agent)):
         if row in rows:
-            rest = _after(expectation(agent), float(decision.observed_phase))
+            policy = expectation(agent)
+            rest = policy[policy.times > float(decision.observed_phase)]
             yield Forecast(rest=rest, truth=_truth(log, rest.times))
         if row == rows[-1]:
             return
-
-
-def _after(policy: GaussianTrajectory, phase: float) -> GaussianTrajectory:
-    """A policy's part after a phase."""
-    first = int(np.searchsorted(policy.times, phase, side="right"))
-    return policy[first:]
 
 
 def _truth(log: EpisodeLog, phases: FloatArray) -> FloatArray:

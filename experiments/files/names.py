@@ -1,7 +1,5 @@
 """Names of files."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 

@@ -5,8 +5,6 @@ size and depth, finite numbers, and text that can be written again; anything els
 it is open until `entry` takes a value out as the type that it must have.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import sys

@@ -1,7 +1,5 @@
 """Where a result came from: versions, source state, machine, command, settings."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import importlib.metadata

@@ -1,7 +1,5 @@
 """A table of texts, and how it is written for a terminal, in Markdown and in HTML."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -122,8 +122,7 @@ def _primitives(kind: int, rows: FloatArray) -> Any:
 
 def _axes(quaternions: FloatArray) -> FloatArray:
     """The z axes that quaternions (N, 4), scalar last, turn to, (N, 3)."""
-    axes: FloatArray = Rotation.from_quat(quaternions).apply([0.0, 0.0, 1.0])
-    return axes
+    return Rotation.from_quat(quaternions).apply([0.0, 0.0, 1.0])
 
 
 def _mesh(model: mujoco.MjModel, geom: int, entity: str, row: FloatArray) -> Chunk:

@@ -23,16 +23,14 @@ _MATCH, _MATCH_PEER = "matching: interpolation", "matching: dtw-python"
 _ALIGN = "align(), interpolation"
 
 
-def measure_alignment(repeats: int, seed: int = 0) -> Measurement:
+def measure_alignment(repeats: int) -> Measurement:
     """Time alignment at 200, 1000 and 5000 samples, beside dtw-python's.
 
     Args:
         repeats: Measurements of each.
-        seed: Seed of the demonstrations.
     """
-    recorded = Teacher().demonstrate_doors(
-        (0.35, 0.65), 1, rng=np.random.default_rng(seed)
-    )
+    rng = np.random.default_rng(0)
+    recorded = Teacher().demonstrate_doors((0.35, 0.65), 1, rng=rng)
     with warnings.catch_warnings():
         # Sensor noise is part of the demonstrations, and `align` says so.
         warnings.simplefilter("ignore", UserWarning)

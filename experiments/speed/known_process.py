@@ -52,8 +52,7 @@ class KnownProcess:
         smooth = smooth_functions(self.truth.times, _CORRELATION, 6 * count, rng)
         smooth = smooth.reshape(len(mean), count, 6).swapaxes(0, 1)
         mixed = math.sqrt(1.0 - _WHITE) * smooth + math.sqrt(_WHITE) * white
-        drawn: Array = mean + std * mixed
-        return drawn
+        return mean + std * mixed
 
     def demonstrations(
         self, count: int, kind: Deviations, rng: np.random.Generator

@@ -19,8 +19,7 @@ _TIMING_GRID: Final = 400
 def minimum_jerk(progress: FloatArray) -> FloatArray:
     """Minimum-jerk profile 10 s³ - 15 s⁴ + 6 s⁵, constant outside [0, 1]."""
     s = np.clip(progress, 0.0, 1.0)
-    profile: FloatArray = s**3 * (10.0 + s * (6.0 * s - 15.0))
-    return profile
+    return s**3 * (10.0 + s * (6.0 * s - 15.0))
 
 
 def smooth_functions(
