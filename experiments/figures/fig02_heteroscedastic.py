@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
+from experiments.arrays import FloatArray
 from experiments.figures import style
 from experiments.figures.material import Material
 from experiments.figures.pick_and_place import (
@@ -28,8 +29,6 @@ from experiments.figures.pick_and_place import (
 from policies.gp.noise_profile import NoiseModel, NoiseProfile
 from policies.skill import fit_skill
 from policies.trajectory import GaussianTrajectory
-
-FloatArray = NDArray[np.float64]
 
 TITLE: Final = "One noise level against a local one"
 DOORS: Final = ()

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from experiments.arrays import FloatArray
 from experiments.figures import style
 from experiments.figures.material import Material
 from experiments.figures.pick_and_place import HEIGHT, PHASES, constrained_set
@@ -26,8 +26,6 @@ from policies.adaptation import (
 )
 from policies.skill import Skill, fit_skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
-
-FloatArray = NDArray[np.float64]
 
 TITLE: Final = "Strong and weak via-points"
 DOORS: Final = ()

@@ -12,16 +12,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.datasets.npz import LabelledDemonstrations
 from experiments.figures import style
 from experiments.figures.material import Material
 from policies.alignment import align
 from policies.skill import Skill, fit_skill
 from policies.trajectory import GaussianTrajectory
-
-FloatArray = NDArray[np.float64]
 
 TITLE: Final = "From demonstrations to a policy, output by output"
 DOORS: Final = ()

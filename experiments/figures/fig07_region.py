@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri
 
+from experiments.arrays import FloatArray
 from experiments.datasets.npz import LabelledDemonstrations
 from experiments.figures import style
 from experiments.figures.fig06_policy import door_colours
@@ -23,8 +23,6 @@ from gplfd_env.task import handle_pose_on_arc
 from policies.alignment import align
 from policies.skill import Skill, fit_skill
 from policies.trajectory import GaussianTrajectory
-
-FloatArray = NDArray[np.float64]
 
 TITLE: Final = "The policy on the plane of the door"
 DOORS: Final = ()

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.episodes.log import EpisodeLog
 from experiments.figures import style
 from experiments.figures.material import Material
@@ -21,8 +22,6 @@ from policies.controllers.stability import (
     uncertainty_fall_bound,
 )
 from policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
-
-FloatArray = NDArray[np.float64]
 
 TITLE: Final = "Stiffness and its stability"
 DOORS: Final = ("medium", "heavy")

@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.episodes.log import EpisodeLog
 from experiments.figures import style
 from experiments.figures.fig07_region import PLANE, arc, shade_region
@@ -24,8 +24,6 @@ from experiments.figures.material import Material
 from policies.agent import Agent
 from policies.registry import make_agent
 from policies.trajectory import GaussianTrajectory
-
-FloatArray = NDArray[np.float64]
 
 TITLE: Final = "Forecasts of the rest of the opening"
 FORMS: Final = {"gp-product": "product", "gp-exact": "exact", "gp": "process"}

@@ -10,16 +10,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.teacher.random_motion import (
     minimum_jerk,
     smooth_functions,
     uneven_timing,
 )
 from policies import AlignedDemonstrations, Demonstration
-
-FloatArray = NDArray[np.float64]
 
 HEIGHT: Final = 1
 """Output that figures of one dimension show: y, upwards."""

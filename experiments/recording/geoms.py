@@ -7,14 +7,12 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
+from experiments.arrays import FloatArray
 from experiments.recording.kinematics import poses_on_carriers
 from experiments.recording.stream import static
-
-FloatArray = NDArray[np.float64]
 
 _GEOM: Final = mujoco.mjtGeom
 _MESH: Final = int(_GEOM.mjGEOM_MESH)

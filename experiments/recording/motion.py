@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
+from experiments.arrays import FloatArray
 from experiments.recording import colours
 from experiments.recording.kinematics import task_frame
 from experiments.recording.part import Part
@@ -18,8 +19,6 @@ from experiments.recording.stream import moving, seconds, static
 from experiments.recording.tube import tube_triangles, tube_vertices
 from gplfd_env.task import handle_pose_on_arc
 from policies.demonstrations import Demonstration
-
-FloatArray = NDArray[np.float64]
 
 ROOT: Final = "/world/task"
 """Entity whose transform is the task frame: closed handle, x pull, y up."""

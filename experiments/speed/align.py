@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.speed.peers import NOT_INSTALLED, dtw_python, installed
 from experiments.speed.report import Measurement, at_least
 from experiments.speed.timing import Timed, measure, repeated
@@ -15,8 +15,6 @@ from policies.alignment import align
 from policies.completion import measure_completion
 from policies.demonstrations import Demonstration
 from policies.dynamic_time_warping import WarpingPath, dynamic_time_warping
-
-Array = NDArray[np.float64]
 
 _SIZES = (200, 1000, 5000)
 _MATCH, _MATCH_PEER = "matching: interpolation", "matching: dtw-python"
@@ -70,7 +68,7 @@ def _candidates(recorded: Sequence[Demonstration], size: int) -> dict[str, Timed
     """What is timed with two demonstrations, resampled to a size."""
     two = [resampled(demo, size) for demo in recorded]
 
-    def completions() -> list[Array]:
+    def completions() -> list[FloatArray]:
         return [measure_completion(demo, 0.5, denoise=True).index for demo in two]
 
     first, second = completions()
@@ -88,7 +86,7 @@ def _candidates(recorded: Sequence[Demonstration], size: int) -> dict[str, Timed
     return candidates
 
 
-def _warp(first: Array, second: Array) -> WarpingPath:
+def _warp(first: FloatArray, second: FloatArray) -> WarpingPath:
     return dynamic_time_warping(
         lambda row: np.abs(second - first[row]), n_rows=len(first)
     )

@@ -4,10 +4,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-FloatArray = NDArray[np.float64]
+from experiments.arrays import FloatArray
 
 _N_COSINES: Final = 64
 """Terms of a smooth random function; enough for its values to be near Gaussian."""
