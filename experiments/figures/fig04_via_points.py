@@ -132,8 +132,7 @@ def draw(shown: ViaPoints) -> Figure:
             _draw_via_points(panel, shown.via_points)
         panel.set_xlabel("phase")
     style.name_panels(panels, titles.values())
-    panels[0].set_xlim(0.0, 1.0)
-    panels[0].set_ylabel("height [m]")
+    panels[0].set(xlim=(0.0, 1.0), ylabel="height [m]")
     return figure
 
 

@@ -95,18 +95,13 @@ def draw(shown: Mapping[str, Stability]) -> Figure:
         _draw_stiffness(column[0], one)
         _draw_fall(column[1], one)
         _draw_use(column[2], one)
-        titles += [
-            f"stiffness, {door} door",
-            "fall of the uncertainty",
-            "rate of the stiffness",
-        ]
-        column[2].set_xlabel("time [s]")
-        column[2].set_xlim(0.0, float(one.log.times[-1]))
+        titles += [f"stiffness, {door} door"]
+        titles += ["fall of the uncertainty", "rate of the stiffness"]
+        column[2].set(xlabel="time [s]", xlim=(0.0, float(one.log.times[-1])))
     style.name_panels(rows.T.flat, titles)
-    rows[2, 0].set_ylim(top=1.15)
     rows[0, 0].set_ylabel("$k_p$ [N/m]")
     rows[1, 0].set_ylabel(r"$-\mathrm{d}σ/\mathrm{d}t$ [m/s]")
-    rows[2, 0].set_ylabel(r"$\dot{k}_p$ / its bound")
+    rows[2, 0].set(ylabel=r"$\dot{k}_p$ / its bound", ylim=(None, 1.15))
     style.legend_above(
         figure,
         {f"${name}$": style.legend_line(colour) for name, colour in AXES.values()}

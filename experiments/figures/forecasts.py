@@ -132,8 +132,7 @@ def draw(openings: Mapping[str, Forecasts]) -> Figure:
     style.name_panels(rows.flat, titles)
     for panel in rows[-1]:
         panel.set_xlabel("$x$ [m]")
-    rows[0, 0].set_xlim(-0.06, 0.92)
-    rows[0, 0].set_ylim(-0.62, 0.06)
+    rows[0, 0].set(xlim=(-0.06, 0.92), ylim=(-0.62, 0.06))
     style.legend_above(
         figure,
         {

@@ -14,7 +14,7 @@ from experiments.teacher import Teacher
 from policies.alignment import align
 from policies.completion import measure_completion
 from policies.demonstrations import Demonstration
-from policies.dynamic_time_warping import WarpingPath, dynamic_time_warping
+from policies.dynamic_time_warping import dynamic_time_warping
 
 _SIZES = (200, 1000, 5000)
 _MATCH, _MATCH_PEER = "matching: interpolation", "matching: dtw-python"
@@ -77,16 +77,12 @@ def _candidates(recorded: Sequence[Demonstration], size: int) -> dict[str, Timed
         "completion indices of both": repeated(completions, many),
         # ζ rises, so the match of each sample of one is where the other reaches it.
         _MATCH: repeated(partial(np.interp, first, second, np.arange(size)), many),
-        "matching: our exact DTW": repeated(partial(_warp, first, second)),
+        "matching: our exact DTW": repeated(
+            lambda: dynamic_time_warping(lambda row: np.abs(second - first[row]), size)
+        ),
         _ALIGN: repeated(partial(align, two), many),
         "align(), dtw": repeated(partial(align, two, method="dtw")),
     }
     if installed("dtw"):
         candidates[_MATCH_PEER] = repeated(partial(dtw_python, first, second))
     return candidates
-
-
-def _warp(first: FloatArray, second: FloatArray) -> WarpingPath:
-    return dynamic_time_warping(
-        lambda row: np.abs(second - first[row]), n_rows=len(first)
-    )
