@@ -12,6 +12,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.speed.report import Measurement, Target, at_most, between, measure_all
 from experiments.teacher import Teacher
 from experiments.teacher.random_motion import minimum_jerk, smooth_functions
@@ -22,8 +23,7 @@ from policies.alignment import align
 from policies.skill import fit_skill
 from policies.trajectory import ViaPoint
 
-Array = NDArray[np.float64]
-Openings = tuple[AlignedDemonstrations, Array]
+Openings = tuple[AlignedDemonstrations, FloatArray]
 """Demonstrations on one clock, and the radius of the door of each [m]."""
 
 _PER_RADIUS: Final = 2
@@ -78,8 +78,11 @@ def door_targets(doors: str, found: Mapping[str, Mapping[str, float]]) -> list[T
 
 
 def door_opening(
-    radius: float, times: Array, rng: np.random.Generator, wobble_std: float = 1.5e-3
-) -> Array:
+    radius: float,
+    times: FloatArray,
+    rng: np.random.Generator,
+    wobble_std: float = 1.5e-3,
+) -> FloatArray:
     """Open a door in minimum-jerk time while the hand wobbles smoothly.
 
     Args:
@@ -96,7 +99,7 @@ def door_opening(
     wobble = (
         smooth_functions(times, 0.2, 6, rng) * np.minimum(1.0, 10.0 * times)[:, None]
     )
-    opening: Array = arc + wobble_std * np.repeat([1.0, 4.0], 3) * wobble
+    opening: FloatArray = arc + wobble_std * np.repeat([1.0, 4.0], 3) * wobble
     return opening
 
 

@@ -8,7 +8,6 @@ from typing import Annotated, Final, Literal
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
 from experiments.datasets.npz import load_demonstrations
 from experiments.speed.align import resampled
@@ -20,7 +19,6 @@ from policies.alignment import align
 from policies.demonstrations import Demonstration
 from policies.skill import fit_skill
 
-Array = NDArray[np.float64]
 Unit = Literal["m", "cm", "mm"]
 Order = Literal["wxyz", "xyzw"]
 

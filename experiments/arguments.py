@@ -1,7 +1,5 @@
 """Checks of what a person gave on the command line, before anything slow."""
 
-from __future__ import annotations
-
 import errno
 import os
 from pathlib import Path

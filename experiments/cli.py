@@ -5,8 +5,6 @@ replay departs from its recording or a task of a study ended in an error, 2 for 
 arguments or files. `gplfd` adds 130 for an interruption.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib.metadata
 import logging

@@ -5,11 +5,12 @@ are run again, and their numbers are compared with the stored ones.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from experiments.files.plain_data import write_json
+from experiments.progress import LOG
 from experiments.recording import record_episode
 from experiments.recording.comparison import record_comparison
 from experiments.repetition import Repeated, repeat
@@ -31,11 +32,7 @@ COMPARED: Final = 6
 _ORDER: Final = "success, then peak radial force, then final angle"
 
 
-def record_extremes(
-    folder: Path,
-    progress: Callable[[str], None] = lambda _: None,
-    reference: str = "gp",
-) -> Path:
+def record_extremes(folder: Path, reference: str = "gp") -> Path:
     """Record episodes of a study's standard condition, and a comparison.
 
     Writes recordings/<policy>-best.rrd, -median.rrd and -worst.rrd, comparison.rrd and
@@ -46,7 +43,6 @@ def record_extremes(
 
     Args:
         folder: The study's folder.
-        progress: Called with the name of each file before it is made.
         reference: Policy that stands first in the comparisons, if the study has it.
 
     Returns:
@@ -62,21 +58,19 @@ def record_extremes(
     out = folder / FOLDER
     index = {
         "order": _ORDER,
-        "episodes": _record_each(out, standard, progress),
-        "comparisons": _record_comparisons(out, standard, reference, progress),
+        "episodes": _record_each(out, standard),
+        "comparisons": _record_comparisons(out, standard, reference),
     }
     write_json(out / INDEX, index)
     return out / INDEX
 
 
-def _record_each(
-    out: Path, episodes: Sequence[EpisodeResult], progress: Callable[[str], None]
-) -> list[dict[str, Any]]:
+def _record_each(out: Path, episodes: Sequence[EpisodeResult]) -> list[dict[str, Any]]:
     entries = []
     for policy, own in by_policy(episodes).items():
         for rank, episode in extremes(own).items():
             file = recording_name(policy, rank)
-            progress(file)
+            LOG.info("recording %s", file)
             again, entry = _repeated(episode)
             entries.append({"file": file, "rank": rank, **entry})
             if again is not None:
@@ -85,17 +79,14 @@ def _record_each(
 
 
 def _record_comparisons(
-    out: Path,
-    episodes: Sequence[EpisodeResult],
-    reference: str,
-    progress: Callable[[str], None],
+    out: Path, episodes: Sequence[EpisodeResult], reference: str
 ) -> list[dict[str, Any]]:
     entries = []
     radii = sorted(DEMONSTRATED_RADII)
     shown = (radii[len(radii) // 2], radii[-1])
     for file, radius in zip(COMPARISONS, shown, strict=True):
         if compared := same_door(episodes, radius, reference):
-            progress(file)
+            LOG.info("recording %s", file)
             entries.append(_compare(out / file, compared))
     return entries
 

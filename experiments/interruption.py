@@ -1,7 +1,5 @@
 """When an interruption by Ctrl-C may come."""
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import sys

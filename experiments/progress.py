@@ -1,7 +1,5 @@
 """What a command reports on stderr while it works; nothing but warnings when quiet."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable
 from typing import Any, Final
@@ -14,7 +12,7 @@ LOG: Final = logging.getLogger("gplfd")
 
 def progress_bar(
     items: Iterable[Any] | None = None, *, anywhere: bool = False, **options: Any
-) -> tqdm[Any]:
+) -> "tqdm[Any]":
     """Return tqdm's bar over some items, where progress is wanted.
 
     Args:

@@ -13,6 +13,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.datasets.minari.episode import RecordedEpisode, Recorder
 from experiments.datasets.minari.reading import Dataset
 from experiments.datasets.minari.writing import REPRODUCING
@@ -20,7 +21,6 @@ from experiments.files.provenance import arithmetic, versions
 from experiments.progress import progress_bar
 
 Array = NDArray[Any]
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -6,10 +6,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.episodes.log import EpisodeLog
 from gplfd_env.task import handle_pose_on_arc
-
-FloatArray = NDArray[np.float64]
 
 PROGRESS: Final = (0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
 """Door angles at which forecasts are judged, as shares of the demonstrated angle."""

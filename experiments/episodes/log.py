@@ -98,30 +98,19 @@ class EpisodeLog:
     base_shift: Number
     """How far the base has been moved [m]."""
 
+    # What the agent decided, with the meanings of `policies.steps.AgentStep`.
     action: Pose
-    """Commanded hand pose."""
     desired: Pose
-    """Policy mean at the command's phase."""
     std: Pose
-    """Standard deviation that the controller uses [m, rad]."""
     std_rate: Pose
-    """Its rate [m/s, rad/s]."""
     stiffness: Pose
-    """Stiffness of the virtual dynamics [N/m, N m/rad]."""
     stiffness_rate: Pose
-    """Its rate [N/(m s), N m/(rad s)]."""
     stability_margin: Pose
-    """Bound on the stiffness rate minus the rate [N/(m s), N m/(rad s)]."""
     phase: Number
-    """Phase of the command."""
     observed_phase: Number
-    """Phase that the agent gives to the observed pose."""
     predicted_mean: Pose
-    """Pose predicted at the observed phase before the observation was used."""
     predicted_std: Pose
-    """Its standard deviation [m, rad]."""
     via_point: Flag
-    """Whether the observation became a via-point."""
     latency_s: Number
     """CPU time of the agent's decision [s]."""
 

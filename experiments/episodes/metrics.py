@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from experiments.arrays import FloatArray
 from experiments.episodes.disturbance_metrics import disturbance_metrics
 from experiments.episodes.forecast_error import (
     PROGRESS,
@@ -23,8 +23,6 @@ from experiments.episodes.forecast_error import (
 )
 from experiments.episodes.log import EpisodeLog
 from gplfd_env.task import DEMONSTRATED_ANGLE
-
-FloatArray = NDArray[np.float64]
 
 _MOTION_STARTS: Final = math.radians(1.0)
 """The opening motion begins when the door has moved by this angle [rad] and ends when

@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,7 +37,6 @@ def rollout(
     *,
     policy: str,
     door: str,
-    door_config: Mapping[str, float] | None = None,
     seed: int,
     forecast_period: float = 0.35,
     on_step: Callable[[Progress], None] | None = None,
@@ -49,8 +48,6 @@ def rollout(
         agent: Anything that `policies.agent.as_agent` takes.
         policy: Name of the policy, for the log.
         door: Name of the door, for the log.
-        door_config: Fields of the door's configuration, for the log; those of the
-            environment's own door by default.
         seed: Seed of the environment's reset.
         forecast_period: Simulated time between forecasts [s]; one more is taken
             before the first decision and one at the end.
@@ -76,16 +73,13 @@ def rollout(
         ended = truncated = False
 
         def log() -> EpisodeLog:
-            config = door_config
-            if config is None:
-                config = dataclasses.asdict(inner.door)
             return make_log(
                 steps.arrays() | forecasts.arrays(),
                 failure=str(info["failure"]),
                 truncated=truncated,
                 policy=policy,
                 door=door,
-                door_config=config,
+                door_config=dataclasses.asdict(inner.door),
                 seed=seed,
             )
 

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
+from experiments.arrays import FloatArray
 from experiments.figures import style
 from experiments.figures.material import Material
 from experiments.figures.pick_and_place import (
@@ -28,8 +29,6 @@ from experiments.figures.pick_and_place import (
 from policies.gp.noise_profile import NoiseModel, NoiseProfile
 from policies.skill import fit_skill
 from policies.trajectory import GaussianTrajectory
-
-FloatArray = NDArray[np.float64]
 
 TITLE: Final = "One noise level against a local one"
 DOORS: Final = ()
@@ -139,8 +138,7 @@ def draw(shown: LocalNoise) -> Figure:
     _draw_noise(axes["d"], shown)
     _draw_coverage(axes["e"], shown)
     for panel in axes.values():
-        panel.set_xlabel("phase")
-        panel.set_xlim(0.0, 1.0)
+        panel.set(xlabel="phase", xlim=(0.0, 1.0))
     titles = (
         "standard GP, noise of the ends",
         "standard GP, noise of the middle",
@@ -164,8 +162,7 @@ def _draw_policy(axes: Axes, shown: LocalNoise, name: str) -> None:
 def _draw_noise(axes: Axes, shown: LocalNoise) -> None:
     axes.plot(PHASES, 1e3 * true_spread(PHASES), color=style.TRUTH, linestyle="--")
     axes.plot(PHASES, 1e3 * shown.policies[LOCAL].std[:, HEIGHT], color=style.ADAPTED)
-    axes.set_ylim(0.0, None)
-    axes.set_ylabel("standard deviation [mm]")
+    axes.set(ylabel="standard deviation [mm]", ylim=(0.0, None))
     axes.legend(["true spread", "heteroscedastic GP"], loc="lower center")
 
 
@@ -181,8 +178,7 @@ def _draw_coverage(axes: Axes, shown: LocalNoise) -> None:
     ):
         coverage = 100.0 * shown.coverage[name]
         axes.plot(PHASES, coverage, color=colour, linestyle=line, label=label)
-    axes.set_ylim(0.0, 102.0)
-    axes.set_ylabel("repetitions inside [%]")
+    axes.set(ylabel="repetitions inside [%]", ylim=(0.0, 102.0))
     axes.legend(loc="center", bbox_to_anchor=(0.5, 0.55), ncols=2)
 
 

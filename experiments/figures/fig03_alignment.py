@@ -11,15 +11,13 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.figures import style
 from experiments.figures.material import Material
 from experiments.figures.pick_and_place import HEIGHT, ShelfMotion, shelf_motions
 from policies import AlignedDemonstrations, align
 from policies.completion import task_completion_index
-
-FloatArray = NDArray[np.float64]
 
 TITLE: Final = "Alignment by distance and by task completion"
 DOORS: Final = ()

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from experiments.arrays import FloatArray
 from experiments.figures import style
 from experiments.figures.material import Material
 from experiments.figures.pick_and_place import HEIGHT, PHASES, constrained_set
@@ -26,8 +26,6 @@ from policies.adaptation import (
 )
 from policies.skill import Skill, fit_skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
-
-FloatArray = NDArray[np.float64]
 
 TITLE: Final = "Strong and weak via-points"
 DOORS: Final = ()
@@ -134,8 +132,7 @@ def draw(shown: ViaPoints) -> Figure:
             _draw_via_points(panel, shown.via_points)
         panel.set_xlabel("phase")
     style.name_panels(panels, titles.values())
-    panels[0].set_xlim(0.0, 1.0)
-    panels[0].set_ylabel("height [m]")
+    panels[0].set(xlim=(0.0, 1.0), ylabel="height [m]")
     return figure
 
 

@@ -12,16 +12,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.datasets.npz import LabelledDemonstrations
 from experiments.figures import style
 from experiments.figures.material import Material
 from policies.alignment import align
 from policies.skill import Skill, fit_skill
 from policies.trajectory import GaussianTrajectory
-
-FloatArray = NDArray[np.float64]
 
 TITLE: Final = "From demonstrations to a policy, output by output"
 DOORS: Final = ()
@@ -78,8 +76,8 @@ def draw(shown: Learning) -> Figure:
             rows[1, output].plot(aligned.times, poses[:, output], **line)
         style.mean_and_interval(rows[2, output], shown.policy, output, style.BEFORE)
         _scale(rows[0, output], shown, output)
-        rows[0, output].set_title(f"{OUTPUTS[output]} [{UNITS[output]}]")
-        rows[0, output].set_xlabel("time [s]")
+        title = f"{OUTPUTS[output]} [{UNITS[output]}]"
+        rows[0, output].set(title=title, xlabel="time [s]")
         rows[2, output].set_xlabel("phase")
     for row, text in zip(rows, ("recorded", "aligned", "policy, 95 %"), strict=True):
         row[0].set_ylabel(text, fontsize=7.5, fontweight="bold")

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri
 
+from experiments.arrays import FloatArray
 from experiments.datasets.npz import LabelledDemonstrations
 from experiments.figures import style
 from experiments.figures.fig06_policy import door_colours
@@ -23,8 +23,6 @@ from gplfd_env.task import handle_pose_on_arc
 from policies.alignment import align
 from policies.skill import Skill, fit_skill
 from policies.trajectory import GaussianTrajectory
-
-FloatArray = NDArray[np.float64]
 
 TITLE: Final = "The policy on the plane of the door"
 DOORS: Final = ()
@@ -35,15 +33,15 @@ _PIXELS: Final = 240
 _ARC_SAMPLES: Final = 200
 
 
-def squared_radius(degrees_of_freedom: float | None, level: float = 0.95) -> float:
-    """Squared Mahalanobis radius that holds ``level`` of a pose's x and z together.
+def squared_radius(degrees_of_freedom: float | None) -> float:
+    """Squared Mahalanobis radius that holds 95 % of a pose's x and z together.
 
     The two-dimensional counterpart of `GaussianTrajectory.interval`: Hotelling's
     2 F(2, ν) with few degrees of freedom, χ²(2) with many.
     """
     if degrees_of_freedom is None:
-        return float(chdtri(2, 1.0 - level))
-    return 2.0 * float(fdtri(2, degrees_of_freedom, level))
+        return float(chdtri(2, 1.0 - 0.95))
+    return 2.0 * float(fdtri(2, degrees_of_freedom, 0.95))
 
 
 def distance(policy: GaussianTrajectory, points: FloatArray) -> FloatArray:

@@ -110,8 +110,7 @@ def _by_phase(opening: Opening) -> NDArray[np.intp]:
     """Rows of the motion in the order of their phase, which may step back a little."""
     rows = np.arange(opening.log.times.size)[opening.motion]
     order = np.argsort(opening.log.observed_phase[rows], kind="stable")
-    sorted_rows: NDArray[np.intp] = rows[order]
-    return sorted_rows
+    return rows[order]
 
 
 def _draw_errors(axes: Axes, opening: Opening) -> None:

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.episodes.log import EpisodeLog
 from experiments.figures import style
 from experiments.figures.material import Material
@@ -21,8 +22,6 @@ from policies.controllers.stability import (
     uncertainty_fall_bound,
 )
 from policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
-
-FloatArray = NDArray[np.float64]
 
 TITLE: Final = "Stiffness and its stability"
 DOORS: Final = ("medium", "heavy")
@@ -96,18 +95,13 @@ def draw(shown: Mapping[str, Stability]) -> Figure:
         _draw_stiffness(column[0], one)
         _draw_fall(column[1], one)
         _draw_use(column[2], one)
-        titles += [
-            f"stiffness, {door} door",
-            "fall of the uncertainty",
-            "rate of the stiffness",
-        ]
-        column[2].set_xlabel("time [s]")
-        column[2].set_xlim(0.0, float(one.log.times[-1]))
+        titles += [f"stiffness, {door} door"]
+        titles += ["fall of the uncertainty", "rate of the stiffness"]
+        column[2].set(xlabel="time [s]", xlim=(0.0, float(one.log.times[-1])))
     style.name_panels(rows.T.flat, titles)
-    rows[2, 0].set_ylim(top=1.15)
     rows[0, 0].set_ylabel("$k_p$ [N/m]")
     rows[1, 0].set_ylabel(r"$-\mathrm{d}σ/\mathrm{d}t$ [m/s]")
-    rows[2, 0].set_ylabel(r"$\dot{k}_p$ / its bound")
+    rows[2, 0].set(ylabel=r"$\dot{k}_p$ / its bound", ylim=(None, 1.15))
     style.legend_above(
         figure,
         {f"${name}$": style.legend_line(colour) for name, colour in AXES.values()}

@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.episodes.log import EpisodeLog
 from experiments.figures import style
 from experiments.figures.fig07_region import PLANE, arc, shade_region
@@ -24,8 +24,6 @@ from experiments.figures.material import Material
 from policies.agent import Agent
 from policies.registry import make_agent
 from policies.trajectory import GaussianTrajectory
-
-FloatArray = NDArray[np.float64]
 
 TITLE: Final = "Forecasts of the rest of the opening"
 FORMS: Final = {"gp-product": "product", "gp-exact": "exact", "gp": "process"}
@@ -45,19 +43,15 @@ class Forecast:
     truth: FloatArray
     """True poses of the handle at them, (M', 6); to the end of the episode."""
 
-    @property
-    def known(self) -> slice:
-        """Phases of ``rest`` at which the truth is known."""
-        return slice(0, len(self.truth))
-
     def rms_error(self) -> float:
         """Root mean square distance of the mean from the truth on the plane [m]."""
-        error = (self.rest.mean[self.known] - self.truth)[:, PLANE]
+        error = (self.rest.mean[: len(self.truth)] - self.truth)[:, PLANE]
         return float(np.sqrt((error**2).sum(axis=1).mean()))
 
     def coverage(self) -> float:
         """Share of the true x and z inside their 95 % intervals."""
-        return float(self.rest[self.known].inside(self.truth)[:, PLANE].mean())
+        known = self.rest[: len(self.truth)]
+        return float(known.inside(self.truth)[:, PLANE].mean())
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -103,16 +97,11 @@ def _forecasts(log: EpisodeLog, agent: Agent, rows: list[int]) -> Iterator[Forec
     """One form's forecasts after the observations of some rows."""
     for row, decision in enumerate(decisions(log, agent)):
         if row in rows:
-            rest = _after(expectation(agent), float(decision.observed_phase))
+            policy = expectation(agent)
+            rest = policy[policy.times > float(decision.observed_phase)]
             yield Forecast(rest=rest, truth=_truth(log, rest.times))
         if row == rows[-1]:
             return
-
-
-def _after(policy: GaussianTrajectory, phase: float) -> GaussianTrajectory:
-    """A policy's part after a phase."""
-    first = int(np.searchsorted(policy.times, phase, side="right"))
-    return policy[first:]
 
 
 def _truth(log: EpisodeLog, phases: FloatArray) -> FloatArray:
@@ -143,8 +132,7 @@ def draw(openings: Mapping[str, Forecasts]) -> Figure:
     style.name_panels(rows.flat, titles)
     for panel in rows[-1]:
         panel.set_xlabel("$x$ [m]")
-    rows[0, 0].set_xlim(-0.06, 0.92)
-    rows[0, 0].set_ylim(-0.62, 0.06)
+    rows[0, 0].set(xlim=(-0.06, 0.92), ylim=(-0.62, 0.06))
     style.legend_above(
         figure,
         {

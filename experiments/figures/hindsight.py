@@ -24,14 +24,9 @@ def decisions(log: EpisodeLog, agent: Agent) -> Iterator[AgentStep]:
 
 
 def _observation(log: EpisodeLog, row: int) -> Observation:
-    return {
-        "ee_pose": log.ee_pose[row],
-        "ee_twist": log.ee_twist[row],
-        "wrench": log.wrench[row],
-        "joint_pos": log.joint_pos[row],
-        "joint_vel": log.joint_vel[row],
-        "time": log.times[row : row + 1],
-    }
+    names = ("ee_pose", "ee_twist", "wrench", "joint_pos", "joint_vel")
+    seen = {name: getattr(log, name)[row] for name in names}
+    return seen | {"time": log.times[row : row + 1]}
 
 
 def expectation(agent: Agent) -> GaussianTrajectory:

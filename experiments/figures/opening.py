@@ -8,15 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import opening_motion, prediction_errors
 from experiments.figures.hindsight import decisions, expectation
 from policies.agent import Agent
 from policies.trajectory import GaussianTrajectory
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -10,16 +10,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.teacher.random_motion import (
     minimum_jerk,
     smooth_functions,
     uneven_timing,
 )
 from policies import AlignedDemonstrations, Demonstration
-
-FloatArray = NDArray[np.float64]
 
 HEIGHT: Final = 1
 """Output that figures of one dimension show: y, upwards."""
@@ -37,21 +35,18 @@ _RATE: Final = 60.0
 
 def true_spread(phases: FloatArray) -> FloatArray:
     """Standard deviation of the height between repetitions [m]: 3 mm at both ends."""
-    spread: FloatArray = 0.003 + 0.037 * np.sin(np.pi * phases) ** 2
-    return spread
+    return 0.003 + 0.037 * np.sin(np.pi * phases) ** 2
 
 
 def true_height(phases: FloatArray) -> FloatArray:
     """Mean height [m]: over an obstacle, onto something 0.1 m higher."""
-    height: FloatArray = 0.1 * minimum_jerk(phases) + 0.2 * np.sin(np.pi * phases) ** 2
-    return height
+    return 0.1 * minimum_jerk(phases) + 0.2 * np.sin(np.pi * phases) ** 2
 
 
 def deviations(count: int, rng: np.random.Generator) -> FloatArray:
     """Draw how repetitions deviate from the mean [m or rad], (``count``, 201)."""
     unit = smooth_functions(PHASES, _CORRELATION, count, rng)
-    scaled: FloatArray = true_spread(PHASES) * unit.T
-    return scaled
+    return true_spread(PHASES) * unit.T
 
 
 def constrained_set(count: int, rng: np.random.Generator) -> AlignedDemonstrations:

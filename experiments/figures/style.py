@@ -179,13 +179,11 @@ def legend_line(colour: str, linestyle: Any = "-", **line: Any) -> Line2D:
     return Line2D([], [], color=colour, linestyle=linestyle, **line)
 
 
-def legend_above(
-    figure: Figure, entries: Mapping[str, Artist], columns: int | None = None
-) -> None:
-    """Name lines and areas above all panels, in one row unless ``columns`` says."""
+def legend_above(figure: Figure, entries: Mapping[str, Artist]) -> None:
+    """Name lines and areas above all panels, in one row."""
     figure.legend(
         handles=list(entries.values()),
         labels=list(entries),
         loc="outside upper center",
-        ncols=columns or len(entries),
+        ncols=len(entries),
     )

@@ -19,12 +19,14 @@ def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk
         n_demonstrations: How many demonstrations the policy learned from.
         ended: Whether the outcome is known.
     """
-    outcome = _outcome(log) if ended else "being opened"
+    opened = "**opened**" if log.success else f"**not opened** ({log.failure})"
+    angle = math.degrees(log.door_angle[-1])
+    end = f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s"
     door = ", ".join(
         f"{name.replace('_', ' ')} {value:g}" for name, value in log.door_config.items()
     )
     text = f"""\
-### {log.door} door, policy `{log.policy}`: {outcome}
+### {log.door} door, policy `{log.policy}`: {end if ended else "being opened"}
 
 **How to read it.** The grey-blue tube is where the demonstrations alone put the \
 handle; the violet tube is what the policy believes now. An adaptive policy \
@@ -41,9 +43,3 @@ door's force on the hand, 10 cm per 10 N.
 - {", ".join(f"{name} {version}" for name, version in versions().items())}
 """
     return static(TEXT, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
-
-
-def _outcome(log: EpisodeLog) -> str:
-    opened = "**opened**" if log.success else f"**not opened** ({log.failure})"
-    angle = math.degrees(log.door_angle[-1])
-    return f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s"

@@ -1,5 +1,6 @@
 """Write one episode as a recording that opens on the right view."""
 
+import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -43,7 +44,13 @@ def record_episode(
     with recording_file(path, layout_chunks()) as stream:
         stream.send_recording_name(recording_name(log))
         # One by one: while one is written the next is made.
-        stream.send_chunks(_everything(log, model, demonstrations, looks))
+        chunks = itertools.chain(
+            stage_setting(log, model, demonstrations, looks),
+            happening(Part(log=log), model),
+            stage_lane(log),
+            [page(log, len(demonstrations))],
+        )
+        stream.send_chunks(chunks)
 
 
 def check_model(log: EpisodeLog, model: mujoco.MjModel) -> None:
@@ -54,18 +61,6 @@ def check_model(log: EpisodeLog, model: mujoco.MjModel) -> None:
             f"per step and the model has {model.nq}; record with the model that the "
             "episode ran in"
         )
-
-
-def _everything(
-    log: EpisodeLog,
-    model: mujoco.MjModel,
-    demonstrations: Sequence[Demonstration],
-    looks: TiagoLooks | None,
-) -> Iterator[Chunk]:
-    yield from stage_setting(log, model, demonstrations, looks)
-    yield from happening(Part(log=log), model)
-    yield from stage_lane(log)
-    yield page(log, len(demonstrations))
 
 
 def stage_setting(

@@ -7,14 +7,12 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
+from experiments.arrays import FloatArray
 from experiments.recording.kinematics import poses_on_carriers
 from experiments.recording.stream import static
-
-FloatArray = NDArray[np.float64]
 
 _GEOM: Final = mujoco.mjtGeom
 _MESH: Final = int(_GEOM.mjGEOM_MESH)
@@ -122,8 +120,7 @@ def _primitives(kind: int, rows: FloatArray) -> Any:
 
 def _axes(quaternions: FloatArray) -> FloatArray:
     """The z axes that quaternions (N, 4), scalar last, turn to, (N, 3)."""
-    axes: FloatArray = Rotation.from_quat(quaternions).apply([0.0, 0.0, 1.0])
-    return axes
+    return Rotation.from_quat(quaternions).apply([0.0, 0.0, 1.0])
 
 
 def _mesh(model: mujoco.MjModel, geom: int, entity: str, row: FloatArray) -> Chunk:

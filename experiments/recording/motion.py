@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
+from experiments.arrays import FloatArray
 from experiments.recording import colours
 from experiments.recording.kinematics import task_frame
 from experiments.recording.part import Part
@@ -18,8 +19,6 @@ from experiments.recording.stream import moving, seconds, static
 from experiments.recording.tube import tube_triangles, tube_vertices
 from gplfd_env.task import handle_pose_on_arc
 from policies.demonstrations import Demonstration
-
-FloatArray = NDArray[np.float64]
 
 ROOT: Final = "/world/task"
 """Entity whose transform is the task frame: closed handle, x pull, y up."""
@@ -66,8 +65,7 @@ def door_frame(
         static(ROOT, pose),
         static(VIEW, rr.Transform3D(mat3x3=_VIEW_AXES_D)),
         static(f"{ROOT}/demonstrations", lines),
-        *_arc_and_hinge(radius),
-        *_hand_styles(),
+        *_arc_and_styles(radius),
     ]
 
 
@@ -98,7 +96,9 @@ def policy_motion(part: Part) -> list[Chunk]:
         rr.Mesh3D.from_fields(vertex_positions=vertices[0], vertex_normals=normals[0]),
         rr.LineStrips3D(means[:1], colors=colours.BEFORE, radii=_LINE),
     )
-    return [before, _policy_style(), now]
+    tube = _tube_style(colours.ADAPTED, _OPACITY_ADAPTED)
+    look = static(f"{ROOT}/policy_now", tube, _line_style(colours.ADAPTED))
+    return [before, look, now]
 
 
 def hand_motion(part: Part) -> list[Chunk]:
@@ -160,8 +160,8 @@ def _spaced(
 
 # A study opens the same doors again and again.
 @functools.lru_cache(maxsize=64)
-def _arc_and_hinge(radius: float) -> tuple[Chunk, ...]:
-    """The handle's true arc, and the leaf as lines from the hinge."""
+def _arc_and_styles(radius: float) -> tuple[Chunk, ...]:
+    """The handle's true arc, the leaf as lines from the hinge, the look of the hand."""
     angles = np.radians(np.linspace(0.0, _TRUE_ARC_DEG, 76))
     arc = handle_pose_on_arc(radius, angles)[:, :3]
     hinge, leaf = [0.0, 0.0, -radius], [[[0.0, 0.0, 0.0], [0.0, 0.0, radius]]]
@@ -169,27 +169,13 @@ def _arc_and_hinge(radius: float) -> tuple[Chunk, ...]:
     at_hinge = rr.Transform3D(translation=hinge)
     closed = rr.LineStrips3D(leaf, colors=colours.MARK, radii=_LINE / 2)
     opened = rr.LineStrips3D(leaf, colors=colours.LEAF, radii=2.0 * _LINE)
+    dots = rr.Points3D.from_fields(colors=colours.HAND, radii=_DOT)
+    arrow = rr.Arrows3D.from_fields(colors=colours.FORCE, radii=_DOT)
     return (
         static(f"{ROOT}/true_arc", true_arc),
         static(f"{PLAN}", at_hinge),
         static(f"{PLAN}/closed", closed),
         static(f"{PLAN}/leaf", opened),
-    )
-
-
-@functools.cache
-def _policy_style() -> Chunk:
-    """How the forecasts look."""
-    tube = _tube_style(colours.ADAPTED, _OPACITY_ADAPTED)
-    return static(f"{ROOT}/policy_now", tube, _line_style(colours.ADAPTED))
-
-
-@functools.cache
-def _hand_styles() -> tuple[Chunk, ...]:
-    """How the hand's traces look."""
-    dots = rr.Points3D.from_fields(colors=colours.HAND, radii=_DOT)
-    arrow = rr.Arrows3D.from_fields(colors=colours.FORCE, radii=_DOT)
-    return (
         static(f"{ROOT}/hand/trail", _line_style(colours.HAND)),
         static(f"{ROOT}/hand/via_points", dots),
         static(f"{ROOT}/hand/force", arrow),

@@ -6,17 +6,15 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 from rerun.chunk import Chunk
 
+from experiments.arrays import FloatArray
 from experiments.episodes.log import EpisodeLog
 from experiments.recording import colours
 from experiments.recording.colours import Colour
 from experiments.recording.part import Part
 from experiments.recording.stream import moving, seconds, static
 from experiments.recording.tube import QUANTILE
-
-FloatArray = NDArray[np.float64]
 
 ROOT: Final = "/plots"
 ANGLE_MARKS_DEG: Final = (15.0, 30.0, 60.0)

@@ -15,13 +15,11 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 from rerun.chunk import Chunk
 
+from experiments.arrays import FloatArray
 from experiments.recording.kinematics import entity_of_body
 from experiments.recording.stream import static
-
-FloatArray = NDArray[np.float64]
 
 DISTRIBUTION: Final = "example-robot-data"
 _DESCRIPTION: Final = "tiago_description/robots/tiago_no_hand.urdf"

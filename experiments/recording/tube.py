@@ -6,7 +6,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from experiments.arrays import FloatArray
+
 Float32Array = NDArray[np.float32]
 """As exact as the viewer draws."""
 

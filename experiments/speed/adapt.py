@@ -17,14 +17,13 @@ _VIA_POINTS: Final = 10
 _PREDICTIONS: Final = 50
 
 
-def measure_adaptation(repeats: int, seed: int = 0) -> Measurement:
+def measure_adaptation(repeats: int) -> Measurement:
     """Time predictions, and via-points under every form of adaptation.
 
     Args:
         repeats: Measurements of each.
-        seed: Seed of demonstrations and via-points.
     """
-    times = measure(_actions(np.random.default_rng(seed)), repeats)
+    times = measure(_actions(np.random.default_rng(0)), repeats)
     predict, via_point = times["predict, 200 phases"], times["process: one via-point"]
     product = times["product: one via-point"]
     return Measurement(

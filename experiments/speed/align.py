@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.speed.peers import NOT_INSTALLED, dtw_python, installed
 from experiments.speed.report import Measurement, at_least
 from experiments.speed.timing import Timed, measure, repeated
@@ -14,25 +14,21 @@ from experiments.teacher import Teacher
 from policies.alignment import align
 from policies.completion import measure_completion
 from policies.demonstrations import Demonstration
-from policies.dynamic_time_warping import WarpingPath, dynamic_time_warping
-
-Array = NDArray[np.float64]
+from policies.dynamic_time_warping import dynamic_time_warping
 
 _SIZES = (200, 1000, 5000)
 _MATCH, _MATCH_PEER = "matching: interpolation", "matching: dtw-python"
 _ALIGN = "align(), interpolation"
 
 
-def measure_alignment(repeats: int, seed: int = 0) -> Measurement:
+def measure_alignment(repeats: int) -> Measurement:
     """Time alignment at 200, 1000 and 5000 samples, beside dtw-python's.
 
     Args:
         repeats: Measurements of each.
-        seed: Seed of the demonstrations.
     """
-    recorded = Teacher().demonstrate_doors(
-        (0.35, 0.65), 1, rng=np.random.default_rng(seed)
-    )
+    rng = np.random.default_rng(0)
+    recorded = Teacher().demonstrate_doors((0.35, 0.65), 1, rng=rng)
     with warnings.catch_warnings():
         # Sensor noise is part of the demonstrations, and `align` says so.
         warnings.simplefilter("ignore", UserWarning)
@@ -72,7 +68,7 @@ def _candidates(recorded: Sequence[Demonstration], size: int) -> dict[str, Timed
     """What is timed with two demonstrations, resampled to a size."""
     two = [resampled(demo, size) for demo in recorded]
 
-    def completions() -> list[Array]:
+    def completions() -> list[FloatArray]:
         return [measure_completion(demo, 0.5, denoise=True).index for demo in two]
 
     first, second = completions()
@@ -81,16 +77,12 @@ def _candidates(recorded: Sequence[Demonstration], size: int) -> dict[str, Timed
         "completion indices of both": repeated(completions, many),
         # ζ rises, so the match of each sample of one is where the other reaches it.
         _MATCH: repeated(partial(np.interp, first, second, np.arange(size)), many),
-        "matching: our exact DTW": repeated(partial(_warp, first, second)),
+        "matching: our exact DTW": repeated(
+            lambda: dynamic_time_warping(lambda row: np.abs(second - first[row]), size)
+        ),
         _ALIGN: repeated(partial(align, two), many),
         "align(), dtw": repeated(partial(align, two, method="dtw")),
     }
     if installed("dtw"):
         candidates[_MATCH_PEER] = repeated(partial(dtw_python, first, second))
     return candidates
-
-
-def _warp(first: Array, second: Array) -> WarpingPath:
-    return dynamic_time_warping(
-        lambda row: np.abs(second - first[row]), n_rows=len(first)
-    )

@@ -9,14 +9,12 @@ from typing import Any
 import gymnasium as gym
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.speed.report import Measurement, Target, Value, at_most
 from experiments.speed.timing import Timed, after, measure, repeated
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.task import handle_pose_on_arc
-
-Array = NDArray[np.float64]
 
 _STEPS, _ROUNDS = 600, 4
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -70,7 +68,7 @@ def _opening(environment_id: str) -> tuple[dict[str, Timed], Callable[[], bool]]
     actions = _arc_with_jitter(env)
     env.reset(seed=0)
     start, gains = _state(env.model, env.data), _gains(env.model)
-    commands: list[tuple[Array, Array | None]] = []
+    commands: list[tuple[FloatArray, FloatArray | None]] = []
     for action in actions:
         env.step(action)
         before, gains = gains, _gains(env.model)
@@ -98,23 +96,23 @@ def _opening(environment_id: str) -> tuple[dict[str, Timed], Callable[[], bool]]
     return both, lambda: np.array_equal(_state(model, data), end)
 
 
-def _arc_with_jitter(env: Any) -> Array:
+def _arc_with_jitter(env: Any) -> FloatArray:
     """Return actions that open the door in 6 s; stiffnesses from half to all."""
     rng = np.random.default_rng(0)
     angles = np.linspace(0.0, 0.9, _STEPS)
     poses = handle_pose_on_arc(env.door.radius, angles)
-    greatest: Array = env.action_space.high
-    actions: Array = greatest * rng.uniform(0.5, 1.0, (_STEPS, greatest.size))
+    greatest: FloatArray = env.action_space.high
+    actions: FloatArray = greatest * rng.uniform(0.5, 1.0, (_STEPS, greatest.size))
     actions[:, :6] = poses + rng.normal(0.0, 0.002, poses.shape)
     return actions
 
 
-def _gains(model: mujoco.MjModel) -> Array:
+def _gains(model: mujoco.MjModel) -> FloatArray:
     """Everything in the model that an action may write."""
     return np.stack([model.actuator_gainprm, model.actuator_biasprm])
 
 
-def _state(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+def _state(model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
     state = np.empty(mujoco.mj_stateSize(model, _STATE))
     mujoco.mj_getState(model, data, state, _STATE)
     return state

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.teacher.random_motion import smooth_functions
 from policies.aligned import AlignedDemonstrations
 from policies.trajectory import GaussianTrajectory
 
-Array = NDArray[np.float64]
 Deviations = Literal["independent", "smooth"]
 """Of a demonstration from the mean: independent from sample to sample, as
 heteroscedastic regression assumes, or smooth, as people move."""
@@ -43,7 +42,9 @@ class KnownProcess:
         )
         return cls(truth=truth)
 
-    def draw(self, count: int, kind: Deviations, rng: np.random.Generator) -> Array:
+    def draw(
+        self, count: int, kind: Deviations, rng: np.random.Generator
+    ) -> FloatArray:
         """Draw demonstrations, (``count``, M, 6)."""
         mean, std = self.truth.mean, self.truth.std
         white = rng.standard_normal((count, *mean.shape))
@@ -52,8 +53,7 @@ class KnownProcess:
         smooth = smooth_functions(self.truth.times, _CORRELATION, 6 * count, rng)
         smooth = smooth.reshape(len(mean), count, 6).swapaxes(0, 1)
         mixed = math.sqrt(1.0 - _WHITE) * smooth + math.sqrt(_WHITE) * white
-        drawn: Array = mean + std * mixed
-        return drawn
+        return mean + std * mixed
 
     def demonstrations(
         self, count: int, kind: Deviations, rng: np.random.Generator

@@ -11,13 +11,11 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import digamma, polygamma
 
+from experiments.arrays import FloatArray
 from policies.aligned import AlignedDemonstrations
 from policies.trajectory import GaussianTrajectory
-
-Array = NDArray[np.float64]
 
 NOT_INSTALLED: Final = "not installed"
 """What stands in a table for a library that is missing."""
@@ -40,7 +38,7 @@ def hetgpy_fit(given: AlignedDemonstrations) -> GaussianTrajectory:
     hetgp = importlib.import_module("hetgpy").hetGP
     inputs = np.tile(given.times, len(given.poses))[:, None]
 
-    def fit(samples: Array) -> tuple[Array, Array]:
+    def fit(samples: FloatArray) -> tuple[FloatArray, FloatArray]:
         model = hetgp()
         model.mleHetGP(inputs, samples.ravel(), covtype="Gaussian")
         predicted = model.predict(given.times[:, None])
@@ -61,7 +59,7 @@ def sklearn_fit(given: AlignedDemonstrations) -> GaussianTrajectory:
     bias = float(digamma(half)) - np.log(half)
     known = np.full(len(phases), float(polygamma(1, half)))
 
-    def fit(samples: Array) -> tuple[Array, Array]:
+    def fit(samples: FloatArray) -> tuple[FloatArray, FloatArray]:
         observed = np.log(samples.var(axis=0, ddof=1)) - bias
         level = observed.mean()
         log_noise, _ = _sklearn_gp(phases, observed - level, known)
@@ -72,7 +70,9 @@ def sklearn_fit(given: AlignedDemonstrations) -> GaussianTrajectory:
     return _output_by_output(given, fit)
 
 
-def _sklearn_gp(phases: Array, values: Array, noise: Array) -> tuple[Array, Array]:
+def _sklearn_gp(
+    phases: FloatArray, values: FloatArray, noise: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Posterior mean and standard deviation at the phases, for known noise."""
     gp = importlib.import_module("sklearn.gaussian_process")
     kernel = gp.kernels.ConstantKernel(1.0, (1e-6, 1e4)) * gp.kernels.RBF(
@@ -85,7 +85,8 @@ def _sklearn_gp(phases: Array, values: Array, noise: Array) -> tuple[Array, Arra
 
 
 def _output_by_output(
-    given: AlignedDemonstrations, fit: Callable[[Array], tuple[Array, Array]]
+    given: AlignedDemonstrations,
+    fit: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
 ) -> GaussianTrajectory:
     """Fit every output, (D, M), brought to mean 0 and standard deviation 1."""
     offset = given.poses.mean(axis=(0, 1))
@@ -101,11 +102,11 @@ def _output_by_output(
     )
 
 
-def _not_asked_for() -> Array:
+def _not_asked_for() -> FloatArray:
     raise NotImplementedError("peers are compared phase by phase")
 
 
-def dtw_python(a: Array, b: Array) -> tuple[Array, Array]:
+def dtw_python(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Match two completion indices with dtw-python; returns the matched indices."""
     dtw = importlib.import_module("dtw")
     path = dtw.dtw(a, b, dist_method="cityblock", step_pattern="symmetric1")

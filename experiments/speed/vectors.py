@@ -6,8 +6,8 @@ from typing import Any
 import gymnasium as gym
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from experiments.arrays import FloatArray
 from experiments.speed.machine import load
 from experiments.speed.report import Measurement, at_least, at_most
 from experiments.speed.timing import Timed, after, measure
@@ -15,8 +15,6 @@ from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DOORS
 from gplfd_env.scene import GRASP_KEY
 from gplfd_env.task import handle_pose_on_arc
-
-Array = NDArray[np.float64]
 
 PHYSICS, PHYSICS_IN_TURNS = "mj_step alone", "mj_step alone, 64 in turns"
 SINGLE, SYNC = "gym.make", "SyncVectorEnv, 2"
@@ -69,7 +67,7 @@ def measure_vectors(repeats: int) -> Measurement:
     )
 
 
-def _ways_to_step(commands: Array) -> dict[str, Timed]:
+def _ways_to_step(commands: FloatArray) -> dict[str, Timed]:
     """Everything that is compared; actions return the joint positions at the end."""
     return {
         PHYSICS: _physics(commands),
@@ -85,7 +83,7 @@ def _ways_to_step(commands: Array) -> dict[str, Timed]:
     }
 
 
-def _commands() -> Array:
+def _commands() -> FloatArray:
     """Return commands along the handle's arc with jitter, (30, 6)."""
     radius = DOORS["medium"].radius
     angles = np.linspace(0.0, 0.1, _PERIODS)
@@ -93,14 +91,14 @@ def _commands() -> Array:
     return arc + np.random.default_rng(0).normal(0.0, 0.002, arc.shape)
 
 
-def _physics(commands: Array, simulations: int = 1) -> Timed:
+def _physics(commands: FloatArray, simulations: int = 1) -> Timed:
     """The physics alone; many in turns lose the processor's caches."""
     env: Any = gym.make(ENVIRONMENT_ID, door="medium").unwrapped
     models = [copy.copy(env.model) for _ in range(simulations)]
     pairs = [(model, mujoco.MjData(model)) for model in models]
     substeps = round(env.dt / env.model.opt.timestep)
 
-    def run() -> Array:
+    def run() -> FloatArray:
         for command in commands:
             for model, data in pairs:
                 data.ctrl[:6] = command
@@ -115,10 +113,10 @@ def _physics(commands: Array, simulations: int = 1) -> Timed:
     return after(close, run, simulations * len(commands))
 
 
-def _single(commands: Array) -> Timed:
+def _single(commands: FloatArray) -> Timed:
     env: Any = gym.make(ENVIRONMENT_ID, door="medium")
 
-    def run() -> Array:
+    def run() -> FloatArray:
         for command in commands:
             env.step(command)
         return np.array([env.unwrapped.data.qpos])
@@ -126,13 +124,13 @@ def _single(commands: Array) -> Timed:
     return after(env.reset, run, len(commands))
 
 
-def _vector(commands: Array, simulations: int, **arguments: Any) -> Timed:
+def _vector(commands: FloatArray, simulations: int, **arguments: Any) -> Timed:
     envs: Any = gym.make_vec(
         ENVIRONMENT_ID, num_envs=simulations, door="medium", **arguments
     )
     actions = np.repeat(commands[:, None], simulations, axis=1)
 
-    def run() -> Array:
+    def run() -> FloatArray:
         for action in actions:
             envs.step(action)
         alone = [env.unwrapped.data.qpos for env in getattr(envs, "envs", ())]

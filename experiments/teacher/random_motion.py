@@ -4,10 +4,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-FloatArray = NDArray[np.float64]
+from experiments.arrays import FloatArray
 
 _N_COSINES: Final = 64
 """Terms of a smooth random function; enough for its values to be near Gaussian."""
@@ -19,8 +18,7 @@ _TIMING_GRID: Final = 400
 def minimum_jerk(progress: FloatArray) -> FloatArray:
     """Minimum-jerk profile 10 s³ - 15 s⁴ + 6 s⁵, constant outside [0, 1]."""
     s = np.clip(progress, 0.0, 1.0)
-    profile: FloatArray = s**3 * (10.0 + s * (6.0 * s - 15.0))
-    return profile
+    return s**3 * (10.0 + s * (6.0 * s - 15.0))
 
 
 def smooth_functions(

@@ -24,9 +24,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from experiments.arrays import FloatArray
 from experiments.teacher.habits import TIDY, Habits, lose_samples, untidy_clock
 from experiments.teacher.random_motion import (
     coloured_noise,
@@ -37,8 +37,6 @@ from experiments.teacher.random_motion import (
 from gplfd_env.fields import check_quantities, quantity
 from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
 from policies.demonstrations import Demonstration
-
-FloatArray = NDArray[np.float64]
 
 DEMONSTRATED_RADII: Final = (0.35, 0.50, 0.65)
 """Doors that the synthetic human opens [m]."""

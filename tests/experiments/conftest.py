@@ -76,6 +76,7 @@ class DoorEnv(gym.Env[Any, Any]):
     def __init__(self, outcome: str = "success", n_steps: int = 30) -> None:
         self.model = mujoco.MjModel.from_xml_string(MODEL)
         self.data = mujoco.MjData(self.model)
+        self.door = DoorConfig(radius=0.5)
         self.variation = Variation()
         self.outcome, self.n_steps = outcome, n_steps
         self.actions: list[Any] = []

@@ -90,10 +90,11 @@ def study(tmp_path):
     return tmp_path
 
 
-def test_a_study_s_episode_is_repeated_exactly(study):
-    shown = []
-    index = json.loads(record_extremes(study, shown.append).read_text())
-    assert shown == ["oracle-best.rrd", "comparison.rrd"]
+def test_a_study_s_episode_is_repeated_exactly(study, caplog):
+    with caplog.at_level("INFO", logger="gplfd"):
+        index = json.loads(record_extremes(study).read_text())
+    shown = [record.message for record in caplog.records]
+    assert shown == ["recording oracle-best.rrd", "recording comparison.rrd"]
     (entry,) = index["episodes"]
     assert entry["repeated"] is True
     assert entry["different"] == {}

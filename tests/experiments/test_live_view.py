@@ -29,7 +29,6 @@ Gplfd = Callable[..., int]
 NAMES = {
     "policy": "gp",
     "door": "medium",
-    "door_config": {"radius": 0.5},
     "seed": 3,
 }
 DEMONSTRATIONS = Teacher().demonstrate_doors([0.5], 1, rng=np.random.default_rng(0))

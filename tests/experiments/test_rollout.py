@@ -18,7 +18,6 @@ def run(door_env: Any, arc_agent: Any) -> Callable[..., EpisodeLog]:
             arc_agent() if agent is None else agent,
             policy="arc",
             door="medium",
-            door_config={"radius": 0.5},
             seed=4,
             **options,
         )

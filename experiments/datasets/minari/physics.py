@@ -6,9 +6,8 @@ from typing import Any, Final
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from experiments.arrays import FloatArray
 
 _STATE: Final = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 """All that a step reads: with it, MuJoCo continues bit for bit."""
