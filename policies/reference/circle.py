@@ -28,6 +28,7 @@ bias of algebraic ones, curvature as parameter); P. J. Huber, *Robust Statistics
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -35,16 +36,16 @@ import numpy as np
 from jaxtyping import Float
 
 from gplfd_env.geometry import DoorGeometry
-from gplfd_env.se3 import compose_rotvecs
 
 Points = Float[np.ndarray, "N 3"]
+Parameters = Float[np.ndarray, " 4"]
 
 _FAR: Final = 3.0
 """c: of residuals of so many standard deviations half the weight is left."""
-_CURVATURES: Final = (0.2, 10.0)
-"""Bounds of the curvature [1/m]: a straight line is a door of five metres."""
-_LARGEST_TURN: Final = 0.5
-"""Bound of every component of ω [rad]: the small angles that the prior speaks of."""
+_LOWEST: Final = np.array([-0.5, -0.5, -0.5, 0.2])
+_HIGHEST: Final = np.array([0.5, 0.5, 0.5, 10.0])
+"""Bounds of (ω, κ) [rad, 1/m]: small angles, of which the prior speaks; and a straight
+line is a door of five metres."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -64,6 +65,17 @@ class CirclePrior:
     noise: float = 1e-3
     """σ: of a point of the path [m]."""
 
+    @property
+    def mean(self) -> Parameters:
+        """(ω, κ) as expected."""
+        return np.array([0.0, 0.0, 0.0, 1.0 / self.radius])
+
+    @property
+    def information(self) -> Parameters:
+        """Inverse variances of (ω, κ)."""
+        tilt, heading = self.tilt_std**-2.0, self.heading_std**-2.0
+        return np.array([tilt, heading, tilt, self.curvature_std**-2.0])
+
 
 UPRIGHT: Final = CirclePrior(axes=np.eye(3))
 """A door as a robot that stands before it finds it, in the task frame."""
@@ -71,24 +83,27 @@ UPRIGHT: Final = CirclePrior(axes=np.eye(3))
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Circle:
-    """An estimate: E = E₀ exp(turn) and κ."""
+    """An estimate of the circle."""
 
     prior: CirclePrior
     """What it was estimated with."""
-    turn: Float[np.ndarray, " 3"]
-    """ω [rad]."""
-    curvature: float
-    """κ [1/m]."""
+    parameters: Parameters
+    """(ω, κ) [rad, 1/m]."""
 
     @classmethod
     def expected(cls, prior: CirclePrior) -> Circle:
         """Return what is expected before the hand moves."""
-        return cls(prior=prior, turn=np.zeros(3), curvature=1.0 / prior.radius)
+        return cls(prior=prior, parameters=prior.mean)
 
     @property
     def axes(self) -> Float[np.ndarray, "3 3"]:
         """E."""
-        return np.asarray(self.prior.axes @ _rotation(self.turn))
+        return np.asarray(self.prior.axes @ _rotation(*self.parameters[:3].tolist()))
+
+    @property
+    def curvature(self) -> float:
+        """κ [1/m]."""
+        return float(self.parameters[3])
 
     def door(self) -> DoorGeometry:
         """Return the door whose handle moves on this circle."""
@@ -108,31 +123,17 @@ class Circle:
         return circle
 
     def _step(self, points: Points) -> Circle:
-        prior, kappa = self.prior, self.curvature
-        t, a, n = (points @ self.axes).T
-        residuals, jacobians = _residuals(t, a, n, kappa)
-        scaled = np.hypot(*residuals) / prior.noise
-        weights = 1.0 / (prior.noise**2 * (1.0 + (scaled / _FAR) ** 2))
-        deviation = np.append(self.turn, kappa - 1.0 / prior.radius)
-        information = (
-            np.array(
-                [prior.tilt_std, prior.heading_std, prior.tilt_std, prior.curvature_std]
-            )
-            ** -2.0
-        )
-        normal = np.diag(information)
-        gradient = information * deviation
-        for residual, jacobian in zip(residuals, jacobians, strict=True):
-            weighted = weights * jacobian
-            normal += weighted @ jacobian.T
-            gradient += weighted @ residual
-        step = np.linalg.solve(normal, gradient)
-        turn = compose_rotvecs(self.turn, -step[:3])
-        return Circle(
-            prior=prior,
-            turn=np.clip(turn, -_LARGEST_TURN, _LARGEST_TURN),
-            curvature=float(np.clip(kappa - step[3], *_CURVATURES)),
-        )
+        prior, information = self.prior, self.prior.information
+        distances, slopes = _distances((points @ self.axes).T, self.curvature)
+        squares = np.add.reduce(distances**2, axis=0) / prior.noise**2
+        weights = 1.0 / (prior.noise**2 * (1.0 + squares / _FAR**2))
+        weighted, flat = (weights * slopes).reshape(4, -1), slopes.reshape(4, -1)
+        gradient = information * (self.parameters - prior.mean)
+        gradient += weighted @ distances.ravel()
+        step = np.linalg.solve(np.diag(information) + weighted @ flat.T, gradient)
+        # Turns are small: that of a step may be added.
+        bounded = np.minimum(np.maximum(self.parameters - step, _LOWEST), _HIGHEST)
+        return Circle(prior=prior, parameters=bounded)
 
 
 def fit_circle(points: Points, prior: CirclePrior = UPRIGHT) -> Circle:
@@ -150,37 +151,32 @@ def fit_circle(points: Points, prior: CirclePrior = UPRIGHT) -> Circle:
     return Circle.expected(prior).updated(points, steps=15)
 
 
-def _residuals(
-    t: np.ndarray, a: np.ndarray, n: np.ndarray, kappa: float
-) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Return both distances of every point, (N,), and their derivatives, (4, N).
+def _distances(
+    points: Float[np.ndarray, "3 N"], kappa: float
+) -> tuple[Float[np.ndarray, "2 N"], Float[np.ndarray, "4 2 N"]]:
+    """Return r and q_a of points (q_t, q_a, q_n), and their derivatives.
 
-    Derivatives by δ, of E exp(δ), and by κ: a small turn moves q by -δ × q.
+    Derivatives by a small turn δ, of E exp(δ), which moves q by -δ × q, and by κ.
     """
+    t, a, n = points
     square, across = t * t + n * n, kappa * n + 1.0
     # At the hinge itself there is no direction away from it.
     length = np.maximum(np.hypot(kappa * t, across), 1e-9)
     radial = (kappa * square + 2.0 * n) / (length + 1.0)
     by_t, by_n = kappa * t / length, across / length
     by_length = (kappa * t * t + n * across) / length
-    zero = np.zeros_like(t)
-    return (radial, a), (
-        np.stack(
-            [
-                -by_n * a,
-                by_n * t - by_t * n,
-                by_t * a,
-                (square - radial * by_length) / (length + 1.0),
-            ]
-        ),
-        np.stack([n, zero, -t, zero]),
-    )
+    slopes = np.zeros((4, 2, t.size))
+    slopes[0] = -by_n * a, n
+    slopes[1, 0] = by_n * t - by_t * n
+    slopes[2] = by_t * a, -t
+    slopes[3, 0] = (square - radial * by_length) / (length + 1.0)
+    return np.stack([radial, a]), slopes
 
 
-def _rotation(turn: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Return exp(turn) by Rodrigues' formula."""
-    x, y, z = turn
+def _rotation(x: float, y: float, z: float) -> Float[np.ndarray, "3 3"]:
+    """Return exp of a rotation vector; SciPy's costs as much as the rest of a step."""
+    angle = max(math.sqrt(x * x + y * y + z * z), 1e-12)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = float(np.sqrt(x * x + y * y + z * z))
-    first, second = np.sinc(angle / np.pi), 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
-    return np.asarray(np.eye(3) + first * cross + second * (cross @ cross))
+    bend = (math.sin(angle / 2.0) / (angle / 2.0)) ** 2 / 2.0
+    rotation = np.eye(3) + math.sin(angle) / angle * cross + bend * (cross @ cross)
+    return np.asarray(rotation)

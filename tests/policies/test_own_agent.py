@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gplfd_env import DoorGeometry
 from policies.agent import Agent, CompliantAgent, as_agent
 from policies.lockstep import batch_agents
 from policies.steps import AgentStep
@@ -72,6 +73,18 @@ def test_reset_and_forecast_are_asked_where_they_exist() -> None:
         assert agent.act(OBSERVATION).action[0] == 1.0
     assert own.began_with is OBSERVATION
     assert agent.forecast() is EXPECTED
+
+
+def test_an_agent_that_wants_to_know_the_door_is_told() -> None:
+    class Knowing(Counting):
+        def inform(self, door: DoorGeometry) -> None:
+            self.door = door
+
+    own, doors = Knowing(), [DoorGeometry.nominal(radius) for radius in (0.4, 0.5)]
+    as_agent(own).inform(doors[0])
+    assert own.door is doors[0]
+    batch_agents([Counting(), own]).inform(doors)
+    assert own.door is doors[1]
 
 
 def test_agents_are_wrapped_once() -> None:

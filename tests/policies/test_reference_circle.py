@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gplfd_env import DoorGeometry
-from policies.reference.circle import UPRIGHT, Circle, _residuals, fit_circle
+from policies.reference.circle import UPRIGHT, Circle, _distances, fit_circle
 
 CERTAIN = replace(UPRIGHT, noise=1e-6)
 RADII = st.floats(0.3, 1.0)
@@ -127,11 +127,9 @@ def test_derivatives_are_those_of_the_distances(curvature, seed):
 
     def distances(change):
         turned = points @ Rotation.from_rotvec(change[:3]).as_matrix()
-        return np.array(_residuals(*turned.T, curvature + change[3])[0])
+        return _distances(turned.T, curvature + change[3])[0]
 
-    for number, analytic in enumerate(
-        np.swapaxes(_residuals(*points.T, curvature)[1], 0, 1)
-    ):
+    for number, analytic in enumerate(_distances(points.T, curvature)[1]):
         change = step * np.eye(4)[number]
         numeric = (distances(change) - distances(-change)) / (2.0 * step)
         np.testing.assert_allclose(numeric, analytic, atol=1e-8)
