@@ -1,7 +1,5 @@
 """n simulations of one robot before doors of their own, stepped on threads."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 

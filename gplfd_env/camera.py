@@ -1,7 +1,5 @@
 """Pictures of a scene: off screen by MuJoCo's renderer, in a window by Gymnasium's."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any, ClassVar, Final
 

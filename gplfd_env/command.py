@@ -1,7 +1,5 @@
 """What an action says to the servo: a pose, or a pose and how stiffly to hold it."""
 
-from __future__ import annotations
-
 import math
 import reprlib
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Which door: its geometry, its hinge, and the presets by name."""
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import numbers

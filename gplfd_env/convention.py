@@ -1,7 +1,5 @@
 """Gymnasium's conventions: reset options; of many, seeds and masks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """The door as MuJoCo bodies: frame, leaf, hinge, closer and vertical bar handle."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -1,7 +1,5 @@
 """One door: ``gplfd/DoorOpening-v0`` and ``gplfd/DoorOpeningImpedance-v0``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, get_args
 

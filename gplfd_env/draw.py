@@ -1,7 +1,5 @@
 """What is drawn for an episode, and what makes its sensor noise and its delay."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections import deque
 from typing import Final, NamedTuple

@@ -1,7 +1,5 @@
 """One episode: its circumstances, its progress, its outcome."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final, Literal
 

@@ -5,8 +5,6 @@ in the docstring below what the number means, and calls `check_quantities` in it
 ``__post_init__``.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import numbers

@@ -4,8 +4,6 @@ Forces hold for a control period, like commands; they are computed from the read
 its beginning. So one simulation and many are treated by the same arithmetic.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 

@@ -6,8 +6,6 @@ someone facing the door). The hinge is on the robot's right, at z = -radius: the
 joint ranges are asymmetric, and the mirrored door is out of its reach.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -5,8 +5,6 @@ whether it is varied or not: two randomisations that differ in one range draw th
 values for all others.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """The TIAGo-like arm: its URDF plus what a URDF cannot say (servo, sites, sensors)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Final, Literal

@@ -1,7 +1,5 @@
 """The room around robot and door: physics options, light, floor, cameras."""
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import mujoco

@@ -6,8 +6,6 @@ needs a compilation and a settled grasp, 4 ms, and is cached; mass, hinge and cl
 written directly.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """The sensors that let MuJoCo itself compute what observation and info need."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import mujoco

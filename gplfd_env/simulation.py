@@ -1,7 +1,5 @@
 """Physics and commands of one robot before its door; knows no task."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import mujoco

@@ -3,8 +3,6 @@
 Pure functions and one small state machine; nothing here knows the simulator.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final

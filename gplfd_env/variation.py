@@ -1,7 +1,5 @@
 """What may differ from one episode to the next besides the door itself."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Many doors at once on `mujoco.batch.Batch`: what ``gym.make_vec`` makes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, get_args
 

@@ -4,8 +4,6 @@ The paper is Arduengo et al., *Gaussian-Process-based Robot Learning from
 Demonstration*, arXiv:2002.09979; `policies.compliance` is what its agent does.
 """
 
-from __future__ import annotations
-
 import textwrap
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable

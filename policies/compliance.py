@@ -14,8 +14,6 @@ policy) have the same shape in company as alone. Products that NumPy leaves to B
 where in memory a row begins.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """A movement on a grid of phases: cheap to ask at any phase, adapted in place."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

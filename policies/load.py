@@ -7,8 +7,6 @@ it is the door's weight: yielding to it only stretches the virtual spring until 
 door stalls.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable

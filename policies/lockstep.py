@@ -4,8 +4,6 @@ A compliant agent spends most of a control step on NumPy's cost per call. Agents
 one configuration that act in lockstep share it, and decide as they would alone.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from typing import Any, Protocol, SupportsIndex, runtime_checkable

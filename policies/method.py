@@ -1,7 +1,5 @@
 """A method: how a movement is learned from demonstrations, adapted and followed."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """A policy: a name under which agents are made, and where it comes from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal

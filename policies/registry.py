@@ -1,7 +1,5 @@
 """Every policy by name, and how an agent is made from demonstrations."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Files that are complete or absent, and archives of arrays that are read with care."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -9,8 +9,6 @@ Either way the attribute is a function from `policies.TrainingInput` to an agent
 `policies.Method` or a `policies.Policy`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import hashlib

@@ -5,8 +5,6 @@ motion, an end that was cut off, samples that were dropped, and a frame in which
 suit lost its hand.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final

@@ -1,7 +1,5 @@
 """A constant pull and a soft hand: what opens a door without knowing that it is one."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

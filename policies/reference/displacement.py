@@ -4,8 +4,6 @@ A handle moves along the tangent of its circle, and the last few centimetres of 
 are nearly that; one look back is all that they know of doors.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -6,8 +6,6 @@ angle, and yields to every force but the door's resistance along the way, so tha
 lasting radial force, which says that the circle is wrong, moves the command.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

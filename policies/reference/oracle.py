@@ -1,7 +1,5 @@
 """The oracle is told the door: its errors are the robot's, not a policy's."""
 
-from __future__ import annotations
-
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE
 from policies.steps import AgentStep, Observation

@@ -1,7 +1,5 @@
 """What an agent remembers of its hand's way through one opening."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -8,8 +8,6 @@ what pulls sideways for longer is nulled instead of balanced. With the robot's s
 2000 N/m the loop closes at 2000/D = 20 rad/s, whose margin of delay is 80 ms.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np
