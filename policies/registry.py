@@ -18,6 +18,7 @@ from policies.adaptation import (
     ProductAdaptation,
 )
 from policies.agent import Agent, as_agent
+from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
 from policies.baselines.dmp import fit_dmp
 from policies.baselines.gmm_gp import fit_gmm_gp
@@ -148,6 +149,12 @@ def _constant_stiffness(translation: float) -> Method:
     return replace(GP, config=ComplianceConfig(profile=profile))
 
 
+def _positions_alone(demonstrations: Sequence[Demonstration]) -> AlignedDemonstrations:
+    """Align demonstrations as if their hands had not turned."""
+    still = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+    return align([replace(one, poses=one.poses * still) for one in demonstrations])
+
+
 GP: Final = Method(fit=fit_skill, accepts_prior_mean=True, adaptation=ProcessAdaptation)
 """The method of this project, of which the ablations differ in one field each."""
 
@@ -225,6 +232,11 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-clock": Policy(
             summary="gp that dates its observations by the clock: learns its own lag",
             make=replace(GP, phases=clock_phase),
+            kind="ablation",
+        ),
+        "gp-position-only": Policy(
+            summary="gp that learns no orientation: the hand does not turn",
+            make=replace(GP, align=_positions_alone),
             kind="ablation",
         ),
         "gp-paper": Policy(

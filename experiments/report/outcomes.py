@@ -12,7 +12,7 @@ from experiments.report.policy_table import Cell, medians, policy_table
 from experiments.results.grouping import Runs, door_name, of_kind, without_errors
 from experiments.results.measures import ADA_FORCE, EPISODE_MEASURES
 from experiments.results.records import KINDS, EpisodeResult
-from experiments.results.statistics import interval_text
+from experiments.results.statistics import success_rate
 
 Episodes = Sequence[EpisodeResult]
 
@@ -48,7 +48,8 @@ def outcome_table(conditions: Mapping[str, Runs]) -> Table:
     note = (
         "**Solved:** solved / ran, open by 60° for 0.5 s with the handle in the hand. "
         "**To 60°, 30°, 15°:** opened so far, if only for a moment. Below both, "
-        "Wilson's 95 % intervals. Then medians: forces, slip and work over the doors "
+        "95 % intervals (Wilson's, for fewer trials where doors of a seed are alike). "
+        "Then medians: forces, slip and work over the doors "
         "opened to 60°, the others over all episodes that have them. A policy that "
         "opens few doors has few numbers: the paired tests compare equal doors. "
         f"**Above {ADA_FORCE} N:** openings with a peak, tangential or radial, above "
@@ -98,8 +99,8 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, Cell]:
 
 
 def _rate(succeeds: Callable[[EpisodeResult], bool], own: Episodes) -> str:
-    successes = sum(map(succeeds, own))
-    return f"{successes}/{len(own)}\n{interval_text(successes, len(own))}"
+    rate = success_rate((one.task.seed, succeeds(one)) for one in own)
+    return f"{rate.successes}/{rate.trials}\n{rate.interval}"
 
 
 def _at_door(door: str, own: Episodes) -> str:

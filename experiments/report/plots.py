@@ -33,7 +33,7 @@ from experiments.results.records import (
     EpisodeResult,
     LearningTestResult,
 )
-from experiments.results.statistics import wilson_interval
+from experiments.results.statistics import success_rate
 from experiments.teacher import DEMONSTRATED_RADII
 
 LEVELS: Final = (50, 90, 95)
@@ -46,12 +46,11 @@ def success_by_radius(runs: Runs, reference: str) -> Figure:
     def draw(axes: Axes, policy: str, tint: str) -> None:
         radii, rates = [], []
         for radius, own in _by_radius(runs[policy]):
-            opened = sum(one.opened() for one in own)
+            rate = success_rate((one.task.seed, one.opened()) for one in own)
             radii.append(radius)
-            rates.append(opened / len(own))
+            rates.append(rate.successes / rate.trials)
             if tint != FAINT:
-                interval = wilson_interval(opened, len(own))
-                axes.plot([radius] * 2, interval, color=tint, **BAR)
+                axes.plot([radius] * 2, [rate.low, rate.high], color=tint, **BAR)
         axes.plot(radii, rates, **line(tint))
 
     def prepare(axes: Axes) -> None:

@@ -1,27 +1,27 @@
 """Sentences that say how one policy stands among the others, from the data alone.
 
-Two policies are compared on the tasks that both ran. A rate that is below the best is
-*within the interval of the best* when it lies in the best's 95 % Wilson interval; a
-number, when the 95 % interval of the paired difference holds zero. Otherwise the policy
-is beaten.
+Two policies are compared on the tasks that both ran, seed by seed. A policy is *within
+the interval of the best* when the 95 % interval of the paired difference holds zero.
+Otherwise it is beaten.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Final, TypeVar
+from typing import Final
 
 from experiments.report.document import code, names
 from experiments.results.measures import Measure, median
 from experiments.results.statistics import (
-    interval_text,
+    Key,
+    Pairs,
+    Rate,
+    mean_shift,
     paired,
     shift,
-    wilson_interval,
+    success_rate,
 )
-
-NumberT = TypeVar("NumberT", bound=float)
 
 PRIVILEGED: Final = frozenset({"oracle"})
 """Policies that know what a robot cannot: compared, but never called the best."""
@@ -43,7 +43,7 @@ class _Rival:
 
 
 def rate_sentence(
-    title: str, successes: Mapping[str, Mapping[str, bool]], policy: str
+    title: str, successes: Mapping[str, Mapping[Key, bool]], policy: str
 ) -> str:
     """Say how a policy's success rate stands.
 
@@ -55,25 +55,31 @@ def rate_sentence(
     own = successes.get(policy, {})
     if not own:
         return f"**{title}:** {code(policy)} has no episode that ran."
-    opened, n = sum(own.values()), len(own)
-    count = f"{opened} of {n} ({interval_text(opened, n)})"
+    rate = success_rate((seed, opened) for (seed, _), opened in own.items())
     rivals = _rivals(successes, policy, _rate_rival)
-    return f"**{title}:** {_standing(policy, count, rivals)}"
+    return f"**{title}:** {_standing(policy, _count(rate), rivals)}"
 
 
-def _rate_rival(name: str, ours: Sequence[bool], theirs: Sequence[bool]) -> _Rival:
-    n, opened = len(ours), sum(theirs)
-    low, _ = wilson_interval(opened, n)
+def _count(rate: Rate) -> str:
+    return f"{rate.successes} of {rate.trials} ({rate.interval})"
+
+
+def _rate_rival(name: str, pairs: Pairs) -> _Rival:
+    ours, theirs = int(sum(pairs.first)), map(bool, pairs.second)
+    rate = success_rate(zip(pairs.seeds, theirs, strict=True))
+    ahead, behind = pairs.per_seed()
+    found = mean_shift(behind, ahead)
     return _Rival(
         name=name,
-        lead=(opened - sum(ours)) / n,
-        beats=sum(ours) / n < low,
-        text=f"{opened} of {n} ({interval_text(opened, n)}) against {sum(ours)}",
+        lead=(rate.successes - ours) / rate.trials,
+        beats=found.low > 0.0,
+        text=f"{_count(rate)} against {ours}",
+        unsettled=math.isinf(found.low),
     )
 
 
 def value_sentence(
-    measure: Measure, numbers: Mapping[str, Mapping[str, float]], policy: str
+    measure: Measure, numbers: Mapping[str, Mapping[Key, float]], policy: str
 ) -> str:
     """Say how a policy's numbers stand; less is better.
 
@@ -91,10 +97,8 @@ def value_sentence(
     return f"**{title}:** {_standing(policy, middle, rivals)}"
 
 
-def _value_rival(
-    measure: Measure, name: str, ours: Sequence[float], theirs: Sequence[float]
-) -> _Rival:
-    found = shift(ours, theirs)
+def _value_rival(measure: Measure, name: str, pairs: Pairs) -> _Rival:
+    found = shift(*pairs.per_seed())
     size = abs(found.estimate)
     # A small difference is shown with the decimals that it takes.
     finer = next((n for n in (0, 1) if round(size, measure.digits + n) != 0.0), 2)
@@ -109,7 +113,7 @@ def _value_rival(
         name=name,
         lead=found.estimate,
         beats=found.low > 0.0,
-        text=f"{side} by {size_text} ({interval}, n = {found.n})",
+        text=f"{side} by {size_text} ({interval}, {found.n} seeds)",
         unsettled=math.isinf(found.low),
     )
 
@@ -140,14 +144,14 @@ def _standing(policy: str, own: str, rivals: Sequence[_Rival]) -> str:
 
 
 def _rivals(
-    runs: Mapping[str, Mapping[str, NumberT]],
+    runs: Mapping[str, Mapping[Key, float]],
     policy: str,
-    compare: Callable[[str, Sequence[NumberT], Sequence[NumberT]], _Rival],
+    compare: Callable[[str, Pairs], _Rival],
 ) -> list[_Rival]:
     """Compare a policy with the others on the tasks that both have."""
     rivals = []
     for name in runs.keys() - PRIVILEGED - {policy}:
-        ours, theirs = paired(runs[policy], runs[name])
-        if ours:
-            rivals.append(compare(name, ours, theirs))
+        pairs = paired(runs[policy], runs[name])
+        if pairs.seeds:
+            rivals.append(compare(name, pairs))
     return rivals

@@ -6,6 +6,7 @@ from typing import Final, TypeVar
 
 from experiments.results.measures import EPISODE_MEASURES, Measure
 from experiments.results.records import EpisodeResult, TaskResult
+from experiments.results.statistics import Key
 from experiments.study.settings import Condition
 from gplfd_env.randomization import RANDOMIZATIONS
 
@@ -110,11 +111,11 @@ def grouped(
 
 def numbers(
     runs: Mapping[str, Iterable[TaskResult]], measure: Measure
-) -> dict[str, dict[str, float]]:
+) -> dict[str, dict[Key, float]]:
     """Return a measure by policy and task; tasks without it are left out."""
     return {
         policy: {
-            one.pair: value for one in own if (value := measure.of(one)) is not None
+            one.key: value for one in own if (value := measure.of(one)) is not None
         }
         for policy, own in runs.items()
     }

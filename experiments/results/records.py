@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from experiments.results.statistics import Key
 from experiments.study.settings import Condition
 from experiments.study.tasks import EpisodeTask, SkillTask, Task
 
@@ -41,6 +42,11 @@ class TaskResult:
     def policy(self) -> str:
         """Name of the policy."""
         return self.task.policy
+
+    @property
+    def key(self) -> Key:
+        """Seed, and what names the task among those of all policies."""
+        return self.task.seed, self.pair
 
     def number(self, name: str) -> float | None:
         """Return a metric; None where it is missing."""

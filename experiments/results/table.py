@@ -14,7 +14,7 @@ from experiments.results.measures import (
 )
 from experiments.results.reading import read_files
 from experiments.results.records import EpisodeResult
-from experiments.results.statistics import interval_text
+from experiments.results.statistics import success_rate
 from experiments.study.plan import conditions, episodes
 from experiments.study.settings import StudySettings
 from experiments.study.store import result_path
@@ -73,7 +73,7 @@ def _cells(own: Sequence[EpisodeResult]) -> tuple[str, ...]:
     solved = [one for one in ran if one.solved]
     return (
         f"{len(solved)}/{len(ran)}",
-        interval_text(len(solved), len(ran)),
+        success_rate((one.task.seed, one.solved) for one in ran).interval,
         *(measure.text(measure.median(solved)) for measure in _OF_SOLVED),
         *(measure.text(measure.median(ran)) for measure in _OF_ALL),
     )

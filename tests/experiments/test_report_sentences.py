@@ -10,12 +10,12 @@ FORCE = EPISODE_MEASURES["force_radial_peak"]
 
 
 def successes(count, n=20):
-    return {f"task {k}": k < count for k in range(n)}
+    return {(k, "task"): k < count for k in range(n)}
 
 
 def forces(mean, n=20, spread=0.0):
     noise = np.linspace(-1.0, 1.0, n)
-    return {f"task {k}": mean + spread * noise[k] for k in range(n)}
+    return {(k, "task"): mean + spread * noise[k] for k in range(n)}
 
 
 def rate(runs, reference="gp"):
@@ -88,7 +88,7 @@ def test_the_best_value_and_the_nearest():
     runs = {"gp": forces(1.5), "kmp": forces(4.0), "promp": forces(2.0)}
     assert value(runs) == (
         "**Peak radial force:** `gp`, median 1.5 N, is best; next is `promp`, behind "
-        "by 0.5 N (0.5 to 0.5, n = 20)."
+        "by 0.5 N (0.5 to 0.5, 20 seeds)."
     )
 
 
@@ -109,22 +109,23 @@ def test_a_beaten_value_names_every_winner_with_its_number():
     runs = {"gp": forces(3.0), "kmp": forces(1.0), "promp": forces(2.5)}
     assert value(runs) == (
         "**Peak radial force:** `gp`, median 3.0 N, is beaten by `kmp`, ahead by 2.0 N "
-        "(2.0 to 2.0, n = 20); `promp`, ahead by 0.5 N (0.5 to 0.5, n = 20)."
+        "(2.0 to 2.0, 20 seeds); `promp`, ahead by 0.5 N (0.5 to 0.5, 20 seeds)."
     )
 
 
 def test_few_pairs_settle_nothing():
     text = value({"gp": forces(3.0, n=4), "kmp": forces(1.0, n=4)})
     assert text.endswith(
-        "may be beaten by `kmp`, ahead by 2.0 N (too few for an interval, n = 4)."
+        "may be beaten by `kmp`, ahead by 2.0 N (too few for an interval, 4 seeds)."
     )
     assert "is beaten" not in text
     assert "within" not in text
 
 
 def test_values_are_compared_on_the_same_tasks():
-    easy = {"task 0": 0.5, "task 1": 0.5}
-    own = {"task 0": 0.4, "task 1": 0.4, **{f"hard {k}": 9.0 for k in range(9)}}
+    easy = {(0, "easy"): 0.5, (1, "easy"): 0.5}
+    own = {(0, "easy"): 0.4, (1, "easy"): 0.4}
+    own |= {(k, "hard"): 9.0 for k in range(9)}
     assert "`gp`, median 9.0 N, is best" in value({"gp": own, "dmp": easy})
 
 

@@ -13,10 +13,10 @@ from experiments.results.statistics import (
     FEWEST_PAIRS,
     _signed_rank_quantile,
     holm,
-    mcnemar,
+    paired,
     shift,
     signed_rank,
-    wilson_interval,
+    success_rate,
 )
 
 
@@ -25,20 +25,78 @@ from experiments.results.statistics import (
     # Newcombe 1998, table I, and 20 of 20.
     [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (20, 20, 0.8389, 1.0)],
 )
-def test_wilson_interval_has_the_published_values(successes, trials, low, high):
-    assert wilson_interval(successes, trials) == pytest.approx((low, high), abs=5e-5)
+def test_independent_trials_have_wilson_s_published_interval(
+    successes, trials, low, high
+):
+    rate = success_rate((seed, seed < successes) for seed in range(trials))
+    assert (rate.successes, rate.trials) == (successes, trials)
+    assert (rate.low, rate.high) == pytest.approx((low, high), abs=5e-5)
 
 
-def test_mcnemar_is_the_binomial_test_of_the_pairs_that_differ():
-    found = mcnemar(12, 3)
-    assert found == pytest.approx(stats.binomtest(12, 15).pvalue)
-    # Written out: twice the chance of 3 or fewer heads of 15.
-    heads = sum(math.comb(15, k) for k in range(4))
-    assert found == pytest.approx(2.0 * heads / 2**15)
+def alike(rho, clusters, size, rng):
+    """Draw outcomes whose intraclass correlation is rho, half of them successes."""
+    copied = rng.random((clusters, size)) < math.sqrt(rho)
+    own, common = rng.random((clusters, size)) < 0.5, rng.random((clusters, 1)) < 0.5
+    return np.where(copied, common, own)
+
+
+def width(outcomes):
+    rate = success_rate(
+        (seed, bool(one)) for seed, own in enumerate(outcomes) for one in own
+    )
+    return rate.high - rate.low
+
+
+def test_trials_that_are_copies_count_once():
+    rng = np.random.default_rng(0)
+    once = rng.random(30) < 0.6
+    assert width(np.repeat(once[:, None], 7, axis=1)) == pytest.approx(
+        width(once[:, None]), rel=0.02
+    )
+
+
+def test_the_interval_of_clusters_covers_the_rate():
+    """With correlated trials Wilson's own interval holds it far too seldom."""
+    rng = np.random.default_rng(1)
+    held = plain = 0
+    for _ in range(400):
+        drawn = alike(0.4, 20, 7, rng)
+        rate = success_rate(
+            (seed, bool(one)) for seed, own in enumerate(drawn) for one in own
+        )
+        held += rate.low <= 0.5 <= rate.high
+        naive = stats.binomtest(int(drawn.sum()), drawn.size).proportion_ci(
+            method="wilson"
+        )
+        plain += naive.low <= 0.5 <= naive.high
+    assert held / 400 > 0.91
+    assert plain / 400 < 0.8
+
+
+def test_independent_trials_of_seeds_count_each():
+    rng = np.random.default_rng(2)
+    outcomes = rng.random((200, 7)) < 0.5
+    assert width(outcomes) == pytest.approx(width(outcomes.reshape(-1, 1)), rel=0.05)
+
+
+def test_where_nothing_differs_nothing_is_alike():
+    assert width(np.ones((20, 7))) == pytest.approx(width(np.ones((140, 1))))
+    nothing = success_rate(())
+    assert (nothing.trials, nothing.interval) == (0, "–")
+
+
+def test_pairs_are_compared_seed_by_seed():
+    first = {(0, "a"): 1.0, (0, "b"): 3.0, (1, "a"): 5.0, (2, "a"): 9.0}
+    second = {(1, "a"): 1.0, (0, "b"): 1.0, (0, "a"): 0.0, (3, "a"): 7.0}
+    pairs = paired(first, second)
+    assert pairs.seeds == (0, 0, 1)
+    assert pairs.first == (1.0, 3.0, 5.0)
+    assert pairs.second == (0.0, 1.0, 1.0)
+    assert pairs.per_seed() == ([2.0, 5.0], [0.5, 1.0])
+    assert paired(first, {}).seeds == ()
 
 
 def test_policies_that_never_differ_cannot_be_told_apart():
-    assert mcnemar(0, 0) == 1.0
     assert signed_rank([1.0, 2.0], [1.0, 2.0]) == 1.0
 
 

@@ -6,7 +6,7 @@ from scipy.stats import binomtest
 from experiments.episodes.metrics import episode_metrics
 from experiments.files.table import Table, html_table, markdown_table, text_table
 from experiments.results.reading import read_results
-from experiments.results.statistics import wilson_interval
+from experiments.results.statistics import success_rate
 from experiments.results.table import error_count, run_table, study_table
 
 SMALL = Table(columns=("name", "a|b\n[m]"), rows=(("x", "1"), ("long", "2.5\nmore")))
@@ -16,7 +16,8 @@ SMALL = Table(columns=("name", "a|b\n[m]"), rows=(("x", "1"), ("long", "2.5\nmor
     ("successes", "trials"), [(0, 20), (1, 3), (19, 20), (20, 20), (57, 60)]
 )
 def test_wilson_interval_is_the_formula(successes, trials):
-    low, high = wilson_interval(successes, trials)
+    found = success_rate((seed, seed < successes) for seed in range(trials))
+    low, high = found.low, found.high
     z, rate = 1.959963984540054, successes / trials
     for bound in (low, high):
         # The bounds are the rates from which the score is z away.
