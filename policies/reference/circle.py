@@ -17,9 +17,9 @@ estimate is the most probable one,
 with ρ(e) = c² log(1 + e²/c²), the logarithm of heavy tails, which takes from a wrong
 point what it could do the farther it is. Gauss-Newton with weights 1/(1 + e²/c²)
 converges in a few steps from anywhere near, and a fit that is continued with every new
-point needs one. The prior is what an engineer knows before
-touching the door: it faces the robot within a few degrees, hinges stand upright, and
-a radius is half a metre, give or take. A path too short to tell leaves it so.
+point needs one. The prior is what an engineer knows before touching the door: it faces
+the robot within a few degrees, hinges stand upright, and a radius is half a metre, give
+or take. A path too short to tell leaves it so.
 
 Sources: N. Chernov, *Circular and Linear Regression*, 2010, ch. 4-6 (geometric fit,
 bias of algebraic ones, curvature as parameter); P. J. Huber, *Robust Statistics*, 1981
