@@ -24,6 +24,7 @@ from experiments.commands.learn import Learn
 from experiments.commands.report import Report
 from experiments.commands.run import Run
 from experiments.commands.speed import Speed
+from experiments.commands.trials import Trials
 from experiments.commands.view import View
 from experiments.study.engines import ONE_THREAD
 
@@ -50,6 +51,7 @@ COMMANDS: Final[dict[str, Callable[..., Command]]] = {
     "run": Run,
     "learn": Learn,
     "benchmark": Benchmark,
+    "trials": Trials,
     "report": Report,
     "figures": Figures,
     "demos": Demos,

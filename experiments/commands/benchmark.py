@@ -1,6 +1,7 @@
 """``gplfd benchmark``: many policies, doors and seeds, and a table."""
 
 import argparse
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -62,16 +63,21 @@ class Benchmark:
     def execute(self) -> int:
         """Run the study, print its tables, and return `FAILED` if a task failed."""
         with postponed_interruption():
+            from experiments.arguments import check_folder
             from experiments.results.table import write_tables
             from experiments.study.engines import engine_named
-            from experiments.study.plan import checked
+            from experiments.study.plan import checked, tasks
             from experiments.study.session import carry_out
+            from experiments.study.settings_file import write_settings
 
         settings = checked(self.study)
         engine = engine_named(self.engine, workers=self.workers, address=self.address)
         options = recorded(self)
         del options["study"]
-        errors = carry_out(settings, self.out, engine, options)
+        options = dataclasses.asdict(settings) | options
+        check_folder(self.out)
+        write_settings(self.out / "study.toml", settings)
+        errors = carry_out(tasks(settings), options, self.out, engine)
         print(write_tables(self.out, settings))
         if self.record:
             with postponed_interruption():

@@ -28,6 +28,7 @@ from experiments.report.plots import (
 from experiments.report.recordings import recording_section
 from experiments.report.sentences import PRIVILEGED
 from experiments.report.table_one import table_one_section
+from experiments.report.trials import trial_sections
 from experiments.results.grouping import Runs, conditions, without_errors
 from experiments.results.reading import read_results
 from experiments.results.records import StudyResults
@@ -80,7 +81,7 @@ def report(
         folder: Where the page will be.
         reference: As in `write_report`.
     """
-    shown = conditions(results.episodes)
+    shown = conditions(one for one in results.episodes if not one.task.trial)
     ran = {title: without_errors(runs) for title, runs in shown.items()}
     first = next(iter(ran.values()), {})
     policies = sorted({one.policy for one in results.all})
@@ -91,7 +92,7 @@ def report(
         text = f"{code(reference)} is not in this study; {code(best)} takes its place."
         lead.append(Paragraph(text=text))
         reference = best
-    sections = []
+    sections = [*trial_sections(results.episodes)]
     if first:
         lead += [standing(first, reference), _how_to_read(first)]
         sections += [_opened(shown, first, reference), _paired(ran, reference)]

@@ -1,7 +1,6 @@
 """One go at a study: settings kept, missing tasks run behind a bar, errors reported."""
 
 import contextlib
-import dataclasses
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -12,10 +11,7 @@ from experiments.files.plain_data import write_json
 from experiments.files.provenance import provenance
 from experiments.progress import LOG, progress_bar
 from experiments.study.engines import Engine
-from experiments.study.plan import tasks
 from experiments.study.runner import run_study
-from experiments.study.settings import StudySettings
-from experiments.study.settings_file import write_settings
 from experiments.study.store import (
     damaged_results,
     is_finished,
@@ -29,15 +25,15 @@ _SHOWN_ERRORS: Final = 3
 
 
 def carry_out(
-    settings: StudySettings, folder: Path, engine: Engine, options: Mapping[str, Any]
+    study: Sequence[Task], options: Mapping[str, Any], folder: Path, engine: Engine
 ) -> int:
     """Run the tasks of a study that have no result yet, or an error.
 
     Args:
-        settings: Checked by `experiments.study.plan.checked`.
+        study: All its tasks.
+        options: The command's, for the record; JSON-able.
         folder: Of the study; may have results already.
         engine: Where to run.
-        options: The command's beside the settings, for the record; JSON-able.
 
     Returns:
         The number of tasks that ended in an error.
@@ -46,13 +42,11 @@ def carry_out(
         OSError: A file cannot be written, or the engine not be reached.
     """
     check_folder(folder)
-    study = tasks(settings)
     sources = {task.policy: task.policy_source for task in study}
-    config = dataclasses.asdict(settings) | dict(options)
+    config = dict(options)
     if own := {name: source for name, source in sources.items() if source}:
         config["policy_sources"] = own
     write_json(folder / "study.json", provenance(config))
-    write_settings(folder / "study.toml", settings)
     for reason in damaged_results(folder, study):
         LOG.warning("warning: %s; its task is run again", reason)
     others = made_by_other_code(folder, study)

@@ -119,7 +119,7 @@ class EpisodeTask(Task):
         if self.randomization == self.disturbance == "none":
             return self.seed
         drawn = hashlib.sha256(f"{self.seed} {self.door}".encode())
-        return int.from_bytes(drawn.digest()[:4])
+        return int.from_bytes(drawn.digest()[:4]) % 1_000_000_000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -1,0 +1,65 @@
+"""``gplfd trials``: the frozen protocol of trials, whole or in part."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from experiments.commands.options import recorded
+from experiments.interruption import postponed_interruption
+from experiments.study.engines import EngineName
+
+FAILED = 1
+"""Exit status if some episodes ended in errors."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Trials:
+    """Put ideas on trial: conditions in which each must show on a door; resumable.
+
+    Writes what `gplfd benchmark` writes. The whole protocol takes about an hour of two
+    cores; `--part small` two minutes.
+    """
+
+    trials: tuple[str, ...] = ()
+    """Trials to run (radius, further, few, messy, turned, person, push, stop, locked,
+    heavy, breakaway, delay, noise); all by default."""
+
+    policies: tuple[str, ...] = ()
+    """Policies that take part beside the protocol's: names, or module:function for one
+    of your own."""
+
+    part: Literal["whole", "small"] = "whole"
+    """The whole protocol, or two seeds of gp, hinge-fit and what lacks an idea."""
+
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/trials")
+    """Folder to write to, or to go on in."""
+
+    engine: EngineName = "loky"
+    """Where to run: in processes of this machine, here in order, or on a Dask cluster
+    (`pip install 'gplfd[dask]'`)."""
+
+    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Number of loky's processes; one per core by default."""
+
+    address: Annotated[str | None, tyro.conf.arg(metavar="tcp://HOST:PORT")] = None
+    """Scheduler of the Dask cluster."""
+
+    quiet: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Show no progress, only results and what went wrong."""
+
+    def execute(self) -> int:
+        """Run the trials and return `FAILED` if an episode failed."""
+        with postponed_interruption():
+            from experiments.study.engines import engine_named
+            from experiments.study.session import carry_out
+            from experiments.trials.plan import named_trials, trial_tasks
+
+        tasks = trial_tasks(
+            named_trials(self.trials), policies=self.policies, part=self.part
+        )
+        engine = engine_named(self.engine, workers=self.workers, address=self.address)
+        errors = carry_out(tasks, recorded(self), self.out, engine)
+        print(f"results are in {self.out}; read them:  gplfd report {self.out}")
+        return FAILED if errors else 0

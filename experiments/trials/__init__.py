@@ -1,0 +1,1 @@
+"""Trials: named conditions that ask what an idea is worth on a door."""

@@ -1,0 +1,90 @@
+"""From trials to their tasks: policies × levels × doors × seeds."""
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+
+from experiments.episodes.doors import named_doors
+from experiments.study.sources import chosen, source_of
+from experiments.study.tasks import EpisodeTask
+from experiments.teacher import standard_teacher
+from experiments.trials.protocol import PARTS, TRIALS, Part
+from experiments.trials.records import Level, Trial
+from gplfd_env.config import nearest_name
+
+
+def named_trials(names: Sequence[str]) -> dict[str, Trial]:
+    """Return trials by name; all of them for no name.
+
+    Raises:
+        ValueError: An unknown name, or one given twice.
+    """
+    for name in names:
+        if name not in TRIALS:
+            raise ValueError(
+                f"unknown trial {name!r}{nearest_name(name, TRIALS)}; trials: "
+                f"{', '.join(TRIALS)}"
+            )
+        if list(names).count(name) > 1:
+            raise ValueError(f"trial {name} is given twice")
+    return {name: TRIALS[name] for name in names or TRIALS}
+
+
+def trial_tasks(
+    trials: dict[str, Trial],
+    *,
+    policies: Sequence[str] = (),
+    part: Part = "whole",
+) -> tuple[EpisodeTask, ...]:
+    """Return the episodes of trials; seed after seed, so that any part compares all.
+
+    Args:
+        trials: By name.
+        policies: Names of policies that take part in every trial beside the protocol's.
+        part: Of the protocol.
+
+    Raises:
+        ValueError: An unknown policy.
+    """
+    seeds, everywhere = PARTS[part]
+    return tuple(
+        task
+        for seed, (name, trial) in itertools.product(range(seeds), trials.items())
+        for policy in dict.fromkeys((*everywhere, *trial.also, *policies))
+        for task in _tasks(name, trial, policy, seed)
+    )
+
+
+def _tasks(name: str, trial: Trial, policy: str, seed: int) -> Iterator[EpisodeTask]:
+    for title, level in trial.levels.items():
+        if level.prior_radius is not None and not _takes_prior_mean(policy):
+            continue
+        for door, config in _doors(level).items():
+            yield EpisodeTask(
+                policy=policy,
+                policy_source=source_of(chosen(policy)),
+                seed=seed,
+                demonstrations_per_door=level.demonstrations_per_door,
+                teacher=standard_teacher() | dict(level.teacher),
+                door=door,
+                door_config=config,
+                randomization=level.randomization,
+                disturbance=level.disturbance,
+                demonstrated_radii=level.demonstrated_radii,
+                habits=level.habits,
+                prior_radius=level.prior_radius,
+                trial=name,
+                level=title,
+            )
+
+
+def _takes_prior_mean(policy: str) -> bool:
+    method = chosen(policy).method
+    return method is not None and method.accepts_prior_mean
+
+
+def _doors(level: Level) -> dict[str, dict[str, float]]:
+    return {
+        name: dataclasses.asdict(dataclasses.replace(config, **level.door))
+        for name, config in named_doors(level.doors).items()
+    }
