@@ -1,0 +1,267 @@
+"""Trials: what they consist of, and that their answers follow from the numbers."""
+
+import dataclasses
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.cli import main
+from experiments.report.markdown import markdown_page
+from experiments.report.page import report
+from experiments.results.reading import read_results
+from experiments.results.trials import answered, of_trial, summary
+from experiments.study import jobs, runner
+from experiments.study.tasks import jobs_of, task_from
+from experiments.trials.plan import named_trials, trial_tasks
+from experiments.trials.protocol import CONSTANT, EVERYWHERE, PARTS, SEEDS, TRIALS
+from experiments.trials.records import MEASURES, Contrast, Side
+from gplfd_env.disturbance import disturbance_named
+from gplfd_env.randomization import door_randomization
+from policies.registry import POLICIES
+
+MakeEpisode = Callable[..., dict[str, Any]]
+
+
+def test_every_policy_of_the_protocol_meets_the_same_draws() -> None:
+    tasks = trial_tasks(named_trials(()))
+    assert len({task.key for task in tasks}) == len(tasks)
+    assert {task.seed for task in tasks} == set(range(SEEDS))
+    met = {}
+    for task in tasks:
+        met.setdefault(task.policy, set()).add(
+            (task.trial, task.level, task.door, task.seed, task.reset_seed)
+        )
+    plain = met["dmp"]
+    assert all(plain <= met[policy] for policy in EVERYWHERE)
+    # Who takes a prior mean also meets the levels that give one.
+    given = {(trial, level) for trial, level, *_ in met["gp"] - plain}
+    assert given == {("further", "prior mean"), ("few", "two and a prior mean")}
+    assert {trial for trial, *_ in met["gp-constant-100"]} == {
+        name for name, trial in TRIALS.items() if "gp-constant-100" in trial.also
+    }
+
+
+def test_tasks_come_back_from_their_files_and_share_what_they_learn() -> None:
+    tasks = trial_tasks(named_trials(()), part="small")
+    for task in tasks:
+        assert task_from(task.definition) == task
+    learned = Counter(task.policy for job in jobs_of(tasks) for task in job[:1])
+    # Standard, beyond, 45°, with prior, one per door, small alone, with prior, messy.
+    assert learned["gp"] == 2 * 8
+    assert learned["gp-constant-100"] == 2
+
+
+def test_the_protocol_is_sound() -> None:
+    for name, trial in TRIALS.items():
+        assert trial.question.endswith("?"), name
+        assert set(trial.measures) <= MEASURES.keys(), name
+        for level in trial.levels.values():
+            door_randomization(level.randomization)
+            disturbance_named(level.disturbance)
+        present = {*EVERYWHERE, *trial.also}
+        assert present <= POLICIES.keys(), name
+        for contrast in trial.contrasts:
+            assert contrast.measure in MEASURES, name
+            for side in (contrast.having, contrast.lacking):
+                assert side.policy in present, name
+                assert side.level in ("", *trial.levels), name
+    seeds, everywhere = PARTS["small"]
+    assert seeds == 2
+    assert set(everywhere) <= set(EVERYWHERE)
+
+
+def test_own_policies_take_part_and_unknown_names_are_refused() -> None:
+    trials = named_trials(("stop",))
+    tasks = trial_tasks(trials, policies=("gp-product", "gp"), part="small")
+    assert Counter(task.policy for task in tasks)["gp-product"] == 2
+    assert Counter(task.policy for task in tasks)["gp"] == 2
+    with pytest.raises(
+        ValueError, match=r"unknown trial 'stopp' \(did you mean 'stop'"
+    ):
+        named_trials(("stopp",))
+    with pytest.raises(ValueError, match="trial stop is given twice"):
+        named_trials(("stop", "stop"))
+    with pytest.raises(ValueError, match="unknown policy 'nobody'"):
+        trial_tasks(trials, policies=("nobody",))
+
+
+def outcomes(
+    make: MakeEpisode, policy: str, values: Any, measure: str, **task: Any
+) -> list[dict[str, Any]]:
+    """Episodes of a trial, one per seed, with given values of a measure."""
+    results = []
+    for seed, value in enumerate(values):
+        result = make(policy, seed, trial="stop", level="stop", **task)
+        result["metrics"][measure] = value
+        results.append(result)
+    return results
+
+
+def answer(folder: Any, measure: str, level: str = "") -> Any:
+    episodes = of_trial(read_results(folder).episodes, "stop")
+    contrast = Contrast(
+        idea="an idea",
+        measure=measure,
+        having=Side(policy="gp", level=level),
+        lacking=Side(policy="gp-fixed", level=level),
+    )
+    return answered(contrast, episodes)
+
+
+@pytest.mark.parametrize("measure", ["force_radial_peak", "final_angle_deg"])
+def test_an_idea_shows_where_its_interval_leaves_zero_out(
+    measure: str, write_study: Callable, episode_result: MakeEpisode
+) -> None:
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0.0, 1.0, 20)
+    better = -1.0 if MEASURES[measure][1] == "less" else 1.0
+    for shift, verdict in ((2.0, "shows"), (0.0, "open"), (-2.0, "harms")):
+        with_it = 30.0 + better * shift + noise
+        folder = write_study(
+            [
+                *outcomes(episode_result, "gp", with_it, measure),
+                *outcomes(episode_result, "gp-fixed", 30.0 + 0.0 * noise, measure),
+            ]
+        )
+        found = answer(folder, measure)
+        assert found.verdict == verdict
+        assert found.shift.n == 20
+        assert found.shift.estimate == pytest.approx(better * shift, abs=0.5)
+
+
+def test_shares_are_compared_on_average(
+    write_study: Callable, episode_result: MakeEpisode
+) -> None:
+    """The median of differences would be zero: most doors are opened by both."""
+    kept = [seed >= 6 for seed in range(20)]
+    folder = write_study(
+        [
+            *outcomes(episode_result, "gp", [True] * 20, "success"),
+            *outcomes(episode_result, "gp-fixed", kept, "success"),
+        ]
+    )
+    found = answer(folder, "success")
+    assert found.shift.estimate == pytest.approx(0.3)
+    assert found.verdict == "shows"
+    rate = summary(
+        of_trial(read_results(folder).episodes, "stop")["gp-fixed"]["stop"], "success"
+    )
+    assert (rate.successes, rate.trials) == (14, 20)
+
+
+def test_doors_of_a_seed_are_one_number(
+    write_study: Callable, episode_result: MakeEpisode
+) -> None:
+    """Ten doors of three seeds are three pairs: too few to say anything."""
+    results = [
+        result
+        for radius in np.linspace(0.3, 0.6, 10)
+        for policy, value in (("gp", 1.0), ("gp-fixed", 9.0))
+        for result in outcomes(
+            episode_result, policy, [value] * 3, "force_radial_peak", radius=radius
+        )
+    ]
+    found = answer(write_study(results), "force_radial_peak")
+    assert found.shift.n == 3
+    assert found.shift.estimate == -8.0
+    assert found.verdict == "open"
+
+
+def test_levels_of_one_policy_can_be_compared(
+    write_study: Callable, episode_result: MakeEpisode
+) -> None:
+    results = []
+    for level, value in (("a", 2.0), ("b", 5.0)):
+        for seed in range(8):
+            result = episode_result("gp", seed, trial="stop", level=level)
+            result["metrics"]["force_radial_peak"] = value
+            results.append(result)
+    episodes = of_trial(read_results(write_study(results)).episodes, "stop")
+    contrast = Contrast(
+        idea="b's",
+        measure="force_radial_peak",
+        having=Side(policy="gp", level="a"),
+        lacking=Side(policy="gp", level="b"),
+    )
+    assert answered(contrast, episodes).shift.estimate == -3.0
+
+
+def test_errors_and_missing_numbers_count_for_nothing(
+    write_study: Callable, episode_result: MakeEpisode
+) -> None:
+    results = outcomes(episode_result, "gp", [1.0] * 8, "recovery_time")
+    for result in results[:2]:
+        del result["metrics"]
+        result["error"] = "ValueError: no"
+    for result in results[2:4]:
+        result["metrics"]["recovery_time"] = None
+    folder = write_study(results)
+    own = of_trial(read_results(folder).episodes, "stop")["gp"]["stop"]
+    assert summary(own, "recovery_time").n == 4
+    assert answer(folder, "recovery_time").shift is None
+    assert answer(folder, "recovery_time").verdict == "open"
+
+
+def test_the_report_has_a_section_per_trial(
+    write_study: Callable, episode_result: MakeEpisode
+) -> None:
+    stop = [
+        *outcomes(episode_result, "gp", [True] * 8, "success"),
+        *outcomes(episode_result, "hinge-fit", [True] * 8, "success"),
+        *outcomes(episode_result, CONSTANT[0], [False] * 8, "success"),
+    ]
+    ordinary = [episode_result("gp", seed) for seed in range(8)]
+    folder = write_study([*stop, *ordinary])
+    text = markdown_page(report(read_results(folder), folder, folder, "gp"))
+    assert "## Trial: stop" in text
+    assert "## Trial: person" not in text
+    assert TRIALS["stop"].question in text
+    assert "`hinge-fit` (reference) | 8/8<br>0.68–1.00" in text
+    shown = (
+        "| variable stiffness | stop | doors opened and held, share | "
+        "gp : gp-constant-100 | +1.00 (1.00 to 1.00) | **shows** |"
+    )
+    assert shown in text
+    # A trial's episodes are no part of the ordinary tables.
+    assert "8 of 8" in text
+    assert "16 of 16" not in text
+
+
+def test_the_command_runs_a_part_and_goes_on(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch, episode_result: MakeEpisode
+) -> None:
+    ran = []
+    metrics = episode_result("gp")["metrics"]
+
+    def run_job(job: Any) -> list[Any]:
+        ran.extend(job)
+        return [
+            {"task": t.definition, **jobs.code_state(), "metrics": metrics} for t in job
+        ]
+
+    monkeypatch.setattr(runner, "run_job", run_job)
+    arguments = ["trials", "--trials", "stop", "--part", "small", "--engine", "serial"]
+    arguments += ["--out", str(tmp_path / "out"), "--quiet"]
+    assert main(arguments) == 0
+    assert {task.trial for task in ran} == {"stop"}
+    assert len(ran) == 2 * 6
+    ran.clear()
+    assert main([*arguments, "--policies", "gp-product"]) == 0
+    assert {task.policy for task in ran} == {"gp-product"}
+    assert main(["trials", "--trials", "stops"]) == 2
+
+
+def test_another_door_is_another_task() -> None:
+    heavy = [
+        task
+        for task in trial_tasks(named_trials(("heavy",)), part="small")
+        if task.policy == "gp" and task.seed == 0
+    ]
+    light, heavier = heavy
+    assert (light.level, heavier.level) == ("14 N", "24 N")
+    assert heavier.door_config["closer_preload"] == 10.0
+    assert light.door_config == {**heavier.door_config, "closer_preload": 5.0}
+    assert dataclasses.replace(light, level="24 N").key != heavier.key
