@@ -27,6 +27,7 @@ from policies.baselines.kmp import KMPConfig, fit_kmp
 from policies.baselines.local_gp import LocalGPConfig, fit_local_gp
 from policies.baselines.oracle import OracleAgent
 from policies.baselines.promp import fit_promp
+from policies.baselines.tp_gmm import fit_tp_gmm
 from policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
 from policies.compliance import ComplianceConfig
 from policies.controllers.stiffness import (
@@ -240,6 +241,10 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
         "gmr": Policy(
             summary="Gaussian-mixture regression; no via-points",
             make=Method(fit=fit_gmr),
+        ),
+        "tp-gmm": Policy(
+            summary="task-parameterised mixture: frames at handle and observed hinge",
+            make=Method(fit=fit_tp_gmm, adaptation=OwnAdaptation),
         ),
         "local-gp": Policy(
             summary="local Gaussian processes (reconstruction); no via-points",
