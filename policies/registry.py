@@ -41,6 +41,7 @@ from policies.method import Method, TrainingInput, clock_phase, demonstrated_pha
 from policies.policy import Policy, PolicyOrigin
 from policies.prior_mean import PriorMean
 from policies.skill import fit_skill
+from policies.tuning_spaces import SPACES, Values, tuned_settings
 from policies.user_policies import module_policy, packaged_names, packaged_policy
 
 
@@ -186,7 +187,7 @@ TABLE_1: Final = (
 )
 """The methods of the paper's Table 1, the paper's own and ours."""
 
-POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
+_AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
     {
         "gp": Policy(
             summary="heteroscedastic GP, adapted while opening, variable stiffness",
@@ -279,4 +280,31 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
         ),
     }
 )
-"""The built-in policies."""
+"""Policies with the settings that their entries say."""
+
+
+def tuned(name: str, values: Values) -> Policy:
+    """Return a policy of `policies.tuning_spaces.SPACES` with other settings.
+
+    Raises:
+        ValueError: The settings are outside the method's space.
+    """
+    method = _AS_PUBLISHED[name].method
+    assert method is not None, "spaces are those of methods"
+    text = ", ".join(f"{setting} {value}" for setting, value in values.items())
+    return Policy(
+        summary=f"{name}, tuned: {text.replace('_', ' ')}",
+        make=SPACES[name].method(method, values),
+    )
+
+
+POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
+    {
+        **_AS_PUBLISHED,
+        **{
+            f"{name}-tuned": tuned(name, values)
+            for name, values in tuned_settings().items()
+        },
+    }
+)
+"""The built-in policies: as published, and as `gplfd tune` found them."""
