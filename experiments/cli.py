@@ -25,6 +25,7 @@ from experiments.commands.report import Report
 from experiments.commands.run import Run
 from experiments.commands.speed import Speed
 from experiments.commands.trials import Trials
+from experiments.commands.tune import Tune
 from experiments.commands.view import View
 from experiments.study.engines import ONE_THREAD
 
@@ -52,6 +53,7 @@ COMMANDS: Final[dict[str, Callable[..., Command]]] = {
     "learn": Learn,
     "benchmark": Benchmark,
     "trials": Trials,
+    "tune": Tune,
     "report": Report,
     "figures": Figures,
     "demos": Demos,

@@ -26,6 +26,7 @@ from policies.baselines.gmr import fit_gmr
 from policies.baselines.kmp import KMPConfig, fit_kmp
 from policies.baselines.local_gp import LocalGPConfig, fit_local_gp
 from policies.baselines.promp import fit_promp
+from policies.baselines.tp_gmm import fit_tp_gmm
 from policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
 from policies.compliance import ComplianceConfig
 from policies.controllers.stiffness import (
@@ -43,6 +44,7 @@ from policies.reference.displacement import ChordAgent, ReflexAgent
 from policies.reference.hinge_fit import HingeFitAgent
 from policies.reference.oracle import OracleAgent
 from policies.skill import fit_skill
+from policies.tuning_spaces import SPACES, Values, tuned_settings
 from policies.user_policies import module_policy, packaged_names, packaged_policy
 
 
@@ -198,7 +200,7 @@ TABLE_1: Final = (
 )
 """The methods of the paper's Table 1, the paper's own and ours."""
 
-POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
+_AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
     {
         "gp": Policy(
             summary="heteroscedastic GP, adapted while opening, variable stiffness",
@@ -276,6 +278,10 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
             summary="Gaussian-mixture regression; no via-points",
             make=Method(fit=fit_gmr),
         ),
+        "tp-gmm": Policy(
+            summary="task-parameterised mixture: frames at handle and observed hinge",
+            make=Method(fit=fit_tp_gmm, adaptation=OwnAdaptation),
+        ),
         "local-gp": Policy(
             summary="local Gaussian processes (reconstruction); no via-points",
             make=Method(
@@ -319,4 +325,31 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
         ),
     }
 )
-"""The built-in policies."""
+"""Policies with the settings that their entries say."""
+
+
+def tuned(name: str, values: Values) -> Policy:
+    """Return a policy of `policies.tuning_spaces.SPACES` with other settings.
+
+    Raises:
+        ValueError: The settings are outside the method's space.
+    """
+    method = _AS_PUBLISHED[name].method
+    assert method is not None, "spaces are those of methods"
+    text = ", ".join(f"{setting} {value}" for setting, value in values.items())
+    return Policy(
+        summary=f"{name}, tuned: {text.replace('_', ' ')}",
+        make=SPACES[name].method(method, values),
+    )
+
+
+POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
+    {
+        **_AS_PUBLISHED,
+        **{
+            f"{name}-tuned": tuned(name, values)
+            for name, values in tuned_settings().items()
+        },
+    }
+)
+"""The built-in policies: as published, and as `gplfd tune` found them."""

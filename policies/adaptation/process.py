@@ -15,7 +15,7 @@ from policies.gp.factorisation import factorise
 from policies.skill import Skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
-_EMPIRICAL = 0.3
+EMPIRICAL_SHARE = 0.3
 """Share of the deviation covariance taken from the demonstrations' own curves: it knows
 the shape of what varies, the model knows what else could."""
 _SMOOTHING_GRID = 60
@@ -35,24 +35,35 @@ class ProcessAdaptation(ConditionedProcess):
     * Mean and covariance do not depend on the order of the via-points or on the grid.
     """
 
-    def __init__(self, skill: Skill, grid: Float[np.ndarray, " M"]) -> None:
+    def __init__(
+        self,
+        skill: Skill,
+        grid: Float[np.ndarray, " M"],
+        empirical_share: float = EMPIRICAL_SHARE,
+    ) -> None:
         """Start from the demonstrations.
 
         Args:
             skill: the demonstrated skill, from at least two demonstrations.
             grid: phases at which the distribution is reported, shape (M,).
+            empirical_share: share of the deviations' covariance taken from the
+                demonstrations' own curves, within [0, 1].
 
         Raises:
-            ValueError: for a single demonstration, or a grid that is empty, not
-                finite, or far outside the demonstrations.
+            ValueError: for a share outside [0, 1], a single demonstration, or a grid
+                that is empty, not finite, or far outside the demonstrations.
         """
+        if not 0.0 <= empirical_share <= 1.0:
+            raise ValueError(
+                f"empirical_share must be within [0, 1], got {empirical_share}."
+            )
         processes, times = skill.processes, skill.aligned.times
         shortest = min(
             processes.shortest_length_scale,
             *(deviation.short_scale for deviation in skill.deviations),
         )
         basis = basis_for_grid(times, grid, shortest)
-        mean, covariance, white = _prior(skill, basis.nodes)
+        mean, covariance, white = _prior(skill, basis.nodes, empirical_share)
         root = basis.root_weights[:, None]
         super().__init__(
             basis,
@@ -91,7 +102,7 @@ class ProcessAdaptation(ConditionedProcess):
 
 
 def _prior(
-    skill: Skill, nodes: Float[np.ndarray, " Q"]
+    skill: Skill, nodes: Float[np.ndarray, " Q"], empirical_share: float
 ) -> tuple[
     Float[np.ndarray, "Q 6"], Float[np.ndarray, "6 Q Q"], Float[np.ndarray, "Q 6"]
 ]:
@@ -108,7 +119,7 @@ def _prior(
         total = prediction.std[:, output] ** 2
         share = deviation.white_variance(noise[:, output]) / noise[:, output]
         white[:, output] = total * share
-        smooth = _mixed_covariance(skill, output, deviation, nodes)
+        smooth = _mixed_covariance(skill, output, deviation, nodes, empirical_share)
         stretch = np.sqrt(total * (1.0 - share) / np.diag(smooth))
         covariance[output] = stretch[:, None] * smooth * stretch
     return prediction.mean, covariance, white
@@ -119,6 +130,7 @@ def _mixed_covariance(
     output: int,
     deviation: DeviationProcess,
     nodes: Float[np.ndarray, " Q"],
+    empirical_share: float,
 ) -> Float[np.ndarray, "Q Q"]:
     """Model covariance at the nodes, mixed with that of the demonstrations' own curves.
 
@@ -137,6 +149,6 @@ def _mixed_covariance(
     curves = (poses - poses.mean(axis=0))[:, thin]
     smoothed = joint[:size, size:] @ factorise(observed).solve(curves.T)
     empirical = smoothed @ smoothed.T / (len(poses) - 1)
-    mixed: np.ndarray = (1.0 - _EMPIRICAL) * joint[:size, :size]
-    mixed += _EMPIRICAL * empirical
+    mixed: np.ndarray = (1.0 - empirical_share) * joint[:size, :size]
+    mixed += empirical_share * empirical
     return mixed

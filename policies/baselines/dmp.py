@@ -47,6 +47,7 @@ from gplfd_env.fields import check_quantities, quantity
 from gplfd_env.rotation_paths import unwrap_rotvecs
 from gplfd_env.se3 import compose_rotvecs
 from policies.aligned import AlignedDemonstrations
+from policies.empirical import EmpiricalDistribution
 from policies.movement import LearnedMovement
 from policies.trajectory import GaussianTrajectory, checked_times, white_covariance
 
@@ -73,6 +74,9 @@ class DMPConfig:
     """Decay α_x of the phase variable: x ends at exp(-α_x)."""
     overlap: float = quantity(0.8, above=0.0, below=1.0)
     """Height of a basis function at the centre of the next."""
+    spread: bool = False
+    """Whether it goes by the demonstrations' own spread, for an uncertainty that the
+    method itself does not have."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -82,8 +86,8 @@ class DMPConfig:
 class DynamicMovementPrimitive(LearnedMovement):
     """A point attractor shaped by a learned forcing term; made by `fit_dmp`.
 
-    It knows one movement and no spread: standard deviations and covariances are NaN,
-    and there are no via-points, only another goal.
+    It knows one movement and no spread: standard deviations and covariances are NaN
+    unless `DMPConfig.spread`, and there are no via-points, only another goal.
     """
 
     config: DMPConfig
@@ -119,7 +123,7 @@ class DynamicMovementPrimitive(LearnedMovement):
         return replace(self, goal=pose, start_error=nearest)
 
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
-        """The rollout at ``times``; standard deviations and covariance are NaN.
+        """The rollout at ``times``; without a spread, std and covariance are NaN.
 
         Args:
             times: phases, shape (M,). Before the first demonstrated phase the pose is
@@ -129,7 +133,13 @@ class DynamicMovementPrimitive(LearnedMovement):
         Raises:
             ValueError: if there are no times, or one is not finite.
         """
-        times = checked_times(times)
+        rollout = self._unspread(checked_times(times))
+        if not self.config.spread:
+            return rollout
+        demonstrated = EmpiricalDistribution(self.aligned).predict(rollout.times)
+        return replace(demonstrated, mean=rollout.mean, mean_rate=rollout.mean_rate)
+
+    def _unspread(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         within = np.clip(times, self._rollout.x[0], self._rollout.x[-1])
         moving = (within == times)[:, None]
         unknown = np.full((times.size, 6), np.nan)

@@ -58,6 +58,25 @@ class GMRConfig:
     def __post_init__(self) -> None:
         check_quantities(self)
 
+    def check_phases(self, count: int) -> None:
+        """Raise a ValueError if demonstrations have fewer phases than components."""
+        if self.components > count:
+            raise ValueError(
+                f"{self.components} components need as many phases, and the "
+                f"demonstrations have {count}; ask for fewer components or align with "
+                f"more samples."
+            )
+
+
+def warn_of_early_stop(config: GMRConfig) -> None:
+    """Warn the caller of a fit that expectation maximisation did not converge."""
+    warnings.warn(
+        f"Expectation maximisation did not converge in {config.max_iterations} "
+        f"iterations; raise max_iterations or tolerance, or ask for fewer components.",
+        UserWarning,
+        stacklevel=3,
+    )
+
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class GaussianMixtureRegression(MomentMovement):
@@ -151,25 +170,14 @@ def fit_gmr(
         UserWarning: if expectation maximisation did not converge.
     """
     config = GMRConfig() if config is None else config
-    if config.components > len(aligned.times):
-        raise ValueError(
-            f"{config.components} components need as many phases, and the "
-            f"demonstrations have {len(aligned.times)}; ask for fewer components or "
-            f"align with more samples."
-        )
+    config.check_phases(len(aligned.times))
     standardisation = Standardisation.of(aligned.poses)
     count = len(aligned.poses)
     phases = np.broadcast_to(aligned.times[:, None], (count, len(aligned.times), 1))
     samples = np.concatenate([phases, standardisation.apply(aligned.poses)], axis=2)
     mixture = _fitted_mixture(samples, config)
     if not mixture.converged_:
-        warnings.warn(
-            f"Expectation maximisation did not converge in {config.max_iterations} "
-            f"iterations; raise max_iterations or tolerance, or ask for fewer "
-            f"components.",
-            UserWarning,
-            stacklevel=2,
-        )
+        warn_of_early_stop(config)
     return GaussianMixtureRegression(
         aligned=aligned,
         standardisation=standardisation,

@@ -12,7 +12,12 @@ from gplfd_env.fields import check_quantities, quantity
 from policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
 from policies.gp.kernels import RBF
 from policies.gp.legendre import LegendreBasis
-from policies.gp.noise_profile import LEAST_VARIANCE, SHORTEST_SCALE, NoiseProfile
+from policies.gp.noise_profile import (
+    LEAST_SCALE,
+    LEAST_VARIANCE,
+    SHORTEST_SCALE,
+    NoiseProfile,
+)
 from policies.gp.replicates import Replicates
 
 
@@ -33,6 +38,8 @@ class KerstingNoise:
 
     n_iterations: int = quantity(10, low=1)
     """Number of passes."""
+    shortest_scale: float = quantity(SHORTEST_SCALE, low=LEAST_SCALE, high=1.0)
+    """Shortest length-scale of z(t), as a share of the time span."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -48,7 +55,8 @@ class KerstingNoise:
             noise = profile.variance(times)
             mean, variance = _latent(replicates, kernel, noise)
             spread = 0.5 * ((samples - mean) ** 2 + variance + noise)
-            profile = _smooth(times, np.log(np.maximum(spread, LEAST_VARIANCE)))
+            observed = np.log(np.maximum(spread, LEAST_VARIANCE))
+            profile = _smooth(times, observed, self.shortest_scale)
             noise = profile.variance(times)
             kernel = fit_kernel(times, replicates.mean, noise / replicates.count)
         return profile
@@ -70,12 +78,12 @@ def _latent(
 
 
 def _smooth(
-    times: Float[np.ndarray, " M"], observed: Float[np.ndarray, "D M"]
+    times: Float[np.ndarray, " M"], observed: Float[np.ndarray, "D M"], shortest: float
 ) -> NoiseProfile:
     """A Gaussian process through log-variances observed with unknown noise."""
     level = float(np.mean(observed))
     replicates = Replicates.from_samples(times, observed - level)
-    kernel, variance = fit_kernel_and_noise(replicates, shortest=SHORTEST_SCALE)
+    kernel, variance = fit_kernel_and_noise(replicates, shortest=shortest)
     basis = NoiseProfile.basis_over(times)
     noise = np.full(len(times), variance)
     posterior = replicates.condition_in(basis, kernel, noise)

@@ -16,10 +16,16 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import digamma, polygamma
 
+from gplfd_env.fields import check_quantities, quantity
 from policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
 from policies.gp.kernels import RBF
 from policies.gp.legendre import LegendreBasis
-from policies.gp.noise_profile import LEAST_VARIANCE, SHORTEST_SCALE, NoiseProfile
+from policies.gp.noise_profile import (
+    LEAST_SCALE,
+    LEAST_VARIANCE,
+    SHORTEST_SCALE,
+    NoiseProfile,
+)
 from policies.gp.replicates import Replicates
 from policies.gp.spectral import square_root
 
@@ -57,6 +63,12 @@ class MapNoise:
        Σ_i [k/2 z_i + ½ SS_i exp(−z_i)] + ½ (z − m)ᵀ K_z⁻¹ (z − m), which is convex.
     """
 
+    shortest_scale: float = quantity(SHORTEST_SCALE, low=LEAST_SCALE, high=1.0)
+    """Shortest length-scale of z(t), as a share of the time span."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
     def fit(
         self, times: Float[np.ndarray, " M"], samples: Float[np.ndarray, "D M"]
     ) -> NoiseProfile:
@@ -79,7 +91,9 @@ class MapNoise:
         observed = np.log(pooled) - float(digamma(half)) + np.log(half)
         level = float(np.mean(observed))
         known = np.full(len(times), float(polygamma(1, half)))
-        kernel = fit_kernel(times, observed - level, known, shortest=SHORTEST_SCALE)
+        kernel = fit_kernel(
+            times, observed - level, known, shortest=self.shortest_scale
+        )
         basis = NoiseProfile.basis_over(times)
         coefficients = _gamma_mode(basis, kernel, times, free, pooled, level)
         return NoiseProfile(level=level, basis=basis, coefficients=coefficients)

@@ -15,7 +15,9 @@ from policies.records import short_repr
 LEAST_VARIANCE = 1e-10
 """Smallest noise variance, relative to the variance of the output."""
 SHORTEST_SCALE = 0.15
-"""Shortest length-scale of z(t), as a fraction of the time span."""
+"""Shortest length-scale of z(t) by default, as a fraction of the time span."""
+LEAST_SCALE = 0.1
+"""Least value of it that the basis can express."""
 _BASIS_SIZE = 48
 
 

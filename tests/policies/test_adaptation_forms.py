@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from policies.adaptation import (
     ADAPTATIONS,
     Adaptation,
+    ProcessAdaptation,
     ProductAdaptation,
     adapt,
     begin_adaptation,
@@ -283,3 +284,23 @@ def test_impossible_grids_are_refused(skill, form, grid):
 def test_product_refuses_what_it_cannot_use(skill):
     with pytest.raises(ValueError, match="must increase strictly"):
         ProductAdaptation(skill, np.array([0.5, 0.5]))
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1, np.nan])
+def test_shares_of_the_demonstrations_own_curves(skill, share):
+    with pytest.raises(ValueError, match=r"empirical_share must be within \[0, 1\]"):
+        ProcessAdaptation(skill, TIMES, empirical_share=share)
+
+
+def test_curves_of_the_demonstrations_alone_are_soon_known(skill):
+    """They span five dimensions; what the model thinks possible goes on for longer."""
+    prior, rest = [], []
+    for share in (0.0, 1.0):
+        adaptation = ProcessAdaptation(skill, TIMES, empirical_share=share)
+        prior.append(adaptation.std)
+        for row in range(3, 28, 3):
+            pose = adaptation.mean[row].copy()
+            adaptation.observe(ViaPoint(phase=TIMES[row], pose=pose, std=1e-5))
+        rest.append(adaptation.std[35:, 0].mean())
+    np.testing.assert_allclose(prior[1], prior[0], rtol=0.01)
+    assert rest[1] < 0.5 * rest[0]

@@ -346,3 +346,11 @@ def test_predict_refuses_times_that_are_none(dmp, times):
 def test_a_goal_must_be_known_in_full(dmp):
     with pytest.raises(ValueError, match="finite in all six entries"):
         dmp.with_goal(np.append(dmp.goal[:5], np.nan))
+
+
+def test_with_a_spread_it_has_that_of_the_demonstrations(demonstrations):
+    aligned = align(demonstrations)
+    plain, spread = fit_dmp(aligned), fit_dmp(aligned, DMPConfig(spread=True))
+    ours = spread.predict(aligned.times)
+    np.testing.assert_array_equal(ours.mean, plain.predict(aligned.times).mean)
+    np.testing.assert_allclose(ours.std, aligned.poses.std(axis=0, ddof=1), atol=1e-12)

@@ -137,3 +137,21 @@ def test_profile_keeps_its_ends_outside():
 def test_constant_profile():
     profile = NoiseProfile.constant(TIMES, 0.04)
     np.testing.assert_allclose(profile.variance(TIMES), 0.04)
+
+
+@pytest.mark.parametrize("model", [MapNoise, KerstingNoise])
+def test_no_spread_changes_faster_than_the_shortest_scale(model):
+    spread = np.exp(1.5 * np.sin(12.0 * TIMES))
+    data = spread * np.random.default_rng(5).normal(size=(12, len(TIMES)))
+    followed = [
+        np.corrcoef(
+            model(shortest_scale=scale).fit(TIMES, data).log_variance(TIMES),
+            np.log(spread),
+        )[0, 1]
+        for scale in (0.1, 1.0)
+    ]
+    assert followed[0] > 0.9 > 0.8 > followed[1]
+    with pytest.raises(
+        ValueError, match=r"shortest_scale = 0.05 is outside \[0.1, 1\]"
+    ):
+        model(shortest_scale=0.05)

@@ -1,0 +1,235 @@
+"""Tuning: the same candidates, one objective, and a file that survives interruption."""
+
+import json
+
+import pytest
+
+from experiments.cli import main
+from experiments.learning_tests.scores import method_metrics
+from experiments.study.engines import Lost
+from experiments.study.engines.serial import Serial
+from experiments.study.settings import PRESETS
+from experiments.teacher import standard_teacher
+from experiments.tuning import objective, search
+from experiments.tuning.candidates import (
+    STANDARD,
+    Candidate,
+    Protocol,
+    candidates,
+    checked_policies,
+)
+from experiments.tuning.objective import best, evaluate
+from gplfd_env.config import DOORS
+from policies import POLICIES
+from policies.tuning_spaces import SPACES, tuned_settings
+
+SMALL = Protocol(evaluations=5, seeds=(1000,), radii=(0.46,))
+
+
+def evaluation(nlpd, closed=0, force=1.0):
+    episodes = [
+        {"success": number >= closed, "force_radial_peak": force} for number in range(3)
+    ]
+    return {"nlpd": nlpd, "episodes": episodes}
+
+
+ERROR = {"error": "ValueError: no", "traceback": ""}
+
+
+def pretended(candidate):
+    """An evaluation that costs nothing and differs from candidate to candidate."""
+    outcome = evaluation(-float(candidate.number), force=1.0 + candidate.number % 3)
+    return {
+        "candidate": candidate.definition,
+        **objective.code_state(),
+        **outcome,
+        "cpu_s": 0.5,
+    }
+
+
+@pytest.mark.parametrize("policy", SPACES)
+def test_candidates_are_the_same_every_time(policy):
+    first, again = candidates(policy), candidates(policy)
+    assert first == again
+    assert len({one.key for one in first}) == len(first) == STANDARD.evaluations
+    assert first[0].settings == SPACES[policy].published
+    for one in first:
+        for name, setting in SPACES[policy].settings.items():
+            assert one.settings[name] in setting
+    other = candidates(policy, Protocol(sequence=2))
+    assert [one.settings for one in other[1:]] != [one.settings for one in first[1:]]
+
+
+@pytest.mark.parametrize("evaluations", [1, 2, 3, 9, 17, 18])
+def test_any_budget_is_spent_to_the_last_evaluation(evaluations):
+    found = candidates("gmr", Protocol(evaluations=evaluations))
+    assert [one.number for one in found] == list(range(evaluations))
+
+
+def test_half_of_the_candidates_are_in_each_half_of_a_setting():
+    setting = SPACES["gmr"].settings["components"]
+    found = candidates("gmr", Protocol(evaluations=33))[1:]
+    low = [
+        one.settings["components"] < (setting.low + setting.high + 1) / 2
+        for one in found
+    ]
+    assert sum(low) == 16
+
+
+def test_no_study_has_the_seeds_or_doors_of_tuning():
+    for settings in PRESETS.values():
+        assert settings.seeds < min(STANDARD.seeds)
+        radii = {
+            DOORS[door].radius if door in DOORS else float(door)
+            for door in settings.doors
+        }
+        assert radii.isdisjoint(STANDARD.radii)
+
+
+def test_closed_doors_count_before_forces_and_density_as_much():
+    given = [
+        evaluation(0.0, closed=0, force=9.0),
+        evaluation(-1.0, closed=1, force=1.0),
+        evaluation(-2.0, closed=0, force=2.0),
+    ]
+    place, ranks = best(given)
+    assert place == 2
+    assert ranks == [2.5, 2.5, 1.0]
+
+
+def test_what_has_no_density_or_ended_in_an_error_comes_last():
+    given = [ERROR, evaluation(None, force=1.0), evaluation(50.0, force=2.0)]
+    place, ranks = best(given)
+    assert ranks == [3.0, 1.5, 1.5]
+    assert place == 1  # the better task
+    assert best([evaluation(None), evaluation(None)]) == (0, [1.5, 1.5])
+
+
+def test_equal_candidates_leave_the_method_as_published():
+    assert best([evaluation(-1.0)] * 4)[0] == 0
+
+
+def test_density_is_that_of_the_learning_tests():
+    found = evaluate(candidates("gmr", SMALL)[0])
+    metrics = method_metrics(
+        POLICIES["gmr"].method,
+        seed=1000,
+        demonstrations_per_door=2,
+        teacher=standard_teacher(),
+        held_out="demonstration",
+    )
+    assert found["nlpd"] == pytest.approx(metrics["nlpd"], abs=1e-12)
+    (episode,) = found["episodes"]
+    assert (episode["seed"], episode["radius"]) == (1000, 0.46)
+    assert episode["force_radial_peak"] > 0.0
+    json.dumps(found, allow_nan=False)
+
+
+def test_settings_with_which_nothing_can_be_learned_are_an_error_of_theirs():
+    wrong = Candidate(policy="gmr", number=1, settings={}, protocol=SMALL)
+    found = evaluate(wrong)
+    assert found["error"].startswith("ValueError: the settings are components")
+    assert "Traceback" in found["traceback"]
+
+
+class Interrupted:
+    """An engine that a person stops after some items."""
+
+    def __init__(self, after):
+        self.after = after
+
+    def run(self, work, items):
+        for number, item in enumerate(items):
+            if number == self.after:
+                raise KeyboardInterrupt
+            yield item, work(item)
+
+
+def test_interrupted_and_resumed_gives_the_same_file(tmp_path, monkeypatch):
+    counted = []
+    monkeypatch.setattr(
+        search, "evaluate", lambda one: counted.append(one) or pretended(one)
+    )
+    policies = ("gmr", "kmp")
+    table = search.tune(policies, tmp_path / "whole", Serial(), SMALL)
+    assert len(counted) == 10
+    with pytest.raises(KeyboardInterrupt):
+        search.tune(policies, tmp_path / "parts", Interrupted(3), SMALL)
+    assert not (tmp_path / "parts" / "tuned.json").exists()
+    assert search.tune(policies, tmp_path / "parts", Serial(), SMALL) == table
+    assert len(counted) == 20
+    whole, parts = (
+        (tmp_path / name / "tuned.json").read_bytes() for name in ("whole", "parts")
+    )
+    assert whole == parts
+    search.tune(policies, tmp_path / "parts", Serial(), SMALL)
+    assert len(counted) == 20
+
+
+@pytest.mark.parametrize("damage", ["cut", "other code", "error", "lost"])
+def test_what_is_no_result_is_run_again(tmp_path, monkeypatch, damage):
+    monkeypatch.setattr(search, "evaluate", pretended)
+    search.tune(("gmr",), tmp_path, Serial(), SMALL)
+    file = sorted((tmp_path / "evaluations").iterdir())[0]
+    text = file.read_text()
+    whole = json.loads(text)
+    file.write_text(
+        {
+            "cut": text[:100],
+            "other code": json.dumps(whole | {"git": {"commit": "0", "dirty": False}}),
+            "error": json.dumps(whole | ERROR),
+            "lost": json.dumps({}),
+        }[damage]
+    )
+    search.tune(("gmr",), tmp_path, Serial(), SMALL)
+    assert json.loads(file.read_text()) == whole
+
+
+class Losing:
+    """An engine whose workers die."""
+
+    def run(self, work, items):
+        for item in items:
+            yield item, Lost(reason="the worker died")
+
+
+def test_workers_that_die_are_errors(tmp_path, caplog):
+    with caplog.at_level("WARNING", logger="gplfd"):
+        table = search.tune(("gmr",), tmp_path, Losing(), SMALL)
+    assert "gmr, candidate 4: the worker died" in caplog.text
+    assert (
+        json.loads((tmp_path / "tuned.json").read_text())["policies"]["gmr"]["errors"]
+        == SMALL.evaluations
+    )
+    assert "gmr published" in table
+
+
+def test_the_file_is_what_the_registry_reads(tmp_path, monkeypatch):
+    monkeypatch.setattr(search, "evaluate", pretended)
+    search.tune(("gmr", "dmp"), tmp_path, Serial(), SMALL)
+    found = tuned_settings(tmp_path / "tuned.json")
+    expected = {name: candidates(name, SMALL)[3].settings for name in ("gmr", "dmp")}
+    assert found == expected
+    written = json.loads((tmp_path / "tuned.json").read_text())
+    assert written["protocol"]["seeds"] == [1000]
+    assert {"command", "versions", "git"} <= written.keys()
+    assert written["policies"]["gmr"]["published"]["nlpd"] == 0.0
+    assert written["policies"]["gmr"]["tuned"]["force_radial_peak_median"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("policies", "message"),
+    [
+        (["gmrr"], "'gmrr' has no settings to tune (did you mean 'gmr'?)"),
+        (["oracle"], "policies: dmp, promp"),
+        (["gmr", "gmr"], "gmr is given twice in --policies"),
+    ],
+)
+def test_wrong_policies_are_told(policies, message, capsys, tmp_path):
+    assert main(["tune", "--policies", *policies, "--out", str(tmp_path)]) == 2
+    assert message in " ".join(capsys.readouterr().err.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_all_policies_are_tuned_by_default():
+    assert checked_policies(()) == tuple(SPACES)

@@ -1,0 +1,311 @@
+"""Task-parameterised mixtures: products in closed form, moving frames, known hinges."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gplfd_env.task import handle_pose_on_arc
+from policies.adaptation import OwnAdaptation
+from policies.aligned import AlignedDemonstrations
+from policies.alignment import align
+from policies.baselines.gmr import GMRConfig, fit_gmr
+from policies.baselines.mixture_of_views import fit_mixture_of_views
+from policies.baselines.task_frames import (
+    HANDLE,
+    Circle,
+    Frame,
+    fit_circle,
+    hinge_frame,
+)
+from policies.baselines.tp_gmm import (
+    TaskParameterisedMixture,
+    fit_tp_gmm,
+    product_of_gaussians,
+)
+from policies.movement import Adaptable
+from policies.trajectory import ViaPoint
+
+GRID = np.linspace(0.0, 1.0, 60)
+
+
+@pytest.fixture(scope="module")
+def aligned(demonstrations) -> AlignedDemonstrations:
+    return align(demonstrations)
+
+
+@pytest.fixture(scope="module")
+def mixture(aligned) -> TaskParameterisedMixture:
+    return fit_tp_gmm(aligned)
+
+
+def at_hinge(
+    mixture: TaskParameterisedMixture, radius: float
+) -> TaskParameterisedMixture:
+    """The movement for a door whose hinge is known."""
+    circle = Circle(mean=np.array([0.0, -radius, 0.0]), covariance=np.zeros((3, 3)))
+    return replace(mixture, circle=circle)
+
+
+def arc(radius: float, angles: np.ndarray, std: float = 1e-3) -> list[ViaPoint]:
+    poses = handle_pose_on_arc(radius, angles)
+    return [
+        ViaPoint(phase=0.5 * angle, pose=pose, std=std)
+        for angle, pose in zip(angles, poses, strict=True)
+    ]
+
+
+def radial_error(path: np.ndarray, radius: float) -> float:
+    """Largest distance from the handle's circle, where the door is well open [m]."""
+    return float(np.abs(np.hypot(path[30:, 0], path[30:, 2] + radius) - radius).max())
+
+
+def test_product_of_gaussians_in_closed_form():
+    means = np.array([[[1.0, 0.0]], [[4.0, 2.0]]])
+    covariances = np.array([np.diag([1.0, 4.0]), np.diag([2.0, 4.0])])[:, None]
+    mean, covariance = product_of_gaussians(means, covariances)
+    np.testing.assert_allclose(mean, [[2.0, 1.0]])
+    np.testing.assert_allclose(covariance[0], np.diag([2.0 / 3.0, 2.0]))
+
+
+def test_product_is_proportional_to_the_densities_multiplied():
+    rng = np.random.default_rng(0)
+    roots = rng.normal(size=(2, 1, 3, 3))
+    means, covariances = rng.normal(size=(2, 1, 3)), roots @ roots.mT + np.eye(3)
+    mean, covariance = product_of_gaussians(means, covariances)
+
+    def log_density(x, centre, spread):
+        return -0.5 * (x - centre) @ np.linalg.solve(spread, x - centre)
+
+    differences = [
+        sum(log_density(x, means[j, 0], covariances[j, 0]) for j in range(2))
+        - log_density(x, mean[0], covariance[0])
+        for x in rng.normal(size=(5, 3))
+    ]
+    np.testing.assert_allclose(differences, differences[0], atol=1e-10)
+
+
+def test_one_frame_is_gaussian_mixture_regression(aligned):
+    weights, means, covariances = fit_mixture_of_views(
+        aligned.times, [aligned.poses], GMRConfig(components=6)
+    )
+    single = TaskParameterisedMixture(
+        aligned=aligned,
+        weights=weights,
+        means=means,
+        covariances=covariances,
+        circle=None,
+    )
+    ours = single.predict(GRID)
+    gmr = fit_gmr(aligned, GMRConfig(components=6)).predict(GRID)
+    np.testing.assert_allclose(ours.mean, gmr.mean, atol=1e-9)
+    np.testing.assert_allclose(ours.std, gmr.std, rtol=1e-6)
+
+
+def test_two_equal_frames_halve_the_variance(mixture):
+    once = mixture.means[0], mixture.covariances[0]
+    mean, covariance = product_of_gaussians(*(np.stack([one, one]) for one in once))
+    np.testing.assert_allclose(mean, once[0], atol=1e-9)
+    np.testing.assert_allclose(covariance, 0.5 * once[1], atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, -1.0])
+def test_a_turned_hinge_turns_the_path(mixture, angle):
+    """Of the hinge's frame alone, as the handle's has not turned."""
+    vague = np.array([1e9, 1.0])[:, None, None, None] * np.eye(7)
+    covariances = np.where(vague > 1e8, vague, mixture.covariances)
+    covariances[..., 0, 0] = mixture.covariances[..., 0, 0]
+    turn = Rotation.from_rotvec([0.0, angle, 0.0])
+    hinges = [np.array([0.0, 0.0, -0.5]), turn.apply([0.0, 0.0, -0.5])]
+    straight, turned = (
+        replace(
+            mixture,
+            covariances=covariances,
+            circle=Circle(mean=np.append(h[[0, 2]], 0.0), covariance=np.zeros((3, 3))),
+        )
+        .predict(GRID)
+        .mean
+        for h in hinges
+    )
+    np.testing.assert_allclose(
+        turned[:, :3], turn.apply(straight[:, :3].copy()), atol=1e-6
+    )
+
+
+def test_moving_all_frames_rigidly_moves_the_product(mixture):
+    rng = np.random.default_rng(1)
+    basis, shift = np.eye(6), rng.normal(size=6)
+    basis[:3, :3] = basis[3:, 3:] = Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix()
+
+    def product(frames):
+        means = [f.pose(m[:, 1:]) for f, m in zip(frames, mixture.means, strict=True)]
+        covariances = [
+            f.basis @ c[:, 1:, 1:] @ f.basis.T
+            for f, c in zip(frames, mixture.covariances, strict=True)
+        ]
+        return product_of_gaussians(np.array(means), np.array(covariances))
+
+    frames = (HANDLE, hinge_frame(np.array([0.02, -0.5])))
+    moved = [
+        Frame(basis=basis @ frame.basis, origin=basis @ frame.origin + shift)
+        for frame in frames
+    ]
+    mean, covariance = product(frames)
+    moved_mean, moved_covariance = product(moved)
+    np.testing.assert_allclose(moved_mean, mean @ basis.T + shift, atol=1e-8)
+    np.testing.assert_allclose(
+        moved_covariance, basis @ covariance @ basis.T, atol=1e-10
+    )
+
+
+def test_a_frame_undoes_what_it_does():
+    frame = hinge_frame(np.array([0.1, -0.4]))
+    poses = np.random.default_rng(2).normal(size=(5, 6))
+    np.testing.assert_allclose(frame.pose(frame.seen(poses)), poses)
+    np.testing.assert_allclose(frame.seen(np.zeros((1, 6)))[0, :3], [0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.35, 0.5, 0.65])
+def test_from_the_hinge_all_doors_are_one(radius):
+    angles = np.linspace(0.0, 1.1, 20)
+    seen = hinge_frame(np.array([0.0, -radius])).seen(
+        handle_pose_on_arc(radius, angles)
+    )
+    np.testing.assert_allclose(seen[:, 0], np.sin(angles), atol=1e-12)
+    np.testing.assert_allclose(seen[:, 2], np.cos(angles), atol=1e-12)
+
+
+@pytest.mark.parametrize("centre", [(0.0, -0.5), (0.03, -0.35), (-0.2, 0.6)])
+def test_circle_through_points_of_one(centre):
+    angles = np.linspace(0.0, 0.9, 30)
+    points = np.array(centre) + 0.4 * np.column_stack([np.sin(angles), np.cos(angles)])
+    theta = fit_circle(points)
+    assert theta is not None
+    np.testing.assert_allclose(theta[:2], centre, atol=1e-9)
+    np.testing.assert_allclose(theta @ (*centre, 1.0), 0.4**2, atol=1e-9)
+
+
+def test_demonstrated_hinges_are_where_the_doors_have_them(mixture):
+    fitted = [fit_circle(poses[:, [0, 2]]) for poses in mixture.aligned.poses]
+    radii = -np.array(fitted)[:, 1]
+    np.testing.assert_allclose(radii, np.repeat([0.35, 0.5, 0.65], 2), atol=0.01)
+    np.testing.assert_allclose(mixture.circle.mean[1], -radii.mean())
+    np.testing.assert_allclose(mixture.circle.covariance[1, 1], radii.var(ddof=1))
+
+
+@pytest.mark.parametrize("radius", [0.35, 0.5, 0.65])
+def test_a_demonstrated_radius_is_reproduced(mixture, radius):
+    path = at_hinge(mixture, radius).predict(GRID).mean
+    assert radial_error(path, radius) < 0.01
+    assert np.degrees(path[-1, 4]) == pytest.approx(67.0, abs=3.0)
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.42, 0.58])
+def test_a_known_hinge_gives_the_arc_of_a_new_door(mixture, radius):
+    ours = radial_error(at_hinge(mixture, radius).predict(GRID).mean, radius)
+    theirs = radial_error(fit_gmr(mixture.aligned).predict(GRID).mean, radius)
+    assert ours < 0.012
+    assert ours < 0.25 * theirs
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.42, 0.58])
+def test_via_points_tell_the_hinge(mixture, radius):
+    seen = mixture.adapt(arc(radius, np.linspace(0.02, 0.6, 40)))
+    assert -seen.circle.mean[1] == pytest.approx(radius, abs=0.02)
+    assert radial_error(seen.predict(GRID).mean, radius) < 0.02
+    before, after = mixture.predict(GRID).std, seen.predict(GRID).std
+    assert (after[-1, [0, 2]] < 0.6 * before[-1, [0, 2]]).all()
+
+
+def test_conditioning_a_circle_is_bayesian_regression():
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(3, 3)) * [[0.01], [0.1], [0.002]]
+    prior = Circle(mean=np.array([0.0, -0.5, 0.0]), covariance=root @ root.T)
+    via_points = arc(0.42, np.linspace(0.1, 0.5, 7), std=2e-3)
+    points = np.array([point.pose[[0, 2]] for point in via_points])
+    rows = np.column_stack([2.0 * points, np.ones(7)])
+    lever = points - prior.mean[:2]
+    weight = 1.0 / (4.0 * 2e-3**2 * np.sum(lever**2, axis=1))
+    information = np.linalg.inv(prior.covariance)
+    precision = information + rows.T @ (weight[:, None] * rows)
+    told = rows.T @ (weight * np.sum(points**2, axis=1))
+    expected = np.linalg.solve(precision, information @ prior.mean + told)
+    posterior = prior.through(via_points)
+    np.testing.assert_allclose(posterior.mean, expected, rtol=1e-6)
+    np.testing.assert_allclose(
+        posterior.covariance, np.linalg.inv(precision), rtol=1e-5
+    )
+
+
+def test_demands_that_leave_a_length_free_say_nothing(mixture):
+    free = np.array([np.nan, 0.0, -0.1, 0.0, 0.5, 0.0])
+    loose = np.array([1e-3, 1e-3, np.inf, 1e-3, 1e-3, 1e-3])
+    adapted = mixture.adapt(
+        [
+            ViaPoint(phase=0.5, pose=free),
+            ViaPoint(phase=0.6, pose=np.ones(6), std=loose),
+        ]
+    )
+    np.testing.assert_array_equal(adapted.circle.mean, mixture.circle.mean)
+
+
+def test_contradicting_demands_without_tolerance_have_an_answer(mixture):
+    both = [*arc(0.3, np.full(3, 0.5), std=0.0), *arc(0.6, np.full(3, 0.5), std=0.0)]
+    assert np.isfinite(mixture.adapt(both).predict(GRID).mean).all()
+
+
+def test_an_uncertain_hinge_spreads_the_path_as_sampled_hinges_do(mixture):
+    """To first order, on top of the spread of one hinge."""
+    middle, std = at_hinge(mixture, 0.5), 0.01
+    covariance = np.diag([std**2, std**2, 0.0])
+    uncertain = replace(middle, circle=replace(middle.circle, covariance=covariance))
+    added = uncertain._hinge_uncertainty(uncertain.circle)
+    frames = [
+        hinge_frame(np.array([0.0, -0.5]) + step)
+        for step in std * np.vstack([np.eye(2), -np.eye(2)])
+    ]
+    places = np.array([frame.pose(mixture.means[1][:, 1:]) for frame in frames])
+    expected = (places[:2] - places[2:]) / 2.0
+    np.testing.assert_allclose(
+        added, np.einsum("sci,scj->cij", expected, expected), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("path", ["straight", "resting", "wound"])
+def test_without_a_circle_it_is_gaussian_mixture_regression(path):
+    poses = np.zeros((2, 60, 6))
+    poses[..., 4] = GRID
+    if path != "resting":
+        poses[..., 0] = GRID
+    if path == "wound":
+        poses[..., 2] = 0.1 * np.sin(30.0 * GRID)
+    poses += 1e-3 * np.random.default_rng(4).normal(size=poses.shape)
+    poses[..., [0, 2]] *= path != "resting"
+    straight = fit_tp_gmm(AlignedDemonstrations(times=GRID, poses=poses))
+    assert straight.circle is None
+    gmr = fit_gmr(straight.aligned).predict(GRID)
+    np.testing.assert_allclose(straight.predict(GRID).mean, gmr.mean, atol=1e-3)
+    via_point = ViaPoint(phase=0.5, pose=np.ones(6))
+    assert straight.adapt([via_point]) is straight
+
+
+def test_one_demonstration_knows_its_hinge(aligned):
+    one = fit_tp_gmm(replace(aligned, poses=aligned.poses[:1]))
+    elsewhere = one.adapt(arc(0.6, np.linspace(0.1, 0.6, 9)))
+    np.testing.assert_allclose(elsewhere.circle.mean, one.circle.mean, atol=1e-12)
+
+
+def test_it_adapts_and_cannot_be_changed(mixture):
+    assert isinstance(mixture, Adaptable)
+    adaptation = OwnAdaptation(mixture, GRID)
+    np.testing.assert_array_equal(adaptation.mean, mixture.predict(GRID).mean)
+    with pytest.raises(ValueError, match="read-only"):
+        mixture.means[0] = 0.0
+
+
+def test_what_gmr_refuses_and_warns_of(aligned):
+    with pytest.raises(ValueError, match=r"201 components need as many phases"):
+        fit_tp_gmm(aligned, GMRConfig(components=201))
+    with pytest.warns(UserWarning, match="did not converge in 1 iterations"):
+        fit_tp_gmm(aligned, GMRConfig(max_iterations=1))
