@@ -2,11 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import tyro
 
 from experiments.interruption import postponed_interruption
+
+FAILED: Final = 1
+"""Exit status if results do not follow the protocol."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -18,11 +21,18 @@ class Report:
     same bytes.
     """
 
-    folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR")]
-    """Folder of a `gplfd benchmark`."""
+    folders: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="DIR")
+    ]
+    """Folder of a `gplfd benchmark` or `gplfd trials`; of several the results are put
+    together, yours beside others'."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder to write to; the study's own by default."""
+    """Folder to write to; the first study's own by default."""
+
+    check: bool = False
+    """Write nothing, but say whether the results follow the protocol of trials; exit
+    status 1 if they do not."""
 
     reference: Annotated[str, tyro.conf.arg(metavar="POLICY")] = "gp"
     """Policy with which the others are compared; the best if the study lacks it."""
@@ -33,8 +43,26 @@ class Report:
             from experiments.arguments import check_folder
             from experiments.report.page import write_report
 
+        if not self.folders:
+            raise ValueError("give the folder of a study: gplfd report DIR")
+        if self.check:
+            return self._check()
         if self.out is not None:
             check_folder(self.out)
-        page = write_report(self.folder, self.out, self.reference)
+        first, *others = self.folders
+        page = write_report(first, self.out, self.reference, *others)
         print(f"{page} and {page.with_suffix('.md')}")
         return 0
+
+    def _check(self) -> int:
+        with postponed_interruption():
+            from experiments.results.protocol_check import protocol_problems
+            from experiments.results.reading import read_all
+            from experiments.trials.protocol import VERSION
+
+        problems = protocol_problems(read_all(self.folders))
+        for problem in problems:
+            print(problem)
+        if not problems:
+            print(f"the results follow protocol v{VERSION}")
+        return FAILED if problems else 0

@@ -30,19 +30,22 @@ from experiments.report.sentences import PRIVILEGED
 from experiments.report.table_one import table_one_section
 from experiments.report.trials import trial_sections
 from experiments.results.grouping import Runs, conditions, without_errors
-from experiments.results.reading import read_results
+from experiments.results.reading import read_all
 from experiments.results.records import StudyResults
 from policies.storage import complete_or_absent
 
 HTML, MARKDOWN = "report.html", "report.md"
 
 
-def write_report(study: Path, out: Path | None = None, reference: str = "gp") -> Path:
+def write_report(
+    study: Path, out: Path | None = None, reference: str = "gp", *others: Path
+) -> Path:
     """Write the report of a study's folder.
 
     Args:
-        study: Folder of a `gplfd benchmark`.
+        study: Folder of a `gplfd benchmark` or `gplfd trials`.
         out: Folder for report.html, report.md and figures/; the study's by default.
+        others: Folders whose results are put together with the study's.
         reference: Policy with which the others are compared; where the study has none
             of this name, the best of those that it has.
 
@@ -55,7 +58,7 @@ def write_report(study: Path, out: Path | None = None, reference: str = "gp") ->
         OSError: A file cannot be written.
     """
     folder = study if out is None else out
-    document = report(read_results(study), study, folder, reference)
+    document = report(read_all([study, *others]), study, folder, reference)
     images: dict[str, bytes] = {}
     for picture in document.pictures:
         with paper_style():

@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -104,6 +104,35 @@ def read_results(folder: Path) -> StudyResults:
     )
 
 
+def read_all(folders: Sequence[Path]) -> StudyResults:
+    """Read the results of several folders as those of one study.
+
+    Args:
+        folders: At least one; `StudyResults.study` is the first's.
+
+    Raises:
+        FileNotFoundError: There is no such folder.
+        ValueError: One holds no result, or two hold results of the same task.
+    """
+    each = [read_results(folder) for folder in folders]
+    owner: dict[str, Path] = {}
+    for folder, results in zip(folders, each, strict=True):
+        for one in results.all:
+            if (other := owner.setdefault(one.task.key, folder)) != folder:
+                raise ValueError(
+                    f"{other} and {folder} both hold results of {one.policy}; leave "
+                    "out one of the folders"
+                )
+    return StudyResults(
+        study=each[0].study,
+        episodes=tuple(
+            sorted((one for r in each for one in r.episodes), key=_episode_order)
+        ),
+        tests=tuple(sorted((one for r in each for one in r.tests), key=_test_order)),
+        unreadable=tuple(reason for r in each for reason in r.unreadable),
+    )
+
+
 def read_files(
     files: Iterable[Path],
 ) -> tuple[list[EpisodeResult], list[LearningTestResult], list[str]]:
@@ -152,7 +181,8 @@ def _result(record: Mapping[str, Any]) -> EpisodeResult | LearningTestResult:
         "policy_source": ", ".join(f"{name} {said}" for name, said in source.items()),
     }
     if isinstance(task, EpisodeTask):
-        return _episode(task, shared)
+        shown = str(record.get("demonstrations", ""))
+        return _episode(task, shared | {"demonstrations": shown})
     return _learning_test(shared)
 
 

@@ -62,6 +62,8 @@ class EpisodeResult(TaskResult):
     """Which door was to be opened."""
     radius: float
     """Distance from hinge to handle [m], as drawn."""
+    demonstrations: str
+    """Hash of what was learned from, to a micrometre; "" if unknown."""
     drawn: bool
     """Whether the radius is drawn at random."""
     kind: str

@@ -1,6 +1,8 @@
 """What a worker does with a job: learn once, open all its doors in lockstep."""
 
 import contextlib
+import functools
+import hashlib
 import json
 import math
 import numbers
@@ -88,6 +90,12 @@ def _origin(task: Task) -> Result:
     return {"task": task.definition, **code_state()}
 
 
+def _seen(task: Task) -> Result:
+    if not isinstance(task, EpisodeTask):
+        return {}
+    return {"demonstrations": demonstrations_hash(task)}
+
+
 def _all_failed(
     tasks: Sequence[Task], error: Exception, policy: Policy | None = None
 ) -> list[Result]:
@@ -106,7 +114,7 @@ def _attempt(
     """Measure some tasks; the same error for all of them if it fails."""
     try:
         return [
-            {**_origin(task), "metrics": _plain(metrics)}
+            {**_origin(task), **_seen(task), "metrics": _plain(metrics)}
             for task, metrics in zip(tasks, measure(), strict=True)
         ]
     # Anything: a policy that cannot learn or act is a finding of the study, and one
@@ -164,12 +172,32 @@ def _learning_result(task: SkillTask, policy: Policy) -> Result:
 
 def demonstrations_of(task: EpisodeTask) -> tuple[Demonstration, ...]:
     """Let the synthetic human show what the task's policy learns from."""
-    teacher = Teacher(TeacherConfig(**task.teacher), Habits(**(task.habits or {})))
-    return teacher.demonstrate_doors(
-        task.demonstrated_radii,
-        task.demonstrations_per_door,
-        rng=np.random.default_rng(task.seed),
+    return _demonstrated(task.shown)
+
+
+@functools.lru_cache(maxsize=4)
+def _demonstrated(shown: str) -> tuple[Demonstration, ...]:
+    fields = json.loads(shown)
+    teacher = Teacher(
+        TeacherConfig(**fields["teacher"]), Habits(**(fields["habits"] or {}))
     )
+    return teacher.demonstrate_doors(
+        fields["demonstrated_radii"],
+        fields["demonstrations_per_door"],
+        rng=np.random.default_rng(fields["seed"]),
+    )
+
+
+def demonstrations_hash(task: EpisodeTask) -> str:
+    """Return a hash of what the task's policy learns from, to a micrometre.
+
+    Coarse enough to be the same on machines whose last bits differ.
+    """
+    digest = hashlib.sha256()
+    for one in demonstrations_of(task):
+        for values in (one.times, one.poses):
+            digest.update(np.rint(values * 1e6).astype(np.int64).tobytes())
+    return digest.hexdigest()[:16]
 
 
 def _learned(task: EpisodeTask, policy: Policy) -> Callable[[], Agent]:

@@ -110,6 +110,12 @@ class EpisodeTask(Task):
         object.__setattr__(self, "demonstrated_radii", radii)
 
     @property
+    def shown(self) -> str:
+        """What is demonstrated, as JSON: equal texts, equal demonstrations."""
+        fields = {name: getattr(self, name) for name in _DEMONSTRATED_BY}
+        return json.dumps(fields, sort_keys=True)
+
+    @property
     def reset_seed(self) -> int:
         """Seed of the environment's reset.
 
@@ -131,6 +137,15 @@ class SkillTask(Task):
     kind: Literal["skill"] = field(default="skill", init=False)
     """What tells it from other tasks in a file."""
 
+
+_DEMONSTRATED_BY: Final = (
+    "seed",
+    "demonstrations_per_door",
+    "teacher",
+    "demonstrated_radii",
+    "habits",
+)
+"""Fields of an episode that say what is demonstrated."""
 
 _OF_THE_DOOR: Final = (
     "door",

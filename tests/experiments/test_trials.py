@@ -1,6 +1,7 @@
 """Trials: what they consist of, and that their answers follow from the numbers."""
 
 import dataclasses
+import json
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -10,8 +11,9 @@ import pytest
 
 from experiments.cli import main
 from experiments.report.markdown import markdown_page
-from experiments.report.page import report
-from experiments.results.reading import read_results
+from experiments.report.page import report, write_report
+from experiments.results.protocol_check import protocol_problems
+from experiments.results.reading import read_all, read_results
 from experiments.results.trials import answered, of_trial, summary
 from experiments.study import jobs, runner
 from experiments.study.tasks import jobs_of, task_from
@@ -23,6 +25,7 @@ from gplfd_env.randomization import door_randomization
 from policies.registry import POLICIES
 
 MakeEpisode = Callable[..., dict[str, Any]]
+ORDINARY: dict[str, Any] = {}
 
 
 def test_every_policy_of_the_protocol_meets_the_same_draws() -> None:
@@ -265,3 +268,94 @@ def test_another_door_is_another_task() -> None:
     assert heavier.door_config["closer_preload"] == 10.0
     assert light.door_config == {**heavier.door_config, "closer_preload": 5.0}
     assert dataclasses.replace(light, level="24 N").key != heavier.key
+
+
+@pytest.fixture
+def whole(monkeypatch: pytest.MonkeyPatch, episode_result: MakeEpisode) -> Any:
+    """Return the results of a whole trial by one policy, without running it."""
+    metrics = episode_result("gp")["metrics"]
+
+    def results(policy: str = "gp") -> list[dict[str, Any]]:
+        tasks = trial_tasks(named_trials(("stop",)), policies=[policy])
+        return [
+            {
+                "task": task.definition,
+                "versions": {"gplfd": "0.1.0"},
+                "git": {"commit": "0123456789abcdef", "dirty": False},
+                "demonstrations": jobs.demonstrations_hash(task),
+                "metrics": metrics,
+            }
+            for task in tasks
+            if task.policy == policy
+        ]
+
+    return results
+
+
+def test_a_whole_trial_follows_the_protocol(
+    write_study: Callable, whole: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_study([*whole(), *whole("hinge-fit")])
+    assert protocol_problems(read_results(folder)) == []
+    assert main(["report", str(folder), "--check"]) == 0
+    assert capsys.readouterr().out == "the results follow protocol v1\n"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (
+            lambda r: r.pop(),
+            "gp: 1 of 20 are missing: stop, stop, medium, seed 19",
+        ),
+        (
+            lambda r: r[3]["task"].update(disturbance="push"),
+            "gp: 1 are not the protocol",
+        ),
+        (
+            lambda r: r[2].update(demonstrations="0"),
+            "1 episodes were learned from other demonstrations, or do not say from "
+            "which: stop, stop, medium, seed 2",
+        ),
+        (lambda r: r[2]["git"].update(dirty=True), "made by code with edits"),
+        (
+            lambda r: r[2]["git"].update(commit="f" * 16),
+            "made by 2 versions of the code",
+        ),
+        (lambda r: r[5].update(error="no"), "gp: 1 episodes ended in an error"),
+        (lambda r: r[5]["metrics"].clear(), "not a result: 0005.json"),
+        (lambda r: r.clear() or r.append(ORDINARY), "there is no episode of a trial"),
+    ],
+)
+def test_what_does_not_follow_the_protocol_is_named(
+    spoil: Any,
+    message: str,
+    write_study: Callable,
+    whole: Any,
+    episode_result: MakeEpisode,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    ORDINARY.update(episode_result("gp"))
+    results = json.loads(json.dumps(whole()))
+    spoil(results)
+    folder = write_study(results)
+    assert main(["report", str(folder), "--check"]) == 1
+    assert message in capsys.readouterr().out
+
+
+def test_results_of_others_are_put_beside(
+    tmp_path: Any, write_study: Callable, whole: Any
+) -> None:
+    first = write_study(whole()).rename(tmp_path / "first")
+    second = write_study(whole("hinge-fit")).rename(tmp_path / "second")
+    page = write_report(first, tmp_path / "out", "gp", second)
+    assert "`hinge-fit` (reference) | 20/20" in page.with_suffix(".md").read_text()
+    with pytest.raises(ValueError, match="both hold results of gp; leave out one"):
+        read_all([first, second, write_study(whole()[:1])])
+
+
+def test_the_same_demonstrations_have_the_same_hash() -> None:
+    first, *others = trial_tasks(named_trials(("stop", "messy")), part="small")
+    hashes = {task.shown: jobs.demonstrations_hash(task) for task in (first, *others)}
+    # Two seeds, tidy and messy.
+    assert len(hashes) == len(set(hashes.values())) == 4
