@@ -18,7 +18,7 @@ from experiments.datasets.npz import (
     save_demonstrations,
 )
 from experiments.episodes.agents import learned, reported_errors
-from experiments.episodes.doors import named_doors
+from experiments.episodes.doors import named_doors, reset_seed
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import EpisodeMetrics, episode_metrics
 from experiments.episodes.rollout import Progress, rollout
@@ -259,6 +259,7 @@ def _open(run: _Run, door: str) -> EpisodeMetrics:
 
 def _watched_rollout(env: gym.Env[Any, Any], run: _Run, door: str) -> EpisodeLog:
     """Run the episode behind a progress bar and return its log."""
+    drawn = not run.randomization == run.disturbance == "none"
     with progress_bar(desc=door, unit=" s simulated") as bar:
 
         def show(progress: Progress) -> None:
@@ -271,6 +272,6 @@ def _watched_rollout(env: gym.Env[Any, Any], run: _Run, door: str) -> EpisodeLog
             run.agents[door],
             policy=run.name,
             door=door,
-            seed=run.seed,
+            seed=reset_seed(run.seed, door, drawn=drawn),
             on_step=show,
         )

@@ -1,8 +1,24 @@
 """Doors as people name them on a command line or in a file."""
 
+import hashlib
 from collections.abc import Sequence
 
 from gplfd_env.config import DoorConfig, door_config
+
+
+def reset_seed(seed: int, door: str, *, drawn: bool) -> int:
+    """Return the seed of an environment's reset.
+
+    Args:
+        seed: Of teacher, policy and environment.
+        door: Name of the door.
+        drawn: Whether the reset draws anything: then every door of a seed draws for
+            itself, the same for all policies.
+    """
+    if not drawn:
+        return seed
+    digest = hashlib.sha256(f"{seed} {door}".encode()).digest()
+    return int.from_bytes(digest[:4]) % 1_000_000_000
 
 
 def named_doors(doors: Sequence[str]) -> dict[str, DoorConfig]:

@@ -29,6 +29,8 @@ def header(results: StudyResults) -> tuple[Block, ...]:
     if failed := sum(bool(one.error) for one in results.tests):
         tests = f"{failed} of {len(results.tests)} learning tests ended in an error."
         warnings.append(tests)
+    if mixed := _of_several_sources(results.all):
+        warnings.append(f"Results of {names(mixed)} were made by more than one source.")
     if results.unreadable:
         warnings.append(f"{_LEFT_OUT}: {len(results.unreadable)}.")
     warning = " ".join(filter(None, warnings))
@@ -103,11 +105,14 @@ def _sources(results: Sequence[TaskResult]) -> list[Block]:
     if texts:
         blocks.append(Paragraph(text="Policies that are not this project's:"))
         blocks.append(Items(texts=tuple(texts)))
-    times = Counter(policy for policy, _ in own)
-    if several := [policy for policy, number in times.items() if number > 1]:
-        text = f"Results of {names(several)} were made by more than one source."
-        blocks.append(Paragraph(text=text, warning=True))
     return blocks
+
+
+def _of_several_sources(results: Sequence[TaskResult]) -> list[str]:
+    """Return the policies whose file was edited between two parts of a study."""
+    sources = {(one.policy, one.policy_source) for one in results}
+    times = Counter(policy for policy, _ in sources)
+    return sorted(policy for policy, number in times.items() if number > 1)
 
 
 def _machine(study: Mapping[str, Any]) -> list[Block]:

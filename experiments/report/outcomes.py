@@ -30,6 +30,13 @@ _TOGETHER: Final = (
     ("latency_median_ms",),
 )
 """Metrics of a column, the first above the second."""
+_DISTURBED: Final = (
+    ("person_force_peak", "person_force_sustained"),
+    ("stop_force_peak", "stop_force_sustained"),
+    ("push_displacement_mm",),
+    ("release_speed", "recovery_time"),
+)
+"""The same of what a disturbance did, where there was one."""
 _FAILURES: Final = {
     "stalled": "the hand held on and the door gained no more angle",
     "grasp lost": "the handle left the hand",
@@ -91,6 +98,9 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, Cell]:
         columns[f"to {angle}°"] = partial(_rate, methodcaller("opened", angle))
     for metrics in _TOGETHER:
         columns |= medians(*map(EPISODE_MEASURES.__getitem__, metrics))
+    for metrics in _DISTURBED:
+        if any(one.number(metrics[0]) for one in _episodes(conditions)):
+            columns |= medians(*map(EPISODE_MEASURES.__getitem__, metrics))
     columns[f"above {ADA_FORCE} N"] = _above
     for reason in _reasons(conditions):
         columns[literal(reason)] = partial(_count, reason)

@@ -97,6 +97,9 @@ def report(
         reference = best
     sections = [*trial_sections(results.episodes)]
     if first:
+        if len(shown) > 1:
+            text = f"**{next(iter(shown))}**; the other {len(shown) - 1} below:"
+            lead.append(Paragraph(text=text))
         lead += [standing(first, reference), _how_to_read(first)]
         sections += [_opened(shown, first, reference), _paired(ran, reference)]
     sections += [
@@ -114,13 +117,15 @@ def report(
 
 def _opened(shown: Mapping[str, Runs], first: Runs, reference: str) -> Section:
     """All conditions in one table, its details, and plots of the first condition."""
+    title, several = next(iter(shown)), len(shown) > 1
     return Section(
         title="Doors opened",
         anchor="doors",
         blocks=(
-            *([Paragraph(text=f"{next(iter(shown))}.")] if len(shown) == 1 else []),
+            *([] if several else [Paragraph(text=f"{title}.")]),
             outcome_table(shown),
             *outcome_details(shown),
+            *([Paragraph(text=f"Plots: {title}.")] if several else []),
             *_plots(first, reference),
         ),
     )

@@ -115,6 +115,13 @@ EPISODE_MEASURES: Final = {
         PREDICTION_ERROR,
         Measure("stability_margin_translation", "stability margin [N/(m·s)]", digits=0),
         Measure("latency_median_ms", "decision [ms]", "CPU time of a decision"),
+        Measure("person_force_peak", "on a person [N]", digits=1),
+        Measure("person_force_sustained", "for 0.5 s [N]", digits=1),
+        Measure("stop_force_peak", "on a stop [N]", digits=1),
+        Measure("stop_force_sustained", "for 0.5 s [N]", digits=1),
+        Measure("push_displacement_mm", "moved by a push [mm]", digits=1),
+        Measure("release_speed", "after release [rad/s]"),
+        Measure("recovery_time", "to recover [s]"),
     )
 }
 """Measures of episodes by the metric of each."""

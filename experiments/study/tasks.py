@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
+from experiments.episodes.doors import reset_seed
 from experiments.learning_tests.folds import HeldOut
 from experiments.teacher import DEMONSTRATED_RADII, standard_teacher
 
@@ -117,15 +118,9 @@ class EpisodeTask(Task):
 
     @property
     def reset_seed(self) -> int:
-        """Seed of the environment's reset.
-
-        Where something is drawn every door of a seed draws for itself, and all policies
-        the same.
-        """
-        if self.randomization == self.disturbance == "none":
-            return self.seed
-        drawn = hashlib.sha256(f"{self.seed} {self.door}".encode())
-        return int.from_bytes(drawn.digest()[:4]) % 1_000_000_000
+        """Seed of the environment's reset."""
+        drawn = not self.randomization == self.disturbance == "none"
+        return reset_seed(self.seed, self.door, drawn=drawn)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -211,15 +211,26 @@ def test_an_interruption_leaves_only_complete_files(
 def test_a_run_in_a_randomized_world_says_which_door_it_was(
     gplfd: Gplfd, tmp_path: Path
 ) -> None:
-    common = ["--doors", "small", "--policy", "oracle", "--seed", "3"]
+    common = ["--doors", "small", "large", "--policy", "oracle", "--seed", "3"]
     assert gplfd("run", *common, "--randomization", "hard", "--out", "hard") == 0
     assert gplfd("run", *common, "--out", "none") == 0
     hard, none = (
         EpisodeLog.load(tmp_path / name / "small.npz") for name in ("hard", "none")
     )
     assert none.door_config["hinge_friction"] != hard.door_config["hinge_friction"]
+    other = EpisodeLog.load(tmp_path / "hard" / "large.npz")
+    assert other.radius != hard.radius, "each door of a run draws for itself"
     config = json.loads((tmp_path / "hard" / "run.json").read_text())["config"]
     assert config["randomization"] == "hard"
+
+
+def test_a_run_may_be_disturbed(gplfd: Gplfd, tmp_path: Path) -> None:
+    run = ["run", "--doors", "medium", "--policy", "oracle", "--out", "held"]
+    assert gplfd(*run, "--disturbance", "person") == 0
+    assert EpisodeLog.load(tmp_path / "held" / "medium.npz").person_force.max() > 10.0
+    (metrics,) = json.loads((tmp_path / "held" / "metrics.json").read_text())
+    assert metrics["person_force_peak"] > 10.0
+    assert gplfd(*run, "--disturbance", "persn") == 2
 
 
 def test_list_names_everything(

@@ -263,7 +263,7 @@ def test_a_user_s_policy_is_everywhere(
 def test_two_sources_of_one_policy_are_a_warning(results, write_study):
     results[0]["task"]["policy_source"] = {"file": "a.py", "sha256": "1"}
     _, text = pages(write_study(results))
-    assert "> **Mind:** Results of `gp` were made by more than one source." in text
+    assert "Results of `gp` were made by more than one source." in text
 
 
 def test_recordings_have_safe_names_of_their_own():

@@ -439,3 +439,34 @@ def test_both_writers_keep_cells_apart():
     assert "<details><summary>&lt;D&gt;</summary>" in page
     assert '<p class="warning">mind</p>' in page
     Page(page)
+
+
+def test_the_first_condition_is_named_and_disturbances_have_columns(
+    study, episode_result
+):
+    results = []
+    for seed in range(6):
+        calm = episode_result("gp", seed)
+        held = episode_result("gp", seed, disturbance="person")
+        held["metrics"] |= {"person_force_peak": 33.0, "release_speed": 0.47}
+        results += [calm, held] if seed else [held]
+    text = markdown(study(results))
+    lead = text.partition("## ")[0]
+    assert (
+        "**2 demonstrations per door, teacher noise × 1, randomization none, "
+        "disturbance person**; the other 1 below:" in lead
+    )
+    assert "Plots: 2 demonstrations per door" in text
+    rows = cells(text)
+    assert rows["gp"]["on a person [N]<br>for 0.5 s [N]"] in (
+        "33.0<br>0.0",
+        "0.0<br>0.0",
+    )
+    assert "33.0<br>0.0" in text
+    assert "on a stop" not in text
+
+
+def test_undisturbed_studies_have_no_columns_of_disturbances(study, policies):
+    text = markdown(study(policies))
+    assert "on a person" not in text
+    assert "; the other" not in text

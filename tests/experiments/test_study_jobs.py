@@ -196,6 +196,7 @@ def test_a_policy_that_cannot_learn_is_asked_once(
         raise KeyError("a mistake in the code")
 
     monkeypatch.setattr(jobs.Teacher, "demonstrate_doors", fail)
+    jobs._demonstrated.cache_clear()
     results = run_job((task(door=0.35), task(door=0.5)))
     assert [result["error"] for result in results] == [
         "KeyError: 'a mistake in the code'"
