@@ -34,7 +34,7 @@ SEEDS: Final = 20
 REFERENCES: Final = ("hinge-fit", "reflex", "chord", "compliant-pull", "oracle")
 """Policies that learn nothing from a demonstration; the line to be measured against."""
 
-EVERYWHERE: Final = (*TABLE_1, *REFERENCES)
+EVERYWHERE: Final = (*TABLE_1, "tp-gmm", *REFERENCES)
 """Policies that take part in every trial."""
 
 Part = Literal["whole", "small"]
