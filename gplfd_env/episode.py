@@ -123,19 +123,21 @@ class Episode:
         return self._delay is None and self._intervention is None
 
     @property
-    def _outside(self) -> tuple[float, float, float, float, Vector]:
-        """What came from outside: push, person's force and energy, base shift."""
+    def _outside(self) -> tuple[float, float, float, float, float, Vector]:
+        """What came from outside, in the order of `NUMBERS`, and the base's shift."""
         outside = self._intervention
         if outside is None:
-            return 0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)
-        shift = outside.base_shift
-        size = math.hypot(*shift)
+            return 0.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)
+        # A door may also reach the end of its hinge: that is no disturbance.
+        blocked = self.variation.disturbance.stop is not None
+        torque = self._reading.stop_torque if blocked else 0.0
         return (
             outside.push_force,
             outside.person_force,
             outside.person_energy,
-            size,
-            shift,
+            math.hypot(*outside.base_shift),
+            torque / self.variation.door.radius,
+            outside.base_shift,
         )
 
     @property
@@ -170,7 +172,6 @@ class Episode:
             radial,
             vertical,
             *measured,
-            reading.stop_torque / self.variation.door.radius,
             x - dx,
             y - dy,
             z - dz,

@@ -98,8 +98,9 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, Cell]:
         columns[f"to {angle}°"] = partial(_rate, methodcaller("opened", angle))
     for metrics in _TOGETHER:
         columns |= medians(*map(EPISODE_MEASURES.__getitem__, metrics))
+    disturbed = [one for one in _episodes(conditions) if one.task.disturbance != "none"]
     for metrics in _DISTURBED:
-        if any(one.number(metrics[0]) for one in _episodes(conditions)):
+        if any(one.number(metrics[0]) for one in disturbed):
             columns |= medians(*map(EPISODE_MEASURES.__getitem__, metrics))
     columns[f"above {ADA_FORCE} N"] = _above
     for reason in _reasons(conditions):

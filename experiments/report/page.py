@@ -145,10 +145,10 @@ def _paired(ran: Mapping[str, Runs], reference: str) -> Section:
 
 def _how_to_read(runs: Runs) -> Paragraph:
     text = (
-        "Numbers are compared pair by pair, at the same tasks (for forces, times and "
-        "slip: doors that both opened), not by their medians: typical difference, its "
-        "95 % interval, number of pairs. Beaten: the interval leaves zero out, or the "
-        "rate is below the best's interval."
+        "Policies are compared seed by seed, by their mean difference on the tasks of "
+        "a seed that both ran (for forces, times and slip: doors that both opened), "
+        "not by their medians: typical difference, its 95 % interval, number of seeds. "
+        "Beaten: the interval leaves zero out."
     )
     if privileged := sorted(PRIVILEGED & runs.keys()):
         text += (

@@ -362,6 +362,17 @@ def test_spec_survives_json(name: str) -> None:
         twin.close()
 
 
+def test_the_end_of_the_hinge_is_no_disturbance(
+    make_env: Callable, release_handle: Callable
+) -> None:
+    for disturbance, blocked in (("push", False), ({"stop": {"angle": 1.6}}, True)):
+        env = free_door(make_env, release_handle, disturbance)
+        env.data.joint("hinge").qpos, env.data.joint("hinge").qvel = 1.5, 2.0
+        forces = [env.step(REST)[-1]["stop_force"] for _ in range(40)]
+        assert (max(forces) > 1.0) == blocked
+        assert env._episode._reading.angle > 1.5
+
+
 def test_nothing_happens_by_default(make_env: Callable) -> None:
     env = make_env()
     _, info = env.reset(seed=0)
