@@ -1,6 +1,7 @@
 """What a command reports on stderr while it works; nothing but warnings when quiet."""
 
 import logging
+import sys
 from collections.abc import Iterable
 from typing import Any, Final
 
@@ -24,3 +25,28 @@ def progress_bar(
     # To tqdm None means: where stderr is a terminal.
     disable = not wanted if anywhere or not wanted else None
     return tqdm(items, **{"leave": False, "disable": disable} | options)
+
+
+def counter(unit: str, total: int, done: int) -> "tqdm[Any]":
+    """Say how much of a long work is done, and return a bar that counts the rest.
+
+    Where nobody watches, it writes a line now and then.
+
+    Args:
+        unit: What is counted.
+        total: How many there are.
+        done: How many of them were done before.
+    """
+    LOG.info("%d %ss, %d of them done already", total, unit, done)
+    pause = 0.5 if sys.stderr.isatty() else 30.0
+    return progress_bar(
+        total=total,
+        initial=done,
+        unit=unit,
+        mininterval=pause,
+        maxinterval=pause,
+        # Policies differ by the time they take: the mean says most.
+        smoothing=0.0,
+        leave=True,
+        anywhere=True,
+    )

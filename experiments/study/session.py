@@ -1,7 +1,6 @@
 """One go at a study: settings kept, missing tasks run behind a bar, errors reported."""
 
 import contextlib
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -9,7 +8,7 @@ from typing import Any, Final
 from experiments.arguments import check_folder
 from experiments.files.plain_data import write_json
 from experiments.files.provenance import provenance
-from experiments.progress import LOG, progress_bar
+from experiments.progress import LOG, counter
 from experiments.study.engines import Engine
 from experiments.study.runner import run_study
 from experiments.study.store import (
@@ -68,22 +67,9 @@ def carry_out(
 def _run(study: Sequence[Task], folder: Path, engine: Engine) -> None:
     """Run what is missing behind a progress bar that counts tasks."""
     done = sum(is_finished(stored_result(folder, task)) for task in study)
-    LOG.info("%d tasks, %d of them done already", len(study), done)
-    # Where nobody watches, a line now and then is enough.
-    pause = 0.5 if sys.stderr.isatty() else 30.0
     with (
         contextlib.closing(run_study(folder, study, engine)) as results,
-        progress_bar(
-            total=len(study),
-            initial=done,
-            unit="task",
-            mininterval=pause,
-            maxinterval=pause,
-            # Policies differ by the time they take: the mean says most.
-            smoothing=0.0,
-            leave=True,
-            anywhere=True,
-        ) as bar,
+        counter("task", len(study), done) as bar,
     ):
         for _ in results:
             bar.update()

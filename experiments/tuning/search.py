@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +11,7 @@ from experiments.arguments import check_folder
 from experiments.files.plain_data import entry, read_json, write_json
 from experiments.files.provenance import code_state, provenance
 from experiments.files.table import Table, text_table
-from experiments.progress import LOG, progress_bar
+from experiments.progress import LOG, counter
 from experiments.study.engines import Engine, Lost
 from experiments.tuning.candidates import STANDARD, Candidate, Protocol, candidates
 from experiments.tuning.objective import (
@@ -72,20 +71,9 @@ def tune(
 def _run(every: Sequence[Candidate], folder: Path, engine: Engine) -> None:
     missing = [one for one in every if not _is_finished(_stored(folder, one))]
     done = len(every) - len(missing)
-    LOG.info("%d candidates, %d of them done already", len(every), done)
-    pause = 0.5 if sys.stderr.isatty() else 30.0
     with (
         contextlib.closing(engine.run(evaluate, missing)) as finished,
-        progress_bar(
-            total=len(every),
-            initial=done,
-            unit="candidate",
-            mininterval=pause,
-            maxinterval=pause,
-            smoothing=0.0,
-            leave=True,
-            anywhere=True,
-        ) as bar,
+        counter("candidate", len(every), done) as bar,
     ):
         for candidate, outcome in finished:
             write_json(_path(folder, candidate), _evaluation(candidate, outcome))
