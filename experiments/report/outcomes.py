@@ -23,6 +23,7 @@ _TOGETHER: Final = (
     ("time_to_60_deg", "time_to_30_deg"),
     ("force_tangential_peak", "force_tangential_p95"),
     ("force_radial_peak", "force_radial_p95"),
+    ("force_handle_peak", "door_acceleration_peak"),
     ("slip_max_mm",),
     ("work",),
     ("prediction_error_position",),

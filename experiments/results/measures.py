@@ -115,6 +115,8 @@ EPISODE_MEASURES: Final = {
         PREDICTION_ERROR,
         Measure("stability_margin_translation", "stability margin [N/(m·s)]", digits=0),
         Measure("latency_median_ms", "decision [ms]", "CPU time of a decision"),
+        _of_opened("force_handle_peak", "handle peak [N]"),
+        _of_opened("door_acceleration_peak", "door |φ̈| [rad/s²]"),
         Measure("person_force_peak", "on a person [N]", digits=1),
         Measure("person_force_sustained", "for 0.5 s [N]", digits=1),
         Measure("stop_force_peak", "on a stop [N]", digits=1),
