@@ -87,7 +87,8 @@ def causes_of(log: EpisodeLog) -> tuple[str, ...]:
 
 
 def from_outside(part: Part) -> Iterator[Chunk]:
-    """Curves, limits, balls and texts of what happens in a part of an episode."""
+    """Balls, curves, limits and texts of what happens in a part of an episode."""
+    yield from balls(part)
     for name, cause in CAUSES.items():
         happened = cause.acts(part.log)
         if (due := _due(part, happened)) is None:
@@ -96,13 +97,19 @@ def from_outside(part: Part) -> Iterator[Chunk]:
         path = f"{panels.ROOT}/{PANEL}/{name}"
         line = panels.Line(name, colours.OUTSIDE)
         yield from panels.lines(due, index, path, {line: cause.curve(part.log)})
-        yield from _ball(due, name)
         yield from _texts(part, name)
     for limit in LIMITS:
         near = part.log.person_force >= 0.5 * limit
         if (due := _due(part, near)) is not None:
             path = f"{panels.ROOT}/{PANEL}/allowed_{limit:g}"
             yield from panels.levels(due, path, (limit,), colours.LIMIT)
+
+
+def balls(part: Part) -> Iterator[Chunk]:
+    """A ball above the hand while something acts, with its name and strength."""
+    for name, cause in CAUSES.items():
+        if (due := _due(part, cause.acts(part.log))) is not None:
+            yield from _ball(due, name)
 
 
 def _ball(part: Part, name: str) -> Iterator[Chunk]:

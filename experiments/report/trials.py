@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Final
 
 from experiments.files.table import Table
 from experiments.report.document import Block, Items, Paragraph, Section, code
+from experiments.report.recordings import trial_recording
 from experiments.results.measures import number_text
 from experiments.results.records import EpisodeResult
 from experiments.results.statistics import Rate, Shift
@@ -25,8 +27,16 @@ Levels = Mapping[str, Sequence[EpisodeResult]]
 _VERDICTS: Final = {"shows": "**shows**", "harms": "does harm", "open": "not shown"}
 
 
-def trial_sections(episodes: Iterable[EpisodeResult]) -> tuple[Section, ...]:
-    """Return what trials answer: first all ideas together, then trial after trial."""
+def trial_sections(
+    episodes: Iterable[EpisodeResult], study: Path, page: Path
+) -> tuple[Section, ...]:
+    """Return what trials answer: first all ideas together, then trial after trial.
+
+    Args:
+        episodes: Of a study.
+        study: Its folder, for links to recordings.
+        page: Folder in which the page will be.
+    """
     every = list(episodes)
     found = {name: of_trial(every, name) for name in TRIALS}
     held = {name: own for name, own in found.items() if own}
@@ -42,7 +52,10 @@ def trial_sections(episodes: Iterable[EpisodeResult]) -> tuple[Section, ...]:
             Section(
                 title=f"Trial: {name}",
                 anchor=f"trial-{name}",
-                blocks=tuple(_trial(TRIALS[name], own, answers[name])),
+                blocks=(
+                    *_trial(TRIALS[name], own, answers[name]),
+                    *trial_recording(study, page, name),
+                ),
             )
             for name, own in held.items()
         ),
