@@ -92,7 +92,7 @@ def report(
         text = f"{code(reference)} is not in this study; {code(best)} takes its place."
         lead.append(Paragraph(text=text))
         reference = best
-    sections = [*trial_sections(results.episodes, study, folder)]
+    sections = [*trial_sections(results.episodes, study, folder, reference)]
     if first:
         lead += [standing(first, reference), _how_to_read(first)]
         sections += [_opened(shown, first, reference), _paired(ran, reference)]

@@ -1,4 +1,4 @@
-"""Which episodes of a trial are recorded side by side, and where the report links it."""
+"""Which episodes of a trial are recorded side by side, and how they are linked."""
 
 import json
 from collections.abc import Callable
