@@ -6,12 +6,14 @@ are run again, and their numbers are compared with the stored ones.
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 from experiments.files.plain_data import write_json
 from experiments.progress import LOG
 from experiments.recording import record_episode
+from experiments.recording.compared import RADIAL
 from experiments.recording.comparison import record_comparison
 from experiments.repetition import Repeated, repeat
 from experiments.report.recordings import (
@@ -87,7 +89,7 @@ def _record_comparisons(
     for file, radius in zip(COMPARISONS, shown, strict=True):
         if compared := same_door(episodes, radius, reference):
             LOG.info("recording %s", file)
-            entries.append(_compare(out / file, compared))
+            entries.append(compare(out / file, compared))
     return entries
 
 
@@ -142,14 +144,31 @@ def _rank(one: EpisodeResult) -> tuple[bool, float, float, str]:
     )
 
 
-def _compare(path: Path, compared: Mapping[str, EpisodeResult]) -> dict[str, Any]:
-    """Record policies side by side; leave out those that cannot be run again."""
-    found = [_repeated(episode) for episode in compared.values()]
-    repeated = [again for again, _ in found if again is not None]
+def compare(
+    path: Path,
+    compared: Mapping[str, EpisodeResult],
+    measure: str = RADIAL,
+    heading: str = "",
+) -> dict[str, Any]:
+    """Record episodes side by side; leave out those that cannot be run again.
+
+    Args:
+        path: File to write.
+        compared: Episodes on one door, by what each is called in the recording.
+        measure: What they are compared by.
+        heading: Of the recording's page.
+
+    Returns:
+        What the index says of the file.
+    """
+    found = {name: _repeated(episode) for name, episode in compared.items()}
+    repeated = {name: again for name, (again, _) in found.items() if again is not None}
     if repeated:
-        logs = [again.log for again in repeated]
-        record_comparison(path, logs, repeated[0].model, repeated[0].demonstrations)
-    entries = [entry for _, entry in found]
+        logs = [replace(again.log, policy=name) for name, again in repeated.items()]
+        one = next(iter(repeated.values()))
+        shown = (logs, one.model, one.demonstrations)
+        record_comparison(path, *shown, measure=measure, heading=heading)
+    entries = [entry for _, entry in found.values()]
     return {"file": path.name if repeated else None, "episodes": entries}
 
 

@@ -46,6 +46,9 @@ class Trials:
     address: Annotated[str | None, tyro.conf.arg(metavar="tcp://HOST:PORT")] = None
     """Scheduler of the Dask cluster."""
 
+    record: bool = False
+    """Also record a comparison per trial: who decides it, side by side."""
+
     quiet: tyro.conf.FlagCreatePairsOff[bool] = False
     """Show no progress, only results and what went wrong."""
 
@@ -61,5 +64,10 @@ class Trials:
         )
         engine = engine_named(self.engine, workers=self.workers, address=self.address)
         errors = carry_out(tasks, recorded(self), self.out, engine)
+        if self.record:
+            with postponed_interruption():
+                from experiments.trial_recordings import record_trials
+
+            record_trials(self.out)
         print(f"results are in {self.out}; read them:  gplfd report {self.out}")
         return FAILED if errors else 0

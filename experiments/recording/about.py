@@ -8,6 +8,7 @@ from rerun.chunk import Chunk
 from experiments.episodes.log import EpisodeLog
 from experiments.files.provenance import versions
 from experiments.recording.layout import TEXT
+from experiments.recording.outside import causes_of
 from experiments.recording.stream import static
 
 
@@ -25,6 +26,9 @@ def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk
     door = ", ".join(
         f"{name.replace('_', ' ')} {value:g}" for name, value in log.door_config.items()
     )
+    outside = ", ".join(causes_of(log))
+    if outside:
+        outside = f"- **from outside** (white, a ball above the hand): {outside}\n"
     text = f"""\
 ### {log.door} door, policy `{log.policy}`: {end if ended else "being opened"}
 
@@ -40,6 +44,6 @@ door's force on the hand, 10 cm per 10 N.
 - **door**: {door} (SI)
 - **demonstrations**: {n_demonstrations}; **seed**: {log.seed}; **control period**: \
 {1e3 * log.dt:g} ms
-- {", ".join(f"{name} {version}" for name, version in versions().items())}
+{outside}- {", ".join(f"{name} {version}" for name, version in versions().items())}
 """
     return static(TEXT, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))

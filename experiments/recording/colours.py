@@ -15,6 +15,8 @@ HAND: Final[Colour] = (250, 220, 90)
 """The hand's measured motion; the via-points are samples of it."""
 LEAF: Final[Colour] = (200, 165, 120)
 FORCE: Final[Colour] = (255, 92, 92)
+OUTSIDE: Final[Colour] = (245, 245, 245)
+"""What neither robot nor door does."""
 AXIS_X: Final[Colour] = (255, 159, 67)
 """Along the pull, in the panels of uncertainty and stiffness."""
 AXIS_Z: Final[Colour] = (84, 190, 255)

@@ -18,18 +18,21 @@ from rerun.chunk import Chunk
 from experiments.episodes.log import EpisodeLog
 from experiments.recording import colours, motion
 from experiments.recording.colours import Colour
+from experiments.recording.compared import MEASURED, RADIAL, Measured
 from experiments.recording.comparison_layout import (
     ABOUT,
     ANGLE,
-    FORCE,
     OVERLAY,
+    PLOTS,
     ROW,
     SPACING,
+    below,
     comparison_layout,
     robot_entity,
 )
 from experiments.recording.episode import check_model, stage_setting
 from experiments.recording.motion import hand_motion, policy_motion
+from experiments.recording.outside import balls
 from experiments.recording.part import Part
 from experiments.recording.scene import moved_scene
 from experiments.recording.stream import moving, recording_file, seconds, static
@@ -62,6 +65,8 @@ def record_comparison(
     logs: Sequence[EpisodeLog],
     model: mujoco.MjModel,
     demonstrations: Sequence[Demonstration],
+    measure: str = RADIAL,
+    heading: str = "",
 ) -> None:
     """Write an .rrd in which policies open the same door, complete or not at all.
 
@@ -70,6 +75,8 @@ def record_comparison(
         logs: An episode per policy, on the same door; the first stands leftmost.
         model: Model that the episodes ran in.
         demonstrations: What the policies learned from, poses in the task frame.
+        measure: What they are compared by, one of `MEASURED`.
+        heading: Of the page beside them; their number and door if it is empty.
 
     Raises:
         ValueError: No log or too many, a policy twice, different doors, or a log that
@@ -77,9 +84,13 @@ def record_comparison(
         OSError: The file cannot be written.
     """
     _check(logs, model)
-    with recording_file(path, comparison_layout(logs, model)) as stream:
+    measured = MEASURED[measure]
+    about = _about(logs, measured, heading)
+    with recording_file(path, comparison_layout(logs, model, measured)) as stream:
         stream.send_recording_name(f"{logs[0].door} door, {len(logs)} policies")
-        stream.send_chunks(_everything(logs, model, demonstrations))
+        page = rr.TextDocument(about, media_type="text/markdown")
+        stream.send_chunks(static(ABOUT, page))
+        stream.send_chunks(_everything(logs, model, demonstrations, measured))
 
 
 def _check(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> None:
@@ -103,14 +114,14 @@ def _everything(
     logs: Sequence[EpisodeLog],
     model: mujoco.MjModel,
     demonstrations: Sequence[Demonstration],
+    measured: Measured,
 ) -> Iterator[Chunk]:
-    yield static(ABOUT, rr.TextDocument(_about(logs), media_type="text/markdown"))
     radius = logs[0].radius
     yield from _moved_to(OVERLAY, motion.door_frame(model, radius, demonstrations))
     yield from _success_line(logs)
     for number, (log, colour) in enumerate(zip(logs, COLOURS, strict=False)):
         yield from _robot(number, log, colour, model)
-        yield from _curves(log, colour)
+        yield from _curves(log, colour, measured)
 
 
 def _robot(
@@ -120,9 +131,13 @@ def _robot(
     root, part = robot_entity(log.policy), Part(log=log)
     place = rr.Transform3D(translation=SPACING * number * ROW)
     yield static(f"{root}/world", place)
-    overlay, hand = f"{OVERLAY}{motion.ROOT}/paths/{log.policy}", hand_motion(part)
+    overlay, hand = (
+        below(f"{OVERLAY}{motion.ROOT}/paths", log.policy),
+        hand_motion(part),
+    )
     yield from _moved_to(root, stage_setting(log, model, []))
     yield from _moved_to(root, [*moved_scene(model, part), *policy_motion(part), *hand])
+    yield from _moved_to(root, balls(part))
     for chunk in hand:
         if chunk.entity_path == _TRAIL:
             yield chunk.with_entity_path(overlay)
@@ -135,13 +150,13 @@ def _robot(
     yield static(f"{root}{motion.ROOT}/label", label)
 
 
-def _curves(log: EpisodeLog, colour: Colour) -> Iterator[Chunk]:
+def _curves(log: EpisodeLog, colour: Colour, measured: Measured) -> Iterator[Chunk]:
     index = seconds(log.times)
     for panel, values in (
         (ANGLE, np.degrees(log.door_angle)),
-        (FORCE, np.abs(log.force_radial)),
+        (f"{PLOTS}/{measured.panel}", measured.values(log)),
     ):
-        entity = f"{panel}/{log.policy}"
+        entity = below(panel, log.policy)
         yield static(
             entity, rr.SeriesLines(colors=colour, widths=1.5, names=log.policy)
         )
@@ -169,24 +184,24 @@ def _label(log: EpisodeLog) -> str:
     return f"{log.policy}: {'opened' if log.success else f'{ended} at {angle:.0f}°'}"
 
 
-def _about(logs: Sequence[EpisodeLog]) -> str:
-    first = logs[0]
+def _about(logs: Sequence[EpisodeLog], measured: Measured, heading: str) -> str:
+    first, (greatest, unit) = logs[0], measured.greatest
     rows = "\n".join(
         f"| {log.policy} | "
         f"{'opened' if log.success else log.failure.replace('_', ' ')} | "
         f"{math.degrees(float(log.door_angle.max())):.0f}° | "
-        f"{float(np.abs(log.force_radial).max()):.1f} N |"
+        f"{float(measured.values(log).max()):.1f} {unit} |"
         for log in logs
     )
     return f"""\
-### {len(logs)} policies at the {first.door} door
+### {heading or f"{len(logs)} policies at the {first.door} door"}
 
-| policy | outcome | widest | radial peak |
+| policy | outcome | widest | {greatest} |
 |---|---|---|---|
 {rows}
 
 All learned from the same demonstrations and are at the same door (handle at \
-{first.radius:g} m, seed {first.seed}), on one clock. **Radial force** does no work: \
-it tells that the path does not fit the door. The tube is what a policy believes the \
-rest of the motion to be, ±1.96 σ; green is the handle's true arc.
+{first.radius:g} m, seed {first.seed}), on one clock. {measured.meaning} The tube is \
+what a policy believes the rest of the motion to be, ±1.96 σ; green is the handle's \
+true arc.
 """

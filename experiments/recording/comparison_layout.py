@@ -6,17 +6,20 @@ from typing import Final
 
 import mujoco
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
 from experiments.episodes.log import EpisodeLog
 from experiments.recording import motion
+from experiments.recording.compared import Measured
 from experiments.recording.kinematics import task_frame
 from experiments.recording.layout import Eye, as_chunks, only, view_3d
 
 ABOUT: Final = "/about"
 """Entity of the page that explains the view."""
-ANGLE, FORCE = "/plots/angle", "/plots/radial"
+PLOTS: Final = "/plots"
+ANGLE: Final = f"{PLOTS}/angle"
 OVERLAY: Final = "/overlay"
 """Entity of the one door on which all paths are laid over each other."""
 
@@ -30,21 +33,27 @@ ROW: Final = np.array([-math.sin(_TURN), -math.cos(_TURN), 0.0])
 """Direction of the row in the world; each robot stands a little behind the last."""
 
 
+def below(entity: str, policy: str) -> str:
+    """Return the entity of a policy below another, whatever the policy is called."""
+    return f"{entity}/{rr.escape_entity_path_part(policy)}"
+
+
 def robot_entity(policy: str) -> str:
     """Return the entity of a policy's robot and door."""
-    return f"/robots/{policy}"
+    return below("/robots", policy)
 
 
 def comparison_layout(
-    logs: Sequence[EpisodeLog], model: mujoco.MjModel
+    logs: Sequence[EpisodeLog], model: mujoco.MjModel, measured: Measured
 ) -> tuple[Chunk, ...]:
     """Return the layout of a comparison as Rerun writes it.
 
     Args:
         logs: An episode per policy.
         model: Model that the episodes ran in.
+        measured: What they are compared by, beside the door's angle.
     """
-    bottom = [*_series(), _paths(logs[0].radius)]
+    bottom = [*_series(measured), _paths(logs[0].radius)]
     bottom.append(rrb.TextDocumentView(origin=ABOUT, name="What is seen"))
     panels = rrb.Horizontal(*bottom, column_shares=[3, 3, 2.4, 3])
     return as_chunks(only(rrb.Vertical(_row(logs, model), panels, row_shares=[5, 4])))
@@ -70,7 +79,7 @@ def _paths(radius: float) -> rrb.Spatial3DView:
     return view_3d(name, origin, [f"{OVERLAY}/**"], eye)
 
 
-def _series() -> list[rrb.View]:
+def _series(measured: Measured) -> list[rrb.View]:
     return [
         rrb.TimeSeriesView(
             origin=origin,
@@ -79,6 +88,6 @@ def _series() -> list[rrb.View]:
         )
         for origin, name, legend in (
             (ANGLE, "Door angle [deg]", True),
-            (FORCE, "Radial force [N]: fights the hinge", False),
+            (f"{PLOTS}/{measured.panel}", measured.title, False),
         )
     ]

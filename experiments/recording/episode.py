@@ -11,6 +11,7 @@ from experiments.episodes.log import EpisodeLog
 from experiments.recording.about import page
 from experiments.recording.layout import layout_chunks
 from experiments.recording.motion import door_frame, hand_motion, policy_motion
+from experiments.recording.outside import causes_of, from_outside
 from experiments.recording.panels import panels
 from experiments.recording.part import Part
 from experiments.recording.scene import drawn_scene, moved_scene
@@ -41,7 +42,7 @@ def record_episode(
         OSError: The file cannot be written.
     """
     check_model(log, model)
-    with recording_file(path, layout_chunks()) as stream:
+    with recording_file(path, layout_chunks(causes_of(log))) as stream:
         stream.send_recording_name(recording_name(log))
         # One by one: while one is written the next is made.
         chunks = itertools.chain(
@@ -80,6 +81,7 @@ def happening(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
     yield from policy_motion(part)
     yield from hand_motion(part)
     yield from panels(part)
+    yield from from_outside(part)
 
 
 def recording_name(log: EpisodeLog) -> str:

@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from numpy.typing import ArrayLike
 from rerun.chunk import Chunk, RrdReader
 
-from experiments.recording import motion, panels, stages
+from experiments.recording import motion, outside, panels, stages
 from experiments.recording.colours import BACKGROUND
 from experiments.recording.stream import APPLICATION, TIMELINE
 
@@ -37,25 +37,30 @@ _SHARE: Final = (-40.0, 110.0)
 
 
 @functools.cache
-def layout(*, live: bool = False) -> rrb.Blueprint:
-    """Arrange the views, the same for every episode.
+def layout(causes: tuple[str, ...], *, live: bool = False) -> rrb.Blueprint:
+    """Arrange the views, the same for every episode in which the same can happen.
 
     Both 3-D views look from points fixed in the task frame, so that every door is seen
     alike; the axes of the panels fit themselves to what there is.
 
     Args:
+        causes: Names of what happens from outside.
         live: Whether time follows what comes in, and does not play what is there.
     """
     everything = ["/world/**", f"- {motion.PLAN}/**"]
     scene = view_3d("Scene", motion.VIEW, everything, _SCENE_EYE)
     title = "From above: door at the top, hinge right"
     plan = view_3d(title, motion.VIEW, [f"{motion.ROOT}/**"], _PLAN_EYE)
+    about: rrb.Container | rrb.View
     about = rrb.TextDocumentView(origin=TEXT, name="About this run")
+    if causes:
+        about = rrb.Vertical(_happenings(), about, row_shares=[2, 3])
     lane = rrb.StateTimelineView(origin=stages.ENTITY, name="Stage")
     left = rrb.Vertical(
         scene, lane, rrb.Horizontal(plan, about), row_shares=[5, 1.2, 4]
     )
-    middle, right = rrb.Vertical(*_policy_views()), rrb.Vertical(*_reason_views())
+    middle = rrb.Vertical(*_policy_views(), *_outside_views(causes))
+    right = rrb.Vertical(*_reason_views())
     views = rrb.Horizontal(left, middle, right, column_shares=[5.4, 3, 3])
     return only(views, "following" if live else "playing")
 
@@ -76,9 +81,13 @@ def only(
 
 
 @functools.cache
-def layout_chunks() -> tuple[Chunk, ...]:
-    """Return the layout of a recording, made once per process."""
-    return as_chunks(layout())
+def layout_chunks(causes: tuple[str, ...]) -> tuple[Chunk, ...]:
+    """Return the layout of a recording, made once per process.
+
+    Args:
+        causes: Names of what happens from outside.
+    """
+    return as_chunks(layout(causes))
 
 
 def as_chunks(blueprint: rrb.Blueprint) -> tuple[Chunk, ...]:
@@ -153,3 +162,16 @@ def _reason_views() -> list[rrb.TimeSeriesView]:
         _series("stability", "dk/dt [% of its stability bound]", limits=_SHARE),
         _series("force", "Force [N]: green opens, red fights the hinge"),
     ]
+
+
+def _outside_views(causes: tuple[str, ...]) -> list[rrb.TimeSeriesView]:
+    if not causes:
+        return []
+    shown = ", ".join(f"{name} [{outside.CAUSES[name].unit}]" for name in causes)
+    return [_series(outside.PANEL, f"From outside: {shown}", from_zero=True)]
+
+
+def _happenings() -> rrb.TextLogView:
+    """What begins and ends from outside, and when."""
+    columns = rrb.archetypes.TextLogColumns(text_log_columns=["Body"])
+    return rrb.TextLogView(origin=outside.LOG, name="From outside", columns=columns)

@@ -21,10 +21,12 @@ from experiments.episodes.log import EpisodeLog
 from experiments.progress import LOG
 from experiments.recording.layout import layout
 from experiments.recording.live import LiveRecording, watched_rollout
+from experiments.recording.outside import CAUSES
 from experiments.recording.stream import open_stream
 from experiments.recording.viewer import has_display, viewer
 from experiments.teacher import Teacher
 from gplfd_env import ENVIRONMENT_ID
+from gplfd_env.disturbance import disturbance_named
 from policies.method import TrainingInput
 from policies.registry import policy_named
 
@@ -91,7 +93,10 @@ def watch(
 
     with contextlib.closing(env), _viewer_process(serve=serve) as (process, url):
         try:
-            with _stream_to(url) as stream, reported_errors(policy, chosen):
+            with (
+                _stream_to(url, _causes(disturbance)) as stream,
+                reported_errors(policy, chosen),
+            ):
                 log = show(stream, process)
         except InterruptedError:
             LOG.info("the viewer was closed before the episode ended")
@@ -101,6 +106,12 @@ def watch(
         if serve:
             LOG.info("the episode has ended; Ctrl-C stops serving it")
         process.wait()
+
+
+def _causes(disturbance: str) -> tuple[str, ...]:
+    """Return the names of what will happen from outside and be seen."""
+    named = disturbance_named(disturbance)
+    return tuple(name for name in CAUSES if getattr(named, name) is not None)
 
 
 def _check_speed(speed: float) -> None:
@@ -121,11 +132,11 @@ def _check_screen(*, serve: bool) -> None:
 
 
 @contextlib.contextmanager
-def _stream_to(url: str) -> Iterator[rr.RecordingStream]:
+def _stream_to(url: str, causes: tuple[str, ...]) -> Iterator[rr.RecordingStream]:
     """Connect a stream to a viewer; what was sent has arrived when the block ends."""
     stream = open_stream()
     try:
-        stream.connect_grpc(url, default_blueprint=layout(live=True))
+        stream.connect_grpc(url, default_blueprint=layout(causes, live=True))
         yield stream
         stream.flush(timeout_sec=_FLUSH_TIMEOUT)
     finally:

@@ -66,13 +66,13 @@ def panels(part: Part) -> list[Chunk]:
             Line("hand", colours.HAND, 1.0): scale * log.ee_pose[:, output],
         }
     index = seconds(log.times[part.first_row :])
-    drawn = [_lines(part, index, f"{ROOT}/{path}", own) for path, own in curves.items()]
+    drawn = [lines(part, index, f"{ROOT}/{path}", own) for path, own in curves.items()]
     return [
         *itertools.chain.from_iterable(drawn),
         *_beliefs(part, index),
-        *_levels(part, f"{ROOT}/angle/marks", ANGLE_MARKS_DEG, colours.MARK),
-        *_levels(part, f"{ROOT}/stability/bound", (100.0,), colours.LIMIT),
-        *_levels(part, ZERO, (0.0,), colours.MARK),
+        *levels(part, f"{ROOT}/angle/marks", ANGLE_MARKS_DEG, colours.MARK),
+        *levels(part, f"{ROOT}/stability/bound", (100.0,), colours.LIMIT),
+        *levels(part, ZERO, (0.0,), colours.MARK),
     ]
 
 
@@ -85,7 +85,7 @@ def share_of_bound(log: EpisodeLog) -> FloatArray:
     return share
 
 
-def _lines(
+def lines(
     part: Part, index: list[rr.TimeColumn], path: str, curves: dict[Line, FloatArray]
 ) -> list[Chunk]:
     """Curves of one panel."""
@@ -97,7 +97,7 @@ def _lines(
     return [style, data] if part.begins(values) else [data]
 
 
-def _levels(
+def levels(
     part: Part, path: str, levels: tuple[float, ...], colour: Colour
 ) -> list[Chunk]:
     """Horizontal lines through the whole part."""

@@ -95,7 +95,7 @@ def report(
         text = f"{code(reference)} is not in this study; {code(best)} takes its place."
         lead.append(Paragraph(text=text))
         reference = best
-    sections = [*trial_sections(results.episodes)]
+    sections = [*trial_sections(results.episodes, study, folder, reference)]
     if first:
         if len(shown) > 1:
             text = f"**{next(iter(shown))}**; the other {len(shown) - 1} below:"

@@ -23,6 +23,55 @@ def recording_name(policy: str, rank: str) -> str:
     return f"{file_name(policy)}-{rank}.rrd"
 
 
+def trial_recording_name(trial: str) -> str:
+    """Return the file name of a trial's comparison."""
+    return f"trial-{file_name(trial)}.rrd"
+
+
+def trial_recording(study: Path, page: Path, trial: str) -> list[Paragraph]:
+    """Link a trial's comparison, if there is one, and say what it shows.
+
+    Args:
+        study: The study's folder.
+        page: Folder in which the page will be.
+        trial: Its name.
+    """
+    file = trial_recording_name(trial)
+    if (link := _links(study, page).get(file)) is None:
+        return []
+    try:
+        about = _about_comparison(read_json(study / FOLDER / INDEX), file)
+    except (OSError, ValueError) as error:
+        about = f"what it shows is not known: {literal(error)}"
+    return [Paragraph(text=f"Side by side: {link}, {about}.")]
+
+
+def _about_comparison(index: Mapping[str, Any], file: str) -> str:
+    """Return what the index says of a comparison: of all alike, or one by one.
+
+    Raises:
+        ValueError: It is no index, or says nothing.
+    """
+    for one in entry(index, "comparisons", tuple[dict[str, Any], ...]):
+        if one.get("file") == file:
+            shown = entry(one, "episodes", tuple[dict[str, Any], ...])
+            said = [(code(entry(each, "policy", str)), _about(each)) for each in shown]
+            if len({about for _, about in said}) == 1:
+                return said[0][1]
+            return "; ".join(f"{policy} {about}" for policy, about in said)
+    raise ValueError(f"{INDEX} does not name {file}")
+
+
+def _links(study: Path, page: Path) -> dict[str, str]:
+    """Links to a study's recordings, relative to the page's folder, by file name."""
+    folder = study / FOLDER
+    prefix = Path(os.path.relpath(folder, page)).as_posix()
+    return {
+        path.name: f"[{literal(path.name)}]({quote(f'{prefix}/{path.name}')})"
+        for path in folder.glob("*.rrd")
+    }
+
+
 def recording_section(study: Path, page: Path, policies: Iterable[str]) -> Section:
     """List the recordings there are, with links relative to the page's folder.
 
@@ -31,19 +80,14 @@ def recording_section(study: Path, page: Path, policies: Iterable[str]) -> Secti
         page: Folder in which the page will be.
         policies: All that the study has, in order.
     """
-    folder = study / FOLDER
-    prefix = Path(os.path.relpath(folder, page)).as_posix()
-    links = {
-        path.name: f"[{literal(path.name)}]({quote(f'{prefix}/{path.name}')})"
-        for path in folder.glob("*.rrd")
-    }
+    links = _links(study, page)
     blocks: list[Block] = []
     if there := [links[file] for file in COMPARISONS if file in links]:
         text = f"Several policies at the same door, side by side: {', '.join(there)}."
         blocks.append(Paragraph(text=text))
     index: Mapping[str, str] = {}
     try:
-        index = _index(folder / INDEX)
+        index = _index(study / FOLDER / INDEX)
     except FileNotFoundError:
         pass
     except (OSError, ValueError) as error:
@@ -57,7 +101,11 @@ def recording_section(study: Path, page: Path, policies: Iterable[str]) -> Secti
         table = Table(columns=("policy", *RANKS), rows=rows, note=note, left=True)
         blocks.append(table)
     if not blocks:
-        text = "None here; `gplfd benchmark --record` makes them."
+        text = (
+            "Those of trials are linked in their sections."
+            if links
+            else "None here; `--record` makes them."
+        )
         blocks.append(Paragraph(text=text))
     return Section(title="Recordings", anchor="recordings", blocks=tuple(blocks))
 

@@ -2,10 +2,22 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Final
 
 from experiments.files.table import Table
-from experiments.report.document import Block, Items, Paragraph, Section, code
+from experiments.report.document import (
+    Block,
+    Items,
+    Paragraph,
+    Picture,
+    Section,
+    code,
+)
+from experiments.report.recordings import trial_recording
+from experiments.report.trial_plots import deciding_numbers, ideas, kind_of
+from experiments.results.grouping import Runs
 from experiments.results.measures import number_text
 from experiments.results.records import EpisodeResult
 from experiments.results.statistics import Rate, Shift
@@ -18,15 +30,27 @@ from experiments.results.trials import (
 )
 from experiments.trials.protocol import TRIALS, VERSION
 from experiments.trials.records import MEASURES, Trial
-from policies.registry import POLICIES
 
 Levels = Mapping[str, Sequence[EpisodeResult]]
 
-_VERDICTS: Final = {"shows": "**shows**", "harms": "does harm", "open": "not shown"}
+_VERDICTS: Final = {
+    "shows": "**shows**",
+    "harms": "does\N{NO-BREAK SPACE}harm",
+    "open": "not\N{NO-BREAK SPACE}shown",
+}
 
 
-def trial_sections(episodes: Iterable[EpisodeResult]) -> tuple[Section, ...]:
-    """Return what trials answer: first all ideas together, then trial after trial."""
+def trial_sections(
+    episodes: Iterable[EpisodeResult], study: Path, page: Path, reference: str
+) -> tuple[Section, ...]:
+    """Return what trials answer: first all ideas together, then trial after trial.
+
+    Args:
+        episodes: Of a study.
+        study: Its folder, for links to recordings.
+        page: Folder in which the page will be.
+        reference: Policy that is highlighted.
+    """
     every = list(episodes)
     found = {name: of_trial(every, name) for name in TRIALS}
     held = {name: own for name, own in found.items() if own}
@@ -42,7 +66,10 @@ def trial_sections(episodes: Iterable[EpisodeResult]) -> tuple[Section, ...]:
             Section(
                 title=f"Trial: {name}",
                 anchor=f"trial-{name}",
-                blocks=tuple(_trial(TRIALS[name], own, answers[name])),
+                blocks=(
+                    *_trial(name, own, answers[name], reference),
+                    *trial_recording(study, page, name),
+                ),
             )
             for name, own in held.items()
         ),
@@ -75,18 +102,33 @@ def _ideas(answers: Mapping[str, Sequence[Answer]]) -> Iterable[Block]:
         note=note,
         left=True,
     )
+    if any(answer.shift for own in answers.values() for answer in own):
+        yield Picture(
+            name="trials_ideas",
+            draw=partial(ideas, answers),
+            caption="**What an idea is worth:** in brackets who lacks it; a point per "
+            "difference, a line through its 95 % interval (from six seeds on). To the "
+            "right of zero the idea helps, whether more or less is better.",
+            alternative="Differences of all contrasts, a panel per measure",
+        )
 
 
 def _trial(
-    trial: Trial, policies: Mapping[str, Levels], answers: Sequence[Answer]
+    name: str,
+    policies: Mapping[str, Levels],
+    answers: Sequence[Answer],
+    reference: str,
 ) -> Iterable[Block]:
+    trial = TRIALS[name]
+    levels = _ordered(trial, policies)
     yield Paragraph(text=f"{trial.question} Tests: {', '.join(trial.claims)}.")
     yield Table(
         columns=("policy", *(MEASURES[name][0] for name in trial.measures)),
-        rows=tuple(_rows(trial, policies)),
+        rows=tuple(_rows(trial, levels)),
         note="Ordered by the first measure. Shares: of episodes, with clustered Wilson "
         "intervals. Others: typical value of a seed, with its 95 % interval.",
     )
+    yield _picture(name, levels, reference)
     if answers:
         yield Items(
             texts=tuple(
@@ -99,22 +141,46 @@ def _trial(
         )
 
 
-def _rows(trial: Trial, policies: Mapping[str, Levels]) -> Iterable[tuple[str, ...]]:
+def _picture(name: str, levels: Mapping[str, Runs], reference: str) -> Picture:
+    measure = TRIALS[name].measures[0]
+    title, better = MEASURES[measure]
+    return Picture(
+        name=f"trial_{name}",
+        draw=partial(deciding_numbers, levels, measure, reference),
+        caption=f"**{title[0].upper()}{title[1:]},** what decides this trial ({better} "
+        "is better), in the order of the table. A pale dot per seed, larger where "
+        "several are alike; a mark at the share or the typical value, a line through "
+        "its 95 % interval (of what is no share, from six seeds on). "
+        f"Bold: {code(reference)}.",
+        alternative=f"{title}, a row per policy",
+    )
+
+
+def _ordered(trial: Trial, policies: Mapping[str, Levels]) -> dict[str, Runs]:
+    """Return a trial's episodes by level and policy, the best first."""
+    found = {}
     for level in trial.levels:
-        if len(trial.levels) > 1:
-            yield (f"**{level}**", *("" for _ in trial.measures))
         here = {
             policy: own
             for policy, levels in policies.items()
             if (own := levels.get(level))
         }
-        for policy in sorted(here, key=lambda one: _rank(here[one], trial.measures)):
-            errors = sum(bool(one.error) for one in here[policy])
-            kind = POLICIES[policy].kind if policy in POLICIES else "own"
+        order = sorted(here, key=lambda one: _rank(here[one], trial.measures))
+        found[level] = {policy: here[policy] for policy in order}
+    return {level: own for level, own in found.items() if own}
+
+
+def _rows(trial: Trial, levels: Mapping[str, Runs]) -> Iterable[tuple[str, ...]]:
+    for level, own in levels.items():
+        if len(trial.levels) > 1:
+            yield (f"**{level}**", *("" for _ in trial.measures))
+        for policy, episodes in own.items():
+            errors = sum(bool(one.error) for one in episodes)
+            kind = kind_of(policy)
             name = code(policy) if kind == "method" else f"{code(policy)} ({kind})"
             yield (
                 f"{name}\nerrors: {errors}" if errors else name,
-                *(_cell(here[policy], measure) for measure in trial.measures),
+                *(_cell(episodes, measure) for measure in trial.measures),
             )
 
 
@@ -123,11 +189,7 @@ def _rank(episodes: Sequence[EpisodeResult], measures: Sequence[str]) -> list[fl
     ranks = []
     for measure in measures:
         found = summary(episodes, measure)
-        value = math.nan
-        if isinstance(found, Rate):
-            value = found.successes / found.trials
-        elif found is not None:
-            value = found.estimate
+        value = math.nan if found is None else found.estimate
         sign = 1.0 if MEASURES[measure][1] == "less" else -1.0
         ranks.append(math.inf if math.isnan(value) else sign * value)
     return ranks

@@ -97,6 +97,11 @@ class Rate:
     """Upper end."""
 
     @property
+    def estimate(self) -> float:
+        """Successes over trials; NaN where nothing was tried."""
+        return self.successes / self.trials if self.trials else math.nan
+
+    @property
     def interval(self) -> str:
         """The interval in words; a dash where nothing was tried."""
         return f"{self.low:.2f}–{self.high:.2f}" if self.trials else "–"

@@ -96,23 +96,36 @@ def _numbers(
     return found
 
 
-def summary(episodes: Iterable[EpisodeResult], measure: str) -> Rate | Shift | None:
+def summary(episodes: Sequence[EpisodeResult], measure: str) -> Rate | Shift | None:
     """Return a rate, or the typical value of a seed with its 95 % interval.
 
     Args:
         episodes: Of a policy at a level of a trial.
         measure: One of `MEASURES`.
     """
+    if measure in SHARES:
+        outcomes = _by_seed(episodes, measure).items()
+        rate = success_rate((seed, bool(one)) for seed, own in outcomes for one in own)
+        return rate if rate.trials else None
+    means = seed_means(episodes, measure)
+    return shift(means, [0.0] * len(means)) if means else None
+
+
+def seed_means(episodes: Sequence[EpisodeResult], measure: str) -> list[float]:
+    """Return the mean of a measure over each seed's episodes that have it.
+
+    Args:
+        episodes: Of a policy at a level of a trial.
+        measure: One of `MEASURES`.
+    """
+    by_seed = _by_seed(episodes, measure).values()
+    return [math.fsum(own) / len(own) for own in by_seed]
+
+
+def _by_seed(episodes: Iterable[EpisodeResult], measure: str) -> dict[int, list[float]]:
     values: dict[int, list[float]] = {}
     for one in episodes:
         value = None if one.error else value_of(one.metrics, measure)
         if value is not None:
             values.setdefault(one.task.seed, []).append(value)
-    if not values:
-        return None
-    if measure in SHARES:
-        return success_rate(
-            (seed, bool(value)) for seed, own in values.items() for value in own
-        )
-    means = [math.fsum(own) / len(own) for own in values.values()]
-    return shift(means, [0.0] * len(means))
+    return values

@@ -10,9 +10,12 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
+from experiments.episodes.metrics import episode_metrics
+from experiments.recording.compared import MEASURED
 from experiments.recording.comparison import COLOURS, record_comparison
 from experiments.recording.comparison_layout import ROW, SPACING
 from experiments.teacher import Teacher
+from experiments.trials.protocol import TRIALS
 
 
 @pytest.fixture(autouse=True)
@@ -25,9 +28,9 @@ def strict_rerun(monkeypatch):
 def record(tmp_path, door_model):
     demonstrations = Teacher().demonstrate_doors([0.5], 1, rng=np.random.default_rng(0))
 
-    def record(*logs):
+    def record(*logs, **options):
         path = tmp_path / "comparison.rrd"
-        record_comparison(path, logs, door_model, demonstrations)
+        record_comparison(path, logs, door_model, demonstrations, **options)
         return list(RrdReader(path).stream())
 
     return record
@@ -80,6 +83,44 @@ def test_curves_are_the_logs_in_the_policys_colour_and_name(record, make_log):
             assert tints == [[packed(colour)]]
         overlay = f"/overlay/world/task/paths/{policy}"
         assert column(chunks, overlay, "LineStrips3D:colors")[1] == [[packed(colour)]]
+
+
+def test_policies_are_compared_by_what_decides(record, make_log):
+    force = np.where(np.arange(601) > 300, 30.0, 0.0)
+    chunks = record(
+        make_log(person_force=force), measure="person_force_peak", heading="Who holds?"
+    )
+    _, values = column(chunks, "/plots/person/gp", "Scalars:scalars")
+    assert np.ravel(values).tolist() == force.tolist()
+    text = column(chunks, "/about", "TextDocument:text")[1][0][0]
+    assert text.startswith("### Who holds?")
+    assert "| gp | opened | 66° | 30.0 N |" in text
+    ball = "/robots/gp/world/task/outside/person"
+    assert column(chunks, ball, "Points3D:labels")[1][-1] == ["person 30 N"]
+    assert not any("/plots/radial" in chunk.entity_path for chunk in chunks)
+
+
+def test_the_measured_curves_end_in_the_metrics_of_their_names(make_log):
+    rng = np.random.default_rng(0)
+    noise = {
+        name: rng.uniform(0.0, 9.0, 601)
+        for name in ("force_radial", "force_vertical", "person_force", "push_force")
+    }
+    log = make_log(**noise, ee_pose=make_log().ee_pose + rng.uniform(0, 1e-3, (601, 6)))
+    metrics = episode_metrics(log).as_json()
+    for name in ("force_radial_peak", "force_handle_peak", "person_force_peak"):
+        assert MEASURED[name].values(log).max() == pytest.approx(metrics[name])
+    deciding = {measure for trial in TRIALS.values() for measure in trial.measures}
+    assert MEASURED.keys() <= deciding
+    beside = MEASURED["push_displacement_mm"].values(log)
+    away = np.linalg.norm((log.ee_pose - log.desired)[:, :3], axis=1)
+    np.testing.assert_allclose(beside, 1e3 * away)
+
+
+def test_any_name_has_a_place_of_its_own(record, make_log):
+    chunks = record(make_log(), make_log(policy="gp, prior mean"))
+    entity = r"/plots/angle/gp\,\ prior\ mean"
+    assert column(chunks, entity, "SeriesLines:names")[1] == [["gp, prior mean"]]
 
 
 def test_labels_say_how_it_ended(record, make_log):

@@ -48,7 +48,7 @@ def watch(tmp_path: Path) -> Callable[..., tuple[EpisodeLog, list[Chunk]]]:
         env: gym.Env[Any, Any], agent: Any, **options: Any
     ) -> tuple[EpisodeLog, list[Chunk]]:
         stream = open_stream()
-        stream.save(tmp_path / "live.rrd", default_blueprint=layout(live=True))
+        stream.save(tmp_path / "live.rrd", default_blueprint=layout((), live=True))
         recording = LiveRecording(stream, env.unwrapped.model, DEMONSTRATIONS)  # type: ignore[attr-defined]
         try:
             log = watched_rollout(env, agent, recording, **options, **NAMES)
@@ -156,8 +156,8 @@ def test_a_policy_without_forecasts_can_be_watched(
 
 
 def test_time_follows_what_comes_in() -> None:
-    assert layout(live=True).time_panel.play_state == "following"
-    assert layout().time_panel.play_state == "playing"
+    assert layout((), live=True).time_panel.play_state == "following"
+    assert layout(()).time_panel.play_state == "playing"
 
 
 @pytest.fixture
@@ -241,8 +241,8 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
     seen: dict[str, Any] = {}
 
     @contextlib.contextmanager
-    def connected(url: str) -> Iterator[str]:
-        seen.update(url=url)
+    def connected(url: str, causes: tuple[str, ...]) -> Iterator[str]:
+        seen.update(url=url, causes=causes)
         yield url
 
     def show(*_: Any, wanted: Callable[[], bool], **options: Any) -> None:
@@ -253,7 +253,8 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
     monkeypatch.setattr(live_view, "_stream_to", connected)
     monkeypatch.setattr(live_view, "watched_rollout", show)
     stand_in(monkeypatch, LISTENING)
-    assert gplfd(*ORACLE, "--door", "0.42") == 0
+    assert gplfd(*ORACLE, "--door", "0.42", "--disturbance", "person") == 0
+    assert seen["causes"] == ("person",)
     arguments = Path("arguments").read_text().split()
     assert arguments[:3] == ["--bind", "127.0.0.1", "--port"]
     assert arguments[4:6] == ["--serve-web", "--web-viewer-port"]

@@ -361,7 +361,7 @@ def test_file_carries_the_layout_as_rerun_would_write_it(
 ) -> None:
     record(make_log())
     written = columns_of_blueprint(blueprint_of(tmp_path / "episode.rrd"))
-    layout().save("gplfd", tmp_path / "plain.rbl")
+    layout(()).save("gplfd", tmp_path / "plain.rbl")
     assert written == columns_of_blueprint(blueprint_of(tmp_path / "plain.rbl"))
     views = {path for path, name in written if name == "ViewBlueprint:space_origin"}
     assert len(views) == 13  # nine of series, two 3-D, lane and page

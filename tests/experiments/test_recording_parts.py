@@ -126,13 +126,24 @@ def columns_of(chunks: Iterable[Chunk]) -> dict[tuple[str, str, int], Any]:
     return found
 
 
-@pytest.mark.parametrize("ends", [[2, 4, 150, 601], [301, 601]])
+FROM_OUTSIDE = {
+    "person_force": np.where(np.arange(601) // 100 % 2, np.arange(601.0) / 2.0, 0.0),
+    "base_shift": 1e-4 * np.clip(np.arange(601.0) - 149.0, 0.0, 30.0),
+}
+"""A person in contact three times, each time harder, while the base is moved once."""
+
+
+@pytest.mark.parametrize("changes", [{}, FROM_OUTSIDE], ids=["", "from outside"])
+@pytest.mark.parametrize("ends", [[2, 4, 150, 601], [301, 601], [350, 450, 550, 601]])
 def test_an_episode_shown_in_parts_shows_what_it_shows_at_once(
-    make_log: MakeLog, door_model: mujoco.MjModel, ends: list[int]
+    make_log: MakeLog,
+    door_model: mujoco.MjModel,
+    ends: list[int],
+    changes: dict[str, Any],
 ) -> None:
     predicted = np.array(make_log().predicted_mean)
     predicted[:200] = np.nan
-    whole = make_log(predicted_mean=predicted)
+    whole = make_log(predicted_mean=predicted, **changes)
     parts: dict[tuple[str, str, int], Any] = {}
     first_row = first_forecast = 0
     for end in ends:

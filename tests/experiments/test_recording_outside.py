@@ -1,0 +1,111 @@
+"""What a recording shows of what happens from outside."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.episodes.log import EpisodeLog
+from experiments.recording.layout import layout
+from experiments.recording.outside import CAUSES, causes_of, events, from_outside
+from experiments.recording.part import Part
+
+MakeLog = Callable[..., EpisodeLog]
+
+
+def held(peak: float, first: int = 200, end: int = 450) -> np.ndarray:
+    """A force that comes at once and fades."""
+    rows = np.arange(601)
+    inside = (rows >= first) & (rows < end)
+    return np.where(inside, peak * (end - rows) / (end - first), 0.0)
+
+
+def shown(log: EpisodeLog) -> dict[str, Any]:
+    """Columns by entity and component."""
+    found = {}
+    for chunk in from_outside(Part(log=log)):
+        batch = chunk.to_record_batch()
+        for name in batch.schema.names:
+            if ":" in name:
+                found[chunk.entity_path, name] = batch.column(name).to_pylist()
+    return found
+
+
+def test_nothing_is_made_of_an_undisturbed_episode(make_log: MakeLog) -> None:
+    assert shown(make_log()) == {}
+    assert causes_of(make_log()) == ()
+
+
+def test_the_curve_is_the_log_s(make_log: MakeLog) -> None:
+    found = shown(make_log(person_force=held(33.0)))
+    curve = found["/plots/outside/person", "Scalars:scalars"]
+    np.testing.assert_allclose(np.ravel(curve), held(33.0))
+    assert not any("push" in entity for entity, _ in found)
+    shift = 1e-4 * np.clip(np.arange(601.0) - 99.0, 0.0, 120.0)
+    found = shown(make_log(base_shift=shift))
+    curve = found["/plots/outside/bump", "Scalars:scalars"]
+    np.testing.assert_allclose(np.ravel(curve), 1e3 * shift)  # mm
+
+
+def test_a_ball_stands_above_the_hand_while_something_acts(make_log: MakeLog) -> None:
+    log = make_log(person_force=held(32.0))
+    found, ball = shown(log), "/world/task/outside/person"
+    rows = Part(log=log).frames()
+    labels = found[ball, "Points3D:labels"]
+    acts = [bool(label) for label in labels]
+    assert acts == (log.person_force[rows] > 0.0).tolist()
+    first = acts.index(True)
+    assert labels[first] == [f"person {log.person_force[rows[first]]:.0f} N"]
+    place = found[ball, "Points3D:positions"][first][0]
+    above = log.ee_pose[rows[first], :3] + [0.0, 0.15, 0.0]
+    np.testing.assert_allclose(place, above, atol=1e-6)
+    # A quarter of the force is half the radius.
+    radii = np.concatenate(found[ball, "Points3D:radii"])
+    forces = log.person_force[rows[acts]]
+    np.testing.assert_allclose(radii / radii[0], np.sqrt(forces / forces[0]), rtol=1e-6)
+
+
+def test_beginning_and_end_are_told(make_log: MakeLog) -> None:
+    log = make_log(person_force=held(33.0) + held(20.0, 500, 700))
+    assert events(log, "person") == [
+        (200, CAUSES["person"].begins),
+        (450, f"{CAUSES['person'].ends}: 33 N at most"),
+        (500, CAUSES["person"].begins),
+    ]
+    assert shown(log)["/outside/log/person", "TextLog:text"][1] == [
+        "the person lets go: 33 N at most"
+    ]
+    shift = 1e-4 * np.clip(np.arange(601.0) - 99.0, 0.0, 120.0)
+    (_, _), (row, text) = events(make_log(base_shift=shift), "bump")
+    assert (row, text) == (220, "the base stands again: 12 mm at most")
+
+
+@pytest.mark.parametrize(
+    ("peak", "limits"), [(33.0, []), (69.0, []), (70.0, [140]), (150.0, [140, 280])]
+)
+def test_limits_are_drawn_only_near_them(
+    make_log: MakeLog, peak: float, limits: list[int]
+) -> None:
+    found = shown(make_log(person_force=held(peak)))
+    drawn = [
+        entity.rpartition("_")[2]
+        for entity, component in found
+        if "allowed" in entity and component == "Scalars:scalars"
+    ]
+    assert [int(limit) for limit in drawn] == limits
+
+
+def test_the_layout_has_room_only_for_what_happens(make_log: MakeLog) -> None:
+    def titles(log: EpisodeLog) -> list[str]:
+        return named(layout(causes_of(log)).root_container)
+
+    def named(part: Any) -> list[str]:
+        inside = getattr(part, "contents", None)
+        if isinstance(inside, list | tuple) and not hasattr(part, "class_identifier"):
+            return [title for one in inside for title in named(one)]
+        return [str(part.name)]
+
+    plain, disturbed = titles(make_log()), titles(make_log(person_force=held(33.0)))
+    assert set(disturbed) - set(plain) == {"From outside: person [N]", "From outside"}
+    assert len(plain) == 13

@@ -1,0 +1,120 @@
+"""Which episodes of a trial are recorded side by side, and how they are linked."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from experiments import trial_recordings as module
+from experiments.cli import main
+from experiments.report.markdown import markdown_page
+from experiments.report.page import report
+from experiments.results.reading import read_results
+from experiments.results.trials import of_trial
+from experiments.study.runner import run_study
+from experiments.trial_recordings import record_trials, side_by_side
+from experiments.trials.plan import named_trials, trial_tasks
+from experiments.trials.protocol import CONSTANT, TRIALS
+
+
+@pytest.fixture
+def shown(write_study: Callable, episode_result: Callable) -> Callable[..., Any]:
+    """Name the episodes that are compared, of (policy, level, seed, radius)."""
+
+    def shown(trial: str, *rows: Any) -> dict[str, tuple[str, int, float]]:
+        results = [
+            episode_result(policy, seed, radius, trial=trial, level=level)
+            for policy, level, seed, radius in rows
+        ]
+        episodes = read_results(write_study(results)).episodes
+        chosen = side_by_side(TRIALS[trial], of_trial(episodes, trial))
+        return {
+            name: (one.task.level, one.task.seed, one.radius)
+            for name, one in chosen.items()
+        }
+
+    return shown
+
+
+def test_all_contrasts_fit_beside_gp_and_hinge_fit(shown: Callable) -> None:
+    rows = [
+        (policy, level, seed, 0.5)
+        for policy in (*CONSTANT, "dmp", "hinge-fit", "gp")
+        for level in TRIALS["person"].levels
+        for seed in (4, 2)
+    ]
+    found = shown("person", *rows)
+    assert list(found) == ["gp", "hinge-fit", *CONSTANT]
+    assert set(found.values()) == {("in the way", 2, 0.5)}
+
+
+def test_levels_are_compared_where_they_are_what_differs(shown: Callable) -> None:
+    rows = [
+        ("gp", level, 0, radius)
+        for level in TRIALS["further"].levels
+        for radius in (0.35, 0.65)
+    ]
+    found = shown("further", *rows, ("hinge-fit", "nothing else", 0, 0.65))
+    assert found == {
+        "gp, prior mean": ("prior mean", 0, 0.65),
+        "hinge-fit, nothing else": ("nothing else", 0, 0.65),
+        "gp, nothing else": ("nothing else", 0, 0.65),
+    }
+
+
+def test_who_is_missing_is_left_out(shown: Callable) -> None:
+    assert list(shown("stop", ("hinge-fit", "stop", 1, 0.5))) == ["hinge-fit"]
+    assert side_by_side(TRIALS["stop"], {}) == {}
+
+
+def page(folder: Path) -> str:
+    return markdown_page(report(read_results(folder), folder, folder, "gp"))
+
+
+def test_a_trial_is_recorded_and_linked(tmp_path: Path) -> None:
+    tasks = [
+        task
+        for task in trial_tasks(named_trials(("push",)), part="small")
+        if task.policy == "hinge-fit" and task.seed == 0
+    ]
+    list(run_study(tmp_path, tasks))
+    index = json.loads(record_trials(tmp_path).read_text())
+    (compared,) = index["comparisons"]
+    assert compared["file"] == "trial-push.rrd"
+    assert [one["repeated"] for one in compared["episodes"]] == [True]
+    assert (tmp_path / "recordings" / "trial-push.rrd").is_file()
+    link = "[trial-push.rrd](recordings/trial-push.rrd)"
+    assert f"Side by side: {link}, medium, seed 0." in page(tmp_path)
+    assert "Those of trials are linked in their sections." in page(tmp_path)
+    file = tmp_path / "recordings" / "index.json"
+    compared["episodes"].append(
+        {
+            **compared["episodes"][0],
+            "policy": "gp",
+            "repeated": False,
+            "different": {"push_displacement_mm": [1.0, 2.0]},
+        }
+    )
+    file.write_text(json.dumps(index))
+    assert (
+        "`hinge-fit` medium, seed 0; `gp` medium, seed 0 (**differs from the stored "
+        "result:** push displacement mm)"
+    ) in page(tmp_path)
+    for damaged in ("{", '{"comparisons": [], "episodes": []}'):
+        file.write_text(damaged)
+        assert f"Side by side: {link}, what it shows is not known" in page(tmp_path)
+
+
+def test_the_command_records_when_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded: list[Path] = []
+    monkeypatch.setattr("experiments.study.session.carry_out", lambda *_: 0)
+    monkeypatch.setattr(module, "record_trials", recorded.append)
+    arguments = ["trials", "--trials", "stop", "--out", str(tmp_path), "--quiet"]
+    assert main(arguments) == 0
+    assert recorded == []
+    assert main([*arguments, "--record"]) == 0
+    assert recorded == [tmp_path]
