@@ -11,19 +11,19 @@ Either way the attribute is a function from `policies.TrainingInput` to an agent
 
 import contextlib
 import dataclasses
-import hashlib
 import importlib
 import inspect
 import operator
 import os
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Final
 
+from policies.module_files import content_hash, module_file, module_files
 from policies.policy import Policy, PolicyOrigin
 
 GROUP: Final = "gplfd.policies"
@@ -65,7 +65,7 @@ def module_policy(name: str, folder: Path) -> Policy:
     try:
         module = _imported(module_name, first)
         policy = _policy(module, attribute)
-        source = _source(module)
+        source = _source(module, module_files(module_name, first), first)
     except ValueError as error:
         raise ValueError(f"policy {name!r}: {error}") from error
     origin = PolicyOrigin(name=name, kind="module", folder=str(folder), **source)
@@ -171,12 +171,11 @@ def _imported(name: str, folder: Path) -> ModuleType:
     finally:
         with contextlib.suppress(ValueError):  # the module may have removed it
             sys.path.remove(str(folder))
-    path = folder.joinpath(*name.split("."))
-    for expected in (path / "__init__.py", path.with_name(f"{path.name}.py")):
-        if expected.is_file() and expected.resolve() != Path(_file(module)).resolve():
-            raise ValueError(
-                f"module {name!r} is already {_file(module)}; rename {expected}"
-            )
+    expected = module_file(name, folder)
+    if expected is not None and expected.resolve() != Path(_file(module)).resolve():
+        raise ValueError(
+            f"module {name!r} is already {_file(module)}; rename {expected}"
+        )
     return module
 
 
@@ -250,20 +249,21 @@ def _functions(module: ModuleType) -> str:
     return ", ".join(sorted(own)) or "no functions"
 
 
-def _source(module: ModuleType) -> dict[str, str]:
+def _source(
+    module: ModuleType, files: Sequence[Path] = (), folder: Path | None = None
+) -> dict[str, str]:
     """Return file and content hash of a module.
 
+    Args:
+        module: Imported.
+        files: What it consists of; by default its own file.
+        folder: Where they are.
+
     Raises:
-        ValueError: If the file has changed since this process first looked.
+        ValueError: If a file has changed since this process first looked.
     """
-    file = _file(module)
-    if not Path(file).is_file():
+    file = Path(_file(module))
+    if not file.is_file():
         return {}
-    sha256 = hashlib.sha256(Path(file).read_bytes()).hexdigest()
-    # Kept with the module: an import reads the file once per process.
-    if vars(module).setdefault("__gplfd_sha256__", sha256) != sha256:
-        raise ValueError(
-            f"{file} has changed since this process imported it; start the process "
-            "(of a cluster: its workers) again"
-        )
-    return {"file": file, "sha256": sha256}
+    sha256 = content_hash(files or (file,), folder or file.parent)
+    return {"file": str(file), "sha256": sha256}

@@ -234,7 +234,7 @@ def test_another_content_is_not_the_policy_that_was_planned(module: str) -> None
 def test_a_file_that_changed_while_it_was_planned_is_refused(module: str) -> None:
     task = planned(f"{module}:make")
     Path(f"{module}.py").write_text(OWN + "\n")
-    with pytest.raises(ValueError, match="has just changed"):
+    with pytest.raises(ValueError, match="has changed since this process"):
         files_of([task])
 
 
@@ -248,6 +248,17 @@ def test_what_the_file_needs_must_be_installed_elsewhere(
     elsewhere()
     sys.modules.pop(f"helper_of_{module}")
     with pytest.raises(ValueError, match="a policy is a single file; install"):
+        policy_of(task, files)
+
+
+def test_a_worker_does_not_use_an_old_helper(module: str) -> None:
+    helper = Path(f"helper_of_{module}.py")
+    helper.write_text("")
+    Path(f"{module}.py").write_text(f"import helper_of_{module}\n{OWN}")
+    task = planned(f"{module}:make")
+    files = files_of([task])
+    helper.write_text("# edited")
+    with pytest.raises(ValueError, match=f"{helper} has changed since this process"):
         policy_of(task, files)
 
 
