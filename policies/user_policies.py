@@ -55,13 +55,10 @@ def module_policy(name: str, folder: Path) -> Policy:
         ValueError: If there is no such file, module or attribute, the module cannot be
             imported, or the attribute is no policy.
     """
-    where, _, attribute = name.rpartition(":")
-    first, module_name = folder, where
-    if where.endswith(".py"):
-        file = Path(os.path.abspath(folder / where))
-        first, module_name = file.parent, file.stem
-        if not file.is_file():
-            raise ValueError(f"policy {name!r}: there is no file {file}")
+    module_name, first, attribute = _place(name, folder)
+    file = first / f"{module_name}.py"
+    if name.endswith(f".py:{attribute}") and not file.is_file():
+        raise ValueError(f"policy {name!r}: there is no file {file}")
     try:
         module = _imported(module_name, first)
         policy = _policy(module, attribute)
@@ -70,6 +67,15 @@ def module_policy(name: str, folder: Path) -> Policy:
         raise ValueError(f"policy {name!r}: {error}") from error
     origin = PolicyOrigin(name=name, kind="module", folder=str(folder), **source)
     return dataclasses.replace(policy, origin=origin)
+
+
+def source_files(origin: PolicyOrigin) -> tuple[str, ...]:
+    """Return the files of a policy's module and of those beside it that it imports."""
+    beside: tuple[Path, ...] = ()
+    if origin.kind == "module":
+        module, folder, _ = _place(origin.name, Path(origin.folder))
+        beside = module_files(module, folder)
+    return tuple(map(str, beside)) or (origin.file,)
 
 
 def packaged_names() -> tuple[str, ...]:
@@ -159,6 +165,15 @@ def _loaded(offer: _Offer) -> Policy:
         **_source(module),
     )
     return dataclasses.replace(policy, origin=origin)
+
+
+def _place(name: str, folder: Path) -> tuple[str, Path, str]:
+    """Return a policy's module, where that is looked for first, and the attribute."""
+    where, _, attribute = name.rpartition(":")
+    if not where.endswith(".py"):
+        return where, folder, attribute
+    file = Path(os.path.abspath(folder / where))
+    return file.stem, file.parent, attribute
 
 
 def _imported(name: str, folder: Path) -> ModuleType:

@@ -146,6 +146,58 @@ def test_an_error_in_the_policy_is_reported_with_its_place(
     assert f'{module}.py", {line}' in trace
 
 
+FORGETFUL = """
+class NoObservation:
+    def act(self):
+        return np.zeros(6)
+
+class NoReset(Still):
+    def reset(self):
+        pass
+
+def no_observation(training):
+    return NoObservation()
+
+def no_reset(training):
+    return NoReset()
+
+def helped(training):
+    helper_of_{0}.fail()
+"""
+
+
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [
+        ("no_observation", "NoObservation.act() takes 1 positional argument but 2 "),
+        ("no_reset", "NoReset.reset() takes 1 positional argument but 2 were given"),
+        ("helped", "KeyError: 'no weights' (helper_of_{}.py, line 2, in fail)"),
+    ],
+)
+def test_no_mistake_in_a_policy_shows_a_traceback(
+    module: str, capsys: pytest.CaptureFixture[str], function: str, said: str
+) -> None:
+    own = f"import helper_of_{module}\n{OWN}{FORGETFUL.format(module)}"
+    Path(f"{module}.py").write_text(own)
+    Path(f"helper_of_{module}.py").write_text(
+        "def fail():\n    raise KeyError('no weights')\n"
+    )
+    assert gplfd("run", "--policy", f"{module}:{function}", "--doors", "small") == 2
+    *_, last = capsys.readouterr().err.splitlines()
+    assert last.startswith(f"gplfd: policy '{module}:{function}' failed with ")
+    assert said.format(module) in last
+
+
+@pytest.mark.parametrize(
+    "option", ["--demonstrations=absent.npz", "--skill=absent.npz"]
+)
+def test_a_file_that_is_missing_is_not_the_policy_s_mistake(
+    module: str, capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    assert gplfd("run", "--policy", f"{module}:make", option, "--doors", "small") == 2
+    assert "failed with" not in capsys.readouterr().err
+
+
 def test_a_study_with_workers_keeps_the_source_in_every_file(module: str) -> None:
     name = f"{module}:make"
     study = ("benchmark", "--policies", "oracle", name, "--doors", "small", "0.42")
