@@ -62,8 +62,8 @@ def reported_errors(name: str, policy: Policy) -> Iterator[None]:
     """
     try:
         yield
-    # Anything: it is the user's code that runs here.
-    except Exception as error:
+    # Anything: it is the user's code that runs here, which may leave by `sys.exit`.
+    except (Exception, SystemExit) as error:
         place = where(error, policy)
         built_in = policy.origin is None or policy.origin.kind == "built-in"
         # What is wrong with a file, an argument or an action says so itself.

@@ -42,6 +42,16 @@ def failing(training):
 
 def refusing(training):
     raise FileNotFoundError("no weights")
+
+class Leaving:
+    def act(self, observation):
+        raise SystemExit(0)
+
+def leaving(training):
+    return Leaving()
+
+def left(training):
+    raise SystemExit(0)
 """
 SHORT = ("--doors", "small", "--seeds", "1", "--no-skill")
 
@@ -123,6 +133,8 @@ def test_what_is_no_policy_is_refused_before_any_work(
     [
         ("failing", "ZeroDivisionError: division by zero", "line 14, in act"),
         ("refusing", "FileNotFoundError: no weights", "line 20, in refusing"),
+        ("leaving", "SystemExit: 0", "line 24, in act"),
+        ("left", "SystemExit: 0", "line 30, in left"),
     ],
 )
 def test_an_error_in_the_policy_is_reported_with_its_place(
