@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from experiments.commands.options import recorded
+from experiments.commands.options import next_command, recorded
 from experiments.interruption import postponed_interruption
 from experiments.study.engines import EngineName
 
@@ -61,5 +61,6 @@ class Trials:
         )
         engine = engine_named(self.engine, workers=self.workers, address=self.address)
         errors = carry_out(tasks, recorded(self), self.out, engine)
-        print(f"results are in {self.out}; read them:  gplfd report {self.out}")
+        report = next_command("report", self.out)
+        print(f"results are in {self.out}; read them:  {report}")
         return FAILED if errors else 0
