@@ -1,12 +1,16 @@
 """From a learned movement to a table for any robot, and from the table to a door.
 
-Writes opening.csv: a row per control period with time, position, quaternion and
-standard deviations, its frame and units inside. Then it plays the file on the simulated
-arm, as a program of a robot's maker would: without this project's policies, adaptation
-or compliance. That is enough for a door like the demonstrated ones.
+    python examples/play_trajectory.py [TABLE.csv]
+
+Plays a table on the simulated arm, as a program of a robot's maker would: without this
+project's policies, adaptation or compliance. That is enough for a door like the
+demonstrated ones. Without an argument it first writes such a table, movement.csv: a row
+per control period with time, position, quaternion and standard deviations, its frame
+and units inside.
 """
 
 import csv
+import sys
 from pathlib import Path
 
 import gymnasium as gym
@@ -17,28 +21,35 @@ from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.rotation_paths import rotvecs_from_quaternions
 from policies import align, fit_skill
 
-TABLE, PERIOD, SLOW_DOWN = Path("opening.csv"), 0.01, 1.5
-
-demonstrations = Teacher().demonstrate_doors(
-    [0.5], per_radius=4, rng=np.random.default_rng(0)
-)
-skill = fit_skill(align(demonstrations))
-
-# Any times will do: the movement is asked at exactly these.
-duration = SLOW_DOWN * skill.duration
-times = np.arange(0.0, duration, PERIOD)
-skill.predict(times / duration).to_csv(TABLE, duration=duration)
-
-with TABLE.open(encoding="utf-8") as file:
-    rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+PERIOD, SLOW_DOWN = 0.01, 1.5
 
 
-def column(*names):
-    return np.array([[float(row[name]) for name in names] for row in rows])
+def write_table(path):
+    demonstrations = Teacher().demonstrate_doors(
+        [0.5], per_radius=4, rng=np.random.default_rng(0)
+    )
+    skill = fit_skill(align(demonstrations))
+    # Any times will do: the movement is asked at exactly these.
+    duration = SLOW_DOWN * skill.duration
+    times = np.arange(0.0, duration, PERIOD)
+    skill.predict(times / duration).to_csv(path, duration=duration)
 
 
-rotations = rotvecs_from_quaternions(column("qx", "qy", "qz", "qw"), order="xyzw")
-poses = np.hstack([column("x [m]", "y [m]", "z [m]"), rotations])
+def read_table(path):
+    with path.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+
+    def column(*names):
+        return np.array([[float(row[name]) for name in names] for row in rows])
+
+    rotations = rotvecs_from_quaternions(column("qx", "qy", "qz", "qw"), order="xyzw")
+    return np.hstack([column("x [m]", "y [m]", "z [m]"), rotations])
+
+
+table = Path(sys.argv[1] if sys.argv[1:] else "movement.csv")
+if not sys.argv[1:]:
+    write_table(table)
+poses = read_table(table)
 
 env = gym.make(ENVIRONMENT_ID, door="medium")  # 0.5 m from hinge to handle
 observation, info = env.reset(seed=0)
@@ -50,6 +61,6 @@ while not ended:
     ended, step = terminated or truncated, step + 1
 env.close()
 print(
-    f"{len(rows)} rows of {TABLE} played: door at "
+    f"{len(poses)} rows of {table} played: door at "
     f"{np.degrees(info['door_angle']):.0f} deg, opened: {info['success']}"
 )

@@ -24,7 +24,8 @@ class PolicyOrigin:
     file: str = ""
     """Source file of the module."""
     sha256: str = ""
-    """Hash of that file's content, hexadecimal."""
+    """Hash of that file's content, hexadecimal; where a module of the user's imports
+    others of its folder, of the content of all of them."""
     distribution: str = ""
     """Name of the installed package."""
     version: str = ""

@@ -11,19 +11,19 @@ Either way the attribute is a function from `policies.TrainingInput` to an agent
 
 import contextlib
 import dataclasses
-import hashlib
 import importlib
 import inspect
 import operator
 import os
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Final
 
+from policies.module_files import content_hash, module_file, module_files
 from policies.policy import Policy, PolicyOrigin
 
 GROUP: Final = "gplfd.policies"
@@ -55,21 +55,27 @@ def module_policy(name: str, folder: Path) -> Policy:
         ValueError: If there is no such file, module or attribute, the module cannot be
             imported, or the attribute is no policy.
     """
-    where, _, attribute = name.rpartition(":")
-    first, module_name = folder, where
-    if where.endswith(".py"):
-        file = Path(os.path.abspath(folder / where))
-        first, module_name = file.parent, file.stem
-        if not file.is_file():
-            raise ValueError(f"policy {name!r}: there is no file {file}")
+    module_name, first, attribute = _place(name, folder)
+    file = first / f"{module_name}.py"
+    if name.endswith(f".py:{attribute}") and not file.is_file():
+        raise ValueError(f"policy {name!r}: there is no file {file}")
     try:
         module = _imported(module_name, first)
         policy = _policy(module, attribute)
-        source = _source(module)
+        source = _source(module, module_files(module_name, first), first)
     except ValueError as error:
         raise ValueError(f"policy {name!r}: {error}") from error
     origin = PolicyOrigin(name=name, kind="module", folder=str(folder), **source)
     return dataclasses.replace(policy, origin=origin)
+
+
+def source_files(origin: PolicyOrigin) -> tuple[str, ...]:
+    """Return the files of a policy's module and of those beside it that it imports."""
+    beside: tuple[Path, ...] = ()
+    if origin.kind == "module":
+        module, folder, _ = _place(origin.name, Path(origin.folder))
+        beside = module_files(module, folder)
+    return tuple(map(str, beside)) or (origin.file,)
 
 
 def packaged_names() -> tuple[str, ...]:
@@ -161,6 +167,15 @@ def _loaded(offer: _Offer) -> Policy:
     return dataclasses.replace(policy, origin=origin)
 
 
+def _place(name: str, folder: Path) -> tuple[str, Path, str]:
+    """Return a policy's module, where that is looked for first, and the attribute."""
+    where, _, attribute = name.rpartition(":")
+    if not where.endswith(".py"):
+        return where, folder, attribute
+    file = Path(os.path.abspath(folder / where))
+    return file.stem, file.parent, attribute
+
+
 def _imported(name: str, folder: Path) -> ModuleType:
     """Import a module with a folder first on the path, for this import only."""
     importlib.invalidate_caches()
@@ -171,12 +186,11 @@ def _imported(name: str, folder: Path) -> ModuleType:
     finally:
         with contextlib.suppress(ValueError):  # the module may have removed it
             sys.path.remove(str(folder))
-    path = folder.joinpath(*name.split("."))
-    for expected in (path / "__init__.py", path.with_name(f"{path.name}.py")):
-        if expected.is_file() and expected.resolve() != Path(_file(module)).resolve():
-            raise ValueError(
-                f"module {name!r} is already {_file(module)}; rename {expected}"
-            )
+    expected = module_file(name, folder)
+    if expected is not None and expected.resolve() != Path(_file(module)).resolve():
+        raise ValueError(
+            f"module {name!r} is already {_file(module)}; rename {expected}"
+        )
     return module
 
 
@@ -250,20 +264,21 @@ def _functions(module: ModuleType) -> str:
     return ", ".join(sorted(own)) or "no functions"
 
 
-def _source(module: ModuleType) -> dict[str, str]:
+def _source(
+    module: ModuleType, files: Sequence[Path] = (), folder: Path | None = None
+) -> dict[str, str]:
     """Return file and content hash of a module.
 
+    Args:
+        module: Imported.
+        files: What it consists of; by default its own file.
+        folder: Where they are.
+
     Raises:
-        ValueError: If the file has changed since this process first looked.
+        ValueError: If a file has changed since this process first looked.
     """
-    file = _file(module)
-    if not Path(file).is_file():
+    file = Path(_file(module))
+    if not file.is_file():
         return {}
-    sha256 = hashlib.sha256(Path(file).read_bytes()).hexdigest()
-    # Kept with the module: an import reads the file once per process.
-    if vars(module).setdefault("__gplfd_sha256__", sha256) != sha256:
-        raise ValueError(
-            f"{file} has changed since this process imported it; start the process "
-            "(of a cluster: its workers) again"
-        )
-    return {"file": file, "sha256": sha256}
+    sha256 = content_hash(files or (file,), folder or file.parent)
+    return {"file": str(file), "sha256": sha256}

@@ -10,7 +10,7 @@ from typing import Annotated, Final
 
 import tyro
 
-from experiments.commands.options import recorded
+from experiments.commands.options import next_command, recorded
 from experiments.interruption import postponed_interruption
 from experiments.study.engines import EngineName
 from experiments.study.settings import StudySettings
@@ -84,7 +84,8 @@ class Benchmark:
                 from experiments.extremes import record_extremes
 
             record_extremes(self.out)
-        print(f"\nresults are in {self.out}; compare them:  gplfd report {self.out}")
+        report = next_command("report", self.out)
+        print(f"\nresults are in {self.out}; compare them:  {report}")
         return FAILED if errors else 0
 
 

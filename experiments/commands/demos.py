@@ -6,7 +6,7 @@ from typing import Annotated, Final
 
 import tyro
 
-from experiments.commands.options import Quiet, recorded
+from experiments.commands.options import Quiet, next_command, recorded
 from experiments.interruption import postponed_interruption
 
 DEPARTED: Final = 1
@@ -74,7 +74,7 @@ class Record:
             options=recorded(self) | {"out": folder.name},
         )
         print(f"{number} {'episode' if number == 1 else 'episodes'} in {folder}")
-        print(f"run them again:  gplfd demos replay {folder}")
+        print(f"run them again:  {next_command('demos', 'replay', folder)}")
         return 0
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from experiments.commands.options import Quiet
+from experiments.commands.options import Quiet, next_command
 from experiments.interruption import postponed_interruption
 
 
@@ -43,5 +43,5 @@ class Learn:
             self.demonstrations, self.out, policy=self.policy, seed=self.seed
         )
         print(f"{self.out}: {skill}")
-        print(f"open doors with it:  gplfd run --skill {self.out}")
+        print(f"open doors with it:  {next_command('run', '--skill', self.out)}")
         return 0

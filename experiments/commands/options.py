@@ -1,6 +1,9 @@
-"""What the options of several subcommands have in common."""
+"""What several subcommands have in common: options, and the command to give next."""
 
 import dataclasses
+import shlex
+import shutil
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,3 +22,16 @@ def recorded(options: Any) -> dict[str, Any]:
         name: str(value) if isinstance(value, Path) else value
         for name, value in dataclasses.asdict(options).items()
     }
+
+
+def next_command(*words: object) -> str:
+    """Return a command of this program, by the name under which it was started now.
+
+    That is no ``gplfd`` alone where the program's folder is not searched for commands:
+    without an activated environment.
+    """
+    program, found = sys.argv[0], shutil.which("gplfd")
+    is_command = Path(program).name in ("gplfd", "gplfd.exe")
+    if not is_command or (found and Path(found).resolve() == Path(program).resolve()):
+        program = "gplfd"
+    return shlex.join([program, *map(str, words)])

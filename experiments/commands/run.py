@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from experiments.commands.options import Quiet, recorded
+from experiments.commands.options import Quiet, next_command, recorded
 from experiments.interruption import postponed_interruption
 
 
@@ -81,5 +81,5 @@ class Run:
         print(text_table(run_table(metrics)))
         doors = [one.door for one in metrics]
         shown = "medium" if "medium" in doors else doors[0]
-        print(f"\nlook at it:  gplfd view {folder / f'{shown}.rrd'}")
+        print(f"\nlook at it:  {next_command('view', folder / f'{shown}.rrd')}")
         return 0

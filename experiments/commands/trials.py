@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from experiments.commands.options import recorded
+from experiments.commands.options import next_command, recorded
 from experiments.interruption import postponed_interruption
 from experiments.study.engines import EngineName
 
@@ -69,5 +69,6 @@ class Trials:
                 from experiments.trial_recordings import record_trials
 
             record_trials(self.out)
-        print(f"results are in {self.out}; read them:  gplfd report {self.out}")
+        report = next_command("report", self.out)
+        print(f"results are in {self.out}; read them:  {report}")
         return FAILED if errors else 0

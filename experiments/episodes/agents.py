@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from policies.agent import Agent, as_agent
 from policies.method import TrainingInput
 from policies.policy import Policy
+from policies.user_policies import source_files
 
 
 def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
@@ -41,29 +42,34 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
 
 
 def where(error: BaseException, policy: Policy) -> str:
-    """Return file, line and function of the policy's in which an error arose, or ""."""
-    file = policy.origin.file if policy.origin is not None else ""
+    """Return file, line and function of the user's in which an error arose, or ""."""
+    if policy.origin is None:
+        return ""
+    files = source_files(policy.origin)
     places = traceback.extract_tb(error.__traceback__)
-    own = [place for place in places if place.filename == file]
+    own = [place for place in places if place.filename in files]
     if not own:
         return ""
-    return f"{Path(file).name}, line {own[-1].lineno}, in {own[-1].name}"
+    return f"{Path(own[-1].filename).name}, line {own[-1].lineno}, in {own[-1].name}"
 
 
 @contextlib.contextmanager
 def reported_errors(name: str, policy: Policy) -> Iterator[None]:
-    """Say of an error in a file of the user's what and where it is.
+    """Say of an error of the user's policy what it is and, if known, where.
 
     Raises:
         ValueError: In place of the error.
     """
     try:
         yield
-    # Anything: it is the user's code that runs here.
-    except Exception as error:
+    # Anything: it is the user's code that runs here, which may leave by `sys.exit`.
+    except (Exception, SystemExit) as error:
         place = where(error, policy)
-        if not place:
+        built_in = policy.origin is None or policy.origin.kind == "built-in"
+        # What is wrong with a file, an argument or an action says so itself.
+        if built_in or (not place and isinstance(error, ValueError | OSError)):
             raise
         raise ValueError(
-            f"policy {name!r} failed with {type(error).__name__}: {error} ({place})"
+            f"policy {name!r} failed with {type(error).__name__}: {error}"
+            + (f" ({place})" if place else "")
         ) from error

@@ -97,7 +97,7 @@ def _seen(task: Task) -> Result:
 
 
 def _all_failed(
-    tasks: Sequence[Task], error: Exception, policy: Policy | None = None
+    tasks: Sequence[Task], error: BaseException, policy: Policy | None = None
 ) -> list[Result]:
     """Return an error as the result of some tasks, with the place in the policy."""
     reason, trace = f"{type(error).__name__}: {error}", traceback.format_exc()
@@ -119,7 +119,7 @@ def _attempt(
         ]
     # Anything: a policy that cannot learn or act is a finding of the study, and one
     # with a mistake in its code must not take the other policies' results along.
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         return _all_failed(tasks, error, policy)
 
 
@@ -128,7 +128,7 @@ def _episode_results(tasks: Sequence[EpisodeTask], policy: Policy) -> list[Resul
         return []
     try:
         make = _learned(tasks[0], policy)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         return _all_failed(tasks, error, policy)
 
     def together(some: Sequence[EpisodeTask]) -> list[Result]:

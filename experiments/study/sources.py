@@ -1,8 +1,8 @@
 """Where policies come from that are not this project's, and how they reach workers.
 
 A policy of the user's is a file. What is kept of it is its name and the hash of its
-content, which is part of a task; the file itself goes with the jobs, for workers on
-machines that lack it.
+content and of what it imports beside it, which is part of a task; the file alone goes
+with the jobs, for workers on machines that lack it.
 """
 
 import functools
@@ -77,8 +77,7 @@ def files_of(study: Iterable[Task]) -> Files:
             continue
         origin = chosen(name).origin
         content = Path(origin.file).read_bytes() if origin is not None else b""
-        if hashlib.sha256(content).hexdigest() != source["sha256"]:
-            raise ValueError(f"policy {name!r}: its file has just changed; start again")
+        policy_named(name)  # which it is not, if a file has changed meanwhile
         files[name] = PolicyFile(stem=Path(source["file"]).stem, content=content)
     return files
 
@@ -94,7 +93,11 @@ def policy_of(task: Task, files: Files) -> Policy:
     except ValueError:
         if task.policy not in files:
             raise
-    return _unpacked(task.policy, files[task.policy])
+        unpacked = _unpacked(task.policy, files[task.policy])
+        here, planned = source_of(unpacked) or {}, task.policy_source or {}
+        if here.get("sha256") != planned.get("sha256"):
+            raise  # It imports what lay beside it, and got something else.
+        return unpacked
 
 
 def _found_here(task: Task) -> Policy:

@@ -42,6 +42,16 @@ def failing(training):
 
 def refusing(training):
     raise FileNotFoundError("no weights")
+
+class Leaving:
+    def act(self, observation):
+        raise SystemExit(0)
+
+def leaving(training):
+    return Leaving()
+
+def left(training):
+    raise SystemExit(0)
 """
 SHORT = ("--doors", "small", "--seeds", "1", "--no-skill")
 
@@ -123,6 +133,8 @@ def test_what_is_no_policy_is_refused_before_any_work(
     [
         ("failing", "ZeroDivisionError: division by zero", "line 14, in act"),
         ("refusing", "FileNotFoundError: no weights", "line 20, in refusing"),
+        ("leaving", "SystemExit: 0", "line 24, in act"),
+        ("left", "SystemExit: 0", "line 30, in left"),
     ],
 )
 def test_an_error_in_the_policy_is_reported_with_its_place(
@@ -144,6 +156,58 @@ def test_an_error_in_the_policy_is_reported_with_its_place(
     (file,) = Path("study/tasks").glob("*.json")
     trace = json.loads(file.read_text())["traceback"]
     assert f'{module}.py", {line}' in trace
+
+
+FORGETFUL = """
+class NoObservation:
+    def act(self):
+        return np.zeros(6)
+
+class NoReset(Still):
+    def reset(self):
+        pass
+
+def no_observation(training):
+    return NoObservation()
+
+def no_reset(training):
+    return NoReset()
+
+def helped(training):
+    helper_of_{0}.fail()
+"""
+
+
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [
+        ("no_observation", "NoObservation.act() takes 1 positional argument but 2 "),
+        ("no_reset", "NoReset.reset() takes 1 positional argument but 2 were given"),
+        ("helped", "KeyError: 'no weights' (helper_of_{}.py, line 2, in fail)"),
+    ],
+)
+def test_no_mistake_in_a_policy_shows_a_traceback(
+    module: str, capsys: pytest.CaptureFixture[str], function: str, said: str
+) -> None:
+    own = f"import helper_of_{module}\n{OWN}{FORGETFUL.format(module)}"
+    Path(f"{module}.py").write_text(own)
+    Path(f"helper_of_{module}.py").write_text(
+        "def fail():\n    raise KeyError('no weights')\n"
+    )
+    assert gplfd("run", "--policy", f"{module}:{function}", "--doors", "small") == 2
+    *_, last = capsys.readouterr().err.splitlines()
+    assert last.startswith(f"gplfd: policy '{module}:{function}' failed with ")
+    assert said.format(module) in last
+
+
+@pytest.mark.parametrize(
+    "option", ["--demonstrations=absent.npz", "--skill=absent.npz"]
+)
+def test_a_file_that_is_missing_is_not_the_policy_s_mistake(
+    module: str, capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    assert gplfd("run", "--policy", f"{module}:make", option, "--doors", "small") == 2
+    assert "failed with" not in capsys.readouterr().err
 
 
 def test_a_study_with_workers_keeps_the_source_in_every_file(module: str) -> None:
@@ -234,7 +298,7 @@ def test_another_content_is_not_the_policy_that_was_planned(module: str) -> None
 def test_a_file_that_changed_while_it_was_planned_is_refused(module: str) -> None:
     task = planned(f"{module}:make")
     Path(f"{module}.py").write_text(OWN + "\n")
-    with pytest.raises(ValueError, match="has just changed"):
+    with pytest.raises(ValueError, match="has changed since this process"):
         files_of([task])
 
 
@@ -248,6 +312,17 @@ def test_what_the_file_needs_must_be_installed_elsewhere(
     elsewhere()
     sys.modules.pop(f"helper_of_{module}")
     with pytest.raises(ValueError, match="a policy is a single file; install"):
+        policy_of(task, files)
+
+
+def test_a_worker_does_not_use_an_old_helper(module: str) -> None:
+    helper = Path(f"helper_of_{module}.py")
+    helper.write_text("")
+    Path(f"{module}.py").write_text(f"import helper_of_{module}\n{OWN}")
+    task = planned(f"{module}:make")
+    files = files_of([task])
+    helper.write_text("# edited")
+    with pytest.raises(ValueError, match=f"{helper} has changed since this process"):
         policy_of(task, files)
 
 

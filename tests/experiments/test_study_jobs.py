@@ -195,6 +195,7 @@ def test_a_policy_that_cannot_learn_is_asked_once(
         calls.append(self.config)
         raise KeyError("a mistake in the code")
 
+    jobs._demonstrated.cache_clear()
     monkeypatch.setattr(jobs.Teacher, "demonstrate_doors", fail)
     jobs._demonstrated.cache_clear()
     results = run_job((task(door=0.35), task(door=0.5)))

@@ -20,7 +20,7 @@ SAYS = {
 """A part of what each of them prints."""
 
 WRITES = {
-    "play_trajectory": {"opening.csv"},
+    "play_trajectory": {"movement.csv"},
     "plot_episode": {"episode.png"},
     "your_own_policy": {"results"},
 }
@@ -31,18 +31,34 @@ def test_every_example_is_known():
     assert set(SAYS) == {path.stem for path in EXAMPLES}
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_example_runs(path, tmp_path):
+def printed(folder, path, *arguments):
     ran = subprocess.run(
-        [sys.executable, "-W", "error", "-W", "ignore:sensor noise", path],
+        [sys.executable, "-W", "error", "-W", "ignore:sensor noise", path, *arguments],
         check=False,
-        cwd=tmp_path,
+        cwd=folder,
         capture_output=True,
         text=True,
         timeout=120,
     )
     assert ran.returncode == 0, ran.stderr
-    assert SAYS[path.stem] in ran.stdout
+    return ran.stdout
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_example_runs(path, tmp_path):
+    assert SAYS[path.stem] in printed(tmp_path, path)
     written = list(tmp_path.iterdir())
     assert {each.name for each in written} == WRITES.get(path.stem, set())
     assert all(each.stat().st_size > 10_000 for each in written if each.is_file())
+
+
+def test_a_table_of_one_s_own_is_played_and_left_as_it_is(tmp_path):
+    names = "x [m],y [m],z [m],qx,qy,qz,qw"
+    text = "\n".join(["# mine", names, *5 * ["0,0,0,0,0,0,1"]])
+    table = tmp_path / "opening.csv"
+    table.write_text(text)
+    (example,) = (path for path in EXAMPLES if path.stem == "play_trajectory")
+    said = printed(tmp_path, example, "opening.csv")
+    assert said == "5 rows of opening.csv played: door at 0 deg, opened: False\n"
+    assert table.read_text() == text
+    assert list(tmp_path.iterdir()) == [table]

@@ -56,6 +56,23 @@ def test_nothing_that_lies_in_the_working_folder_is_run(tmp_path: Path) -> None:
     assert ran(tmp_path) == []
 
 
+def test_the_next_command_can_be_given_as_it_is_printed(tmp_path: Path) -> None:
+    environment = tmp_path / "no environment"
+    environment.symlink_to(GPLFD.parent)
+    runs = {"gplfd": str(GPLFD.parent), f"'{environment}/gplfd'": "/bin:/usr/bin"}
+    for program, path in runs.items():
+        finished = subprocess.run(
+            [environment / "gplfd", *RUN, "--quiet"],
+            cwd=tmp_path,
+            env=os.environ | {"PATH": path},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        *_, last = finished.stdout.splitlines()
+        assert last == f"look at it:  {program} view run/small.rrd"
+
+
 @pytest.mark.parametrize("arguments", [("list",), STUDY, RUN])
 def test_a_folder_on_the_python_path_hides_no_installed_module(
     tmp_path: Path, arguments: tuple[str, ...]

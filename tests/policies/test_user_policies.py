@@ -18,6 +18,7 @@ from policies import (
     Demonstration,
     Method,
     make_agent,
+    module_files,
     policy_named,
     user_policies,
 )
@@ -202,6 +203,50 @@ def test_origins_are_plain_data_with_which_another_process_finds_the_policy(
     assert ran.stdout.decode().strip() == "Stay where the handle is closed."
 
 
+def forget(*modules: str) -> None:
+    """Forget modules and their files, as another process would."""
+    for name in modules:
+        del sys.modules[name]
+    module_files._FIRST_SEEN.clear()
+
+
+@pytest.mark.parametrize(
+    ("name", "helpers"),
+    [
+        ("users", {"helper.py": "NUMBER = 1"}),
+        ("users", {"helper.py": "import deeper", "deeper.py": "NUMBER = 1"}),
+        ("users", {"helper/__init__.py": "from . import a", "helper/a.py": "N = 1"}),
+        ("users", {"helper/__init__.py": "from .a import *", "helper/a.py": "N = 1"}),
+        ("pack.users", {"helper.py": "import pack.a", "pack/a.py": "NUMBER = 1"}),
+        ("pack.users", {"helper.py": "", "pack/__init__.py": "NUMBER = 1"}),
+    ],
+)
+def test_a_policy_is_also_what_it_imports_beside_it(
+    folder: Path, name: str, helpers: dict[str, str]
+) -> None:
+    own = Path(name.replace(".", "/") + ".py")
+    for file, text in {str(own): f"import helper, json\n{MODULE}", **helpers}.items():
+        (folder / file).parent.mkdir(exist_ok=True)
+        (folder / file).write_text(text)
+    policy = f"{name}:make"
+    before = policy_named(policy).origin.sha256
+    last = folder / list(helpers)[-1]
+    last.write_text(last.read_text() + "0")
+    # What was imported is not what is in the file.
+    with pytest.raises(ValueError, match=f"{last} has changed since this process"):
+        policy_named(policy)
+    forget(name, "helper")
+    assert policy_named(policy).origin.sha256 != before
+    last.write_text(helpers[str(last.relative_to(folder))])
+    # What lies there and is not imported does not count, nor what was imported before.
+    (folder / "unrelated.py").write_text(f"import helper\n{MODULE}")
+    (folder / "policies").mkdir()
+    (folder / "policies" / "__init__.py").write_text("")
+    forget(name)
+    policy_named("unrelated:make")
+    assert policy_named(policy).origin.sha256 == before
+
+
 def test_another_file_is_not_the_policy_that_was_chosen(folder: Path) -> None:
     origin = policy_named("mine:make").origin
     assert origin is not None
@@ -210,7 +255,7 @@ def test_another_file_is_not_the_policy_that_was_chosen(folder: Path) -> None:
     # What was imported is not what is in the file.
     with pytest.raises(ValueError, match=r"mine\.py has changed since this process"):
         policy_named("mine:make")
-    del sys.modules["mine"]
+    forget("mine")
     with pytest.raises(ValueError, match="'mine:make' is not the one that was chosen"):
         load_policy(origin)
     (folder / "mine.py").unlink()
