@@ -76,6 +76,28 @@ def trial_sections(
     )
 
 
+def _together(answers: Mapping[str, Sequence[Answer]]) -> Iterable[str]:
+    """Say of policies that lack an idea in several trials who is better where."""
+    asked: dict[tuple[str, str], dict[str, list[str]]] = {}
+    for trial, own in answers.items():
+        for one in own:
+            if one.contrast.having.policy != one.contrast.lacking.policy:
+                pair = one.contrast.idea, one.contrast.lacking.policy
+                asked.setdefault(pair, {}).setdefault(one.verdict, []).append(trial)
+    for (idea, lacking), trials in asked.items():
+        if sum(map(len, trials.values())) < 2:
+            continue
+        places = {verdict: ", ".join(trials.get(verdict, ())) for verdict in _VERDICTS}
+        better = f"better in {places['shows']}" if places["shows"] else "better nowhere"
+        worse = f"worse in {places['harms']}" if places["harms"] else "worse nowhere"
+        dominated = not places["shows"] and places["harms"]
+        verdict = ": **dominated**" if dominated else ""
+        yield (
+            f"{idea}: than {code(lacking)} without it, the policy that has it is "
+            f"{better} and {worse}{verdict}; undecided: {places['open'] or 'none'}."
+        )
+
+
 def _ideas(answers: Mapping[str, Sequence[Answer]]) -> Iterable[Block]:
     rows = tuple(
         (
@@ -96,6 +118,8 @@ def _ideas(answers: Mapping[str, Sequence[Answer]]) -> Iterable[Block]:
         "interval leaves zero out on its side."
     )
     yield Paragraph(text=f"Protocol v{VERSION}.")
+    if together := tuple(_together(answers)):
+        yield Items(texts=together)
     yield Table(
         columns=("idea", "trial", "measure", "with : without", "difference", ""),
         rows=tuple(sorted(rows)),

@@ -233,6 +233,40 @@ def test_the_report_has_a_section_per_trial(
     assert "16 of 16" not in text
 
 
+@pytest.mark.parametrize(
+    ("stop", "locked", "text"),
+    [
+        (True, False, "is better in stop and worse in locked; undecided: none."),
+        (
+            False,
+            None,
+            "is better nowhere and worse in stop: **dominated**; undecided: loc",
+        ),
+        (None, None, "is better nowhere and worse nowhere; undecided: stop, locked."),
+    ],
+)
+def test_an_idea_is_judged_over_all_trials_together(
+    stop: bool | None,
+    locked: bool | None,
+    text: str,
+    write_study: Callable,
+    episode_result: MakeEpisode,
+) -> None:
+    """Where the policy with the idea succeeds alone, fails alone, or as the other."""
+    results = []
+    for trial, ours in (("stop", stop), ("locked", locked)):
+        for seed in range(8):
+            for policy in ("gp", CONSTANT[0]):
+                result = episode_result(policy, seed, trial=trial, level=trial)
+                good = ours is None or ours == (policy == "gp")
+                result["metrics"]["success"] = good
+                result["metrics"]["failure"] = "" if good else "grasp_lost"
+                results.append(result)
+    folder = write_study(results)
+    page = markdown_page(report(read_results(folder), folder, folder, "gp"))
+    assert f"than `{CONSTANT[0]}` without it, the policy that has it {text}" in page
+
+
 def test_the_command_runs_a_part_and_goes_on(
     tmp_path: Any, monkeypatch: pytest.MonkeyPatch, episode_result: MakeEpisode
 ) -> None:
