@@ -37,7 +37,7 @@ _SEEN: Final = 0.3
 _VIA_POINT_SCORES: Final = (
     *("via_error_position_m", "via_error_rotation_rad"),
     *("via_error_strict_position_m", "via_error_strict_rotation_rad"),
-    *("via_far_change", "via_far_std_change"),
+    *("via_far_change", "via_far_std_change", "via_far_error"),
 )
 """What a method without via-points has none of."""
 
@@ -50,7 +50,8 @@ def adaptation(
     * Three via-points in one adaptation: how far from them its mean passes, for
       demands of 1 mm and 1 mrad, and ("strict") of a tenth of it.
     * Each of them alone, strict: how much mean and standard deviation change farther
-      away than 0.3 of the task, in units of the standard deviation before.
+      away than 0.3 of the task, in units of the standard deviation before; and how far
+      the mean is from the demonstration there, as a share of how far it was before.
     * The first 30 % of the demonstration as the agents observe it, a via-point for
       every hundredth of it: how far the mean is from the rest.
 
@@ -90,9 +91,10 @@ def _hits(
 
 def _far_changes(
     form: AdaptationForm, movement: Movement, left_out: OnPhases
-) -> dict[str, float]:
-    before = movement.predict(GRID)
+) -> dict[str, float | None]:
+    before, truth = movement.predict(GRID), left_out.at(GRID)
     changes: list[FloatArray] = []
+    errors: list[FloatArray] = []
     for place in _PLACES:
         phase = float(GRID[place])
         adapted = begin_adaptation(movement, form, GRID)
@@ -101,10 +103,14 @@ def _far_changes(
         far = np.abs(GRID - phase) > _FAR
         both = np.abs(adapted.mean - before.mean), np.abs(adapted.std - before.std)
         changes.append(np.stack([(each / before.std)[far].ravel() for each in both]))
+        missed = adapted.mean - truth, before.mean - truth
+        errors.append(np.stack([(each / before.std)[far].ravel() for each in missed]))
     mean, std = np.concatenate(changes, axis=1)
+    after, unadapted = np.sqrt(np.mean(np.concatenate(errors, axis=1) ** 2, axis=1))
     return {
         "via_far_change": float(mean.mean()),
         "via_far_std_change": float(std.mean()),
+        "via_far_error": float(after / unadapted) if unadapted else None,
     }
 
 

@@ -133,6 +133,28 @@ class Obedient(Shifted):
         self.mean[place] = via_point.pose + self._offset
 
 
+class Following(Shifted):
+    """Goes a share of the way to a via-point, everywhere."""
+
+    share = 0.5
+
+    def observe(self, via_point: ViaPoint) -> None:
+        self.mean[:] = self.share * via_point.pose + (1.0 - self.share) * self.mean
+
+
+@pytest.mark.parametrize(("share", "error"), [(0.5, 0.5), (1.0, 0.0), (-0.2, 1.2)])
+def test_far_error_is_a_share_of_what_it_was(
+    share: float, error: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is told everywhere may come nearer to the truth, or farther from it."""
+    monkeypatch.setattr(Following, "share", share)
+    method = knowing(form=functools.partial(Following, np.zeros(6)))
+    poses = np.tile([0.1, 0.2, -0.1, 0.0, 0.05, 0.0], (7, 1))
+    left_out = OnPhases(phases=np.linspace(0.0, 1.0, 7), poses=poses)
+    score = adaptation(method, Known(aligned_doors()), [left_out])
+    assert score["via_far_error"] == pytest.approx(error, abs=1e-12)
+
+
 def test_via_point_errors_are_distance_and_angle() -> None:
     offset = np.array([0.003, 0.0, 0.004, 0.0, 0.01, 0.0])
     method = knowing(form=functools.partial(Obedient, offset))
@@ -146,6 +168,7 @@ def test_via_point_errors_are_distance_and_angle() -> None:
     assert score["via_error_position_m"] == pytest.approx(0.005)
     assert score["via_error_strict_rotation_rad"] == pytest.approx(0.01)
     assert score["via_far_change"] == score["via_far_std_change"] == 0.0
+    assert score["via_far_error"] == 1.0
     assert score["cpu_adapt_s"] is not None
 
 
