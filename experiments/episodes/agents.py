@@ -3,13 +3,11 @@
 import contextlib
 import traceback
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
-
-from threadpoolctl import threadpool_limits
 
 from policies.agent import Agent, as_agent
 from policies.method import TrainingInput
+from policies.one_thread import one_thread
 from policies.policy import Policy
 from policies.user_policies import source_files
 
@@ -26,9 +24,6 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
         every one.
     """
     method = policy.method
-    # Matrices of a hundred rows: sharing them out among threads costs ten times the
-    # work itself.
-    one_thread = partial(threadpool_limits, limits=1, user_api="blas")
     with one_thread():
         movement = method.learn(training) if method is not None else None
 
