@@ -48,10 +48,12 @@ class View:
 
             return open_recording(self._recording())
         with postponed_interruption():
+            from experiments.arguments import check_circumstances
             from experiments.recording.live_view import watch
 
         if self.file is not None:
             raise ValueError(f"--live runs an episode; it does not go with {self.file}")
+        check_circumstances(self.randomization, self.disturbance)
         watch(
             self.door,
             policy=self.policy,

@@ -260,6 +260,27 @@ def test_view_starts_the_viewer_itself(
 
 
 @pytest.mark.parametrize(
+    ("option", "names"),
+    [("randomization", "none, mild, hard"), ("disturbance", "none, push, person, ")],
+)
+@pytest.mark.parametrize(
+    "command", ["run --{}", "benchmark --{}s", "view --live --serve --{}"]
+)
+def test_names_that_are_offered_can_be_given(
+    gplfd: Gplfd,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    option: str,
+    names: str,
+) -> None:
+    """A mapping, which Python takes, cannot."""
+    assert gplfd(*command.format(option).split(), "absent") == 2
+    said = capsys.readouterr().err
+    assert f"unknown {option} 'absent'; give one of {names}" in said
+    assert "mapping" not in said
+
+
+@pytest.mark.parametrize(
     ("file", "display", "message"),
     [
         ("nothing.rrd", ":0", "there is no file nothing.rrd; `gplfd run` writes"),
