@@ -181,7 +181,8 @@ def _learn(
     policy: Policy, demonstrations: Path | int, seed: int
 ) -> tuple[LabelledDemonstrations, Callable[[], Agent]]:
     shown = _demonstrations(demonstrations, seed)
-    LOG.info("learning from %d demonstrations", len(shown.demonstrations))
+    if policy.kind != "reference":
+        LOG.info("learning from %d demonstrations", len(shown.demonstrations))
     training = TrainingInput(demonstrations=shown.demonstrations, seed=seed)
     return shown, learned(policy, training)
 

@@ -105,6 +105,8 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
         return replace(POLICIES[name], origin=PolicyOrigin(name=name))
     if ":" in name:
         return module_policy(name, Path(folder or "").absolute())
+    if name.endswith(".py"):
+        raise ValueError(f"policy {name!r}: name a function in it, as in {name}:make")
     packaged = packaged_policy(name)
     if packaged is not None:
         return packaged

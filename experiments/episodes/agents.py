@@ -1,12 +1,11 @@
 """Agents from a policy, and where in a policy of the user's an error arose."""
 
 import contextlib
-import traceback
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 from policies.agent import Agent, as_agent
 from policies.method import TrainingInput
+from policies.module_files import place_in
 from policies.one_thread import one_thread
 from policies.policy import Policy
 from policies.user_policies import source_files
@@ -38,14 +37,7 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
 
 def where(error: BaseException, policy: Policy) -> str:
     """Return file, line and function of the user's in which an error arose, or ""."""
-    if policy.origin is None:
-        return ""
-    files = source_files(policy.origin)
-    places = traceback.extract_tb(error.__traceback__)
-    own = [place for place in places if place.filename in files]
-    if not own:
-        return ""
-    return f"{Path(own[-1].filename).name}, line {own[-1].lineno}, in {own[-1].name}"
+    return place_in(source_files(policy.origin), error) if policy.origin else ""
 
 
 @contextlib.contextmanager
