@@ -4,6 +4,10 @@ import errno
 import os
 from pathlib import Path
 
+from gplfd_env.config import nearest_name
+from gplfd_env.disturbance import DISTURBANCES
+from gplfd_env.randomization import RANDOMIZATIONS
+
 
 def check_least(option: str, value: float | None, least: float) -> None:
     """Check a number; None is an option that was not given.
@@ -13,6 +17,22 @@ def check_least(option: str, value: float | None, least: float) -> None:
     """
     if value is not None and not value >= least:
         raise ValueError(f"{option} {value:g} must be {least:g} or more")
+
+
+def check_circumstances(randomization: str, disturbance: str = "none") -> None:
+    """Check two names. In Python there is more than names, on a command line not.
+
+    Raises:
+        ValueError: One is unknown.
+    """
+    for what, name, known in (
+        ("randomization", randomization, RANDOMIZATIONS),
+        ("disturbance", disturbance, DISTURBANCES),
+    ):
+        if name not in known:
+            hint = nearest_name(name, known)
+            names = ", ".join(known)
+            raise ValueError(f"unknown {what} {name!r}{hint}; give one of {names}")
 
 
 def check_folder(folder: Path) -> None:

@@ -1,8 +1,8 @@
 """The subcommands of ``gplfd``, and how each of them ends.
 
 Exit status: 0 when the command did its work (a door left closed is a result), 1 when a
-replay departs from its recording or a task of a study ended in an error, 2 for bad
-arguments or files. `gplfd` adds 130 for an interruption.
+replay departs from its recording, a task of a study ended in an error or a report is
+about errors only, 2 for bad arguments or files. `gplfd` adds 130 for an interruption.
 """
 
 import contextlib

@@ -11,7 +11,7 @@ from typing import Any, Final, Literal
 
 import gymnasium as gym
 
-from experiments.arguments import check_folder, check_least
+from experiments.arguments import check_circumstances, check_folder, check_least
 from experiments.datasets.npz import (
     LabelledDemonstrations,
     load_demonstrations,
@@ -32,8 +32,6 @@ from experiments.study.sources import source_of
 from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DoorConfig
-from gplfd_env.disturbance import disturbance_named
-from gplfd_env.randomization import door_randomization
 from gplfd_env.scene import build_scene
 from policies.agent import Agent
 from policies.demonstrations import Demonstration
@@ -104,8 +102,7 @@ def open_doors(
     """
     check_least("--seed", seed, 0)
     configs = named_doors(doors)
-    door_randomization(randomization)
-    disturbance_named(disturbance)
+    check_circumstances(randomization, disturbance)
     chosen = policy_named(policy)
     check_folder(folder)
     earlier = _files_of_earlier_run(folder)
@@ -184,7 +181,8 @@ def _learn(
     policy: Policy, demonstrations: Path | int, seed: int
 ) -> tuple[LabelledDemonstrations, Callable[[], Agent]]:
     shown = _demonstrations(demonstrations, seed)
-    LOG.info("learning from %d demonstrations", len(shown.demonstrations))
+    if policy.kind != "reference":
+        LOG.info("learning from %d demonstrations", len(shown.demonstrations))
     training = TrainingInput(demonstrations=shown.demonstrations, seed=seed)
     return shown, learned(policy, training)
 

@@ -18,6 +18,8 @@ Record = TypeVar("Record", bound=Any)
 
 _RANGE: Final = "range"
 """Key of a field's metadata."""
+_RANGED: Final = "a number or (low, high)"
+"""What `check_ranges` allows."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -98,16 +100,14 @@ def check_ranges(record: Any) -> None:
             if isinstance(value, list | tuple):
                 value = _checked_pair(name, value, allowed)
             else:
-                value = checked_number(name, value, allowed)
+                value = checked_number(name, value, allowed, _RANGED)
             object.__setattr__(record, field.name, value)
 
 
 def _checked_pair(name: str, pair: Sequence[Any], allowed: Range) -> tuple[float, ...]:
     ends = tuple(checked_number(name, end, allowed) for end in pair)
     if len(ends) != 2 or ends[0] > ends[1]:
-        raise ValueError(
-            f"{name} = {pair!r} must be a number or (low, high), low first"
-        )
+        raise ValueError(f"{name} = {pair!r} must be {_RANGED}, low first")
     return ends
 
 
@@ -130,13 +130,16 @@ def draw_ranges(record: Record, rng: np.random.Generator) -> Record:
     return dataclasses.replace(record, **drawn)
 
 
-def checked_number(name: str, value: Any, allowed: Range) -> float:
+def checked_number(
+    name: str, value: Any, allowed: Range, kind: str = "a number"
+) -> float:
     """Return a value as a float.
 
     Args:
         name: What messages call it.
         value: To be checked.
         allowed: The numbers that it may be.
+        kind: What messages say that it must be.
 
     Raises:
         ValueError: It is not finite or not allowed.
@@ -144,7 +147,7 @@ def checked_number(name: str, value: Any, allowed: Range) -> float:
     """
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise TypeError(
-            f"{name} must be a number, got {value!r} ({type(value).__name__})"
+            f"{name} must be {kind}, got {value!r} ({type(value).__name__})"
         )
     number = float(value)
     if number not in allowed:
@@ -153,7 +156,7 @@ def checked_number(name: str, value: Any, allowed: Range) -> float:
 
 
 def checked_count(name: str, value: Any, allowed: Range) -> int:
-    """Return a value as an int; the arguments are those of `checked_number`.
+    """Return a value as an int; `checked_number` says what the arguments are.
 
     Raises:
         ValueError: It is not a whole number or not allowed.

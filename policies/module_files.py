@@ -8,7 +8,8 @@ has imported before.
 import ast
 import contextlib
 import hashlib
-from collections.abc import Iterator, Sequence
+import traceback
+from collections.abc import Collection, Iterator, Sequence
 from importlib.util import resolve_name
 from pathlib import Path
 from typing import Final
@@ -67,6 +68,15 @@ def content_hash(files: Sequence[Path], folder: Path) -> str:
         return hashes[files[0]]
     lines = [f"{file.relative_to(folder).as_posix()} {hashes[file]}" for file in files]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+
+def place_in(files: Collection[str], error: BaseException) -> str:
+    """Return file, line and function where an error arose in some files, or ""."""
+    places = traceback.extract_tb(error.__traceback__)
+    own = [place for place in places if place.filename in files]
+    if not own:
+        return ""
+    return f"{Path(own[-1].filename).name}, line {own[-1].lineno}, in {own[-1].name}"
 
 
 def _imports(file: Path, package: str) -> Iterator[str]:

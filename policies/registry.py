@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from policies.adaptation import (
     ExactAdaptation,
@@ -37,6 +36,7 @@ from policies.controllers.stiffness import (
 from policies.demonstrations import Demonstration
 from policies.load import YieldToAll
 from policies.method import Method, TrainingInput, clock_phase, demonstrated_phase
+from policies.one_thread import one_thread
 from policies.policy import Policy, PolicyOrigin
 from policies.prior_mean import PriorMean
 from policies.reference.compliant_pull import CompliantPullAgent
@@ -83,9 +83,7 @@ def make_agent(
             f"{name} has no prior mean that could be given; leave it out, or choose "
             f"one of {', '.join(sorted(takers))}"
         )
-    # Matrices of a hundred rows: sharing them out among threads costs ten times the
-    # work itself.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread():
         return as_agent(policy.make(training))
 
 
@@ -107,6 +105,8 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
         return replace(POLICIES[name], origin=PolicyOrigin(name=name))
     if ":" in name:
         return module_policy(name, Path(folder or "").absolute())
+    if name.endswith(".py"):
+        raise ValueError(f"policy {name!r}: name a function in it, as in {name}:make")
     packaged = packaged_policy(name)
     if packaged is not None:
         return packaged

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from threadpoolctl import threadpool_limits
 
 from policies.aligned import AlignedDemonstrations
 from policies.gp.deviations import DeviationProcess, fit_deviations
@@ -21,6 +20,7 @@ from policies.gp.multi_output import MultiOutputGP, OutputMoments
 from policies.gp.noise import HomoscedasticNoise, MapNoise
 from policies.gp.noise_profile import NoiseModel
 from policies.movement import LearnedMovement
+from policies.one_thread import one_thread
 from policies.skill_archive import read_skill, write_skill
 from policies.trajectory import GaussianTrajectory, checked_times
 
@@ -115,7 +115,8 @@ class Skill(LearnedMovement):
             ValueError: if there are no times, or one is not finite.
         """
         times = checked_times(times)
-        moments = self.processes.moments(times)
+        with one_thread():
+            moments = self.processes.moments(times)
         share = self.smoothness / self.count * moments.noise
         smooth = moments.latent >= share
         variance = np.where(smooth, moments.latent, share) + moments.noise
@@ -225,8 +226,7 @@ def fit_skill(
     times, poses = aligned.times, aligned.poses
     if not (np.isfinite(times).all() and np.isfinite(poses).all()):
         raise ValueError("Aligned demonstrations must be finite; found NaN or inf.")
-    # Matrices of fifty rows: sharing them out among threads costs ten times the work.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread():
         processes = MultiOutputGP.fit(times, poses, noise, centred=centred)
     if len(poses) <= _FEW:
         warnings.warn(_few_demonstrations(len(poses)), UserWarning, stacklevel=2)

@@ -23,7 +23,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
-from policies.module_files import content_hash, module_file, module_files
+from policies.module_files import content_hash, module_file, module_files, place_in
 from policies.policy import Policy, PolicyOrigin
 
 GROUP: Final = "gplfd.policies"
@@ -56,6 +56,11 @@ def module_policy(name: str, folder: Path) -> Policy:
             imported, or the attribute is no policy.
     """
     module_name, first, attribute = _place(name, folder)
+    if not module_name:
+        raise ValueError(
+            f"policy {name!r} names no module; give module:function or "
+            "path/to/file.py:function"
+        )
     file = first / f"{module_name}.py"
     if name.endswith(f".py:{attribute}") and not file.is_file():
         raise ValueError(f"policy {name!r}: there is no file {file}")
@@ -181,7 +186,7 @@ def _imported(name: str, folder: Path) -> ModuleType:
     importlib.invalidate_caches()
     sys.path.insert(0, str(folder))
     try:
-        with _importing(name):
+        with _importing(name, folder):
             module = importlib.import_module(name)
     finally:
         with contextlib.suppress(ValueError):  # the module may have removed it
@@ -195,8 +200,8 @@ def _imported(name: str, folder: Path) -> ModuleType:
 
 
 @contextlib.contextmanager
-def _importing(name: str) -> Iterator[None]:
-    """Say in one sentence why a module cannot be imported.
+def _importing(name: str, folder: Path | None = None) -> Iterator[None]:
+    """Say in one sentence why a module, perhaps of a folder, cannot be imported.
 
     Raises:
         ValueError: Whatever went wrong.
@@ -211,8 +216,11 @@ def _importing(name: str) -> Iterator[None]:
                 f"there is no module {missing!r}, neither in the working folder nor on "
                 "Python's path; give module:function or path/to/file.py:function"
             ) from error
+        files = module_files(name, folder) if folder is not None else ()
+        place = place_in([str(file) for file in files], error)
         raise ValueError(
             f"importing {name} failed with {type(error).__name__}: {error}"
+            + (f" ({place})" if place else "")
         ) from error
 
 

@@ -43,7 +43,7 @@ class Record:
     randomization: str = "none"
     """What the environment draws anew for every episode: none, mild or hard."""
 
-    max_steps: int | None = None
+    max_steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Cut episodes after this many steps; the environment's own limit by default."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None

@@ -9,7 +9,7 @@ import tyro
 from experiments.interruption import postponed_interruption
 
 FAILED: Final = 1
-"""Exit status if results do not follow the protocol."""
+"""Exit status if there are only errors, or results do not follow the protocol."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -38,10 +38,11 @@ class Report:
     """Policy with which the others are compared; the best if the study lacks it."""
 
     def execute(self) -> int:
-        """Write the pages and print where they are."""
+        """Write the pages, print where they are; `FAILED` if all tasks failed."""
         with postponed_interruption():
             from experiments.arguments import check_folder
             from experiments.report.page import write_report
+            from experiments.results.reading import is_measured
 
         if not self.folders:
             raise ValueError("give the folder of a study: gplfd report DIR")
@@ -52,7 +53,7 @@ class Report:
         first, *others = self.folders
         page = write_report(first, self.out, self.reference, *others)
         print(f"{page} and {page.with_suffix('.md')}")
-        return 0
+        return 0 if any(map(is_measured, self.folders)) else FAILED
 
     def _check(self) -> int:
         with postponed_interruption():

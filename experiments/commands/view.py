@@ -3,6 +3,7 @@
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 
@@ -13,7 +14,9 @@ from experiments.interruption import postponed_interruption
 class View:
     """Open a recording (.rrd) in the Rerun viewer, or watch an episode live."""
 
-    file: tyro.conf.Positional[Path | None] = None
+    file: Annotated[
+        tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="[FILE.rrd]")
+    ] = None
     """Recording to open, for example results/gp-seed0/medium.rrd."""
 
     live: bool = False
@@ -48,10 +51,12 @@ class View:
 
             return open_recording(self._recording())
         with postponed_interruption():
+            from experiments.arguments import check_circumstances
             from experiments.recording.live_view import watch
 
         if self.file is not None:
             raise ValueError(f"--live runs an episode; it does not go with {self.file}")
+        check_circumstances(self.randomization, self.disturbance)
         watch(
             self.door,
             policy=self.policy,

@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium as gym
 from threadpoolctl import threadpool_limits
 
-from experiments.arguments import check_folder, check_least
+from experiments.arguments import check_circumstances, check_folder, check_least
 from experiments.datasets.minari import RecordedEpisode, Recorder, write_dataset
 from experiments.datasets.minari.contents import outcome
 from experiments.episodes.agents import learned, reported_errors
@@ -19,7 +19,6 @@ from experiments.teacher import Teacher
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DoorConfig
 from gplfd_env.placement import door_geometry
-from gplfd_env.randomization import door_randomization
 from policies.agent import Agent
 from policies.method import TrainingInput
 from policies.policy import Policy
@@ -69,7 +68,7 @@ def record_dataset(
     check_least("--demonstrations-per-door", demonstrations_per_door, 1)
     check_least("--max-steps", max_steps, 1)
     chosen = policy_named(policy)
-    door_randomization(randomization)
+    check_circumstances(randomization)
     check_folder(folder.parent)
     plan = [
         (name, config, seed + number)

@@ -1,15 +1,12 @@
 """Agents from a policy, and where in a policy of the user's an error arose."""
 
 import contextlib
-import traceback
 from collections.abc import Callable, Iterator
-from functools import partial
-from pathlib import Path
-
-from threadpoolctl import threadpool_limits
 
 from policies.agent import Agent, as_agent
 from policies.method import TrainingInput
+from policies.module_files import place_in
+from policies.one_thread import one_thread
 from policies.policy import Policy
 from policies.user_policies import source_files
 
@@ -26,9 +23,6 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
         every one.
     """
     method = policy.method
-    # Matrices of a hundred rows: sharing them out among threads costs ten times the
-    # work itself.
-    one_thread = partial(threadpool_limits, limits=1, user_api="blas")
     with one_thread():
         movement = method.learn(training) if method is not None else None
 
@@ -43,14 +37,7 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
 
 def where(error: BaseException, policy: Policy) -> str:
     """Return file, line and function of the user's in which an error arose, or ""."""
-    if policy.origin is None:
-        return ""
-    files = source_files(policy.origin)
-    places = traceback.extract_tb(error.__traceback__)
-    own = [place for place in places if place.filename in files]
-    if not own:
-        return ""
-    return f"{Path(own[-1].filename).name}, line {own[-1].lineno}, in {own[-1].name}"
+    return place_in(source_files(policy.origin), error) if policy.origin else ""
 
 
 @contextlib.contextmanager

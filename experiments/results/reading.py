@@ -104,6 +104,13 @@ def read_results(folder: Path) -> StudyResults:
     )
 
 
+def is_measured(folder: Path) -> bool:
+    """Tell whether any task of a study came to more than an error."""
+    files = (folder / TASKS).glob("[!.]*.json")
+    each = (one for file in files for found in read_files([file])[:2] for one in found)
+    return any(not one.error for one in each)
+
+
 def read_all(folders: Sequence[Path]) -> StudyResults:
     """Read the results of several folders as those of one study.
 

@@ -7,14 +7,13 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from experiments.arguments import check_circumstances
 from experiments.episodes.doors import named_doors
 from experiments.learning_tests.folds import HELD_OUT
 from experiments.study.settings import TABLE_1_NAME, Condition, StudySettings
 from experiments.study.sources import chosen, source_of
 from experiments.study.tasks import EpisodeTask, SkillTask, Task
 from experiments.teacher import standard_teacher
-from gplfd_env.disturbance import disturbance_named
-from gplfd_env.randomization import door_randomization
 from policies.registry import TABLE_1
 
 _NOISY: Final = (
@@ -42,10 +41,8 @@ def checked(settings: StudySettings) -> StudySettings:
     for policy in settings.policies:
         chosen(policy)
     named_doors(settings.doors)
-    for name in settings.randomizations:
-        door_randomization(name)
-    for name in settings.disturbances:
-        disturbance_named(name)
+    for names in itertools.product(settings.randomizations, settings.disturbances):
+        check_circumstances(*names)
     for field in dataclasses.fields(settings):
         values = getattr(settings, field.name)
         if isinstance(values, tuple):

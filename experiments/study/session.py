@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from experiments.arguments import check_folder
 from experiments.files.plain_data import write_json
@@ -19,8 +19,6 @@ from experiments.study.store import (
     stored_result,
 )
 from experiments.study.tasks import Result, Task
-
-_SHOWN_ERRORS: Final = 3
 
 
 def carry_out(
@@ -86,7 +84,10 @@ def _report_errors(study: Iterable[Task], folder: Path) -> int:
             len(results),
             folder / "tasks",
         )
-    for result in failed[:_SHOWN_ERRORS]:
+    first: dict[str, Result] = {}
+    for result in failed:
+        first.setdefault(result["task"]["policy"], result)
+    for result in first.values():
         LOG.error("%s: %s", _named(result), result["error"])
     return len(failed)
 

@@ -18,6 +18,7 @@ from policies.movement import (
     Movement,
     Predictor,
 )
+from policies.one_thread import one_thread
 from policies.residual import ResidualAdaptation, ResidualMovement
 from policies.skill import Skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
@@ -51,10 +52,11 @@ class AdaptedMovement:
         Raises:
             ValueError: if a via-point or a time is outside what the form can handle.
         """
-        adaptation = begin_adaptation(self.movement, self.form, times)
-        for via_point in self.via_points:
-            adaptation.observe(via_point)
-        return adaptation.trajectory()
+        with one_thread():
+            adaptation = begin_adaptation(self.movement, self.form, times)
+            for via_point in self.via_points:
+                adaptation.observe(via_point)
+            return adaptation.trajectory()
 
 
 def adapt(

@@ -406,8 +406,18 @@ def test_what_is_impossible_is_refused(spec: Any, message: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "spec", [3, ["push"], {"push": "hard"}, {"push": {"along": "x"}}]
+    ("spec", "message"),
+    [
+        (3, "must be a preset's name, a mapping"),
+        (["push"], "must be a preset's name, a mapping"),
+        ({"push": "hard"}, "must be a mapping of Push fields"),
+        (
+            {"push": {"along": "ten"}},
+            r"along must be a number or \(low, high\), got 't",
+        ),
+        ({"push": {"along": (1, "ten")}}, r"Push.along must be a number, got 'ten'"),
+    ],
 )
-def test_what_is_no_disturbance_is_refused(spec: Any) -> None:
-    with pytest.raises(TypeError, match=r"must be a"):
+def test_what_is_no_disturbance_is_refused(spec: Any, message: str) -> None:
+    with pytest.raises(TypeError, match=message):
         gym.make(gplfd_env.ENVIRONMENT_ID, disturbance=spec)

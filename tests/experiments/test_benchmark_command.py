@@ -52,6 +52,33 @@ def benchmark(out: Path, *arguments: str) -> int:
         return int(error.code or 0)
 
 
+def test_an_address_without_a_scheduler_leaves_no_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    cluster = ("--engine", "dask", "--address", "127.0.0.1")
+    assert benchmark(out, *cluster) == 2
+    assert "no Dask scheduler answers" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_an_error_of_every_policy_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(job: Any) -> list[Any]:
+        return [jobs.failed(task, f"ValueError: {task.policy}") for task in job]
+
+    monkeypatch.setattr(runner, "run_job", fail)
+    policies = ("gp", "gmr", "oracle", "reflex", "chord")
+    study = ("--policies", *policies, "--doors", "small", "large", "--seeds", "2")
+    assert benchmark(tmp_path, *study, "--no-skill") == 1
+    shown = [line for line in capsys.readouterr().err.splitlines() if "Value" in line]
+    assert shown == [f"gplfd: {p}, small, seed 0: ValueError: {p}" for p in policies]
+    # There is a page, and nothing on it was measured.
+    assert main(["report", str(tmp_path)]) == 1
+    assert (tmp_path / "report.html").exists()
+
+
 def test_writes_table_and_settings_and_says_where(
     tmp_path: Path, ran: list[Any], capsys: pytest.CaptureFixture[str]
 ) -> None:

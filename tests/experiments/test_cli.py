@@ -134,6 +134,8 @@ def test_run_learns_from_a_file(gplfd: Gplfd, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["--policy", "mine.py"], "name a function in it, as in mine.py:make"),
+        (["--policy", ":"], "':' names no module; give module:function or path/to"),
         (["--policy", "oracel"], "unknown policy 'oracel' (did you mean 'oracle'?)"),
         (["--doors", "smal"], "unknown door 'smal' (did you mean 'small'?)"),
         (["--doors", "0.95"], "DoorConfig.radius = 0.95 is outside [0.3, 0.65]"),
@@ -250,6 +252,22 @@ def test_named_doors_take_names_and_radii() -> None:
     }
 
 
+def test_a_policy_that_learns_nothing_is_not_said_to_learn(
+    gplfd: Gplfd, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for policy, learns in {"hinge-fit": False, "gp-fixed": True}.items():
+        assert gplfd("run", "--policy", policy, "--doors", "small") == 0
+        assert ("learning from" in capsys.readouterr().err) is learns
+
+
+@pytest.mark.parametrize("command", [("view",), ("demos", "record")])
+def test_help_shows_no_none(
+    gplfd: Gplfd, capsys: pytest.CaptureFixture[str], command: tuple[str, ...]
+) -> None:
+    gplfd(*command, "--help")
+    assert "{None}" not in capsys.readouterr().out
+
+
 def test_view_starts_the_viewer_itself(
     gplfd: Gplfd, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -268,6 +286,27 @@ def test_view_starts_the_viewer_itself(
     # Not the Python script of the same name, which would outlive its viewer.
     with open(viewer.viewer(), "rb") as executable:
         assert executable.read(2) != b"#!"
+
+
+@pytest.mark.parametrize(
+    ("option", "names"),
+    [("randomization", "none, mild, hard"), ("disturbance", "none, push, person, ")],
+)
+@pytest.mark.parametrize(
+    "command", ["run --{}", "benchmark --{}s", "view --live --serve --{}"]
+)
+def test_names_that_are_offered_can_be_given(
+    gplfd: Gplfd,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    option: str,
+    names: str,
+) -> None:
+    """A mapping, which Python takes, cannot."""
+    assert gplfd(*command.format(option).split(), "absent") == 2
+    said = capsys.readouterr().err
+    assert f"unknown {option} 'absent'; give one of {names}" in said
+    assert "mapping" not in said
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from jaxtyping import config
 from scipy.stats import t as student
+from threadpoolctl import threadpool_info, threadpool_limits
 
+from policies.adaptation import adapt, begin_adaptation, forms
 from policies.aligned import AlignedDemonstrations
 from policies.gp.exact import ExactGP
 from policies.gp.kersting import KerstingNoise
+from policies.gp.multi_output import MultiOutputGP
 from policies.skill import Skill, fit_skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
@@ -397,3 +400,32 @@ def test_demonstrations_that_are_not_aligned_are_refused(demonstrations, monkeyp
     monkeypatch.setattr(config, "jaxtyping_disable", True)
     with pytest.raises(TypeError, match=r"tuple; call fit_skill\(align\(demo"):
         fit_skill(demonstrations)
+
+
+def test_predictions_keep_to_one_thread(skill, monkeypatch):
+    """Whatever the caller's setting, which is left as it was."""
+    threads = []
+
+    def spied(work):
+        def watched(*given):
+            threads.append(blas_threads())
+            return work(*given)
+
+        return watched
+
+    def blas_threads():
+        return {
+            pool["num_threads"]
+            for pool in threadpool_info()
+            if pool["user_api"] == "blas"
+        }
+
+    monkeypatch.setattr(MultiOutputGP, "moments", spied(MultiOutputGP.moments))
+    monkeypatch.setattr(forms, "begin_adaptation", spied(begin_adaptation))
+    via_point = ViaPoint(phase=0.3, pose=np.zeros(6), std=1e-3)
+    with threadpool_limits(limits=2, user_api="blas"):
+        skill.predict(TIMES)
+        adapt(skill, [via_point]).predict(TIMES)
+        assert blas_threads() == {2}
+    assert len(threads) >= 3
+    assert all(number == {1} for number in threads)

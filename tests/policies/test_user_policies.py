@@ -156,8 +156,11 @@ def test_files_elsewhere_find_what_lies_beside_them(
         ("mine:", "has no ''"),
         ("mine:number", "number of mine .* is a int; it must be a function from"),
         ("mine:make_with_seed", r"make_with_seed\(training, seed\) of mine .*one arg"),
-        ("broken:make", "importing broken failed with ZeroDivisionError: division"),
-        ("leaving:make", "importing leaving failed with SystemExit: 3"),
+        (":", "names no module; give module:function or path/to/file.py:function"),
+        ("mine.py", r"name a function in it, as in mine\.py:make"),
+        ("broken:make", r"division by zero \(broken\.py, line 2, in <module>\)"),
+        ("users:make", r"importing users failed with Zero.*\(broken\.py, line 2, in"),
+        ("leaving:make", r"leaving failed with SystemExit: 3 \(leaving\.py, line 1"),
         ("needy:make", "importing needy failed with ModuleNotFoundError: .*'absent'"),
         ("json:make", r"module 'json' is already .*; rename .*json\.py"),
         ("sys:version", r"version of sys \(part of Python\) is a str"),
@@ -167,7 +170,8 @@ def test_files_elsewhere_find_what_lies_beside_them(
 def test_what_cannot_be_used_is_refused_at_once(
     name: str, message: str, folder: Path
 ) -> None:
-    (folder / "broken.py").write_text("1 / 0\n")
+    (folder / "broken.py").write_text("\n1 / 0\n")
+    (folder / "users.py").write_text("import broken\n")
     (folder / "leaving.py").write_text("raise SystemExit(3)\n")
     (folder / "needy.py").write_text("import absent\n")
     (folder / "json.py").write_text(MODULE)

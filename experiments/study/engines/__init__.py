@@ -68,6 +68,7 @@ def engine_named(
     Raises:
         ValueError: An option that the engine does not have, one that it lacks, or Dask
             is not installed.
+        OSError: The scheduler does not answer.
     """
     if workers is not None and name != "loky":
         raise ValueError(
@@ -103,4 +104,6 @@ def _cluster(address: str | None) -> Engine:
         raise ValueError(
             f"--engine dask needs Dask ({error}); pip install 'gplfd[dask]'"
         ) from error
-    return Cluster(address=address)
+    cluster = Cluster(address=address)
+    cluster.check()
+    return cluster

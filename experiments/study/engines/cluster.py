@@ -46,7 +46,22 @@ class Cluster:
         Raises:
             OSError: The scheduler does not answer, or not any more.
         """
-        # Dask's client waits for ever where something else than a scheduler listens.
+        client = _dask.Client(self.address, timeout=_PATIENCE, set_as_default=False)
+        try:
+            blamed = yield from self._together(client, work, items)
+            for item in blamed:
+                yield from self._together(client, work, [item], last=True)
+        finally:
+            client.close()
+
+    def check(self) -> None:
+        """Greet the scheduler.
+
+        Dask's client waits for ever where something else than a scheduler listens.
+
+        Raises:
+            OSError: It does not answer.
+        """
         try:
             asyncio.run(_shake_hands(self.address))
         # Whatever a server that is no scheduler makes of Dask's greeting, and Dask of
@@ -57,13 +72,6 @@ class Cluster:
                 f"no Dask scheduler answers at {self.address} ({reason}); `dask "
                 "scheduler` prints its address"
             ) from error
-        client = _dask.Client(self.address, timeout=_PATIENCE, set_as_default=False)
-        try:
-            blamed = yield from self._together(client, work, items)
-            for item in blamed:
-                yield from self._together(client, work, [item], last=True)
-        finally:
-            client.close()
 
     def _together(
         self,
