@@ -112,12 +112,6 @@ def without_times(metrics: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.mark.usefixtures("short_chain")
-def test_same_task_has_the_same_numbers() -> None:
-    first, second = (metrics_of("wishart-gp", "demonstration") for _ in range(2))
-    assert without_times(first) == without_times(second)
-
-
-@pytest.mark.usefixtures("short_chain")
 @pytest.mark.parametrize("policy", TABLE_1)
 def test_every_method_of_table_1_is_measured(policy: str) -> None:
     metrics = metrics_of(policy, "demonstration")
@@ -130,6 +124,9 @@ def test_every_method_of_table_1_is_measured(policy: str) -> None:
     informed = policy in ("local-gp", "wishart-gp", "gp-paper", "gp")
     assert (metrics["prior_mean_used"] is not None) == informed
     assert (metrics["coverage_95_stated"] is not None) == (policy in ("gp", "gp-paper"))
+    if policy == "wishart-gp":  # Which draws random numbers.
+        again = metrics_of(policy, "demonstration")
+        assert without_times(again) == without_times(metrics)
 
 
 @pytest.mark.parametrize("policy", ["dmp", "gmr", "gmm-gp"])
