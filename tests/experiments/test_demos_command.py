@@ -15,6 +15,7 @@ import pytest
 
 from experiments import cli
 from experiments.datasets.minari import open_dataset
+from experiments.datasets.minari.contents import title
 
 Gplfd = Callable[..., int]
 DATASETS = "experiments.datasets."
@@ -96,6 +97,7 @@ def test_one_door_is_minaris_own_door_to_recover(gplfd: Gplfd, tmp_path: Path) -
     assert info["door_radius"] == 0.42
     metadata = json.loads((tmp_path / "narrow-v0/data/metadata.json").read_text())
     assert "doors" not in metadata["description"]
+    assert "(door of 0.42 m," in title(open_dataset(tmp_path / "narrow-v0"))
 
 
 def test_several_doors_are_reached_by_the_options_of_their_episodes(

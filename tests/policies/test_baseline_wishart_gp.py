@@ -61,6 +61,15 @@ def test_prior_mean_is_the_pooled_covariance(movement):
     )
 
 
+def test_the_same_seed_draws_the_same():
+    first, second, other = (
+        fit_wishart_gp(demonstrations(), QUICK, seed).predict(TIMES).std
+        for seed in (3, 3, 4)
+    )
+    np.testing.assert_array_equal(first, second)
+    assert np.any(first != other)
+
+
 @pytest.mark.bits
 def test_mean_and_spread_are_the_demonstrated_ones():
     # So many that the prior, twenty times as wide at the end, hardly counts there.

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from itertools import starmap
 
 from experiments.datasets.minari.episode import RecordedEpisode
 from experiments.datasets.minari.physics import model_hash
@@ -11,13 +12,17 @@ from experiments.files.table import Table, text_table
 
 def title(dataset: Dataset) -> str:
     """Return the data set in one line."""
-    arguments = ", ".join(
-        f"{name}={value!r}" for name, value in dataset.arguments.items()
-    )
+    arguments = ", ".join(starmap(_argument, dataset.arguments.items()))
     return (
         f"{dataset.name}: policy {dataset.policy} in {dataset.environment}"
         f"{f' ({arguments})' if arguments else ''}, {dataset.n_episodes} episodes"
     )
+
+
+def _argument(name: str, value: object) -> str:
+    if name == "door" and isinstance(value, Mapping) and "radius" in value:
+        return f"door of {value['radius']:g} m"
+    return f"{name}={value!r}"
 
 
 def outcome(episode: RecordedEpisode) -> str:
