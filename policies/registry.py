@@ -1,49 +1,19 @@
 """Every policy by name, and how an agent is made from demonstrations."""
 
 import difflib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-import numpy as np
-
-from policies.adaptation import (
-    ExactAdaptation,
-    OwnAdaptation,
-    ProcessAdaptation,
-    ProductAdaptation,
-)
 from policies.agent import Agent, as_agent
-from policies.aligned import AlignedDemonstrations
-from policies.alignment import align
-from policies.baselines.dmp import fit_dmp
-from policies.baselines.gmm_gp import fit_gmm_gp
-from policies.baselines.gmr import fit_gmr
-from policies.baselines.kmp import KMPConfig, fit_kmp
-from policies.baselines.local_gp import LocalGPConfig, fit_local_gp
-from policies.baselines.promp import fit_promp
-from policies.baselines.tp_gmm import fit_tp_gmm
-from policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
-from policies.compliance import ComplianceConfig
-from policies.controllers.stiffness import (
-    DEFAULT_PROFILE,
-    PAPER_DYNAMICS,
-    PAPER_PROFILE,
-)
+from policies.built_in import AS_PUBLISHED
 from policies.demonstrations import Demonstration
-from policies.load import YieldToAll
-from policies.method import Method, TrainingInput, clock_phase, demonstrated_phase
+from policies.method import TrainingInput
 from policies.one_thread import one_thread
 from policies.policy import Policy, PolicyOrigin
 from policies.prior_mean import PriorMean
-from policies.reference.compliant_pull import CompliantPullAgent
-from policies.reference.displacement import ChordAgent, ReflexAgent
-from policies.reference.hinge_fit import HingeFitAgent
-from policies.reference.oracle import OracleAgent
-from policies.skill import fit_skill
 from policies.tuning_spaces import SPACES, Values, tuned_settings
 from policies.user_policies import module_policy, packaged_names, packaged_policy
 
@@ -135,206 +105,13 @@ def load_policy(origin: PolicyOrigin) -> Policy:
     return policy
 
 
-def _reference(agent: Callable[[], object], summary: str) -> Policy:
-    make = partial(_untaught, agent)
-    return Policy(summary=summary, make=make, kind="reference")
-
-
-def _untaught(agent: Callable[[], object], training: TrainingInput) -> object:
-    return agent()
-
-
-def _constant_stiffness(translation: float) -> Method:
-    """Return `GP` at one stiffness [N/m]; in rotation at a tenth of it [N m/rad]."""
-    constant = np.repeat([translation, 0.1 * translation], 3)
-    profile = replace(DEFAULT_PROFILE, k_min=constant, k_max=constant)
-    return replace(GP, config=ComplianceConfig(profile=profile))
-
-
-def _positions_alone(demonstrations: Sequence[Demonstration]) -> AlignedDemonstrations:
-    """Align demonstrations as if their hands had not turned."""
-    still = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
-    return align([replace(one, poses=one.poses * still) for one in demonstrations])
-
-
-GP: Final = Method(fit=fit_skill, accepts_prior_mean=True, adaptation=ProcessAdaptation)
-"""The method of this project, of which the ablations differ in one field each."""
-
-PAPER: Final = Method(
-    fit=partial(fit_skill, noise="kersting"),
-    accepts_prior_mean=True,
-    # DTW on the raw completion index.
-    align=partial(align, method="dtw", denoise=False),
-    adaptation=partial(ProductAdaptation, prior_mean="zero"),
-    # One stiffness law for all axes, the whole wrench in Eq. (22), no limit to the
-    # lead. Ours where the paper is silent: the phase of an observation and the
-    # via-point noise that comes with it (read as clock time, no door opens:
-    # `gp-clock`), and the governor in place of hand tuning.
-    config=ComplianceConfig(
-        load=YieldToAll(),
-        profile=PAPER_PROFILE,
-        dynamics=PAPER_DYNAMICS,
-        max_turn_lead=1.0,
-    ),
-)
-"""What the paper states."""
-
-KMP: Final = Method(fit=fit_kmp, adaptation=OwnAdaptation)
-"""The kernelised movement primitive as published."""
-
-DOOR_KMP: Final = KMPConfig(mean_regularisation=1.0, covariance_regularisation=400.0)
-"""λ as published, and λ_c = N, which makes the prior variance the demonstrations' own.
-The published λ_c of 60 belongs to letters in centimetres; translated to standardised
-outputs both published values under-cover here and pull the mean 5 cm inwards."""
-
-TABLE_1: Final = (
-    "dmp",
-    "promp",
-    "gmr",
-    "local-gp",
-    "wishart-gp",
-    "kmp",
-    "gmm-gp",
-    "gp-paper",
-    "gp",
-)
-"""The methods of the paper's Table 1, the paper's own and ours."""
-
-_AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
-    {
-        "gp": Policy(
-            summary="heteroscedastic GP, adapted while opening, variable stiffness",
-            make=GP,
-        ),
-        "gp-product": Policy(
-            summary="gp with the paper's adaptation, a product of Gaussians",
-            make=replace(GP, adaptation=ProductAdaptation),
-            kind="ablation",
-        ),
-        "gp-exact": Policy(
-            summary="gp conditioned on demonstrations and via-points, white spread",
-            make=replace(GP, adaptation=ExactAdaptation),
-            kind="ablation",
-        ),
-        "gp-fixed": Policy(
-            summary="the same GP without adaptation: the demonstrations' mean",
-            make=replace(GP, adaptation=None),
-            kind="ablation",
-        ),
-        "gp-homoscedastic": Policy(
-            summary="gp with one noise level for the whole task",
-            make=replace(GP, fit=partial(fit_skill, noise="homoscedastic")),
-            kind="ablation",
-        ),
-        "gp-dtw-euclidean": Policy(
-            summary="gp aligned by distance of poses instead of task completion",
-            make=replace(GP, align=partial(align, method="dtw-euclidean")),
-            kind="ablation",
-        ),
-        "gp-clock": Policy(
-            summary="gp that dates its observations by the clock: learns its own lag",
-            make=replace(GP, phases=clock_phase),
-            kind="ablation",
-        ),
-        "gp-position-only": Policy(
-            summary="gp that learns no orientation: the hand does not turn",
-            make=replace(GP, align=_positions_alone),
-            kind="ablation",
-        ),
-        "gp-paper": Policy(
-            summary="what the paper states: Kersting, product, one stiffness law",
-            make=PAPER,
-        ),
-        "gp-constant-100": Policy(
-            summary="gp always at 100 N/m, the least that it uses",
-            make=_constant_stiffness(100.0),
-            kind="ablation",
-        ),
-        "gp-constant-200": Policy(
-            summary="gp always at 200 N/m",
-            make=_constant_stiffness(200.0),
-            kind="ablation",
-        ),
-        "gp-constant-330": Policy(
-            summary="gp always at 330 N/m",
-            make=_constant_stiffness(330.0),
-            kind="ablation",
-        ),
-        "gp-constant-500": Policy(
-            summary="gp always at 500 N/m, the greatest that it uses",
-            make=_constant_stiffness(500.0),
-            kind="ablation",
-        ),
-        "dmp": Policy(
-            summary="dynamic movement primitive of the mean; no uncertainty, no "
-            "via-points",
-            make=Method(fit=fit_dmp, phases=demonstrated_phase),
-        ),
-        "promp": Policy(
-            summary="probabilistic movement primitive, conditioned while opening",
-            make=Method(fit=fit_promp, adaptation=OwnAdaptation),
-        ),
-        "gmr": Policy(
-            summary="Gaussian-mixture regression; no via-points",
-            make=Method(fit=fit_gmr),
-        ),
-        "tp-gmm": Policy(
-            summary="task-parameterised mixture: frames at handle and observed hinge",
-            make=Method(fit=fit_tp_gmm, adaptation=OwnAdaptation),
-        ),
-        "local-gp": Policy(
-            summary="local Gaussian processes (reconstruction); no via-points",
-            make=Method(
-                fit=partial(fit_local_gp, config=LocalGPConfig()),
-                accepts_prior_mean=True,
-            ),
-        ),
-        "wishart-gp": Policy(
-            summary="GP mean, Wishart-process spread (reconstruction); no via-points",
-            make=Method(
-                fit=partial(fit_wishart_gp, config=WishartGPConfig()),
-                seeded=True,
-                accepts_prior_mean=True,
-            ),
-        ),
-        "kmp": Policy(
-            summary="kernelised movement primitive, regularisation calibrated for "
-            "doors",
-            make=replace(KMP, fit=partial(fit_kmp, config=DOOR_KMP)),
-        ),
-        "kmp-published": Policy(
-            summary="kernelised movement primitive with the published regularisation",
-            make=KMP,
-        ),
-        "gmm-gp": Policy(
-            summary="GP with a Gaussian-mixture prior, conditioned while opening",
-            make=Method(fit=fit_gmm_gp, adaptation=OwnAdaptation),
-        ),
-        "hinge-fit": _reference(
-            HingeFitAgent, "fits the hinge to the hand's path, follows it, yields"
-        ),
-        "reflex": _reference(
-            ReflexAgent, "moves on where the hand just went, yields to what is across"
-        ),
-        "chord": _reference(ChordAgent, "pulls towards where the hand just went"),
-        "compliant-pull": _reference(
-            CompliantPullAgent, "pulls straight back with a constant force, yields"
-        ),
-        "oracle": _reference(
-            OracleAgent, "is told the door, follows its arc, does not yield"
-        ),
-    }
-)
-"""Policies with the settings that their entries say."""
-
-
 def tuned(name: str, values: Values) -> Policy:
     """Return a policy of `policies.tuning_spaces.SPACES` with other settings.
 
     Raises:
         ValueError: The settings are outside the method's space.
     """
-    method = _AS_PUBLISHED[name].method
+    method = AS_PUBLISHED[name].method
     assert method is not None, "spaces are those of methods"
     text = ", ".join(f"{setting} {value}" for setting, value in values.items())
     return Policy(
@@ -345,7 +122,7 @@ def tuned(name: str, values: Values) -> Policy:
 
 POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
     {
-        **_AS_PUBLISHED,
+        **AS_PUBLISHED,
         **{
             f"{name}-tuned": tuned(name, values)
             for name, values in tuned_settings().items()

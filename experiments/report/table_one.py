@@ -21,7 +21,7 @@ from experiments.report.document import (
 )
 from experiments.results.grouping import by_condition, by_policy
 from experiments.results.records import LearningTestResult
-from policies.registry import TABLE_1
+from policies.built_in import TABLE_1
 
 _SIGN: Final = {True: "✓", False: "✗", None: "?"}
 _TINY: Final = 1e-3

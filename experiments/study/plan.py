@@ -14,7 +14,7 @@ from experiments.study.settings import TABLE_1_NAME, Condition, StudySettings
 from experiments.study.sources import chosen, source_of
 from experiments.study.tasks import EpisodeTask, SkillTask, Task
 from experiments.teacher import standard_teacher
-from policies.registry import TABLE_1
+from policies.built_in import TABLE_1
 
 _NOISY: Final = (
     *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),

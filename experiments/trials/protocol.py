@@ -23,7 +23,7 @@ from typing import Final, Literal
 
 from experiments.teacher import MESSY
 from experiments.trials.records import Contrast, Level, Side, Trial
-from policies.registry import TABLE_1
+from policies.built_in import TABLE_1
 
 VERSION: Final = 1
 """Of the protocol."""

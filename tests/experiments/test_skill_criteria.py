@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from experiments.learning_tests.criteria import CRITERIA, Criterion, Limit, mark
-from policies.registry import TABLE_1
+from policies.built_in import TABLE_1
 
 ROW = Criterion(
     row="Made up",

@@ -16,8 +16,9 @@ from policies import registry
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
 from policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
+from policies.built_in import TABLE_1
 from policies.method import Method, TrainingInput
-from policies.registry import POLICIES, TABLE_1
+from policies.registry import POLICIES
 from policies.trajectory import GaussianTrajectory
 
 RADII = (0.35, 0.50, 0.65)

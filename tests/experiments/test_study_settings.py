@@ -18,7 +18,7 @@ from experiments.study.settings_file import (
 )
 from experiments.study.tasks import EpisodeTask, SkillTask
 from experiments.teacher import TeacherConfig, standard_teacher
-from policies.registry import TABLE_1
+from policies.built_in import TABLE_1
 
 NAMES = st.lists(st.text(st.characters(exclude_categories=["Cs"])), max_size=3)
 

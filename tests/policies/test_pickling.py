@@ -11,9 +11,9 @@ from gplfd_env import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc
 from policies import POLICIES, ViaPoint, align, make_agent
 from policies.adaptation import ADAPTATIONS
+from policies.built_in import TABLE_1
 from policies.method import TrainingInput
 from policies.movement import Adaptable
-from policies.registry import TABLE_1
 from policies.skill import Skill
 
 PHASES = np.linspace(0.0, 1.0, 30)

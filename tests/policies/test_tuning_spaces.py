@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from gplfd_env.task import handle_pose_on_arc
 from policies import POLICIES, ViaPoint
 from policies.adaptation import begin_adaptation
+from policies.built_in import TABLE_1
 from policies.method import TrainingInput
-from policies.registry import TABLE_1, tuned
+from policies.registry import tuned
 from policies.tuning_spaces import SPACES, Setting, tuned_settings
 
 GRID = np.linspace(0.0, 1.0, 40)
