@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri, stdtrit
 
 from policies.aligned import FINEST
+from policies.one_thread import one_thread
 from policies.records import freeze, read_only, short_repr
 from policies.trajectory_csv import write_csv
 
@@ -102,7 +103,8 @@ class GaussianTrajectory:
     @cached_property
     def covariance(self) -> Float[np.ndarray, "6 M M"]:
         """Covariance over time of every output, shape (6, M, M); on first use."""
-        return read_only(self.covariance_function())
+        with one_thread():
+            return read_only(self.covariance_function())
 
     def __getitem__(
         self, rows: slice | Int[np.ndarray, " N"] | Bool[np.ndarray, " M"]

@@ -27,7 +27,6 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from threadpoolctl import threadpool_limits
 
 from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
@@ -42,6 +41,7 @@ from policies.baselines.mixture_kernel import (
     fit_kernel,
 )
 from policies.baselines.moments import MomentMovement, Moments
+from policies.one_thread import one_thread
 from policies.trajectory import ViaPoint
 
 _STRONGEST = 1e-4
@@ -190,6 +190,6 @@ def fit_gmm_gp(
     """
     config = GMMGPConfig() if config is None else config
     regression = fit_gmr(aligned, config.mixture)
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread():
         kernel = fit_kernel(regression, config.length_scales, config.weight_power)
     return GMMGaussianProcess(aligned=aligned, kernel=kernel)

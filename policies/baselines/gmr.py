@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 from scipy.special import softmax
-from threadpoolctl import threadpool_limits
 
 from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
 from policies.baselines.moments import MomentMovement, Moments
 from policies.baselines.standardisation import Standardisation
+from policies.one_thread import one_thread
 from policies.trajectory import white_covariance
 
 if TYPE_CHECKING:
@@ -210,7 +210,7 @@ def _fitted_mixture(
         precisions_init=np.array([0.5 * (each + each.T) for each in precisions]),
     )
     # Matrices of seven rows: sharing them out among threads costs more than the work.
-    with threadpool_limits(limits=1, user_api="blas"), warnings.catch_warnings():
+    with one_thread(), warnings.catch_warnings():
         # Its advice speaks of settings that are not ours.
         warnings.filterwarnings("ignore", "Best performing init")
         return mixture.fit(samples.reshape(-1, 7))

@@ -31,7 +31,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.special import softmax
-from threadpoolctl import threadpool_limits
 
 from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
@@ -40,6 +39,7 @@ from policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
 from policies.gp.hyperparameters import fit_kernel_and_noise
 from policies.gp.noise_profile import NoiseProfile
 from policies.gp.replicates import Replicates
+from policies.one_thread import one_thread
 
 _FEWEST_SAMPLES = 4
 """A cluster needs more samples than its process has hyper-parameters."""
@@ -160,7 +160,7 @@ def fit_local_gp(
     members = [labels == cluster for cluster in range(config.clusters)]
     centres = np.array([times[member].mean() for member in members])
     spacing = float(np.median(np.diff(centres))) if config.clusters > 1 else 1.0
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread():
         processes = tuple(
             tuple(
                 _local_process(times[member], poses[:, member, output], centred)

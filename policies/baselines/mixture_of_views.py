@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp
-from threadpoolctl import threadpool_limits
 
 from policies.baselines.gmr import GMRConfig, warn_of_early_stop
 from policies.baselines.standardisation import Standardisation
+from policies.one_thread import one_thread
 
 
 def fit_mixture_of_views(
@@ -48,7 +48,7 @@ def fit_mixture_of_views(
     binned = np.concatenate([np.full(len(part), i) for i, part in enumerate(bins)])
     shares = np.eye(config.components)[np.tile(binned, len(views[0]))]
     bound = -np.inf
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread():
         weights, means, covariances = _maximised(samples, shares, config)
         for _ in range(config.max_iterations):
             densities = np.log(weights) + _log_densities(samples, means, covariances)

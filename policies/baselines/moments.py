@@ -1,18 +1,14 @@
 """What movements share that state mean and spread at any phase, and no derivatives."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
-from threadpoolctl import threadpool_limits
 
 from policies.movement import LearnedMovement
+from policies.one_thread import one_thread
 from policies.trajectory import GaussianTrajectory, checked_times
-
-ResultT = TypeVar("ResultT")
 
 Moments = tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]
 """Mean and standard deviation at M phases, or mean and variance."""
@@ -40,14 +36,7 @@ class MomentMovement(LearnedMovement, ABC):
                 increase.
         """
         times = checked_times(times)
-        mean, std = on_one_thread(self._moments, times)
-        covariance = partial(on_one_thread, self._covariance, times)
+        with one_thread():
+            mean, std = self._moments(times)
+        covariance = partial(self._covariance, times)
         return GaussianTrajectory.from_moments(times, mean, std, covariance)
-
-
-def on_one_thread(
-    compute: Callable[[np.ndarray], ResultT], times: Float[np.ndarray, " M"]
-) -> ResultT:
-    """Compute without sharing small matrices out among threads, which costs more."""
-    with threadpool_limits(limits=1, user_api="blas"):
-        return compute(times)

@@ -27,14 +27,18 @@ from functools import partial
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import pinvh
+from scipy.linalg import cho_factor, cho_solve, pinvh
 from scipy.special import softmax
-from threadpoolctl import threadpool_limits
 
 from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import AlignedDemonstrations
 from policies.movement import LearnedMovement
+from policies.one_thread import one_thread
 from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
+
+_SINGULAR = 1e-9
+"""Share of a demand's whole variance that must be its own tolerance, so that rounding
+leaves the demands' covariance positive definite."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -136,9 +140,9 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
         rows[np.arange(which.size), outputs] = _basis(phases, self.config)[which]
         demand = rows.reshape(which.size, -1)
         # Some hundred rows: sharing them out among threads costs ten times the work.
-        with threadpool_limits(limits=1, user_api="blas"):
+        with one_thread():
             cross = self.weight_covariance @ demand.T
-            gain = cross @ _inverse(demand @ cross + np.diag(variance))
+            gain = _divided(cross, demand @ cross, variance)
             mean = self.weight_mean + gain @ (demanded - demand @ self.weight_mean)
             keep = np.eye(len(mean)) - gain @ demand
             # Joseph's form: never negative, however strong the demand.
@@ -227,9 +231,18 @@ def _basis_rate(times: Float[np.ndarray, " M"], config: ProMPConfig) -> np.ndarr
     return np.asarray(basis * (slopes - mean_slope))
 
 
-def _inverse(matrix: Float[np.ndarray, "V V"]) -> np.ndarray:
-    """Pseudo-inverse of a covariance, the same in every choice of units."""
-    scale = np.sqrt(np.diag(matrix))
+def _divided(
+    cross: Float[np.ndarray, "W V"],
+    covariance: Float[np.ndarray, "V V"],
+    variance: Float[np.ndarray, " V"],
+) -> np.ndarray:
+    """C (P + V)⁻¹, by the pseudo-inverse where V leaves the sum singular.
+
+    Demands are scaled first, so that the choice of units changes nothing.
+    """
+    scale = np.sqrt(np.diag(covariance) + variance)
     scale = np.where(scale > 0.0, scale, 1.0)
-    units = np.outer(scale, scale)
-    return np.asarray(pinvh(matrix / units) / units)
+    matrix = (covariance + np.diag(variance)) / np.outer(scale, scale)
+    if np.all(variance > _SINGULAR * scale**2):
+        return np.asarray(cho_solve(cho_factor(matrix), (cross / scale).T).T / scale)
+    return np.asarray(cross / scale @ pinvh(matrix) / scale)

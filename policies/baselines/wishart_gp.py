@@ -29,7 +29,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from threadpoolctl import threadpool_limits
 
 from gplfd_env.fields import check_quantities, quantity
 from policies.aligned import FINEST, AlignedDemonstrations, thinned
@@ -42,6 +41,7 @@ from policies.baselines.wishart_process import (
 )
 from policies.gp.multi_output import MultiOutputGP
 from policies.gp.noise import HomoscedasticNoise
+from policies.one_thread import one_thread
 
 _SHRINKAGE = 1e-6
 """Share of independence in the pooled correlations: outputs may be proportional."""
@@ -140,7 +140,7 @@ def fit_wishart_gp(
         )
     deviations = poses - poses.mean(axis=0)
     kept = thinned(len(times), config.times)
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread():
         processes = MultiOutputGP.fit(
             times, poses, HomoscedasticNoise(), centred=centred
         )

@@ -219,9 +219,21 @@ def test_dtw_python_finds_paths_of_our_cost() -> None:
     assert np.abs(a[rows] - b[columns]).sum() == pytest.approx(ours.cost)
 
 
+CPU_TIMES = {fit.OURS: 2.0, fit.HETGPY: 70.0, fit.SKLEARN: 9.0}
+
+
 @pytest.fixture
 def small_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Learn from few samples, in times that do not depend on the machine."""
+
+    def measure(actions: dict[str, Timed], repeats: int) -> dict[str, Timing]:
+        return {
+            name: Timing(cpu=(CPU_TIMES[name],) * repeats, wall=(1.0,) * repeats)
+            for name in actions
+        }
+
     monkeypatch.setattr(fit, "_SAMPLES", 25)
+    monkeypatch.setattr(fit, "measure", measure)
 
 
 @pytest.mark.usefixtures("small_fit")
@@ -233,7 +245,7 @@ def test_libraries_are_compared_on_the_same_data() -> None:
             for name in (fit.OURS, fit.HETGPY, "the true model")
         )
         assert ours["ratio"] == 1.0
-        assert theirs["ratio"] > 1.0
+        assert theirs["ratio"] == 35.0
         assert ours["NLPD"] > truth["NLPD"] - 0.01
         assert list(ours)[2:] == list(truth)
     names = [target.name for target in comparison.targets]
