@@ -289,8 +289,8 @@ def disturbance_named(spec: DisturbanceSpec) -> Disturbance:
 
     Args:
         spec: A preset's name (``"person"``), a mapping of `Disturbance` fields with an
-            optional ``"preset"`` to start from (``{"push": {"along": 10.0}}``), or a
-            `Disturbance`.
+            optional ``"preset"`` to start from, also within its records
+            (``{"preset": "push", "push": {"duration": 0.5}}``), or a `Disturbance`.
 
     Raises:
         ValueError: An unknown preset or field, or a value not allowed.
@@ -300,8 +300,23 @@ def disturbance_named(spec: DisturbanceSpec) -> Disturbance:
         return spec
     if isinstance(spec, str | Mapping):
         hint = "a mapping of Disturbance fields"
-        return preset(spec, DISTURBANCES, "none", "disturbance", hint)
+        given = spec if isinstance(spec, str) else _upon_preset(spec)
+        return preset(given, DISTURBANCES, "none", "disturbance", hint)
     raise TypeError(
         "disturbance must be a preset's name, a mapping of Disturbance fields or a "
         f"Disturbance, got {spec!r} ({type(spec).__name__})"
     )
+
+
+def _upon_preset(spec: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a mapping whose records have what the preset's have and it leaves out."""
+    name = spec.get("preset", "none")
+    start = DISTURBANCES.get(name) if isinstance(name, str) else None
+    return {
+        key: with_fields(begun, value, key)
+        if isinstance(value, Mapping)
+        and key in CAUSES
+        and (begun := getattr(start, key, None))
+        else value
+        for key, value in spec.items()
+    }

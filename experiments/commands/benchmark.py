@@ -10,9 +10,13 @@ from typing import Annotated, Final
 
 import tyro
 
-from experiments.commands.options import next_command, recorded
+from experiments.commands.options import (
+    ON_THIS_MACHINE,
+    EngineOptions,
+    next_command,
+    recorded,
+)
 from experiments.interruption import postponed_interruption
-from experiments.study.engines import EngineName
 from experiments.study.settings import StudySettings
 
 FAILED: Final = 1
@@ -44,15 +48,8 @@ class Benchmark:
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/benchmark")
     """Folder to write to, or to go on in."""
 
-    engine: EngineName = "loky"
-    """Where to run: in processes of this machine, here in order, or on a Dask cluster
-    (`pip install 'gplfd[dask]'`)."""
-
-    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Number of loky's processes; one per core by default."""
-
-    address: Annotated[str | None, tyro.conf.arg(metavar="tcp://HOST:PORT")] = None
-    """Scheduler of the Dask cluster."""
+    where: Annotated[EngineOptions, tyro.conf.arg(name="")] = ON_THIS_MACHINE
+    """Where to run."""
 
     record: bool = False
     """Also record the best, the median and the worst episode of every policy."""
@@ -65,13 +62,12 @@ class Benchmark:
         with postponed_interruption():
             from experiments.arguments import check_folder
             from experiments.results.table import write_tables
-            from experiments.study.engines import engine_named
             from experiments.study.plan import checked, tasks
             from experiments.study.session import carry_out
             from experiments.study.settings_file import write_settings
 
         settings = checked(self.study)
-        engine = engine_named(self.engine, workers=self.workers, address=self.address)
+        engine = self.where.made()
         options = recorded(self)
         del options["study"]
         options = dataclasses.asdict(settings) | options

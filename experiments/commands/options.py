@@ -4,10 +4,13 @@ import dataclasses
 import shlex
 import shutil
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import tyro
+
+from experiments.study.engines import Engine, EngineName, engine_named
 
 Quiet = Annotated[
     tyro.conf.FlagCreatePairsOff[bool],
@@ -16,11 +19,43 @@ Quiet = Annotated[
 """A flag without its opposite."""
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EngineOptions:
+    """Where the tasks of a study are run."""
+
+    engine: EngineName = "loky"
+    """Where to run: in processes of this machine, here in order, or on a Dask cluster
+    (`pip install 'gplfd[dask]'`)."""
+
+    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Number of loky's processes; one per core by default."""
+
+    address: Annotated[str | None, tyro.conf.arg(metavar="tcp://HOST:PORT")] = None
+    """Scheduler of the Dask cluster."""
+
+    def made(self) -> Engine:
+        """Return the engine.
+
+        Raises:
+            ValueError: An option that this engine does not have, or wrong.
+        """
+        return engine_named(self.engine, workers=self.workers, address=self.address)
+
+
+ON_THIS_MACHINE: Final = EngineOptions()
+"""In processes, one per core."""
+
+
 def recorded(options: Any) -> dict[str, Any]:
-    """Return a subcommand's options as they are kept with its results, JSON-able."""
+    """Return a subcommand's options as they are kept with its results, JSON-able.
+
+    Options that several subcommands share stand among its own.
+    """
+    own = dataclasses.asdict(options)
+    shared = own.pop("where", {})
     return {
         name: str(value) if isinstance(value, Path) else value
-        for name, value in dataclasses.asdict(options).items()
+        for name, value in (own | shared).items()
     }
 
 

@@ -6,9 +6,13 @@ from typing import Annotated, Literal
 
 import tyro
 
-from experiments.commands.options import next_command, recorded
+from experiments.commands.options import (
+    ON_THIS_MACHINE,
+    EngineOptions,
+    next_command,
+    recorded,
+)
 from experiments.interruption import postponed_interruption
-from experiments.study.engines import EngineName
 
 FAILED = 1
 """Exit status if some episodes ended in errors."""
@@ -36,15 +40,8 @@ class Trials:
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/trials")
     """Folder to write to, or to go on in."""
 
-    engine: EngineName = "loky"
-    """Where to run: in processes of this machine, here in order, or on a Dask cluster
-    (`pip install 'gplfd[dask]'`)."""
-
-    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Number of loky's processes; one per core by default."""
-
-    address: Annotated[str | None, tyro.conf.arg(metavar="tcp://HOST:PORT")] = None
-    """Scheduler of the Dask cluster."""
+    where: Annotated[EngineOptions, tyro.conf.arg(name="")] = ON_THIS_MACHINE
+    """Where to run."""
 
     record: bool = False
     """Also record a comparison per trial: who decides it, side by side."""
@@ -55,14 +52,13 @@ class Trials:
     def execute(self) -> int:
         """Run the trials and return `FAILED` if an episode failed."""
         with postponed_interruption():
-            from experiments.study.engines import engine_named
             from experiments.study.session import carry_out
             from experiments.trials.plan import named_trials, trial_tasks
 
         tasks = trial_tasks(
             named_trials(self.trials), policies=self.policies, part=self.part
         )
-        engine = engine_named(self.engine, workers=self.workers, address=self.address)
+        engine = self.where.made()
         errors = carry_out(tasks, recorded(self), self.out, engine)
         if self.record:
             with postponed_interruption():

@@ -36,15 +36,20 @@ _KINDS: Final[Mapping[Any, str]] = types.MappingProxyType(
 )
 
 
-def write_json(path: str | Path, value: Any) -> None:
-    """Write ``value`` as indented JSON, complete or not at all.
+def write_json(path: str | Path, value: Any, *, indent: int | None = 2) -> None:
+    """Write ``value`` as JSON, complete or not at all.
+
+    Args:
+        path: of the file.
+        value: what it will hold.
+        indent: of what is in something; None for a single line.
 
     Raises:
         ValueError: The value holds NaN or infinity, which JSON cannot express.
         TypeError: The value holds something that JSON cannot express.
         OSError: The file cannot be written.
     """
-    text = json.dumps(value, indent=2, allow_nan=False) + "\n"
+    text = json.dumps(value, indent=indent, allow_nan=False) + "\n"
     with complete_or_absent(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from experiments.figures.style import paper_style, write_figure
+from experiments.files.plain_data import write_json
 from experiments.report.document import (
     Block,
     Document,
@@ -32,6 +33,8 @@ from experiments.report.trials import trial_sections
 from experiments.results.grouping import Runs, conditions, without_errors
 from experiments.results.reading import read_all
 from experiments.results.records import StudyResults
+from experiments.results.trials_file import FILE as ANSWERS
+from experiments.results.trials_file import trial_answers
 from policies.storage import complete_or_absent
 
 HTML, MARKDOWN = "report.html", "report.md"
@@ -44,7 +47,8 @@ def write_report(
 
     Args:
         study: Folder of a `gplfd benchmark` or `gplfd trials`.
-        out: Folder for report.html, report.md and figures/; the study's by default.
+        out: Folder for report.html, report.md, figures/ and, of trials, trials.json;
+            the study's by default.
         others: Folders whose results are put together with the study's.
         reference: Policy with which the others are compared; where the study has none
             of this name, the best of those that it has.
@@ -58,7 +62,8 @@ def write_report(
         OSError: A file cannot be written.
     """
     folder = study if out is None else out
-    document = report(read_all([study, *others]), study, folder, reference)
+    results = read_all([study, *others])
+    document = report(results, study, folder, reference)
     images: dict[str, bytes] = {}
     for picture in document.pictures:
         with paper_style():
@@ -70,6 +75,9 @@ def write_report(
     ):
         with complete_or_absent(folder / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
+    answers = trial_answers(results)
+    if answers["trials"]:
+        write_json(folder / ANSWERS, answers, indent=None)
     return folder / HTML
 
 

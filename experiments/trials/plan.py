@@ -8,7 +8,7 @@ from experiments.episodes.doors import named_doors
 from experiments.study.sources import chosen, source_of
 from experiments.study.tasks import EpisodeTask
 from experiments.teacher import standard_teacher
-from experiments.trials.protocol import PARTS, TRIALS, Part
+from experiments.trials.protocol import PARTS, TRIALS, TUNED, Part
 from experiments.trials.records import Level, Trial
 from gplfd_env.config import nearest_name
 
@@ -47,10 +47,13 @@ def trial_tasks(
         ValueError: An unknown policy.
     """
     seeds, everywhere = PARTS[part]
+    tuned = TUNED if part == "whole" else ()
     return tuple(
         task
         for seed, (name, trial) in itertools.product(range(seeds), trials.items())
-        for policy in dict.fromkeys((*everywhere, *trial.also, *policies))
+        for policy in dict.fromkeys(
+            (*everywhere, *trial.also, *(tuned if trial.tuned else ()), *policies)
+        )
         for task in _tasks(name, trial, policy, seed)
     )
 

@@ -24,6 +24,7 @@ from typing import Final, Literal
 from experiments.teacher import MESSY
 from experiments.trials.records import Contrast, Level, Side, Trial
 from policies.built_in import TABLE_1
+from policies.tuning_spaces import tuned_settings
 
 VERSION: Final = 1
 """Of the protocol."""
@@ -36,6 +37,11 @@ REFERENCES: Final = ("hinge-fit", "reflex", "chord", "compliant-pull", "oracle")
 
 EVERYWHERE: Final = (*TABLE_1, "tp-gmm", *REFERENCES)
 """Policies that take part in every trial."""
+
+TUNED: Final = tuple(f"{name}-tuned" for name in tuned_settings())
+"""Methods with the settings that `gplfd tune` found, in the whole protocol's trials in
+which what is learned decides; the controller, which decides the others, is in no space
+that is searched."""
 
 Part = Literal["whole", "small"]
 """Of the protocol."""
@@ -73,6 +79,11 @@ def _noise(factor: float) -> dict[str, tuple[float, float]]:
     return {name: (factor * a, factor * b) for name, (a, b) in _NOISE.items()}
 
 
+def _pushed(low: float, high: float) -> Level:
+    push = {"start_angle": (low, high)}
+    return Level(doors=_MEDIUM, disturbance={"preset": "push", "push": push})
+
+
 TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
     {
         "radius": Trial(
@@ -88,6 +99,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             },
             contrasts=_without("via-points", "force_radial_peak", "gp-fixed"),
             also=("gp-fixed",),
+            tuned=True,
         ),
         "further": Trial(
             question="Demonstrations end at 45°: who opens the door to 60°?",
@@ -144,6 +156,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 *_without("task variability", "force_radial_peak", "gp-homoscedastic"),
             ),
             also=("gp-dtw-euclidean", "gp-homoscedastic"),
+            tuned=True,
         ),
         "turned": Trial(
             question="Who opens doors that the robot faces up to 5° askew, held off "
@@ -165,6 +178,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 *_without("rotations", "force_radial_peak", "gp-position-only"),
             ),
             also=("gp-clock", "gp-position-only", "gp-fixed"),
+            tuned=True,
         ),
         "person": Trial(
             question="Somebody holds the hand, or has a hand in the door's way: how "
@@ -182,9 +196,12 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             question="The hand is pushed for 0.3 s: how far does it go?",
             claims=("variable stiffness",),
             measures=("push_displacement_mm", "success", "recovery_time"),
-            levels={"push": Level(doors=_MEDIUM, disturbance="push")},
+            levels={
+                "where demonstrations agree": _pushed(0.1, 0.25),
+                "where they differ": _pushed(0.75, 0.9),
+            },
             contrasts=_without("variable stiffness", "push_displacement_mm", *CONSTANT),
-            also=CONSTANT,
+            also=(*CONSTANT, "gp-fixed"),
         ),
         "stop": Trial(
             question="The door is blocked for 2.5 s and then freed: is it opened?",
@@ -250,6 +267,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 "heteroscedastic noise", "force_radial_peak", "gp-homoscedastic"
             ),
             also=("gp-homoscedastic",),
+            tuned=True,
         ),
     }
 )

@@ -75,6 +75,8 @@ class Trial:
     """Ideas that must show here."""
     also: tuple[str, ...] = ()
     """Policies that take part beside those of every trial."""
+    tuned: bool = False
+    """Whether the methods take part as tuned, too: where what is learned decides."""
 
 
 Better = Literal["less", "more"]

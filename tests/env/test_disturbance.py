@@ -23,6 +23,7 @@ from gplfd_env.disturbance import (
     Disturbance,
     Person,
     Push,
+    Stop,
     disturbance_named,
 )
 from gplfd_env.intervention import PersonHand
@@ -359,6 +360,18 @@ def test_spec_survives_json(name: str) -> None:
         assert twin.unwrapped.variation == env.unwrapped.variation  # type: ignore[attr-defined]
         env.close()
         twin.close()
+
+
+def test_a_mapping_changes_what_it_names_of_a_preset() -> None:
+    spec = {"preset": "push", "push": {"duration": 0.5}, "stop": {"angle": 0.3}}
+    standard, changed = disturbance_named("push"), disturbance_named(spec)
+    assert standard.push is not None
+    assert changed.push == dataclasses.replace(standard.push, duration=0.5)
+    assert changed.stop == Stop(angle=0.3)
+    # What the preset does not have begins from the cause's own defaults.
+    assert disturbance_named({"push": {"along": 3.0}}).push == Push(along=3.0)
+    with pytest.raises(ValueError, match="unknown push field 'length'"):
+        disturbance_named({"preset": "push", "push": {"length": 0.5}})
 
 
 def test_the_end_of_the_hinge_is_no_disturbance(

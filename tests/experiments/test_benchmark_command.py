@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from experiments.cli import main
-from experiments.study import engines, jobs, runner, store
+from experiments.study import jobs, runner, store
 from experiments.study.engines import Lost
 from experiments.study.settings import StudySettings
 from experiments.study.settings_file import read_settings, write_settings
@@ -119,7 +119,9 @@ def test_workers_that_die_are_errors_of_the_study(
             for item in items:
                 yield item, Lost(reason="its worker process died")
 
-    monkeypatch.setattr(engines, "engine_named", lambda *_, **__: Deadly())
+    monkeypatch.setattr(
+        "experiments.commands.options.engine_named", lambda *_, **__: Deadly()
+    )
     options = ["--policies", "oracle", "--doors", "small", "--seeds", "2"]
     assert benchmark(tmp_path, *options) == 1
     printed = capsys.readouterr().err

@@ -17,8 +17,17 @@ from experiments.results.reading import read_all, read_results
 from experiments.results.trials import answered, of_trial, summary
 from experiments.study import jobs, runner
 from experiments.study.tasks import jobs_of, task_from
+from experiments.trials import plan
 from experiments.trials.plan import named_trials, trial_tasks
-from experiments.trials.protocol import CONSTANT, EVERYWHERE, PARTS, SEEDS, TRIALS
+from experiments.trials.protocol import (
+    CONSTANT,
+    EVERYWHERE,
+    PARTS,
+    SEEDS,
+    TRIALS,
+    TUNED,
+    VERSION,
+)
 from experiments.trials.records import MEASURES, Contrast, Side
 from gplfd_env.disturbance import disturbance_named
 from gplfd_env.randomization import door_randomization
@@ -47,6 +56,16 @@ def test_every_policy_of_the_protocol_meets_the_same_draws() -> None:
     }
 
 
+def test_methods_take_part_as_tuned_where_learning_decides(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(plan, "TUNED", ("kmp-published",))
+    whole, small = (trial_tasks(named_trials(()), part=part) for part in PARTS)
+    met = {task.trial for task in whole if task.policy == "kmp-published"}
+    assert met == {"radius", "messy", "turned", "noise"}
+    assert not [task for task in small if task.policy == "kmp-published"]
+
+
 def test_tasks_come_back_from_their_files_and_share_what_they_learn() -> None:
     tasks = trial_tasks(named_trials(()), part="small")
     for task in tasks:
@@ -64,7 +83,7 @@ def test_the_protocol_is_sound() -> None:
         for level in trial.levels.values():
             door_randomization(level.randomization)
             disturbance_named(level.disturbance)
-        present = {*EVERYWHERE, *trial.also}
+        present = {*EVERYWHERE, *trial.also, *TUNED}
         assert present <= POLICIES.keys(), name
         for contrast in trial.contrasts:
             assert contrast.measure in MEASURES, name
@@ -231,6 +250,40 @@ def test_the_report_has_a_section_per_trial(
     # A trial's episodes are no part of the ordinary tables.
     assert "8 of 8" in text
     assert "16 of 16" not in text
+
+
+def test_the_report_keeps_every_number_in_a_small_file(
+    write_study: Callable, episode_result: MakeEpisode
+) -> None:
+    """A seed's mean over its doors, and None where nothing is known."""
+    results = [
+        result
+        for door, factor in ((0.4, 1.0), (0.5, 3.0))
+        for policy, value in (("gp", 0.1), (CONSTANT[0], 1.0))
+        for result in outcomes(
+            episode_result,
+            policy,
+            factor * value * np.arange(1.0, 9.0),
+            "release_speed",
+            radius=door,
+        )
+    ]
+    for result in results:
+        result["metrics"]["success"] = result["task"]["policy"] == "gp"
+        result["metrics"]["stop_force_sustained"] = None
+    folder = write_study(results)
+    write_report(folder)
+    kept = json.loads((folder / "trials.json").read_text())
+    assert kept["protocol"] == VERSION
+    own = kept["trials"]["stop"]["stop"]["gp"]
+    assert (own["episodes"], own["errors"]) == (16, 0)
+    assert own["release_speed"]["seeds"] == [0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4, 1.6]
+    assert own["release_speed"]["estimate"] == pytest.approx(0.9)
+    nothing = {"estimate": None, "low": None, "high": None, "seeds": []}
+    assert own["stop_force_sustained"] == nothing
+    first, *_ = kept["contrasts"]
+    assert (first["idea"], first["with"]) == ("variable stiffness", "gp")
+    assert (first["estimate"], first["verdict"]) == (1.0, "shows")
 
 
 @pytest.mark.parametrize(
