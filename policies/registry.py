@@ -43,18 +43,22 @@ def make_agent(
         demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
     )
     policy = policy_named(name)
-    takers = [
-        other
-        for other, one in POLICIES.items()
-        if one.method is not None and one.method.accepts_prior_mean
-    ]
-    if prior_mean is not None and name in POLICIES and name not in takers:
+    if prior_mean is not None and name in POLICIES and not _takes_prior_mean(policy):
+        takers = [
+            other
+            for other, one in AS_PUBLISHED.items()
+            if one.kind == "method" and _takes_prior_mean(one)
+        ]
         raise ValueError(
             f"{name} has no prior mean that could be given; leave it out, or choose "
             f"one of {', '.join(sorted(takers))}"
         )
     with one_thread():
         return as_agent(policy.make(training))
+
+
+def _takes_prior_mean(policy: Policy) -> bool:
+    return policy.method is not None and policy.method.accepts_prior_mean
 
 
 def policy_named(name: str, folder: str | Path | None = None) -> Policy:

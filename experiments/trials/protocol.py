@@ -208,7 +208,10 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             claims=("variable stiffness",),
             measures=("success", "stop_force_sustained", "release_speed"),
             levels={"stop": Level(doors=_MEDIUM, disturbance="stop")},
-            contrasts=_without("variable stiffness", "success", *CONSTANT),
+            contrasts=(
+                *_without("variable stiffness", "success", *CONSTANT),
+                *_without("variable stiffness", "stop_force_sustained", *CONSTANT),
+            ),
             also=CONSTANT,
         ),
         "locked": Trial(

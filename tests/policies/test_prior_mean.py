@@ -30,6 +30,7 @@ TAKES_ONE = (
     *("gp-dtw-euclidean", "gp-clock", "gp-position-only"),
     *(f"gp-constant-{stiffness}" for stiffness in (100, 200, 330, 500)),
     *("local-gp", "wishart-gp"),
+    *("gp-tuned", "gp-paper-tuned", "local-gp-tuned", "wishart-gp-tuned"),
 )
 SHORT_CHAIN = WishartGPConfig(steps=20, discarded=5, times=15, degrees=6)
 FITS = {
@@ -187,7 +188,7 @@ def test_without_a_prior_mean_nothing_changes(demonstrations, doors):
 @pytest.mark.parametrize("name", sorted(set(POLICIES) - set(TAKES_ONE)))
 def test_methods_that_cannot_be_given_a_prior_mean_say_so(name, demonstrations):
     with pytest.raises(
-        ValueError, match=f"^{name} has no prior mean.* gp, .*, wishart-gp$"
+        ValueError, match=f"^{name} has no prior.* gp, gp-paper, local-gp, wishart-gp$"
     ):
         make_agent(name, demonstrations, prior_mean=Line())
 
