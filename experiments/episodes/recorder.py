@@ -73,7 +73,8 @@ class ForecastRecorder:
         self._ask = ask
         self._period = period
         self._times: list[float] = []
-        self._forecasts: list[GaussianTrajectory] = []
+        self._phase: NDArray[np.float64] = np.empty(0)
+        self._moments: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
 
     def take_if_due(self, now: float, *, force: bool) -> None:
         """Take a forecast if it is time, or if ``force`` says so.
@@ -89,19 +90,21 @@ class ForecastRecorder:
         if due or force:
             forecast = self._ask()
             if forecast is not None:
+                # Not the trajectory itself: it holds on to what it was computed from,
+                # up to a megabyte.
                 self._times.append(now)
-                self._forecasts.append(forecast)
+                self._phase = forecast.times
+                self._moments.append((forecast.mean, forecast.std))
 
     def arrays(self) -> Arrays:
         """Return the forecasts by their names in `EpisodeLog`."""
-        forecasts = self._forecasts
-        phase = forecasts[0].times if forecasts else np.empty(0)
-        shape = (len(forecasts), phase.size, 6)
+        means, stds = zip(*self._moments, strict=True) if self._moments else ((), ())
+        shape = (len(means), self._phase.size, 6)
         return {
             "forecast_times": np.array(self._times),
-            "forecast_phase": np.array(phase),
-            "forecast_mean": np.reshape([one.mean for one in forecasts], shape),
-            "forecast_std": np.reshape([one.std for one in forecasts], shape),
+            "forecast_phase": np.array(self._phase),
+            "forecast_mean": np.reshape(means, shape),
+            "forecast_std": np.reshape(stds, shape),
         }
 
 
