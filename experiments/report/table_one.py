@@ -24,8 +24,12 @@ from experiments.results.records import LearningTestResult
 from policies.built_in import TABLE_1
 
 _SIGN: Final = {True: "✓", False: "✗", None: "?"}
+_TUNED: Final = tuple(f"{policy}-tuned" for policy in TABLE_1)
 _TINY: Final = 1e-3
 """Smaller numbers are shown as being so."""
+
+Metrics = dict[str, list[Mapping[str, Any]]]
+"""Those of every learning test, by policy."""
 
 
 def table_one_section(tests: Sequence[LearningTestResult]) -> Section:
@@ -38,7 +42,8 @@ def table_one_section(tests: Sequence[LearningTestResult]) -> Section:
 
 
 def _blocks(tests: Sequence[LearningTestResult]) -> list[Block]:
-    measured = _measured(tests)
+    own = dict.fromkeys(one.policy for one in tests if one.policy_source)
+    measured, tuned = _measured(tests, (*TABLE_1, *own)), _measured(tests, _TUNED)
     if not measured:
         return [
             Paragraph(
@@ -46,17 +51,6 @@ def _blocks(tests: Sequence[LearningTestResult]) -> list[Block]:
                 "result in this study, so there is no number behind any mark."
             )
         ]
-    marks = {
-        row: {policy: mark(row, own) for policy, own in measured.items()}
-        for row in CRITERIA
-    }
-    rows = tuple(
-        (
-            f"{row}\n{_limit(criterion)}",
-            *(_cell(criterion, policy, marks[row][policy]) for policy in measured),
-        )
-        for row, criterion in CRITERIA.items()
-    )
     missing = [policy for policy in TABLE_1 if policy not in measured]
     note = (
         "✓ and ✗: whether the number earns the mark by the limits below; where the "
@@ -67,21 +61,40 @@ def _blocks(tests: Sequence[LearningTestResult]) -> list[Block]:
     )
     if missing:
         note += f" Not in this study, or only with errors: {names(missing)}."
-    columns = ("", *map(code, measured))
-    return [
-        Table(columns=columns, rows=rows, note=note),
+    marks = _marks(measured)
+    blocks: list[Block] = [
+        _table(marks, note),
         Paragraph(text=_summary(marks)),
         Items(texts=tuple(_explained(CRITERIA[row], marks[row]) for row in CRITERIA)),
     ]
+    if tuned:
+        note = "The same with the settings that `gplfd tune` found for each method."
+        blocks.append(_table(_marks(tuned), note))
+    return blocks
 
 
-def _measured(
-    tests: Sequence[LearningTestResult],
-) -> dict[str, list[Mapping[str, Any]]]:
-    """Metrics under the standard condition: the table's policies, then users' own."""
+def _marks(measured: Metrics) -> dict[str, dict[str, Mark]]:
+    return {
+        row: {policy: mark(row, own) for policy, own in measured.items()}
+        for row in CRITERIA
+    }
+
+
+def _table(marks: Mapping[str, Mapping[str, Mark]], note: str) -> Table:
+    rows = tuple(
+        (
+            f"{row}\n{_limit(criterion)}",
+            *(_cell(criterion, policy, found) for policy, found in marks[row].items()),
+        )
+        for row, criterion in CRITERIA.items()
+    )
+    policies = next(iter(marks.values()))
+    return Table(columns=("", *map(code, policies)), rows=rows, note=note)
+
+
+def _measured(tests: Sequence[LearningTestResult], shown: Sequence[str]) -> Metrics:
+    """Metrics of some policies under the standard condition."""
     ran = [one for one in tests if not one.error]
-    own = dict.fromkeys(one.policy for one in ran if one.policy_source)
-    shown = dict.fromkeys((*TABLE_1, *own))
     conditions = by_condition(one for one in ran if one.policy in shown)
     standard = by_policy(next(iter(conditions.values()), []))
     return {

@@ -10,7 +10,12 @@ from typing import Final
 from experiments.arguments import check_circumstances
 from experiments.episodes.doors import named_doors
 from experiments.learning_tests.folds import HELD_OUT
-from experiments.study.settings import TABLE_1_NAME, Condition, StudySettings
+from experiments.study.settings import (
+    TABLE_1_NAME,
+    TUNED_NAME,
+    Condition,
+    StudySettings,
+)
 from experiments.study.sources import chosen, source_of
 from experiments.study.tasks import EpisodeTask, SkillTask, Task
 from experiments.teacher import standard_teacher
@@ -61,13 +66,11 @@ def checked(settings: StudySettings) -> StudySettings:
 
 
 def _policies(names: Sequence[str]) -> tuple[str, ...]:
-    if TABLE_1_NAME not in names:
-        return tuple(names)
-    return tuple(
-        policy
-        for name in names
-        for policy in (TABLE_1 if name == TABLE_1_NAME else (name,))
-    )
+    together = {
+        TABLE_1_NAME: TABLE_1,
+        TUNED_NAME: tuple(f"{policy}-tuned" for policy in TABLE_1),
+    }
+    return tuple(policy for name in names for policy in together.get(name, (name,)))
 
 
 def _check_list(option: str, values: Sequence[object]) -> None:

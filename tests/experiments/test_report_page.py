@@ -338,6 +338,20 @@ def test_table_1_has_a_number_and_tells_where_the_paper_says_otherwise(
     assert "disagree in 2 of 8 marks" in text
 
 
+def test_tuned_methods_have_a_table_of_their_own(study, learning_result):
+    via = "Via-point Adaptation"
+    results = [
+        learning_result("promp", **judged(via, earned=False)),
+        learning_result("promp-tuned", **judged(via, earned=True)),
+    ]
+    text = markdown(study(results))
+    assert "settings that `gplfd tune` found" in text
+    heads = [line for line in text.splitlines() if line.startswith("|  | `promp")]
+    assert heads == ["|  | `promp` |", "|  | `promp-tuned` |"]
+    rows = [line for line in text.splitlines() if line.startswith(f"| {via}<br>")]
+    assert [("✗" in row, "✓" in row) for row in rows] == [(True, True), (False, True)]
+
+
 def test_recordings_are_linked_from_where_the_page_is(study, tmp_path, episode_result):
     folder = study([episode_result("gp")])
     recordings = folder / "recordings"

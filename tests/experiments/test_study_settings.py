@@ -107,13 +107,20 @@ def test_the_whole_comparison_is_table_1_on_known_and_new_doors() -> None:
     study = tasks(checked(PRESETS["table-1"]))
     opened = [task for task in study if isinstance(task, EpisodeTask)]
     tested = [task for task in study if isinstance(task, SkillTask)]
-    assert len(opened) == 9 * 7 * 20
+    assert len(opened) == 10 * 7 * 20
     assert len(tested) == 9 * 2 * 20
     assert len({task.key for task in study}) == len(study)
-    assert {task.policy for task in study} == set(TABLE_1)
+    assert {task.policy for task in tested} == set(TABLE_1)
+    assert {task.policy for task in opened} == {*TABLE_1, "hinge-fit"}
     assert sorted({task.door_config["radius"] for task in opened}) == [
         *(0.30, 0.35, 0.42, 0.50, 0.58, 0.62, 0.65)
     ]
+
+
+def test_methods_are_named_together_as_published_and_as_tuned() -> None:
+    both = checked(StudySettings(policies=("table-1-tuned", "oracle", "table-1")))
+    tuned = [f"{policy}-tuned" for policy in TABLE_1]
+    assert list(both.policies) == [*tuned, "oracle", *TABLE_1]
 
 
 def test_the_small_study_is_small() -> None:
