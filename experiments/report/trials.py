@@ -78,14 +78,16 @@ def trial_sections(
 
 def _together(answers: Mapping[str, Sequence[Answer]]) -> Iterable[str]:
     """Say of policies that lack an idea in several trials who is better where."""
-    asked: dict[tuple[str, str], dict[str, list[str]]] = {}
+    asked: dict[tuple[str, str], dict[str, dict[str, None]]] = {}
     for trial, own in answers.items():
         for one in own:
             if one.contrast.having.policy != one.contrast.lacking.policy:
                 pair = one.contrast.idea, one.contrast.lacking.policy
-                asked.setdefault(pair, {}).setdefault(one.verdict, []).append(trial)
+                asked.setdefault(pair, {}).setdefault(one.verdict, {})[trial] = None
     for (idea, lacking), trials in asked.items():
-        if sum(map(len, trials.values())) < 2:
+        decided = {*trials.get("shows", ()), *trials.get("harms", ())}
+        undecided = [one for one in trials.get("open", ()) if one not in decided]
+        if len(decided) + len(undecided) < 2:
             continue
         places = {verdict: ", ".join(trials.get(verdict, ())) for verdict in _VERDICTS}
         better = f"better in {places['shows']}" if places["shows"] else "better nowhere"
@@ -94,7 +96,8 @@ def _together(answers: Mapping[str, Sequence[Answer]]) -> Iterable[str]:
         verdict = ": **dominated**" if dominated else ""
         yield (
             f"{idea}: than {code(lacking)} without it, the policy that has it is "
-            f"{better} and {worse}{verdict}; undecided: {places['open'] or 'none'}."
+            f"{better} and {worse}{verdict}; undecided: "
+            f"{', '.join(undecided) or 'none'}."
         )
 
 
@@ -233,7 +236,7 @@ def _difference(answer: Answer) -> str:
     found = answer.shift
     if found is None:
         return "–"
-    digits = _digits(answer.contrast.measure)
+    digits = max(_digits(answer.contrast.measure), _telling_digits(found))
     estimate = number_text(found.estimate, digits, signed=True)
     interval = _interval(found, digits)
     return f"{estimate} ({interval})" if interval else estimate
@@ -243,6 +246,12 @@ def _interval(found: Shift, digits: int) -> str:
     if math.isinf(found.low):
         return ""  # Too few seeds.
     return " to ".join(number_text(end, digits) for end in (found.low, found.high))
+
+
+def _telling_digits(found: Shift) -> int:
+    """Return after how many decimals the ends of an interval differ from zero."""
+    ends = [abs(end) for end in (found.low, found.high) if 0.0 < abs(end) < math.inf]
+    return min(max(-math.floor(math.log10(min(ends))), 0), 3) if ends else 0
 
 
 def _digits(measure: str) -> int:

@@ -252,6 +252,22 @@ def test_the_report_has_a_section_per_trial(
     assert "16 of 16" not in text
 
 
+def test_a_small_difference_is_told_from_zero(
+    write_study: Callable, episode_result: MakeEpisode
+) -> None:
+    forces = np.linspace(20.0, 21.0, 8)
+    folder = write_study(
+        [
+            *outcomes(episode_result, "gp", forces, "stop_force_sustained"),
+            *outcomes(
+                episode_result, CONSTANT[0], forces + 0.004, "stop_force_sustained"
+            ),
+        ]
+    )
+    text = markdown_page(report(read_results(folder), folder, folder, "gp"))
+    assert "| −0.004 (−0.004 to −0.004) | **shows** |" in text
+
+
 def test_the_report_keeps_every_number_in_a_small_file(
     write_study: Callable, episode_result: MakeEpisode
 ) -> None:
