@@ -1,5 +1,6 @@
 import math
 import time
+import weakref
 from collections.abc import Callable
 from typing import Any
 
@@ -7,7 +8,9 @@ import numpy as np
 import pytest
 
 from experiments.episodes.log import PER_STEP, EpisodeLog
+from experiments.episodes.recorder import ForecastRecorder
 from experiments.episodes.rollout import Progress, rollout
+from policies.trajectory import GaussianTrajectory
 
 
 @pytest.fixture
@@ -79,6 +82,22 @@ def test_forecasts_are_taken_first_regularly_and_last(
     # Before the first decision the agent has not been called: its widest belief.
     np.testing.assert_allclose(log.forecast_std[0, -1], 0.05 + 1e-3)
     assert np.all(np.diff(log.forecast_std[:, -1, 0]) < 0.0)
+
+
+def test_of_a_forecast_nothing_but_its_moments_is_kept() -> None:
+    """Trajectories hold on to what they were computed from."""
+    moments = np.zeros((3, 6)), np.ones((3, 6))
+    forecast = GaussianTrajectory.from_moments(
+        np.linspace(0.0, 1.0, 3), *moments, lambda: np.zeros((6, 3, 3))
+    )
+    made, left = weakref.ref(forecast), [forecast]
+    del forecast
+    recorder = ForecastRecorder(left.pop, period=0.1)
+    recorder.take_if_due(0.0, force=False)
+    assert made() is None
+    kept = recorder.arrays()
+    np.testing.assert_array_equal(kept["forecast_mean"], [moments[0]])
+    np.testing.assert_array_equal(kept["forecast_std"], [moments[1]])
 
 
 def test_agents_without_forecasts_have_none_in_the_log(

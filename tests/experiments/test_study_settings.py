@@ -84,7 +84,7 @@ def test_a_wrong_file_is_refused(tmp_path: Path, text: str, message: str) -> Non
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"seeds": 1_000_000_000}, "makes a study of 81,000,000,000 tasks; at"),
+        ({"seeds": 1_000_000_000}, "makes a study of 88,000,000,000 tasks; at"),
         ({"demonstrations_per_door": (2, 10**9)}, "1000000000 must be 1 to 1000"),
         ({"teacher_noise": (21.0,)}, "--teacher-noise 21.0 must be 0 to 20"),
         ({"randomizations": ("mild", "mild")}, "mild is given twice"),
