@@ -54,7 +54,8 @@ class Skill(LearnedMovement):
     def smoothness(self) -> float:
         """Correlation ρ of neighbouring samples of a deviation: 0 white, 1 smooth."""
         times, poses = self.aligned.times, self.aligned.poses
-        spread = self.processes.moments(times).noise
+        with one_thread():
+            spread = self.processes.moments(times).noise
         deviations = (poses - poses.mean(axis=0)) / np.sqrt(spread)
         energy = float(np.sum(deviations**2))
         if energy < np.finfo(np.float64).tiny:
@@ -92,11 +93,12 @@ class Skill(LearnedMovement):
             )
         times = self.aligned.times
         deviations = self.aligned.poses - self.aligned.poses.mean(axis=0)
-        noise = self.processes.moments(times).noise
-        return tuple(
-            fit_deviations(times, deviations[:, :, output], noise[:, output])
-            for output in range(6)
-        )
+        with one_thread():
+            noise = self.processes.moments(times).noise
+            return tuple(
+                fit_deviations(times, deviations[:, :, output], noise[:, output])
+                for output in range(6)
+            )
 
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The distribution of the pose at ``times``, Eqs. (10)–(11).
