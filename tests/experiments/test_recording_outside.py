@@ -21,10 +21,10 @@ def held(peak: float, first: int = 200, end: int = 450) -> np.ndarray:
     return np.where(inside, peak * (end - rows) / (end - first), 0.0)
 
 
-def shown(log: EpisodeLog) -> dict[str, Any]:
-    """Columns by entity and component."""
+def shown(log: EpisodeLog, first_row: int = 0) -> dict[str, Any]:
+    """Columns by entity and component, of the part from a row on."""
     found = {}
-    for chunk in from_outside(Part(log=log)):
+    for chunk in from_outside(Part(log=log, first_row=first_row)):
         batch = chunk.to_record_batch()
         for name in batch.schema.names:
             if ":" in name:
@@ -46,6 +46,16 @@ def test_the_curve_is_the_log_s(make_log: MakeLog) -> None:
     found = shown(make_log(base_shift=shift))
     curve = found["/plots/outside/bump", "Scalars:scalars"]
     np.testing.assert_allclose(np.ravel(curve), 1e3 * shift)  # mm
+
+
+def test_a_live_view_is_sent_the_past_once_something_has_happened(
+    make_log: MakeLog,
+) -> None:
+    """Until then nothing of it has been sent, after it only what is new."""
+    log, curve = make_log(person_force=held(33.0)), "/plots/outside/person"
+    for first_row, sent in ((150, held(33.0)), (300, held(33.0)[300:])):
+        found = shown(log, first_row)[curve, "Scalars:scalars"]
+        np.testing.assert_allclose(np.ravel(found), sent)
 
 
 def test_a_ball_stands_above_the_hand_while_something_acts(make_log: MakeLog) -> None:

@@ -1,5 +1,6 @@
 """Which episodes of a trial are recorded side by side, and how they are linked."""
 
+import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +10,7 @@ import pytest
 
 from experiments import trial_recordings as module
 from experiments.cli import main
+from experiments.extremes import COMPARED
 from experiments.report.markdown import markdown_page
 from experiments.report.page import report
 from experiments.results.reading import read_results
@@ -17,6 +19,7 @@ from experiments.study.runner import run_study
 from experiments.trial_recordings import record_trials, side_by_side
 from experiments.trials.plan import named_trials, trial_tasks
 from experiments.trials.protocol import CONSTANT, TRIALS
+from experiments.trials.records import Contrast, Side
 
 
 @pytest.fixture
@@ -48,6 +51,31 @@ def test_all_contrasts_fit_beside_gp_and_hinge_fit(shown: Callable) -> None:
     found = shown("person", *rows)
     assert list(found) == ["gp", "hinge-fit", *CONSTANT]
     assert set(found.values()) == {("in the way", 2, 0.5)}
+
+
+def test_more_than_can_be_seen_are_left_out(
+    write_study: Callable, episode_result: Callable
+) -> None:
+    lacking = [f"gp-constant-{100 + place}" for place in range(COMPARED)]
+    trial = dataclasses.replace(
+        TRIALS["stop"],
+        contrasts=tuple(
+            Contrast(
+                idea="an idea",
+                measure="success",
+                having=Side(policy="gp"),
+                lacking=Side(policy=policy),
+            )
+            for policy in lacking
+        ),
+    )
+    results = [
+        episode_result(policy, 0, 0.5, trial="stop", level="stop")
+        for policy in ("gp", "hinge-fit", *lacking)
+    ]
+    episodes = of_trial(read_results(write_study(results)).episodes, "stop")
+    chosen = list(side_by_side(trial, episodes))
+    assert chosen == ["gp", "hinge-fit", *lacking[: COMPARED - 2]]
 
 
 def test_levels_are_compared_where_they_are_what_differs(shown: Callable) -> None:
