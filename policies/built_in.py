@@ -26,12 +26,13 @@ from policies.baselines.tp_gmm import fit_tp_gmm
 from policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
 from policies.compliance import ComplianceConfig
 from policies.controllers.stiffness import (
+    DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
     PAPER_DYNAMICS,
     PAPER_PROFILE,
 )
 from policies.demonstrations import Demonstration
-from policies.load import YieldToAll
+from policies.load import CarriedLoad, YieldToAll
 from policies.method import Method, TrainingInput, clock_phase, demonstrated_phase
 from policies.policy import Policy
 from policies.reference.compliant_pull import CompliantPullAgent
@@ -87,6 +88,9 @@ PAPER: Final = Method(
 
 KMP: Final = Method(fit=fit_kmp, adaptation=OwnAdaptation)
 """The kernelised movement primitive as published."""
+
+UNDAMPED: Final = replace(DEFAULT_DYNAMICS, least_damping=np.zeros(6))
+"""Critical damping and no more: stable alone, not in contact with a delay."""
 
 DOOR_KMP: Final = KMPConfig(mean_regularisation=1.0, covariance_regularisation=400.0)
 """λ as published, and λ_c = N, which makes the prior variance the demonstrations' own.
@@ -145,6 +149,16 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-position-only": Policy(
             summary="gp that learns no orientation: the hand does not turn",
             make=replace(GP, align=_positions_alone),
+            kind="ablation",
+        ),
+        "gp-carried-load": Policy(
+            summary="gp that carries up to 25 N along the path, whatever holds it back",
+            make=replace(GP, config=ComplianceConfig(load=CarriedLoad())),
+            kind="ablation",
+        ),
+        "gp-undamped": Policy(
+            summary="gp with the damping ratio alone: no damping for contact",
+            make=replace(GP, config=ComplianceConfig(dynamics=UNDAMPED)),
             kind="ablation",
         ),
         "gp-paper": Policy(

@@ -33,7 +33,7 @@ from policies.controllers.stiffness import (
     VirtualDynamics,
 )
 from policies.gridded import GriddedMovement, GriddedMovements
-from policies.load import CarriedLoad, LoadRule
+from policies.load import Encounter, LearnedLoad, LoadRule
 from policies.members import EVERY_MEMBER, Members, Numbers
 from policies.phase import PhaseRule
 from policies.steps import AgentStep
@@ -51,7 +51,7 @@ _LOOK_AHEAD: Final = 0.05
 class ComplianceConfig:
     """How an agent moves through the task, yields, and takes via-points."""
 
-    load: LoadRule = field(default_factory=CarriedLoad)
+    load: LoadRule = field(default_factory=LearnedLoad)
     """What is done about the door's resistance."""
 
     profile: StiffnessProfile = DEFAULT_PROFILE
@@ -126,6 +126,7 @@ class ComplianceController:
         shape = self._movements.durations.shape
         self._governor = StiffnessGovernor(config.profile, config.dynamics, shape)
         self._admittance = Admittance(config.dynamics, shape)
+        self._load = config.load.begin(config.profile, shape)
         self._memory = _Memory(shape)
         self._via_noise = np.repeat(config.via_std, 3)
 
@@ -134,6 +135,7 @@ class ComplianceController:
         self._movements.reset(members)
         self._governor.reset(members)
         self._admittance.reset(members)
+        self._load.reset(members)
         self._memory.reset(members)
 
     def decide(
@@ -158,11 +160,20 @@ class ComplianceController:
         via_point = self._adapt(poses, observed_phase, phase_std, members)
         path = self._movements.at(ahead, members)[0] if via_point.any() else means
         direction = _direction(path)
-        wrench, pace = self._config.load.share(wrenches, direction)
-        phase = self._advance(pace, members)
+        response = self._load.meet(
+            Encounter(
+                wrench=wrenches,
+                direction=direction,
+                position=poses[..., :3],
+                displacement=self._admittance.displacement[members],
+            ),
+            members,
+        )
+        phase = self._advance(response.pace, members)
         desired, std = self._set_point(phase, observed_phase, members)
+        std[..., :3] = np.sqrt(std[..., :3] ** 2 + response.doubt**2)
         std_rate = self._rate_of(std, members)
-        governed, action = self._render(desired, std, wrench, members)
+        governed, action = self._render(desired, std, response.wrench, members)
         return AgentStep(
             action=action,
             desired=desired,

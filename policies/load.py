@@ -3,32 +3,199 @@
 In Eq. (22) of Arduengo et al., *Gaussian-Process-based Robot Learning from
 Demonstration*, arXiv:2002.09979, every external force displaces the set-point. A force
 *across* the path tells that the path is wrong, and yielding is right. The force *along*
-it is the door's weight: yielding to it only stretches the virtual spring until a heavy
-door stalls.
+it may be the door's weight, to which yielding only stretches the virtual spring until a
+heavy door stalls; or somebody who holds the hand, whom nothing but yielding helps.
+What tells them apart is the past: a door was as heavy a centimetre ago.
 """
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
+from policies.controllers.stiffness import StiffnessProfile
+from policies.members import EVERY_MEMBER, Members
+
 Wrench = Float[np.ndarray, "*N 6"]
 Direction = Float[np.ndarray, "*N 3"]
-Pace = Float[np.ndarray, "*N"]
+Amount = Float[np.ndarray, "*N"]
+
+_STEP: Final = 5e-3
+"""A hand has moved when it has moved by this much along the path [m]: more than a pose
+sensor's noise and what a grip gives."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Encounter:
+    """What some hands meet in a control step; task frame."""
+
+    wrench: Wrench
+    """Force and moment on the hand [N, N m]."""
+    direction: Direction
+    """Unit vector along which the policy moves the hand."""
+    position: Direction
+    """Where the hand is [m]."""
+    displacement: Wrench
+    """What the set-point has yielded so far: e of Eq. (22) [m, rad]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Response:
+    """What is done about it."""
+
+    wrench: Wrench
+    """What is left to yield to: F of Eq. (22) [N, N m]."""
+    carried: Amount
+    """Resistance along the path that is carried, and so not in `wrench` [N]."""
+    pace: Amount
+    """Pace of the command phase: 1 by the clock, 0 for waiting, down to -1 for going
+    back to the hand."""
+    doubt: Direction
+    """How far the hand is from where the policy has it go, as a standard deviation
+    beside the policy's own [m]."""
+
+
+@runtime_checkable
+class Load(Protocol):
+    """A load rule at work: what it knows of the doors of some members."""
+
+    def reset(self, members: Members = EVERY_MEMBER) -> None:
+        """Forget these members' doors."""
+
+    def meet(self, encounter: Encounter, members: Members = EVERY_MEMBER) -> Response:
+        """Return what these members do about what they meet."""
 
 
 @runtime_checkable
 class LoadRule(Protocol):
     """Decides which forces displace the set-point, and whether it waits.
 
-    Rules keep no memory. Agents use one rule for all members of a batch if the
-    members' rules are equal.
+    Agents use one rule for all members of a batch if the members' rules are equal.
     """
 
-    def share(self, wrench: Wrench, direction: Direction) -> tuple[Wrench, Pace]:
-        """Return the wrenches to yield to and the pace of the command phases."""
+    def begin(self, profile: StiffnessProfile, shape: tuple[int, ...] = ()) -> Load:
+        """Return the rule at work.
+
+        Args:
+            profile: What uncertainty does to the stiffness.
+            shape: Leading axes of all arrays: () for one hand, (N,) for N hands.
+        """
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LearnedLoad:
+    """Carries what the door has been found to weigh; yields, in doubt, to the rest.
+
+    Of the resistance r along the path, the hand carries no more than it expects, r̂,
+    and than it could hold with `reach` of the stiffness that is left:
+
+        carried = min(r, r̂, k(g) ℓ),        g = max(-uᵀe, 0),
+
+    with u the direction of the path, e the displacement of Eq. (22), g how far the hand
+    has given way along the path, and k(g) the stiffness along u that Eq. (24) has for
+    g. The rest, r - carried, displaces the set-point. The give is uncertainty: the hand
+    is not where the policy has it, so σ'² = σ² + (g u)² sets the stiffness. Held fast
+    the hand becomes soft; free again it becomes stiff, as fast as the governor lets it.
+
+    r̂ is `limit` at first, for a door that nobody has moved yet, and then follows the
+    resistance with which the hand *moves*, over `stretch` metres of path. Standing
+    still teaches nothing: somebody who holds the hand is not the door's weight.
+
+    The clock goes on while the hand gives way, slower and slower, and waits at `lag`.
+    What holds the hand therefore bears k_min (ℓ + `lag`) in the end, 14 N with the
+    default profile (``test_what_holds_the_hand_bears_the_least_stiffness``).
+    """
+
+    limit: float = 25.0
+    """Resistance expected before the hand has moved, and the greatest ever carried [N].
+    A friction grasp of 16 N per finger slips at 37 N."""
+    least: float = 3.0
+    """Least resistance to be expected of a door [N]: what hinge and sensor add now and
+    take away again."""
+    stretch: float = 0.03
+    """Path over which r̂ follows the resistance [m]."""
+    reach: float = 0.06
+    """ℓ: give at which as much is yielded to as is carried at most [m]."""
+    lag: float = 0.08
+    """Give at which the clock waits [m]."""
+
+    def __post_init__(self) -> None:
+        _check_positive(self, "limit", "least", "stretch", "reach", "lag")
+        if self.least > self.limit:
+            raise ValueError(
+                f"LearnedLoad.least must not exceed limit, got {self.least} and "
+                f"{self.limit} [N]"
+            )
+
+    def begin(
+        self, profile: StiffnessProfile, shape: tuple[int, ...] = ()
+    ) -> "LoadLearner":
+        """Return the rule at work."""
+        return LoadLearner(self, profile, shape)
+
+
+class LoadLearner:
+    """`LearnedLoad` at work.
+
+    Args:
+        rule: What it goes by.
+        profile: What uncertainty does to the stiffness.
+        shape: Leading axes of all arrays.
+    """
+
+    def __init__(
+        self, rule: LearnedLoad, profile: StiffnessProfile, shape: tuple[int, ...]
+    ) -> None:
+        self._rule, self._profile = rule, profile
+        self._least = profile.k_min[0]
+        self._expected = np.full(shape, rule.limit)
+        self._mark = np.full((*shape, 3), np.nan)  # NaN: none yet
+
+    def reset(self, members: Members = EVERY_MEMBER) -> None:
+        """Expect nothing but the limit of these members' next doors."""
+        self._expected[members] = self._rule.limit
+        self._mark[members] = np.nan
+
+    def meet(self, encounter: Encounter, members: Members = EVERY_MEMBER) -> Response:
+        """Return what these members do, and learn how heavy their doors are."""
+        direction = encounter.direction
+        resistance = _resistance(encounter.wrench, direction)
+        give = np.maximum(-_along(direction, encounter.displacement), 0.0)
+        expected = self._learn(resistance, encounter, members)
+        reserve = self._rule.reach * self._stiffness(give, direction)
+        carried = np.minimum(np.minimum(resistance, expected), reserve)
+        coming = (resistance - carried) / self._least
+        return Response(
+            wrench=_without(encounter.wrench, carried, direction),
+            carried=carried,
+            pace=_pace(np.maximum(give, coming) / self._rule.lag),
+            doubt=give[..., None] * direction,
+        )
+
+    def _stiffness(self, give: Amount, direction: Direction) -> Amount:
+        """Return k(g): the stiffness along the path if the give were all the doubt."""
+        axes = self._profile.stiffness(np.repeat(give[..., None], 6, axis=-1))[..., :3]
+        return np.asarray(np.add.reduce(direction * axes * direction, axis=-1))
+
+    def _learn(
+        self, resistance: Amount, encounter: Encounter, members: Members
+    ) -> Amount:
+        """Let r̂ follow the resistance of members that have moved on; return it."""
+        rule, position = self._rule, encounter.position
+        mark = self._mark[members]
+        mark = np.where(np.isnan(mark), position, mark)
+        moved = _along(encounter.direction, position - mark)
+        weight = np.where(moved >= _STEP, -np.expm1(-moved / rule.stretch), 0.0)
+        before = self._expected[members]
+        met = np.minimum(np.maximum(resistance, rule.least), rule.limit)
+        expected = before + weight * (met - before)
+        self._expected[members] = expected
+        # A hand that is led back has to come forward again before it learns.
+        away = np.abs(moved) >= _STEP
+        self._mark[members] = np.where(away[..., None], position, mark)
+        return np.asarray(expected)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -40,13 +207,18 @@ class CarriedLoad:
     per finger slips at 37 N."""
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.limit < math.inf:
-            raise ValueError(
-                f"CarriedLoad.limit must be positive and finite [N], got {self.limit}; "
-                "to carry nothing use YieldToAll"
-            )
+        _check_positive(self, "limit")
 
-    def share(self, wrench: Wrench, direction: Direction) -> tuple[Wrench, Pace]:
+    def begin(
+        self, profile: StiffnessProfile, shape: tuple[int, ...] = ()
+    ) -> "CarriedLoad":
+        """Return itself: the rule keeps no memory."""
+        return self
+
+    def reset(self, members: Members = EVERY_MEMBER) -> None:
+        """Have nothing to forget."""
+
+    def share(self, wrench: Wrench, direction: Direction) -> tuple[Wrench, Amount]:
         """Take the carried load out of wrenches.
 
         Args:
@@ -58,20 +230,72 @@ class CarriedLoad:
             clock) without load, 0 at the limit, and down to -1 from 1.19 times the
             limit on, where the set-point comes back to the hand.
         """
-        # Not `vecdot`: see `policies.compliance`.
-        along = np.add.reduce(direction * wrench[..., :3], axis=-1)
-        load = np.maximum(-along, 0.0)
-        left = wrench.copy()
-        left[..., :3] += np.minimum(load, self.limit)[..., None] * direction
-        # Not `**`: for arrays its last bit depends on the processor.
-        slowing = np.minimum(np.float_power(load / self.limit, 4.0), 2.0)
-        return left, np.asarray(1.0 - slowing)
+        resistance = _resistance(wrench, direction)
+        carried = np.minimum(resistance, self.limit)
+        return _without(wrench, carried, direction), _pace(resistance / self.limit)
+
+    def meet(self, encounter: Encounter, members: Members = EVERY_MEMBER) -> Response:
+        """Return what `share` says, and no doubt."""
+        wrench, direction = encounter.wrench, encounter.direction
+        left, pace = self.share(wrench, direction)
+        carried = np.minimum(_resistance(wrench, direction), self.limit)
+        doubt = np.zeros_like(direction)
+        return Response(wrench=left, carried=carried, pace=pace, doubt=doubt)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class YieldToAll:
     """Every force displaces the set-point, which never waits: Eq. (22) as printed."""
 
-    def share(self, wrench: Wrench, direction: Direction) -> tuple[Wrench, Pace]:
+    def begin(
+        self, profile: StiffnessProfile, shape: tuple[int, ...] = ()
+    ) -> "YieldToAll":
+        """Return itself: the rule keeps no memory."""
+        return self
+
+    def reset(self, members: Members = EVERY_MEMBER) -> None:
+        """Have nothing to forget."""
+
+    def meet(self, encounter: Encounter, members: Members = EVERY_MEMBER) -> Response:
         """Return the wrenches as they are, and the clock's pace."""
-        return wrench, np.ones(wrench.shape[:-1])
+        nothing = np.zeros(encounter.wrench.shape[:-1])
+        return Response(
+            wrench=encounter.wrench,
+            carried=nothing,
+            pace=nothing + 1.0,
+            doubt=np.zeros_like(encounter.direction),
+        )
+
+
+def _along(direction: Direction, vectors: Float[np.ndarray, "*N V"]) -> Amount:
+    """Return the component of the first three numbers along a direction."""
+    # Not `vecdot`: see `policies.compliance`.
+    return np.asarray(np.add.reduce(direction * vectors[..., :3], axis=-1))
+
+
+def _resistance(wrench: Wrench, direction: Direction) -> Amount:
+    """Return the force along the path that holds the hands back [N]."""
+    return np.asarray(np.maximum(-_along(direction, wrench), 0.0))
+
+
+def _without(wrench: Wrench, carried: Amount, direction: Direction) -> Wrench:
+    """Return the wrenches without what is carried."""
+    left = wrench.copy()
+    left[..., :3] += carried[..., None] * direction
+    return left
+
+
+def _pace(share: Amount) -> Amount:
+    """Return 1 for nothing, 0 for a share of 1, -1 from 1.19 on."""
+    # Not `**`: for arrays its last bit depends on the processor.
+    return np.asarray(1.0 - np.minimum(np.float_power(share, 4.0), 2.0))
+
+
+def _check_positive(rule: object, *names: str) -> None:
+    for name in names:
+        value = getattr(rule, name)
+        if not 0.0 < value < math.inf:
+            raise ValueError(
+                f"{type(rule).__name__}.{name} must be positive and finite, got "
+                f"{value}; to carry nothing use YieldToAll"
+            )

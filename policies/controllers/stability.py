@@ -32,7 +32,7 @@ def decay_rate(
         k_min: Least stiffness that ever occurs [N/m, N m/rad].
         dynamics: Virtual mass and damping ratio.
     """
-    return np.asarray(2.0 * dynamics.damping_ratio * np.sqrt(k_min / dynamics.mass))
+    return np.asarray(dynamics.damping(k_min) / dynamics.mass)
 
 
 def rate_bound(

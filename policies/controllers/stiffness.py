@@ -3,7 +3,7 @@
 The hand is stiff where the policy is certain and compliant where it is not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -122,19 +122,27 @@ class VirtualDynamics:
     """Mass and damping of the virtual spring-mass-damper, Eq. (22); read-only.
 
     Raises:
-        ValueError: If the mass is not (6,), finite and positive, or the damping ratio
-            not finite and positive.
+        ValueError: If the mass is not (6,), finite and positive, the damping ratio not
+            finite and positive, or the least damping not (6,), finite and ≥ 0.
     """
 
     mass: Float[np.ndarray, " 6"]
     """Virtual mass [kg] and inertia [kg m²] per axis."""
     damping_ratio: float
     """δ: 1 is critical damping at every stiffness."""
+    least_damping: Float[np.ndarray, " 6"] = field(default_factory=lambda: np.zeros(6))
+    """d is never less than this [N s/m, N m s/rad]; zero for none."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mass", _six("mass", self.mass))
+        for name in ("mass", "least_damping"):
+            object.__setattr__(self, name, _six(name, getattr(self, name)))
         if np.any(self.mass <= 0):
             raise ValueError(f"mass must be positive on every axis, got {self.mass}")
+        if np.any(self.least_damping < 0):
+            raise ValueError(
+                "least_damping must not be negative on any axis, got "
+                f"{self.least_damping}"
+            )
         if not 0.0 < self.damping_ratio < np.inf:
             raise ValueError(
                 f"damping_ratio must be positive and finite, got {self.damping_ratio}"
@@ -143,8 +151,9 @@ class VirtualDynamics:
     def damping(
         self, stiffness: Float[np.ndarray, "*T 6"]
     ) -> Float[np.ndarray, "*T 6"]:
-        """Return d = 2δ√(m k) [N s/m, N m s/rad] at the given stiffness."""
-        return np.asarray(2.0 * self.damping_ratio * np.sqrt(self.mass * stiffness))
+        """Return d = max(2δ√(m k), least) [N s/m, N m s/rad] at a stiffness k."""
+        critical = 2.0 * np.sqrt(self.mass * stiffness)
+        return np.asarray(np.maximum(self.damping_ratio * critical, self.least_damping))
 
 
 def _six(name: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, " 6"]:
@@ -185,6 +194,13 @@ is 1 cm at a lever of 0.2 m, with the same αβ = 6: both sigmoids have one shap
 and are within 0.25 % of their range from k_max at σ = 0. With a tenth of the number in
 N m/rad, an error of 0.05 rad costs 2.5 N m where one of 1 cm costs 5 N."""
 
-DEFAULT_DYNAMICS = VirtualDynamics(mass=_by_kind(1.0, 0.1), damping_ratio=1.0)
-"""1 kg in translation; 0.1 kg m² in rotation gives `DEFAULT_PROFILE` one ratio of
-stiffness to inertia, hence the same time constants and γ = 20 /s on all axes."""
+CONTACT_DAMPING = _by_kind(60.0, 3.0)
+"""Damping with which a held hand is stable although commands take effect late: the
+servo's stiffness, 2000 N/m and 100 N m/rad, times 30 ms, the longest delay of `hard`;
+at every mass and stiffness (docs/method.md, "Stability in contact")."""
+
+DEFAULT_DYNAMICS = VirtualDynamics(
+    mass=_by_kind(1.0, 0.1), damping_ratio=1.0, least_damping=CONTACT_DAMPING
+)
+"""1 kg in translation, 0.1 kg m² in rotation; damped for contact, which is more than
+critical at every stiffness of `DEFAULT_PROFILE`."""
