@@ -25,8 +25,16 @@ def script(name: str) -> ModuleType:
     return module
 
 
-agents, calibration, door_forecasts, recorded, scaling = map(
-    script, ("agents", "calibration", "door_forecasts", "recorded", "scaling")
+agents, calibration, contact_loop, door_forecasts, recorded, scaling = map(
+    script,
+    (
+        "agents",
+        "calibration",
+        "contact_loop",
+        "door_forecasts",
+        "recorded",
+        "scaling",
+    ),
 )
 
 SMALL = {
@@ -45,7 +53,7 @@ SAYS = {
 
 
 def test_every_script_is_known() -> None:
-    known = {module.__name__ for module in (*SMALL, recorded)}
+    known = {module.__name__ for module in (*SMALL, contact_loop, recorded)}
     assert known == {path.stem for path in FOLDER.glob("*.py")}
 
 
@@ -90,6 +98,29 @@ def test_deciding_is_counted_per_control_step(monkeypatch: pytest.MonkeyPatch) -
     )
     rows = agents.measure_loops(2, counts=(2,), periods=4).rows
     assert [row["of which agent"] for row in rows.values()] == pytest.approx([1.0, 0.5])
+
+
+# --- A held hand -------------------------------------------------------------
+
+
+def test_contact_model_agrees_with_the_simulation(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Free and held, 0 to 3 periods of delay, 100 to 500 N/m, both dampings."""
+    monkeypatch.setattr(contact_loop, "threshold", lambda *arguments: 400.0)
+    tyro.cli(contact_loop.main, args=["--seconds", "2"])
+    printed = capsys.readouterr().out
+    rows = [line for line in printed.splitlines() if "periods  " in line]
+    held = [row for row in rows if row.startswith(("held, 2", "held, 3"))]
+    assert [row.count("OSCILLATES") for row in held] == [3, 4]
+    assert not any("OSCILLATES" in row for row in rows if "d >= 60" in row)
+    for name in ("held", "free"):
+        assert re.search(rf"verdicts that differ, {name} +0 +at most 0 +met", printed)
+
+
+def test_threshold_is_where_it_stops() -> None:
+    found = contact_loop.threshold(lambda k: k < 293.0, 20.0, 1500.0)
+    assert found == pytest.approx(293.0, rel=0.01)
 
 
 # --- Doors that were not demonstrated ----------------------------------------

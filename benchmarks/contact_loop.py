@@ -1,0 +1,197 @@
+"""When a held hand oscillates, and what the model says: contact_loop.py.
+
+``python benchmarks/contact_loop.py`` holds the hand at a locked door, or takes the bar
+away from it, knocks the set-point of the admittance once, and looks whether the force
+at the wrist dies out, for every delay of the command that ``"hard"`` draws.
+"""
+
+import contextlib
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import gymnasium as gym
+import numpy as np
+import tyro
+
+from experiments.speed.report import Measurement, Target, at_most, measure_all
+from gplfd_env import ENVIRONMENT_ID
+from gplfd_env.task import CONTROL_PERIOD
+from policies.controllers.admittance import Admittance
+from policies.controllers.contact import HELD_HAND, SERVO_LAG
+from policies.controllers.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
+
+PERIODS: Final = (0, 1, 2, 3)
+"""Delays [control periods]."""
+STIFFNESSES: Final = (100.0, 200.0, 330.0, 500.0)
+"""k of the admittance [N/m]."""
+DAMPINGS: Final = (0.0, 60.0)
+"""Least damping [N s/m]: none, and k_s times 30 ms."""
+AXIS: Final = 0
+"""The hand is knocked along x, at the closed door the direction of opening."""
+
+_KNOCK: Final = 0.001
+_KNOCK_BEGINS, _KNOCK_ENDS = 0.5, 0.6
+_DIED_OUT: Final = 0.5
+"""What is left of the knock's force after it has died out: less than this share."""
+_NEAR: Final = 0.0005
+"""Margins smaller than this say nothing about a simulation [s]."""
+
+
+@dataclass(frozen=True)
+class LeastDamping(VirtualDynamics):
+    """Virtual dynamics whose damping does not fall below a least one."""
+
+    least: float
+
+    def damping(self, stiffness: np.ndarray) -> np.ndarray:
+        """Return the greater of 2δ√(m k) and the least [N s/m, N m s/rad]."""
+        critical = 2.0 * self.damping_ratio * np.sqrt(self.mass * stiffness)
+        return np.maximum(critical, self.least)
+
+
+def dynamics(least: float) -> LeastDamping:
+    """Return the default virtual dynamics with a least damping [N s/m]."""
+    return LeastDamping(mass=DEFAULT_DYNAMICS.mass, damping_ratio=1.0, least=least)
+
+
+def rest_of_a_knock(
+    stiffness: float, least: float, periods: int, *, held: bool, seconds: float
+) -> float:
+    """Knock a hand in simulation; return how much of the force is left in the end.
+
+    Args:
+        stiffness: k along x [N/m].
+        least: Least damping [N s/m].
+        periods: Delay of the command [control periods].
+        held: By a locked door, or by nothing.
+        seconds: For how long, after the knock.
+
+    Returns:
+        Standard deviation of the force over the last second over that of the first;
+        infinite if the grasp is lost.
+    """
+    env: Any = gym.make(
+        ENVIRONMENT_ID,
+        randomization={"shortest_delay": periods, "longest_delay": periods},
+        disturbance="locked" if held else "none",
+        max_episode_steps=10_000,
+    )
+    with contextlib.closing(env):
+        observation, _ = env.reset(seed=0)
+        if not held:
+            env.unwrapped.model.geom("handle_bar").conaffinity = 0
+        admittance = Admittance(dynamics(least))
+        only, gains = np.eye(6)[AXIS], np.full(6, stiffness)
+        forces = []
+        for step in range(round((_KNOCK_ENDS + seconds) / CONTROL_PERIOD)):
+            knocked = _KNOCK_BEGINS <= step * CONTROL_PERIOD < _KNOCK_ENDS
+            wrench = observation["wrench"] * only
+            offset = admittance.step(gains, wrench, CONTROL_PERIOD)
+            action = offset + _KNOCK * knocked * only
+            observation, _, ended, _, _ = env.step(action)
+            forces.append(float(observation["wrench"][AXIS]))
+            if held and ended:
+                return math.inf
+    second = round(1.0 / CONTROL_PERIOD)
+    after = forces[round(_KNOCK_ENDS / CONTROL_PERIOD) :]
+    return float(np.std(after[-second:]) / np.std(after[:second]))
+
+
+def model_margin(stiffness: float, least: float, periods: int) -> float:
+    """Return the further delay that the model allows a held hand, x axis [s]."""
+    gains, virtual = np.full(6, stiffness), dynamics(least)
+    limit = HELD_HAND.tolerated_delay(gains, virtual.damping(gains), virtual.mass)
+    return float(limit[AXIS]) - (periods * CONTROL_PERIOD + SERVO_LAG)
+
+
+def measure_verdicts(
+    seconds: int,
+    periods: Sequence[int] = PERIODS,
+    stiffnesses: Sequence[float] = STIFFNESSES,
+) -> Measurement:
+    """Compare the model's verdicts with those of the simulation.
+
+    Args:
+        seconds: Simulated time after each knock [s].
+        periods: Delays [control periods].
+        stiffnesses: k [N/m].
+    """
+    rows: dict[str, dict[str, str]] = {}
+    wrong = {True: 0, False: 0}
+    for least, held, delay in itertools.product(DAMPINGS, (True, False), periods):
+        damped = f"d >= {least:g}, " if least else ""
+        name = f"{'held' if held else 'free'}, {damped}{delay} periods"
+        rows[name] = {}
+        for k in stiffnesses:
+            rest = rest_of_a_knock(k, least, delay, held=held, seconds=seconds)
+            # Nothing holds a free hand: there is no loop that could oscillate.
+            margin = model_margin(k, least, delay) if held else math.inf
+            calm = rest < _DIED_OUT
+            wrong[held] += calm != (margin > 0.0) and abs(margin) > _NEAR
+            said = f" ({1e3 * margin:+.1f} ms)" if held else ""
+            rows[name][f"k = {k:g}"] = ("calm" if calm else "OSCILLATES") + said
+    return Measurement(
+        title="a knocked hand in simulation (and the model's contact margin)",
+        rows=rows,
+        targets=tuple(
+            at_most(f"verdicts that differ, {name}", wrong[held], 0)
+            for name, held in (("held", True), ("free", False))
+        ),
+    )
+
+
+def threshold(oscillates: Callable[[float], bool], low: float, high: float) -> float:
+    """Return the k between two at which oscillations stop, to 1 % [N/m]."""
+    while high > 1.01 * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if oscillates(middle) else (low, middle)
+    return math.sqrt(low * high)
+
+
+def measure_lag(seconds: int, periods: Sequence[int] = PERIODS[1:]) -> Measurement:
+    """Find the softest calm admittance at each delay, and the lag that explains it.
+
+    Args:
+        seconds: Simulated time after each knock [s].
+        periods: Delays [control periods].
+    """
+    rows, targets = {}, list[Target]()
+    for delay in periods:
+
+        def simulated(k: float, delay: int = delay) -> bool:
+            rest = rest_of_a_knock(k, 0.0, delay, held=True, seconds=seconds)
+            return rest >= _DIED_OUT
+
+        def modelled(k: float, delay: int = delay) -> bool:
+            return model_margin(k, 0.0, delay) + SERVO_LAG < 0.0
+
+        found = threshold(simulated, 20.0, 1500.0)
+        lag = 1e3 * (model_margin(found, 0.0, delay) + SERVO_LAG)
+        rows[f"{delay} periods"] = {
+            "simulation: calm from k =": found,
+            "model without lag": threshold(modelled, 20.0, 1500.0),
+            "lag that explains it [ms]": lag,
+        }
+        name = f"lag at {delay} periods [ms]"
+        targets.append(at_most(name, lag, 1e3 * SERVO_LAG))
+    return Measurement(
+        title="the softest admittance with d = 2√(m k) that stays calm when held",
+        rows=rows,
+        targets=tuple(targets),
+    )
+
+
+def main(seconds: int = 3) -> None:
+    """Compare the model of the contact loop with the simulation.
+
+    Args:
+        seconds: Simulated time after each knock [s], at least two.
+    """
+    measure_all({"verdicts": measure_verdicts, "lag": measure_lag}, seconds)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

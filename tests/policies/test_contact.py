@@ -1,0 +1,164 @@
+"""The loop that a held hand closes: its model, its condition, its margin."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from gplfd_env.robot import SERVO_STIFFNESS
+from policies.controllers.admittance import Admittance
+from policies.controllers.contact import HELD_HAND, ContactLoop
+from policies.controllers.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
+
+H, HELD = 0.01, 2000.0
+LOOP = ContactLoop(stiffness=np.full(6, HELD), delay=0.03)
+
+
+def magnitudes(low, high):
+    return st.floats(np.log(low), np.log(high)).map(np.exp)
+
+
+def six(number):
+    return np.full(6, float(number))
+
+
+def tolerated(k, d, m, loop=LOOP):
+    return float(loop.tolerated_delay(six(k), six(d), six(m))[0])
+
+
+def growth(k, d, m, periods):
+    """Largest modulus of a root of the discretised loop, from its polynomial in 1/z."""
+    inertia, resistance = m / H**2, d / H
+    polynomial = np.zeros(max(periods + 2, 3))
+    polynomial[:3] = [inertia + resistance + k, -2 * inertia - resistance, inertia]
+    polynomial[periods + 1] += HELD
+    return np.abs(np.roots(polynomial)).max()
+
+
+@given(
+    k=magnitudes(0.1, 0.99 * HELD),
+    d=magnitudes(0.1, 1000.0),
+    m=magnitudes(0.001, 100.0),
+    periods=st.integers(0, 8),
+)
+def test_tolerated_delay_is_the_edge_of_stability(k, d, m, periods):
+    modulus = growth(k, d, m, periods)
+    assume(abs(modulus - 1.0) > 1e-6)
+    assert (periods * H < tolerated(k, d, m)) == (modulus < 1.0)
+
+
+@given(
+    k=magnitudes(HELD, 10 * HELD), d=magnitudes(0.1, 1000.0), m=magnitudes(0.01, 100.0)
+)
+def test_stiffer_than_the_servo_it_is_stable_at_least_so_long(k, d, m):
+    periods = int(min(tolerated(k, d, m) / H, 20.0))
+    assume(periods * H < tolerated(k, d, m) * (1.0 - 1e-9))
+    assert growth(k, d, m, periods) < 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("periods", [1, 2, 3])
+def test_edges_at_critical_damping_are_those_that_were_measured_on_agents(periods):
+    """Unstable below k = 92, 292 and 517 N/m at one to three periods, with m = 1 kg."""
+    edge = {1: 91.1, 2: 291.8, 3: 516.6}[periods]
+    for k, stable in ((edge - 1.0, False), (edge + 1.0, True)):
+        assert (tolerated(k, 2.0 * np.sqrt(k), 1.0) > periods * H) == stable
+
+
+@pytest.mark.parametrize("periods", [0, 1, 2, 3])
+@pytest.mark.parametrize("k", [100.0, 200.0, 330.0, 500.0])
+@pytest.mark.parametrize("least", [0.0, 60.0])
+def test_simulated_loop_agrees_with_the_margin(least, k, periods):
+    """`Admittance` itself, its command held back by whole periods."""
+
+    class Dynamics(VirtualDynamics):
+        def damping(self, stiffness):
+            return np.maximum(super().damping(stiffness), least)
+
+    dynamics = Dynamics(mass=DEFAULT_DYNAMICS.mass, damping_ratio=1.0)
+    admittance = Admittance(dynamics)
+    waiting = [np.zeros(6)] * periods
+    force, offsets = np.ones(6), []
+    for _ in range(1000):
+        waiting.append(admittance.step(six(k), force, H))
+        force = -HELD * waiting.pop(0)
+        offsets.append(abs(admittance.displacement[0]))
+    margin = LOOP.tolerated_delay(six(k), dynamics.damping(six(k)), dynamics.mass)
+    grew = max(offsets[-100:]) > max(offsets[:100])
+    assert grew == (margin[0] < periods * H)
+    if least:
+        assert not grew
+
+
+@given(
+    k=magnitudes(0.01, 0.99 * HELD),
+    m=magnitudes(1e-4, 1e4),
+    delay=st.integers(1, 9),
+    more=st.floats(1.0, 10.0),
+)
+def test_enough_damping_is_enough_for_every_mass_and_stiffness(k, m, delay, more):
+    loop = ContactLoop(stiffness=six(HELD), delay=delay * H)
+    damping = more * loop.sufficient_damping
+    assert (loop.margin(six(k), damping, six(m)) > 0.0).all()
+
+
+def test_less_damping_is_not_enough_for_a_large_mass():
+    margins = [
+        LOOP.margin(six(0.01), share * LOOP.sufficient_damping, six(1e6))[0]
+        for share in (0.999, 1.001)
+    ]
+    assert margins[0] < 0.0 < margins[1]
+
+
+@given(k=magnitudes(1.0, 0.99 * HELD), m=magnitudes(0.1, 10.0))
+def test_fast_control_is_the_loop_in_continuous_time(k, m):
+    """With d = 2√(m k) the gain is one at ω² = (k_s - k)/m."""
+    fast = ContactLoop(stiffness=six(HELD), delay=0.0, period=1e-7)
+    omega, d = np.sqrt((HELD - k) / m), 2.0 * np.sqrt(m * k)
+    expected = np.arctan2(d * omega, m * omega**2 - k) / omega
+    assert tolerated(k, d, m, fast) == pytest.approx(expected, rel=1e-4)
+
+
+def test_phase_at_unit_gain_is_half_a_turn_with_the_tolerated_delay():
+    """Nyquist's curve of the discretised loop goes through -1."""
+    k, d, m = 150.0, 30.0, 1.4
+    delay = tolerated(k, d, m)
+    angles = np.linspace(1e-3, np.pi, 400_001)
+    back = np.exp(-1j * angles)
+    loop = (
+        HELD
+        * np.exp(-1j * angles * (1.0 + delay / H))
+        / (m / H**2 * (1 - back) ** 2 + d / H * (1 - back) + k)
+    )
+    assert np.abs(loop + 1.0).min() < 1e-4
+
+
+@pytest.mark.bits
+def test_margins_of_many_are_the_margins_of_each():
+    rng = np.random.default_rng(0)
+    stiffness = rng.uniform(10.0, 500.0, (5, 6))
+    damping = rng.uniform(1.0, 80.0, (5, 6))
+    mass = DEFAULT_DYNAMICS.mass
+    together = HELD_HAND.margin(stiffness, damping, mass)
+    strided = HELD_HAND.margin(np.asfortranarray(stiffness), damping, mass)
+    np.testing.assert_array_equal(together, strided)
+    for row in range(5):
+        alone = HELD_HAND.margin(stiffness[row], damping[row], mass)
+        np.testing.assert_array_equal(together[row], alone)
+
+
+def test_held_hand_is_that_of_the_robot():
+    np.testing.assert_array_equal(HELD_HAND.stiffness, np.repeat(SERVO_STIFFNESS, 3))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"stiffness": np.full(6, np.nan)}, r"must be six positive finite numbers"),
+        ({"stiffness": np.zeros(6)}, r"stiffness must be six positive.*got \[0. 0."),
+        ({"delay": -0.1}, r"delay must be finite and >= 0 \[s\], got -0.1"),
+        ({"period": 0.0}, r"period must be positive and finite \[s\], got 0.0"),
+    ],
+)
+def test_impossible_loops_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        ContactLoop(**{"stiffness": np.ones(6), "delay": 0.03} | change)
