@@ -25,6 +25,7 @@ from jaxtyping import Bool, Float
 from gplfd_env.se3 import compose_rotvecs
 from gplfd_env.task import CONTROL_PERIOD
 from policies.controllers.admittance import Admittance
+from policies.controllers.contact import HELD_HAND
 from policies.controllers.stability import GovernedStiffness, StiffnessGovernor
 from policies.controllers.stiffness import (
     DEFAULT_DYNAMICS,
@@ -171,7 +172,9 @@ class ComplianceController:
         )
         phase = self._advance(response.pace, members)
         desired, std = self._set_point(phase, observed_phase, members)
-        std[..., :3] = np.sqrt(std[..., :3] ** 2 + response.doubt**2)
+        # Where the hand is held off, along the path, the policy is not to be trusted.
+        doubt = response.give[..., None] * direction
+        std[..., :3] = np.sqrt(std[..., :3] * std[..., :3] + doubt * doubt)
         std_rate = self._rate_of(std, members)
         governed, action = self._render(desired, std, response.wrench, members)
         return AgentStep(
@@ -182,6 +185,9 @@ class ComplianceController:
             stiffness=governed.stiffness,
             stiffness_rate=governed.rate,
             stability_margin=governed.margin,
+            contact_margin=self._contact_margin(governed.stiffness),
+            carried_load=response.carried,
+            give=response.give,
             phase=phase,
             observed_phase=observed_phase,
             predicted_mean=means[0],
@@ -250,6 +256,11 @@ class ComplianceController:
         action = desired + offset
         action[..., 3:] = compose_rotvecs(offset[..., 3:], desired[..., 3:])
         return governed, action
+
+    def _contact_margin(self, stiffness: Poses) -> Poses:
+        dynamics = self._config.dynamics
+        damping = dynamics.damping(stiffness)
+        return HELD_HAND.margin(stiffness, damping, dynamics.mass)
 
 
 def _ahead(phases: Phases) -> Float[np.ndarray, "*S"]:

@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Float
 
 from policies.controllers.stiffness import StiffnessProfile
-from policies.members import EVERY_MEMBER, Members
+from policies.members import EVERY_MEMBER, Members, Numbers
 
 Wrench = Float[np.ndarray, "*N 6"]
 Direction = Float[np.ndarray, "*N 3"]
-Amount = Float[np.ndarray, "*N"]
+Amount = Float[Numbers, "*N"]
 
 _STEP: Final = 5e-3
 """A hand has moved when it has moved by this much along the path [m]: more than a pose
@@ -52,8 +52,8 @@ class Response:
     pace: Amount
     """Pace of the command phase: 1 by the clock, 0 for waiting, down to -1 for going
     back to the hand."""
-    doubt: Direction
-    """How far the hand is from where the policy has it go, as a standard deviation
+    give: Amount
+    """How far the hand is held off along the path: a standard deviation along it,
     beside the policy's own [m]."""
 
 
@@ -103,9 +103,11 @@ class LearnedLoad:
     resistance with which the hand *moves*, over `stretch` metres of path. Standing
     still teaches nothing: somebody who holds the hand is not the door's weight.
 
-    The clock goes on while the hand gives way, slower and slower, and waits at `lag`.
-    What holds the hand therefore bears k_min (ℓ + `lag`) in the end, 14 N with the
-    default profile (``test_what_holds_the_hand_bears_the_least_stiffness``).
+    The clock goes on while the hand gives way, slower and slower, and waits at `lag`:
+    of the give itself, and of that to which the force will lead, (r - carried)/k_min.
+    What holds the hand bears k_min (ℓ + `lag`) in the
+    end, 13 N with the default profile
+    (``test_what_holds_the_hand_bears_the_least_stiffness``).
     """
 
     limit: float = 25.0
@@ -116,9 +118,9 @@ class LearnedLoad:
     take away again."""
     stretch: float = 0.03
     """Path over which r̂ follows the resistance [m]."""
-    reach: float = 0.06
+    reach: float = 0.07
     """ℓ: give at which as much is yielded to as is carried at most [m]."""
-    lag: float = 0.08
+    lag: float = 0.06
     """Give at which the clock waits [m]."""
 
     def __post_init__(self) -> None:
@@ -149,7 +151,6 @@ class LoadLearner:
         self, rule: LearnedLoad, profile: StiffnessProfile, shape: tuple[int, ...]
     ) -> None:
         self._rule, self._profile = rule, profile
-        self._least = profile.k_min[0]
         self._expected = np.full(shape, rule.limit)
         self._mark = np.full((*shape, 3), np.nan)  # NaN: none yet
 
@@ -160,24 +161,24 @@ class LoadLearner:
 
     def meet(self, encounter: Encounter, members: Members = EVERY_MEMBER) -> Response:
         """Return what these members do, and learn how heavy their doors are."""
-        direction = encounter.direction
+        rule, direction = self._rule, encounter.direction
         resistance = _resistance(encounter.wrench, direction)
         give = np.maximum(-_along(direction, encounter.displacement), 0.0)
         expected = self._learn(resistance, encounter, members)
-        reserve = self._rule.reach * self._stiffness(give, direction)
+        reserve = rule.reach * self._stiffness(give, direction)
         carried = np.minimum(np.minimum(resistance, expected), reserve)
-        coming = (resistance - carried) / self._least
+        coming = (resistance - carried) / _stretched(self._profile.k_min, direction)
         return Response(
             wrench=_without(encounter.wrench, carried, direction),
             carried=carried,
-            pace=_pace(np.maximum(give, coming) / self._rule.lag),
-            doubt=give[..., None] * direction,
+            pace=_pace(np.maximum(give, coming) / rule.lag),
+            give=give,
         )
 
     def _stiffness(self, give: Amount, direction: Direction) -> Amount:
         """Return k(g): the stiffness along the path if the give were all the doubt."""
-        axes = self._profile.stiffness(np.repeat(give[..., None], 6, axis=-1))[..., :3]
-        return np.asarray(np.add.reduce(direction * axes * direction, axis=-1))
+        std = np.repeat(give[..., None], 6, axis=-1)
+        return _stretched(self._profile.stiffness(std), direction)
 
     def _learn(
         self, resistance: Amount, encounter: Encounter, members: Members
@@ -235,12 +236,12 @@ class CarriedLoad:
         return _without(wrench, carried, direction), _pace(resistance / self.limit)
 
     def meet(self, encounter: Encounter, members: Members = EVERY_MEMBER) -> Response:
-        """Return what `share` says, and no doubt."""
+        """Return what `share` says."""
         wrench, direction = encounter.wrench, encounter.direction
         left, pace = self.share(wrench, direction)
         carried = np.minimum(_resistance(wrench, direction), self.limit)
-        doubt = np.zeros_like(direction)
-        return Response(wrench=left, carried=carried, pace=pace, doubt=doubt)
+        give = np.zeros_like(carried)
+        return Response(wrench=left, carried=carried, pace=pace, give=give)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -263,7 +264,7 @@ class YieldToAll:
             wrench=encounter.wrench,
             carried=nothing,
             pace=nothing + 1.0,
-            doubt=np.zeros_like(encounter.direction),
+            give=nothing,
         )
 
 
@@ -271,6 +272,11 @@ def _along(direction: Direction, vectors: Float[np.ndarray, "*N V"]) -> Amount:
     """Return the component of the first three numbers along a direction."""
     # Not `vecdot`: see `policies.compliance`.
     return np.asarray(np.add.reduce(direction * vectors[..., :3], axis=-1))
+
+
+def _stretched(stiffness: Float[np.ndarray, "*#N 6"], direction: Direction) -> Amount:
+    """Return the stiffness against being displaced along a direction [N/m]."""
+    return _along(direction, stiffness[..., :3] * direction)
 
 
 def _resistance(wrench: Wrench, direction: Direction) -> Amount:

@@ -39,7 +39,8 @@ class AgentStep:
     desired: Poses = _NAN
     """The movement's mean at the command phase [m, rad]."""
     std: Poses = _NAN
-    """Its standard deviation there, which sets the stiffness [m, rad]."""
+    """Its standard deviation there, and `give` along the path: what sets the stiffness
+    [m, rad]."""
     std_rate: Poses = _NAN
     """Rate of the σ the controller really used, jumps included [m/s, rad/s]."""
     stiffness: Poses = _NAN
@@ -48,6 +49,13 @@ class AgentStep:
     """Its rate over this step [N/(m s), N m/(rad s)]."""
     stability_margin: Poses = _NAN
     """Pointwise stability bound minus `stiffness_rate` [N/(m s), N m/(rad s)]."""
+    contact_margin: Poses = _NAN
+    """Delay that a held hand tolerates beyond the longest expected [s], see
+    `policies.controllers.contact`."""
+    carried_load: Phases | float = _NAN
+    """Resistance along the path that the hand carries without yielding [N]."""
+    give: Phases | float = _NAN
+    """How far the hand is held off along the path; part of `std` [m]."""
     phase: Phases | float = _NAN
     """Command phase: where along the task the set-point is, 0..1."""
     observed_phase: Phases | float = _NAN
@@ -110,7 +118,7 @@ class AgentStep:
         return AgentStep(**fields)
 
 
-_NUMBERS: Final = ("phase", "observed_phase", "via_point")
+_NUMBERS: Final = ("carried_load", "give", "phase", "observed_phase", "via_point")
 
 STEP_SHAPES: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
     {

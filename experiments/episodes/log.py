@@ -23,7 +23,7 @@ Flag = Bool[np.ndarray, " T"]
 KIND: Final = "a gplfd episode log"
 """What the file says it holds."""
 
-VERSION: Final = 2
+VERSION: Final = 3
 """Version of the layout of the file."""
 
 
@@ -106,6 +106,9 @@ class EpisodeLog:
     stiffness: Pose
     stiffness_rate: Pose
     stability_margin: Pose
+    contact_margin: Pose
+    carried_load: Number
+    give: Number
     phase: Number
     observed_phase: Number
     predicted_mean: Pose

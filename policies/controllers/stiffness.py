@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import expit
 
+from policies.controllers.contact import HELD_HAND
 from policies.records import read_only
 
 
@@ -194,13 +195,11 @@ is 1 cm at a lever of 0.2 m, with the same αβ = 6: both sigmoids have one shap
 and are within 0.25 % of their range from k_max at σ = 0. With a tenth of the number in
 N m/rad, an error of 0.05 rad costs 2.5 N m where one of 1 cm costs 5 N."""
 
-CONTACT_DAMPING = _by_kind(60.0, 3.0)
-"""Damping with which a held hand is stable although commands take effect late: the
-servo's stiffness, 2000 N/m and 100 N m/rad, times 30 ms, the longest delay of `hard`;
-at every mass and stiffness (docs/method.md, "Stability in contact")."""
-
 DEFAULT_DYNAMICS = VirtualDynamics(
-    mass=_by_kind(1.0, 0.1), damping_ratio=1.0, least_damping=CONTACT_DAMPING
+    mass=_by_kind(1.0, 0.1),
+    damping_ratio=1.0,
+    least_damping=HELD_HAND.sufficient_damping,
 )
-"""1 kg in translation, 0.1 kg m² in rotation; damped for contact, which is more than
-critical at every stiffness of `DEFAULT_PROFILE`."""
+"""1 kg in translation, 0.1 kg m² in rotation. The damping, 70 N s/m and 3.5 N m s/rad,
+is what a held hand asks for with the longest delay of ``"hard"``, whatever mass and
+stiffness; it is more than critical at every stiffness of `DEFAULT_PROFILE`."""

@@ -15,6 +15,7 @@ from policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
 from policies.empirical import EmpiricalDistribution
 from policies.gridded import GriddedMovement
 from policies.load import CarriedLoad, YieldToAll
+from policies.members import EVERY_MEMBER
 from policies.phase import PathPhase
 from policies.trajectory import GaussianTrajectory
 
@@ -171,6 +172,51 @@ def test_resistance_along_the_path_is_carried_not_yielded_to(skill):
     assert abs(step.action[0] - step.desired[0]) < 5e-3
 
 
+def held_hand(agent, delay, steps=600):
+    """Hold the hand by a rigid bar across the path, commands being late by periods.
+
+    Returns how far the set-point was displaced upwards, after a push of 10 N.
+    """
+    agent.reset(observed(np.zeros(6)))
+    late, displaced = [0.0] * delay, []
+    for count in range(steps):
+        push = 10.0 if count < 20 else 0.0
+        felt = observed(np.zeros(6), force=(0.0, push - 2000.0 * late[0], 0.0))
+        step = agent.act(felt)
+        late = [*late[1:], step.action[1]]
+        displaced.append(step.action[1] - step.desired[1])
+    return np.abs(displaced)
+
+
+@pytest.mark.parametrize("stiffness", [100.0, 200.0, 330.0])
+def test_a_held_hand_stays_calm_although_commands_are_late(skill, stiffness):
+    constant = np.repeat([stiffness, 0.1 * stiffness], 3)
+    profile = dataclasses.replace(DEFAULT_PROFILE, k_min=constant, k_max=constant)
+    displaced = held_hand(agent_of(skill, None, profile=profile), 3)
+    assert displaced[-100:].max() < 0.05 * displaced.max()
+    undamped = dataclasses.replace(DEFAULT_DYNAMICS, least_damping=np.zeros(6))
+    displaced = held_hand(agent_of(skill, None, profile=profile, dynamics=undamped), 3)
+    assert displaced[-100:].max() > 10.0 * displaced[:30].max()
+
+
+def test_a_hand_that_is_held_becomes_soft(skill):
+    """Held against the pull: σ along the path grows by the give, the clock waits."""
+    agent = dataclasses.replace(agent_of(skill), config=ComplianceConfig())
+    agent.reset(observed(np.zeros(6)))
+    step = agent.act(observed(np.zeros(6)))
+    assert step.stiffness[0] > 450.0
+    for _ in range(1500):
+        force = -2000.0 * step.action[0]
+        step = agent.act(observed(np.zeros(6), force=(force, 0.0, 0.0)))
+    assert force == pytest.approx(-13.0, abs=0.5)
+    assert step.stiffness[0] == pytest.approx(100.0, abs=1.0)
+    assert step.give == pytest.approx(0.06, abs=2e-3)
+    assert step.std[0] >= 0.99 * step.give
+    freed = [agent.act(observed(np.zeros(6))) for _ in range(200)]
+    assert freed[-1].give < 5e-3
+    assert min(step.stability_margin[0] for step in freed) > 0.0
+
+
 def test_force_across_the_path_is_yielded_to(skill):
     agent = agent_of(skill, None)
     agent.reset(observed(np.zeros(6)))
@@ -225,9 +271,9 @@ def test_direction_is_that_of_the_path_as_just_adapted(skill):
     directions = []
 
     class Watching(YieldToAll):
-        def share(self, wrench, direction):
-            directions.append(direction)
-            return super().share(wrench, direction)
+        def meet(self, encounter, members=EVERY_MEMBER):
+            directions.append(encounter.direction)
+            return super().meet(encounter, members)
 
     agent = dataclasses.replace(
         agent_of(skill), config=ComplianceConfig(load=Watching())

@@ -15,6 +15,7 @@ from policies import POLICIES, make_agent
 from policies.compliance import ComplianceConfig
 from policies.load import YieldToAll
 from policies.lockstep import AgentBatch, batch_agents
+from policies.members import EVERY_MEMBER
 from policies.reference.oracle import OracleAgent
 from policies.steps import AgentStep
 
@@ -202,9 +203,9 @@ def test_batches_of_one_configuration_decide_at_once(agents_of):
     calls = []
 
     class Counting(YieldToAll):
-        def share(self, wrench, direction):
-            calls.append(len(wrench))
-            return super().share(wrench, direction)
+        def meet(self, encounter, members=EVERY_MEMBER):
+            calls.append(len(encounter.wrench))
+            return super().meet(encounter, members)
 
     rule = Counting()
     agents = [

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from policies.controllers.contact import HELD_HAND
 from policies.controllers.stability import decay_rate
 from policies.controllers.stiffness import (
     DEFAULT_DYNAMICS,
@@ -99,11 +100,38 @@ def test_damping_keeps_its_ratio_at_every_stiffness():
     np.testing.assert_allclose(ratio, 0.7, rtol=1e-14)
 
 
-def test_presets_share_shape_and_time_constants_across_axes():
+def test_presets_share_their_shape_across_axes():
     np.testing.assert_allclose(DEFAULT_PROFILE.alpha * DEFAULT_PROFILE.beta, 6.0)
-    np.testing.assert_allclose(decay_rate(DEFAULT_PROFILE.k_min, DEFAULT_DYNAMICS), 20)
+    np.testing.assert_allclose(decay_rate(PAPER_PROFILE.k_min, PAPER_DYNAMICS), 20)
     np.testing.assert_array_equal(DEFAULT_PROFILE.k_max[:3], PAPER_PROFILE.k_max[:3])
     np.testing.assert_array_equal(PAPER_DYNAMICS.mass, np.ones(6))
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 100.0, 500.0, 5000.0])
+def test_damping_is_critical_and_never_less_than_the_least(stiffness):
+    least = np.array([0.0, 60.0, 60.0, 0.0, 3.0, 3.0])
+    dynamics = VirtualDynamics(mass=np.ones(6), damping_ratio=1.0, least_damping=least)
+    critical = 2.0 * np.sqrt(stiffness)
+    np.testing.assert_allclose(
+        dynamics.damping(np.full(6, stiffness)), np.maximum(critical, least)
+    )
+
+
+def test_default_dynamics_are_damped_for_a_held_hand():
+    """k_s τ, whatever the stiffness: the condition of docs/method.md for contact."""
+    held = HELD_HAND.stiffness * HELD_HAND.delay
+    for stiffness in (DEFAULT_PROFILE.k_min, DEFAULT_PROFILE.k_max):
+        damping = DEFAULT_DYNAMICS.damping(stiffness)
+        assert np.all(damping >= held * (1.0 - 1e-12))
+        margin = HELD_HAND.margin(stiffness, damping, DEFAULT_DYNAMICS.mass)
+        assert np.all(margin > 0.0)
+
+
+def test_negative_least_damping_is_refused():
+    with pytest.raises(ValueError, match="least_damping must not be negative"):
+        VirtualDynamics(
+            mass=np.ones(6), damping_ratio=1.0, least_damping=np.full(6, -1.0)
+        )
 
 
 def test_profiles_are_read_only_copies():
