@@ -60,6 +60,12 @@ def panels(part: Part) -> list[Chunk]:
         ("stability", 100.0 * share_of_bound(log)),
     ):
         curves[f"{panel}/axes"] = {_X: values[:, 0], _Z: values[:, 2]}
+    curves["uncertainty/give"] = {
+        Line("held off", colours.OUTSIDE, 1.0): 1e3 * log.give
+    }
+    curves["force/carried"] = {
+        Line("carried by the hand", colours.ADAPTED, 1.0): log.carried_load
+    }
     for name, output, scale in OUTPUTS:
         curves[f"{name}/motion"] = {
             Line("true", colours.TRUTH, 3.0): scale * log.handle_pose[:, output],

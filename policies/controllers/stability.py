@@ -26,7 +26,9 @@ _USED_SHARE = 0.999
 def decay_rate(
     k_min: Float[np.ndarray, " 6"], dynamics: VirtualDynamics
 ) -> Float[np.ndarray, " 6"]:
-    """Return γ = 2δ√(k_min/m) [1/s], the largest for which γM - D stays negative.
+    """Return γ = d(k_min)/m [1/s], the largest for which γM - D stays negative.
+
+    Without least damping it is 2δ√(k_min/m).
 
     Args:
         k_min: Least stiffness that ever occurs [N/m, N m/rad].
@@ -43,7 +45,8 @@ def rate_bound(
     """Return the tight bound on dk/dt at a stiffness: 2γ k^{3/2}/(√k + δγ√m).
 
     `test_eq23_tight_bound_follows_from_condition_2` derives it. It rises with k:
-    what it is at k_min, 4δ k_min^{3/2}/((1 + 2δ²)√m), holds at every k, Eq. (27).
+    what it is at k_min, 4δ k_min^{3/2}/((1 + 2δ²)√m), holds at every k, Eq. (27). Where
+    the least damping acts, which does not grow with k, it is sufficient and not tight.
 
     Args:
         stiffness: Stiffness k [N/m, N m/rad].
@@ -138,8 +141,9 @@ class StiffnessGovernor:
     """Follows a wished stiffness as fast as stability allows.
 
     A rise is limited to the tight pointwise bound at the current stiffness; a fall is
-    free. √k is concave, so a step h that satisfies (k' - k)/h < bound(k) also satisfies
-    the condition in finite differences, (k' - k) + γ(d' - d) - 2γ h k < 0, for every h.
+    free. d(k) grows no faster than 2δ√(m k), which is concave, so a step h that
+    satisfies (k' - k)/h < bound(k) also satisfies the condition in finite differences,
+    (k' - k) + γ(d' - d) - 2γ h k < 0, for every h.
     Together with the implicit step of `policies.controllers.admittance.Admittance` the
     function m(v + γe)²/2 + (k' + γd' - γ²m)e²/2 then never grows without external
     force, whatever the uncertainty does: `test_lyapunov_function_never_grows`.

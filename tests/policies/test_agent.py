@@ -178,7 +178,8 @@ def held_hand(agent, delay, steps=600):
     Returns how far the set-point was displaced upwards, after a push of 10 N.
     """
     agent.reset(observed(np.zeros(6)))
-    late, displaced = [0.0] * delay, []
+    # A command holds for one period; then it is felt, without any delay.
+    late, displaced = [0.0] * (delay + 1), []
     for count in range(steps):
         push = 10.0 if count < 20 else 0.0
         felt = observed(np.zeros(6), force=(0.0, push - 2000.0 * late[0], 0.0))
