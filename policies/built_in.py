@@ -33,7 +33,13 @@ from policies.controllers.stiffness import (
 )
 from policies.demonstrations import Demonstration
 from policies.load import CarriedLoad, YieldToAll
-from policies.method import Method, TrainingInput, clock_phase, demonstrated_phase
+from policies.method import (
+    FixedProfile,
+    Method,
+    TrainingInput,
+    clock_phase,
+    demonstrated_phase,
+)
 from policies.policy import Policy
 from policies.reference.compliant_pull import CompliantPullAgent
 from policies.reference.displacement import ChordAgent, ReflexAgent
@@ -55,7 +61,7 @@ def _constant_stiffness(translation: float) -> Method:
     """Return `GP` at one stiffness [N/m]; in rotation at a tenth of it [N m/rad]."""
     constant = np.repeat([translation, 0.1 * translation], 3)
     profile = replace(DEFAULT_PROFILE, k_min=constant, k_max=constant)
-    return replace(GP, config=ComplianceConfig(profile=profile))
+    return replace(GP, profile=FixedProfile(profile=profile))
 
 
 def _positions_alone(demonstrations: Sequence[Demonstration]) -> AlignedDemonstrations:
@@ -77,9 +83,9 @@ PAPER: Final = Method(
     # lead. Ours where the paper is silent: the phase of an observation and the
     # via-point noise that comes with it (read as clock time, no door opens:
     # `gp-clock`), and the governor in place of hand tuning.
+    profile=FixedProfile(profile=PAPER_PROFILE),
     config=ComplianceConfig(
         load=YieldToAll(),
-        profile=PAPER_PROFILE,
         dynamics=PAPER_DYNAMICS,
         max_turn_lead=1.0,
     ),
@@ -159,6 +165,11 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-undamped": Policy(
             summary="gp with the damping ratio alone: no damping for contact",
             make=replace(GP, config=ComplianceConfig(dynamics=UNDAMPED)),
+            kind="ablation",
+        ),
+        "gp-one-centimetre": Policy(
+            summary="gp with the published middle of stiffness, 1 cm and 0.05 rad",
+            make=replace(GP, profile=FixedProfile(profile=DEFAULT_PROFILE)),
             kind="ablation",
         ),
         "gp-paper": Policy(

@@ -44,6 +44,9 @@ Poses = Float[np.ndarray, "*N 6"]
 Phases = Float[Numbers, "*N"]
 Due = Bool[np.ndarray | np.bool_, "*N"]
 
+VIA_STD: Final = (1e-3, 3e-2)
+"""Noise of an observed via-point: position [m], rotation [rad]."""
+
 _LOOK_AHEAD: Final = 0.05
 """Stretch of the path, in phase, whose chord is its direction."""
 
@@ -67,7 +70,7 @@ class ComplianceConfig:
     via_spacing: float = 0.01
     """Progress between two via-points, in phase."""
 
-    via_std: tuple[float, float] = (1e-3, 3e-2)
+    via_std: tuple[float, float] = VIA_STD
     """Noise of an observed via-point: position [m], rotation [rad]."""
 
     max_turn_lead: float = 0.05

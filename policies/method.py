@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Final
 
@@ -11,7 +11,12 @@ import numpy as np
 from policies.agent import CompliantAgent
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
-from policies.compliance import ComplianceConfig
+from policies.compliance import VIA_STD, ComplianceConfig
+from policies.controllers.stiffness import (
+    DEFAULT_PROFILE,
+    StiffnessProfile,
+    spread_profile,
+)
 from policies.demonstrations import Demonstration
 from policies.empirical import EmpiricalDistribution
 from policies.gridded import GriddedMovement
@@ -70,6 +75,31 @@ def clock_phase(movement: Movement) -> PhaseRule:
     return ClockPhase()
 
 
+def profile_of_spread(movement: Movement) -> StiffnessProfile:
+    """Let the demonstrations say what is much and what is little uncertainty.
+
+    `spread_profile` of their spread over the whole task (root mean square), and of what
+    a via-point leaves; the published one where a single demonstration has none.
+    """
+    poses = movement.aligned.poses
+    if len(poses) < 2:
+        return DEFAULT_PROFILE
+    spread = np.sqrt(poses.var(axis=0, ddof=1).mean(axis=0))
+    return spread_profile(spread, np.repeat(VIA_STD, 3))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FixedProfile:
+    """One stiffness law for every task."""
+
+    profile: StiffnessProfile
+    """The law."""
+
+    def __call__(self, movement: Movement) -> StiffnessProfile:
+        """Return it."""
+        return self.profile
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Method:
     """Everything that makes a method what it is; called, it learns and follows.
@@ -91,8 +121,10 @@ class Method:
     """In which form via-points adapt the movement; None for a method without."""
     phases: Callable[[Movement], PhaseRule] = path_phase
     """How an agent finds where along the task the hand is."""
+    profile: Callable[[Movement], StiffnessProfile] = profile_of_spread
+    """Which stiffness has which uncertainty; it takes the place of the config's."""
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
-    """How it follows the movement: stiffness, load, timing."""
+    """How it follows the movement otherwise: load, timing, via-points."""
 
     def learn(self, training: TrainingInput) -> Movement:
         """Learn a movement, around the prior mean if one is given.
@@ -115,7 +147,7 @@ class Method:
         return CompliantAgent(
             GriddedMovement(movement, self.adaptation, _GRID),
             phases=self.phases(movement),
-            config=self.config,
+            config=replace(self.config, profile=self.profile(movement)),
         )
 
     def __call__(self, training: TrainingInput) -> CompliantAgent:

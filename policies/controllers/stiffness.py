@@ -173,6 +173,35 @@ def _by_kind(translation: float, rotation: float) -> Float[np.ndarray, " 6"]:
     return np.repeat([translation, rotation], 3)
 
 
+_STEEPNESS = 6.0
+"""αβ: that of the published values, with which the stiffness at σ = 0 is within 0.25 %
+of its range from k_max."""
+
+
+def spread_profile(
+    spread: Float[np.ndarray, " 6"], resolution: Float[np.ndarray, " 6"]
+) -> StiffnessProfile:
+    """Return Eq. (24) for a task whose demonstrations spread by so much.
+
+    β is where a policy knows half of what there is to know, on the scale of orders of
+    magnitude: the geometric mean of the demonstrations' spread, its σ before it has
+    seen the task at hand, and of what an observation leaves open. The shape over σ/β is
+    the published one, and so are the stiffnesses.
+
+    Args:
+        spread: Standard deviation of the demonstrations per axis [m, rad]; an axis in
+            which they do not differ counts as one that is as uncertain as observed.
+        resolution: Standard deviation of an observation per axis [m, rad].
+    """
+    beta = np.sqrt(resolution * np.maximum(spread, resolution))
+    return StiffnessProfile(
+        k_max=_by_kind(500.0, 50.0),
+        k_min=_by_kind(100.0, 10.0),
+        alpha=_STEEPNESS / beta,
+        beta=beta,
+    )
+
+
 PAPER_PROFILE = StiffnessProfile(
     k_max=_by_kind(500.0, 500.0),
     k_min=_by_kind(100.0, 100.0),
