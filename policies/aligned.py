@@ -1,6 +1,6 @@
 """Demonstrations on one clock: what alignment returns and learning takes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -27,11 +27,16 @@ class AlignedDemonstrations:
     """Poses [m, rad] of K demonstrations, rotation vectors on one branch."""
     duration: float = 1.0
     """Nominal duration [s] of phases 0 to 1."""
+    end: float = 1.0
+    """Phase at which the demonstrations end; what follows is their continuation, see
+    `policies.continuation`."""
+    drift: Float[np.ndarray, " 6"] = field(default_factory=lambda: np.zeros(6))
+    """Standard deviation that the continuation gains per phase [m, rad]."""
 
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        freeze(self, "times", "poses")
+        freeze(self, "times", "poses", "drift")
         times, poses = self.times, self.poses
         if times.ndim != 1 or poses.ndim != 3 or poses.shape[1:] != (times.size, 6):
             raise ValueError(
@@ -50,6 +55,10 @@ class AlignedDemonstrations:
                 "times are phases: they must increase strictly within [0, 1], got "
                 f"{times[0]} ... {times[-1]}; divide seconds by the duration"
             )
+        if not 0.0 < self.end <= 1.0:
+            raise ValueError(f"end must be a phase in (0, 1], got {self.end}")
+        if self.drift.shape != (6,) or not np.all(self.drift >= 0.0):
+            raise ValueError(f"drift must be six numbers >= 0, got {self.drift}")
         if not 0.0 < self.duration < np.inf:
             raise ValueError(
                 f"duration must be positive and finite [s], got {self.duration}"

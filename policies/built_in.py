@@ -79,6 +79,7 @@ PAPER: Final = Method(
     # DTW on the raw completion index.
     align=partial(align, method="dtw", denoise=False),
     adaptation=partial(ProductAdaptation, prior_mean="zero"),
+    beyond=0.0,
     # One stiffness law for all axes, the whole wrench in Eq. (22), no limit to the
     # lead. Ours where the paper is silent: the phase of an observation and the
     # via-point noise that comes with it (read as clock time, no door opens:
@@ -165,6 +166,11 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-undamped": Policy(
             summary="gp with the damping ratio alone: no damping for contact",
             make=replace(GP, config=ComplianceConfig(dynamics=UNDAMPED)),
+            kind="ablation",
+        ),
+        "gp-within-demonstrations": Policy(
+            summary="gp that ends where its demonstrations end",
+            make=replace(GP, beyond=0.0),
             kind="ablation",
         ),
         "gp-one-centimetre": Policy(

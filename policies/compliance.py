@@ -176,7 +176,7 @@ class ComplianceController:
         phase = self._advance(response.pace, members)
         desired, std = self._set_point(phase, observed_phase, members)
         # Where the hand is held off, along the path, the policy is not to be trusted.
-        doubt = response.give[..., None] * direction
+        doubt = np.asarray(response.give)[..., None] * direction
         std[..., :3] = np.sqrt(std[..., :3] * std[..., :3] + doubt * doubt)
         std_rate = self._rate_of(std, members)
         governed, action = self._render(desired, std, response.wrench, members)

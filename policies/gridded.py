@@ -103,6 +103,7 @@ class GriddedMovements:
         # The last grid point twice, so that it, too, has a right neighbour.
         self._first_row = self._numbers * (self._n_grid + 1)
         self._table = np.empty((count * (self._n_grid + 1), 12))
+        self._drift = [_drift(movement) for movement in self._movements]
         for member in range(count):
             self._renew(member)
 
@@ -148,8 +149,15 @@ class GriddedMovements:
         distribution = self._movements[member].distribution
         part = self._table.reshape(-1, self._n_grid + 1, 12)[member]
         part[:-1, :6] = distribution.mean
-        part[:-1, 6:] = distribution.std
+        part[:-1, 6:] = np.sqrt(distribution.std**2 + self._drift[member] ** 2)
         part[-1] = part[-2]
+
+
+def _drift(movement: GriddedMovement) -> Float[np.ndarray, "M 6"]:
+    """Return what a continuation beyond the demonstrations adds to σ on the grid."""
+    aligned = movement.learned.aligned
+    grid = np.linspace(0.0, 1.0, movement.n_grid)
+    return np.asarray(np.maximum(grid - aligned.end, 0.0)[:, None] * aligned.drift)
 
 
 def _listed(

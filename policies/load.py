@@ -177,7 +177,7 @@ class LoadLearner:
 
     def _stiffness(self, give: Amount, direction: Direction) -> Amount:
         """Return k(g): the stiffness along the path if the give were all the doubt."""
-        std = np.repeat(give[..., None], 6, axis=-1)
+        std = np.repeat(np.asarray(give)[..., None], 6, axis=-1)
         return _stretched(self._profile.stiffness(std), direction)
 
     def _learn(
@@ -287,7 +287,7 @@ def _resistance(wrench: Wrench, direction: Direction) -> Amount:
 def _without(wrench: Wrench, carried: Amount, direction: Direction) -> Wrench:
     """Return the wrenches without what is carried."""
     left = wrench.copy()
-    left[..., :3] += carried[..., None] * direction
+    left[..., :3] += np.asarray(carried)[..., None] * direction
     return left
 
 

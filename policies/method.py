@@ -12,6 +12,7 @@ from policies.agent import CompliantAgent
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
 from policies.compliance import VIA_STD, ComplianceConfig
+from policies.continuation import continued
 from policies.controllers.stiffness import (
     DEFAULT_PROFILE,
     StiffnessProfile,
@@ -22,7 +23,7 @@ from policies.empirical import EmpiricalDistribution
 from policies.gridded import GriddedMovement
 from policies.movement import AdaptationForm, Movement
 from policies.phase import ClockPhase, PathPhase, PhaseRule
-from policies.prior_mean import PriorMean
+from policies.prior_mean import PriorMean, Stretched
 from policies.residual import fit_residual
 
 _GRID: Final = 100
@@ -117,6 +118,9 @@ class Method:
     ``centred=False``, for a prior mean of zero."""
     align: Callable[[Sequence[Demonstration]], AlignedDemonstrations] = align
     """Brings demonstrations onto common phases."""
+    beyond: float = 0.5
+    """Share of the demonstrated path by which the motion goes on where demonstrations
+    end, ever less certain; 0 for none."""
     adaptation: AdaptationForm | None = None
     """In which form via-points adapt the movement; None for a method without."""
     phases: Callable[[Movement], PhaseRule] = path_phase
@@ -136,11 +140,13 @@ class Method:
         prior_mean = training.prior_mean
         if prior_mean is not None and not self.accepts_prior_mean:
             raise ValueError("this method has no prior mean that could be given")
-        aligned = self.align(_in_task_frame(training.demonstrations))
+        shown = self.align(_in_task_frame(training.demonstrations))
+        aligned = continued(shown, self.beyond)
         fit = partial(self.fit, seed=training.seed) if self.seeded else self.fit
         if prior_mean is None:
             return fit(aligned)
-        return fit_residual(aligned, prior_mean, partial(fit, centred=False))
+        longer = Stretched(of=prior_mean, factor=1.0 / aligned.end)
+        return fit_residual(aligned, longer, partial(fit, centred=False))
 
     def follow(self, movement: Movement) -> CompliantAgent:
         """Return an agent that follows a movement; any number from one movement."""

@@ -82,3 +82,21 @@ class PosePath:
         within = (times >= self.phases[0]) & (times <= self.phases[-1])
         rate: np.ndarray = np.where(within[:, None], self._curve(times, nu=1), 0.0)
         return rate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stretched:
+    """A prior mean of a task that is longer by a factor: phase s is its s × factor."""
+
+    of: PriorMean
+    """The prior mean of the shorter task."""
+    factor: float
+    """How much longer the task is, as durations are compared."""
+
+    def mean(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6"]:
+        """Poses [m, rad] at phases of the longer task."""
+        return self.of.mean(self.factor * times)
+
+    def rate(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6"]:
+        """Derivative of the poses, per unit phase of the longer task."""
+        return self.factor * self.of.rate(self.factor * times)

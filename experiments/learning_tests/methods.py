@@ -3,6 +3,7 @@
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -42,11 +43,13 @@ def learn(
     training = TrainingInput(
         demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
     )
+    # What is held out ends where the demonstrations end.
+    within = replace(method, beyond=0.0)
 
     def able_to_predict() -> Movement:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
-            movement = method.learn(training)
+            movement = within.learn(training)
             movement.predict(np.array([0.0, 1.0]))
         return movement
 

@@ -1,0 +1,136 @@
+"""Where demonstrations end, the motion goes on as it was going."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gplfd_env.task import handle_pose_on_arc
+from policies import AlignedDemonstrations
+from policies.adaptation import ProcessAdaptation
+from policies.continuation import carried_on, continued, drift
+from policies.gridded import GriddedMovement
+from policies.prior_mean import PosePath, Stretched
+from policies.skill import fit_skill
+
+PHASES = np.linspace(0.0, 1.0, 200)
+
+
+def arc(radius, angle):
+    """A hinge's arc, slow at both ends."""
+    gentle = PHASES**2 * (3.0 - 2.0 * PHASES)
+    return np.array([handle_pose_on_arc(radius, angle * share) for share in gentle])
+
+
+def drawer():
+    path = np.zeros((200, 6))
+    path[:, 0] = 0.4 * PHASES
+    path[:, 3:] = (0.3, -0.2, 0.1)
+    return path
+
+
+def aligned(*poses):
+    return AlignedDemonstrations(times=PHASES, poses=np.stack(poses), duration=6.0)
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.65])
+def test_an_arc_goes_on_along_its_circle(radius):
+    shares = np.array([0.1, 0.3, 0.5])
+    on = carried_on(arc(radius, 0.8), shares)
+    true = [handle_pose_on_arc(radius, 0.8 * (1.0 + share)) for share in shares]
+    np.testing.assert_allclose(on, true, atol=2e-4)
+
+
+def test_a_straight_pull_goes_on_straight_without_turning():
+    on = carried_on(drawer(), np.array([0.25, 0.5]))
+    expected = [[0.5, 0.0, 0.0, 0.3, -0.2, 0.1], [0.6, 0.0, 0.0, 0.3, -0.2, 0.1]]
+    np.testing.assert_allclose(on, expected, atol=1e-9)
+
+
+def test_a_screw_about_any_axis_goes_on():
+    axis = np.array([1.0, 2.0, -1.0]) / np.sqrt(6.0)
+    turns = Rotation.from_rotvec(axis * 0.9 * np.linspace(0.0, 1.5, 301)[:, None])
+    shift = 0.2 * np.linspace(0.0, 1.5, 301)[:, None] * axis
+    positions = turns.apply([0.3, -0.1, 0.2]) + shift
+    path = np.hstack([positions, turns.as_rotvec()])
+    on = carried_on(path[:201], np.array([0.25, 0.5]))
+    np.testing.assert_allclose(on, path[[250, 300]], atol=1e-4)
+
+
+def test_a_turn_goes_on_through_half_a_turn_without_a_jump():
+    """Rotation vectors stay on the branch of the path."""
+    on = carried_on(arc(0.4, 2.9), np.linspace(0.01, 0.4, 60))
+    assert np.linalg.norm(on[-1, 3:]) > np.pi
+    assert np.abs(np.diff(on[:, 3:], axis=0)).max() < 0.05
+
+
+def test_the_demonstrated_part_stays_what_it_was():
+    shown = aligned(arc(0.4, 0.8), arc(0.6, 0.8))
+    longer = continued(shown, 0.5)
+    assert longer.times[-1] == 1.0
+    assert longer.duration * longer.end == pytest.approx(6.0)
+    before = np.linspace(0.0, 1.0, 50)
+    for one, other in zip(shown.poses, longer.poses, strict=True):
+        for first, second in zip(one.T, other.T, strict=True):
+            again = np.interp(before * longer.end, longer.times, second)
+            np.testing.assert_allclose(
+                again, np.interp(before, shown.times, first), atol=3e-4
+            )
+
+
+def test_it_goes_on_by_the_share_asked_for_from_rest_to_the_mean_speed():
+    longer = continued(aligned(drawer()), 0.5)
+    assert longer.poses[0, -1, 0] == pytest.approx(0.6, abs=1e-6)
+    speed = np.gradient(longer.poses[0, :, 0], longer.times * longer.duration)
+    # A clock for the whole of the demonstration: its mean speed is 0.4 m in 6 s.
+    assert speed[-10] == pytest.approx(0.4 / 6.0, rel=0.01)
+    after = np.searchsorted(longer.times, longer.end)
+    assert speed[after + 3] < 0.3 * speed[-10]
+
+
+def test_nothing_is_added_for_a_share_of_zero():
+    shown = aligned(drawer())
+    assert continued(shown, 0.0) is shown
+
+
+def test_drift_is_nothing_for_arcs_and_what_it_is_for_a_bent_path():
+    assert drift(aligned(arc(0.4, 0.9), arc(0.6, 0.9))).max() < 5e-3
+    # A straight line that is bent at the end goes elsewhere than it was going.
+    bent = drawer()
+    bent[140:, 2] = 0.5 * (bent[140:, 0] - bent[140, 0])
+    assert drift(aligned(bent))[2] > 0.05
+
+
+def test_sigma_grows_beyond_the_demonstrations_by_the_drift():
+    rng = np.random.default_rng(0)
+    poses = [arc(r, 0.8) + rng.normal(0.0, 1e-3, (200, 6)) for r in (0.4, 0.5, 0.55, 0.6)]
+    longer = continued(aligned(*poses), 0.5)
+    skill = fit_skill(longer)
+    gridded = GriddedMovement(skill, ProcessAdaptation, 100)
+    phases = np.linspace(0.0, 1.0, 100)
+    plain = skill.predict(phases).std
+    measured = np.array([gridded.at(phase)[1] for phase in phases])
+    beyond = np.maximum(phases - longer.end, 0.0)[:, None] * longer.drift
+    np.testing.assert_allclose(measured, np.hypot(plain, beyond), rtol=1e-6)
+    assert beyond[-1].max() > 1e-3
+
+
+def test_a_prior_mean_is_stretched_over_the_longer_task():
+    path = PosePath(phases=PHASES, poses=arc(0.4, 0.8))
+    longer = Stretched(of=path, factor=1.6)
+    at = np.array([0.1, 0.4, 0.6])
+    np.testing.assert_array_equal(longer.mean(at), path.mean(1.6 * at))
+    step = 1e-6
+    difference = (longer.mean(at + step) - longer.mean(at - step)) / (2.0 * step)
+    np.testing.assert_allclose(longer.rate(at), difference, atol=1e-6)
+
+
+@pytest.mark.parametrize("beyond", [-0.1, np.nan, np.inf])
+def test_an_impossible_share_is_refused(beyond):
+    with pytest.raises(ValueError, match="beyond must be finite and >= 0"):
+        continued(aligned(drawer()), beyond)
+
+
+def test_a_continuation_is_not_continued():
+    once = continued(aligned(drawer()), 0.5)
+    with pytest.raises(ValueError, match="are continued already, from phase"):
+        continued(once, 0.5)
