@@ -14,6 +14,7 @@ from policies.controllers.stiffness import (
     PAPER_PROFILE,
     StiffnessProfile,
     VirtualDynamics,
+    spread_profile,
 )
 
 PROFILES = [PAPER_PROFILE, DEFAULT_PROFILE]
@@ -132,6 +133,19 @@ def test_negative_least_damping_is_refused():
         VirtualDynamics(
             mass=np.ones(6), damping_ratio=1.0, least_damping=np.full(6, -1.0)
         )
+
+
+def test_the_middle_is_between_an_observation_and_the_spread():
+    """And a task that spreads by less than can be observed is as sure as can be."""
+    resolution = np.repeat([1e-3, 0.03], 3)
+    spread = np.array([0.09, 0.004, 0.0, 0.12, 0.03, 0.001])
+    law = spread_profile(spread, resolution)
+    expected = [9.4868e-3, 2e-3, 1e-3, 0.06, 0.03, 0.03]
+    np.testing.assert_allclose(law.beta, expected, rtol=1e-4)
+    np.testing.assert_allclose(law.alpha * law.beta, 6.0)
+    middle = 0.5 * (law.k_min + law.k_max)
+    np.testing.assert_allclose(law.stiffness(law.beta), middle)
+    np.testing.assert_array_equal(law.k_max, DEFAULT_PROFILE.k_max)
 
 
 def test_profiles_are_read_only_copies():
