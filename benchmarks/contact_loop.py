@@ -9,7 +9,7 @@ import contextlib
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any, Final
 
 import gymnasium as gym
@@ -40,21 +40,9 @@ _NEAR: Final = 0.0005
 """Margins smaller than this say nothing about a simulation [s]."""
 
 
-@dataclass(frozen=True)
-class LeastDamping(VirtualDynamics):
-    """Virtual dynamics whose damping does not fall below a least one."""
-
-    least: float
-
-    def damping(self, stiffness: np.ndarray) -> np.ndarray:
-        """Return the greater of 2δ√(m k) and the least [N s/m, N m s/rad]."""
-        critical = 2.0 * self.damping_ratio * np.sqrt(self.mass * stiffness)
-        return np.maximum(critical, self.least)
-
-
-def dynamics(least: float) -> LeastDamping:
+def dynamics(least: float) -> VirtualDynamics:
     """Return the default virtual dynamics with a least damping [N s/m]."""
-    return LeastDamping(mass=DEFAULT_DYNAMICS.mass, damping_ratio=1.0, least=least)
+    return replace(DEFAULT_DYNAMICS, least_damping=np.full(6, least))
 
 
 def rest_of_a_knock(

@@ -35,7 +35,7 @@ class Repeated:
     log: EpisodeLog
     """What happened, with as many forecasts as can be seen."""
     model: mujoco.MjModel
-    """Model that it ran in."""
+    """Model of its scene; how its servos are commanded is not part of it."""
     demonstrations: tuple[Demonstration, ...]
     """What the policy learned from."""
     different: Mapping[str, Any]
@@ -68,7 +68,7 @@ def differences(
 
 
 def _model(task: EpisodeTask) -> mujoco.MjModel:
-    """Return the model that the task's episode runs in."""
+    """Return the model of the scene that the task's episode runs in."""
     door = dict(task.door_config)
     env = gym.make(ENVIRONMENT_ID, door=door, randomization=task.randomization)
     with contextlib.closing(env):

@@ -30,7 +30,7 @@ from experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
 from experiments.skills import skill_method
 from experiments.study.sources import source_of
 from experiments.teacher import DEMONSTRATED_RADII, Teacher
-from gplfd_env import ENVIRONMENT_ID
+from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DoorConfig
 from gplfd_env.scene import build_scene
 from policies.agent import Agent
@@ -227,7 +227,7 @@ def _open(run: _Run, door: str) -> EpisodeMetrics:
     """Open a door, write its log and recording, and return its metrics."""
     started = time.perf_counter()
     env = gym.make(
-        ENVIRONMENT_ID,
+        ENVIRONMENT_IDS[run.agents[door].control],
         door=run.configs[door],
         randomization=run.randomization,
         disturbance=run.disturbance,

@@ -8,12 +8,17 @@ Importing this package registers the ids; MuJoCo is loaded only by ``gym.make``:
     envs = gym.make_vec("gplfd/DoorOpening-v0", num_envs=64, randomization="mild")
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+
 import gymnasium
 
 from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.disturbance import DISTURBANCES, Disturbance
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.randomization import RANDOMIZATIONS, DoorRandomization
+from gplfd_env.task import Control
 
 ENVIRONMENT_ID = "gplfd/DoorOpening-v0"
 """Commands are poses; see `gplfd_env.door_opening.DoorOpeningEnv`."""
@@ -21,6 +26,11 @@ ENVIRONMENT_ID = "gplfd/DoorOpening-v0"
 IMPEDANCE_ENVIRONMENT_ID = "gplfd/DoorOpeningImpedance-v0"
 """Commands are poses and stiffnesses; see
 `gplfd_env.door_opening.DoorOpeningImpedanceEnv`."""
+
+ENVIRONMENT_IDS: Final[Mapping[Control, str]] = MappingProxyType(
+    {"pose": ENVIRONMENT_ID, "impedance": IMPEDANCE_ENVIRONMENT_ID}
+)
+"""Both, by what commands the servo."""
 
 TIME_LIMIT = 1500
 """Control periods after which an episode is truncated."""
@@ -42,9 +52,11 @@ __all__ = [
     "DISTURBANCES",
     "DOORS",
     "ENVIRONMENT_ID",
+    "ENVIRONMENT_IDS",
     "IMPEDANCE_ENVIRONMENT_ID",
     "RANDOMIZATIONS",
     "TIME_LIMIT",
+    "Control",
     "Disturbance",
     "DoorConfig",
     "DoorGeometry",

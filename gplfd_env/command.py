@@ -10,7 +10,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from gplfd_env.robot import COMMAND_LIMITS, SERVO_DAMPING, SERVO_STIFFNESS, Control
+from gplfd_env.robot import COMMAND_LIMITS, SERVO_DAMPING, SERVO_STIFFNESS
+from gplfd_env.task import Control
 
 Array = NDArray[np.float64]
 

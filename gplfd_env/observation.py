@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from gplfd_env.config import DoorConfig
 from gplfd_env.placement import ARM_JOINTS
-from gplfd_env.robot import HAND_BODIES, WRENCH_LIMITS, Control, Grasp
+from gplfd_env.robot import HAND_BODIES, WRENCH_LIMITS, Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene
+from gplfd_env.task import Control
 
 Array = NDArray[np.float64]
 Observation = dict[str, Array]

@@ -15,6 +15,7 @@ from gplfd_env.placement import (
     task_rotation_w,
 )
 from gplfd_env.room import UNDRAWN
+from gplfd_env.task import Control
 
 HAND_BODIES: Final = (
     "wrist_ft_link",
@@ -54,9 +55,6 @@ _TORSO_STIFFNESS: Final = (5.0e4, 2.0e3)
 
 Grasp = Literal["contact", "weld"]
 """Friction between the finger pads and the bar, or a rigid joint."""
-
-Control = Literal["pose", "impedance"]
-"""What commands the servo: poses, or poses and stiffnesses."""
 
 
 def load_robot(control: Control = "pose") -> mujoco.MjSpec:

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from gplfd_env.config import DoorConfig
 from gplfd_env.door import BAR_RADIUS, NOMINAL_MASS, add_door, set_door_physics
 from gplfd_env.placement import ARM_JOINTS, solve_closed_posture
-from gplfd_env.robot import Control, Grasp, load_robot
+from gplfd_env.robot import Grasp, load_robot
 from gplfd_env.room import add_room
 from gplfd_env.sensors import add_sensors
+from gplfd_env.task import Control
 from gplfd_env.variation import Placement
 
 GRASP_KEY: Final = 0

@@ -5,7 +5,8 @@ from typing import Final
 import mujoco
 
 from gplfd_env.placement import ARM_JOINTS
-from gplfd_env.robot import ROTATION_SERVOS, WRENCH_LIMITS, Control
+from gplfd_env.robot import ROTATION_SERVOS, WRENCH_LIMITS
+from gplfd_env.task import Control
 
 _SENSOR: Final = mujoco.mjtSensor
 _SITE: Final = mujoco.mjtObj.mjOBJ_SITE

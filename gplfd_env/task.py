@@ -5,12 +5,15 @@ Pure functions and one small state machine; nothing here knows the simulator.
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+
+Control = Literal["pose", "impedance"]
+"""What commands the servo: poses, or poses and stiffnesses."""
 
 CONTROL_PERIOD: Final = 0.01
 """Time between two commands [s]."""

@@ -6,11 +6,12 @@ Demonstration*, arXiv:2002.09979; `policies.compliance` is what its agent does.
 
 import textwrap
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Final, Protocol, get_args, runtime_checkable
 
 import numpy as np
 
 from gplfd_env.geometry import DoorGeometry
+from gplfd_env.task import Control
 from policies.compliance import ComplianceConfig, ComplianceController
 from policies.gridded import GriddedMovement
 from policies.phase import PhaseRule
@@ -21,6 +22,10 @@ from policies.trajectory import GaussianTrajectory
 @runtime_checkable
 class Agent(Protocol):
     """What acts in one episode; `as_agent` makes one of anything that can act."""
+
+    @property
+    def control(self) -> Control:
+        """What it commands, and with it the environment: poses, or stiffness, too."""
 
     def inform(self, door: DoorGeometry) -> None:
         """Take in which door the next episode has; for an oracle, else ignored."""
@@ -41,13 +46,15 @@ def as_agent(candidate: object) -> Agent:
     Args:
         candidate: Has ``act(observation)``, which returns the commanded pose (6,)
             [m, rad] or an `AgentStep`; ``inform(door)``, ``reset(observation)`` and
-            ``forecast()`` are called if it has them.
+            ``forecast()`` are called if it has them. With an attribute ``control =
+            "impedance"`` it also commands how stiff the arm is: ``act`` returns pose
+            and stiffness (12,) [m, rad, N/m, N m/rad], or a step with both.
 
     Returns:
         An agent that checks what the object returns, step by step.
 
     Raises:
-        ValueError: If the object cannot act.
+        ValueError: If the object cannot act, or its ``control`` is unknown.
     """
     if isinstance(candidate, CompliantAgent | CheckedAgent):
         return candidate
@@ -72,6 +79,13 @@ class CheckedAgent:
     def __init__(self, candidate: Any) -> None:
         self._candidate = candidate
         self._step = 0
+        control: Any = getattr(candidate, "control", "pose")
+        if control not in get_args(Control):
+            raise ValueError(
+                f"{type(candidate).__name__}.control is {control!r}; it must be "
+                "'pose', or 'impedance' for an agent that also commands stiffness"
+            )
+        self.control: Control = control
 
     def inform(self, door: DoorGeometry) -> None:
         """Pass on which door the next episode has."""
@@ -88,19 +102,18 @@ class CheckedAgent:
         """Return the command for the next control period.
 
         Raises:
-            ValueError: If it is not a pose; the message says what it is, and when.
+            ValueError: If it is not what its control says; the message says what it
+                is, and when.
         """
         self._step += 1
         given = self._candidate.act(observation)
-        step = _as_step(given)
+        step = _as_step(given, self.control)
         if step is not None:
             return step
         raise ValueError(
             f"{type(self._candidate).__name__}.act returned "
             f"{textwrap.shorten(repr(given), 100, placeholder=' ...')} at step "
-            f"{self._step} of an episode; it must return the commanded pose, six "
-            "finite numbers (x, y, z, θu_x, θu_y, θu_z) [m, rad], or an AgentStep "
-            "with such an action"
+            f"{self._step} of an episode; it must return {_WANTED[self.control]}"
         )
 
     def forecast(self) -> GaussianTrajectory | None:
@@ -120,15 +133,36 @@ class CheckedAgent:
         )
 
 
-def _as_step(given: Any) -> AgentStep | None:
-    """Return a pose or a step as a step; None if it is neither, or not finite."""
+_WANTED: Final = {
+    "pose": "the commanded pose, six finite numbers (x, y, z, θu_x, θu_y, θu_z) "
+    "[m, rad], or an AgentStep with such an action; to command the arm's stiffness, "
+    "too, give the agent an attribute control = 'impedance'",
+    "impedance": "the commanded pose and stiffness, twelve finite numbers (six [m, "
+    "rad], then six [N/m, N m/rad] on the same axes), or an AgentStep with such an "
+    "action and stiffness; to command poses alone, leave its attribute control out",
+}
+
+
+def _as_step(given: Any, control: Control) -> AgentStep | None:
+    """Return a command or a step as a step; None if it is neither, or not finite."""
     try:
-        step = AgentStep(action=np.array(given, dtype=np.float64))
+        numbers = np.array(given, dtype=np.float64)
     except (TypeError, ValueError):
         step = given
+    else:
+        step = _parted(numbers, control)
     if not isinstance(step, AgentStep) or step.action.shape != (6,):
         return None
-    return step if np.isfinite(step.action).all() else None
+    return step if np.isfinite(step.command(control)).all() else None
+
+
+def _parted(command: np.ndarray, control: Control) -> AgentStep | None:
+    """Return a command as a step; None if it has another shape."""
+    if control == "pose" and command.shape == (6,):
+        return AgentStep(action=command)
+    if control == "impedance" and command.shape == (12,):
+        return AgentStep(action=command[:6], stiffness=command[6:])
+    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +186,11 @@ class CompliantAgent:
     def __post_init__(self) -> None:
         controller = ComplianceController(self.movement, self.phases, self.config)
         object.__setattr__(self, "_controller", controller)
+
+    @property
+    def control(self) -> Control:
+        """What renders its stiffness."""
+        return self.config.rendering.control
 
     def inform(self, door: DoorGeometry) -> None:
         """Ignore it: what it knows of doors it has learned and will observe."""

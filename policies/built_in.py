@@ -25,6 +25,7 @@ from policies.baselines.promp import fit_promp
 from policies.baselines.tp_gmm import fit_tp_gmm
 from policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
 from policies.compliance import ComplianceConfig
+from policies.controllers.rendering import ARM_DYNAMICS, ArmRendering
 from policies.controllers.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
@@ -200,6 +201,17 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-constant-500": Policy(
             summary="gp always at 500 N/m, the greatest that it uses",
             make=_constant_stiffness(500.0),
+            kind="ablation",
+        ),
+        "gp-impedance": Policy(
+            summary="gp whose stiffness the arm itself renders, commanded beside the "
+            "pose",
+            make=replace(
+                GP,
+                config=ComplianceConfig(
+                    rendering=ArmRendering(), dynamics=ARM_DYNAMICS
+                ),
+            ),
             kind="ablation",
         ),
         "dmp": Policy(

@@ -22,10 +22,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gplfd_env.se3 import compose_rotvecs
 from gplfd_env.task import CONTROL_PERIOD
-from policies.controllers.admittance import Admittance
-from policies.controllers.contact import HELD_HAND
+from policies.controllers.rendering import Rendering, VirtualRendering
 from policies.controllers.stability import GovernedStiffness, StiffnessGovernor
 from policies.controllers.stiffness import (
     DEFAULT_DYNAMICS,
@@ -62,7 +60,10 @@ class ComplianceConfig:
     """Stiffness as a function of uncertainty, Eq. (24)."""
 
     dynamics: VirtualDynamics = DEFAULT_DYNAMICS
-    """Virtual mass and damping ratio, Eq. (22)."""
+    """Mass and damping ratio of what the stiffness is rendered with, Eq. (22)."""
+
+    rendering: Rendering = field(default_factory=VirtualRendering)
+    """What renders it: virtual dynamics, or the arm itself."""
 
     control_period: float = CONTROL_PERIOD
     """Time between two commands [s]."""
@@ -84,6 +85,14 @@ class ComplianceConfig:
                 raise ValueError(
                     f"ComplianceConfig.{name} must be positive and finite, got {value}"
                 )
+        lowest, highest = np.repeat(self.rendering.stiffness_range, 3, axis=0).T
+        asked = self.profile
+        if np.any(asked.k_min < lowest) or np.any(asked.k_max > highest):
+            raise ValueError(
+                f"ComplianceConfig.profile asks for {asked.k_min} to {asked.k_max} "
+                "[N/m, N m/rad], but its rendering can do from "
+                f"{lowest} to {highest}; choose another profile, or VirtualRendering"
+            )
         if len(self.via_std) != 2 or not all(0.0 <= s < math.inf for s in self.via_std):
             raise ValueError(
                 "ComplianceConfig.via_std must be two finite numbers >= 0, position "
@@ -129,7 +138,9 @@ class ComplianceController:
         self._phases, self._config = phases, config
         shape = self._movements.durations.shape
         self._governor = StiffnessGovernor(config.profile, config.dynamics, shape)
-        self._admittance = Admittance(config.dynamics, shape)
+        self._renderer = config.rendering.renderer(
+            config.dynamics, config.control_period, shape
+        )
         self._load = config.load.begin(config.profile, shape)
         self._memory = _Memory(shape)
         self._via_noise = np.repeat(config.via_std, 3)
@@ -138,7 +149,7 @@ class ComplianceController:
         """Let these members forget their last doors and begin at closed ones."""
         self._movements.reset(members)
         self._governor.reset(members)
-        self._admittance.reset(members)
+        self._renderer.reset(members)
         self._load.reset(members)
         self._memory.reset(members)
 
@@ -169,17 +180,25 @@ class ComplianceController:
                 wrench=wrenches,
                 direction=direction,
                 position=poses[..., :3],
-                displacement=self._admittance.displacement[members],
+                displacement=self._renderer.displacement(poses[..., :3], members),
             ),
             members,
         )
-        phase = self._advance(response.pace, members)
-        desired, std = self._set_point(phase, observed_phase, members)
+        phase, rate = self._advance(response.pace, members)
+        desired, velocity, std = self._set_point(phase, rate, observed_phase, members)
         # Where the hand is held off, along the path, the policy is not to be trusted.
         doubt = np.asarray(response.give)[..., None] * direction
         std[..., :3] = np.sqrt(std[..., :3] * std[..., :3] + doubt * doubt)
         std_rate = self._rate_of(std, members)
-        governed, action = self._render(desired, std, response.wrench, members)
+        governed = self._govern(std, members)
+        action = self._renderer.step(
+            desired,
+            velocity,
+            governed.stiffness,
+            yielded=response.wrench,
+            carried=(response.wrench - wrenches)[..., :3],
+            members=members,
+        )
         return AgentStep(
             action=action,
             desired=desired,
@@ -188,7 +207,7 @@ class ComplianceController:
             stiffness=governed.stiffness,
             stiffness_rate=governed.rate,
             stability_margin=governed.margin,
-            contact_margin=self._contact_margin(governed.stiffness),
+            contact_margin=self._renderer.contact_margin(governed.stiffness),
             carried_load=response.carried,
             give=response.give,
             phase=phase,
@@ -221,21 +240,30 @@ class ComplianceController:
         return due
 
     def _set_point(
-        self, phase: Phases, observed_phase: Phases, members: Members
-    ) -> tuple[Poses, Poses]:
-        """Mean and σ at the command phase; the rotation leads by less than the pull."""
-        turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
-        means, stds = self._movements.at(np.array([phase, turn_phase]), members)
-        desired = means[0]
-        desired[..., 3:] = means[1, ..., 3:]
-        return desired, stds[0]
+        self, phase: Phases, rate: Phases, observed_phase: Phases, members: Members
+    ) -> tuple[Poses, Float[np.ndarray, "*N 3"], Poses]:
+        """Mean, its velocity and σ at the command phase, which moves at a rate.
 
-    def _advance(self, pace: Phases, members: Members) -> Phases:
-        durations, phase = self._movements.durations[members], self._memory.phase
-        step = pace * self._config.control_period / durations
-        moved: Phases = np.minimum(np.maximum(phase[members] + step, 0.0), 1.0)
-        phase[members] = moved
-        return moved
+        The rotation leads by less than the pull.
+        """
+        turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
+        asked = np.array([*_ahead(phase), turn_phase])
+        means, stds = self._movements.at(asked, members)
+        along = (means[2, ..., :3] - means[1, ..., :3]) / _LOOK_AHEAD
+        velocity = along * np.asarray(rate)[..., None]
+        desired = means[0]
+        desired[..., 3:] = means[3, ..., 3:]
+        return desired, velocity, stds[0]
+
+    def _advance(self, pace: Phases, members: Members) -> tuple[Phases, Phases]:
+        """Return the command phase a period later, and its rate [1/s]."""
+        period, durations = self._config.control_period, self._movements.durations
+        before = self._memory.phase[members]
+        step = pace * period / durations[members]
+        moved: Phases = np.minimum(np.maximum(before + step, 0.0), 1.0)
+        rate = (moved - before) / period  # now: `before` may be a view
+        self._memory.phase[members] = moved
+        return moved, rate
 
     def _rate_of(self, std: Poses, members: Members) -> Poses:
         """Rate of the σ that is really used: between steps, not along one curve."""
@@ -248,22 +276,10 @@ class ComplianceController:
         memory.fresh = memory.fresh and bool(np.isnan(memory.std).any())
         return rate
 
-    def _render(
-        self, desired: Poses, std: Poses, wrench: Poses, members: Members
-    ) -> tuple[GovernedStiffness, Poses]:
-        """Return the governed stiffness, and set-points displaced by the wrenches."""
-        period = self._config.control_period
+    def _govern(self, std: Poses, members: Members) -> GovernedStiffness:
+        """Return the stiffness that σ asks for, as fast as it may rise."""
         wished = self._config.profile.stiffness(std)
-        governed = self._governor.step(wished, period, members)
-        offset = self._admittance.step(governed.stiffness, wrench, period, members)
-        action = desired + offset
-        action[..., 3:] = compose_rotvecs(offset[..., 3:], desired[..., 3:])
-        return governed, action
-
-    def _contact_margin(self, stiffness: Poses) -> Poses:
-        dynamics = self._config.dynamics
-        damping = dynamics.damping(stiffness)
-        return HELD_HAND.margin(stiffness, damping, dynamics.mass)
+        return self._governor.step(wished, self._config.control_period, members)
 
 
 def _ahead(phases: Phases) -> Float[np.ndarray, "*S"]:

@@ -37,8 +37,8 @@ class Encounter:
     """Unit vector along which the policy moves the hand."""
     position: Direction
     """Where the hand is [m]."""
-    displacement: Wrench
-    """What the set-point has yielded so far: e of Eq. (22) [m, rad]."""
+    displacement: Direction
+    """How far it has been displaced: e of Eq. (22) [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -11,6 +11,7 @@ from typing import Any, Protocol, SupportsIndex, runtime_checkable
 import numpy as np
 
 from gplfd_env.geometry import DoorGeometry
+from gplfd_env.task import Control
 from policies.agent import Agent, CompliantAgent, as_agent
 from policies.compliance import ComplianceController
 from policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
@@ -25,6 +26,10 @@ Mask = np.ndarray
 @runtime_checkable
 class AgentBatch(Protocol):
     """N agents in lockstep, each with a door of its own."""
+
+    @property
+    def control(self) -> Control:
+        """What all of them command."""
 
     def inform(self, doors: Sequence[DoorGeometry]) -> None:
         """Tell every member the door of its next episode; for oracles, else ignored."""
@@ -65,7 +70,8 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
         one configuration, and asks one after the other if not.
 
     Raises:
-        ValueError: If there is no agent, one is given twice, or one cannot act.
+        ValueError: If there is no agent, one is given twice, one cannot act, or some
+            command poses and others stiffness, too.
     """
     if not agents:
         raise ValueError("no agents were given; a batch needs at least one")
@@ -75,6 +81,11 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
             "one agent per member"
         )
     checked = [as_agent(agent) for agent in agents]
+    if len({agent.control for agent in checked}) > 1:
+        raise ValueError(
+            "agents of one batch act in one environment, but some command poses and "
+            "others pose and stiffness (their attribute control); make a batch of each"
+        )
     alike = [agent for agent in checked if isinstance(agent, CompliantAgent)]
     if len(alike) < len(checked):
         return _OneByOne(checked)
@@ -107,6 +118,7 @@ class _AllAtOnce:
         rule = agents[0].phases.stacked([agent.phases for agent in agents])
         self._controller = ComplianceController(self._movements, rule, agents[0].config)
         self._actions = np.full((len(agents), 6), np.nan)
+        self.control: Control = agents[0].control
 
     def inform(self, doors: Sequence[DoorGeometry]) -> None:
         """Ignore them, as each agent does."""
@@ -137,6 +149,7 @@ class _OneByOne:
         self._agents = tuple(agents)
         self._numbers = np.arange(len(agents))
         self._actions = np.full((len(agents), 6), np.nan)
+        self.control: Control = agents[0].control
 
     def inform(self, doors: Sequence[DoorGeometry]) -> None:
         """Tell every member the door of its next episode."""

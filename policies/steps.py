@@ -12,6 +12,7 @@ from typing import Any, Final, SupportsIndex
 import numpy as np
 from jaxtyping import Bool, Float
 
+from gplfd_env.task import Control
 from policies.members import Members, Numbers
 
 Observation = Mapping[str, Float[np.ndarray, "..."]]
@@ -44,7 +45,8 @@ class AgentStep:
     std_rate: Poses = _NAN
     """Rate of the σ the controller really used, jumps included [m/s, rad/s]."""
     stiffness: Poses = _NAN
-    """Rendered stiffness, after the governor [N/m, N m/rad]."""
+    """Rendered stiffness, after the governor [N/m, N m/rad]; commanded to the arm by
+    agents whose control is ``"impedance"``."""
     stiffness_rate: Poses = _NAN
     """Its rate over this step [N/(m s), N m/(rad s)]."""
     stability_margin: Poses = _NAN
@@ -84,6 +86,17 @@ class AgentStep:
             array.setflags(write=False)
             # The empty index: arrays without axes become numbers of NumPy.
             object.__setattr__(self, name, array[()])
+
+    def command(self, control: Control) -> Float[np.ndarray, "*N A"]:
+        """Return the environment's action, (6,) or (12,) for each agent.
+
+        Args:
+            control: ``"pose"`` for the pose alone, ``"impedance"`` for pose and
+                stiffness.
+        """
+        if control == "pose":
+            return self.action
+        return np.concatenate([self.action, self.stiffness], axis=-1)
 
     def row(self, member: SupportsIndex) -> AgentStep:
         """Return what one of N agents decided."""

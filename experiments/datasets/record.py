@@ -2,7 +2,8 @@
 
 import contextlib
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from experiments.episodes.agents import learned, reported_errors
 from experiments.episodes.doors import named_doors
 from experiments.progress import LOG, progress_bar
 from experiments.teacher import Teacher
-from gplfd_env import ENVIRONMENT_ID
+from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DoorConfig
 from gplfd_env.placement import door_geometry
 from policies.agent import Agent
@@ -81,10 +82,13 @@ def record_dataset(
         arguments["randomization"] = randomization
     if max_steps is not None:
         arguments["max_episode_steps"] = max_steps
-    with contextlib.closing(gym.make(ENVIRONMENT_ID, **arguments)) as env:
+    taught = partial(_taught, policy, chosen, demonstrations_per_door)
+    # An agent says which environment it acts in; each episode has one of its own.
+    made = gym.make(ENVIRONMENT_IDS[taught(seed).control], **arguments)
+    with contextlib.closing(made) as env:
         write_dataset(
             folder,
-            _recorded(env, plan, policy, chosen, demonstrations_per_door),
+            _recorded(env, plan, policy, chosen, taught),
             env=env,
             policy=policy,
             config=options,
@@ -93,20 +97,28 @@ def record_dataset(
     return len(plan)
 
 
+def _taught(
+    name: str, policy: Policy, demonstrations_per_door: int, seed: int
+) -> Agent:
+    """Return an agent that has learned from the synthetic human of a seed."""
+    shown = Teacher().standard_demonstrations(demonstrations_per_door, seed=seed)
+    training = TrainingInput(demonstrations=shown, seed=seed)
+    with reported_errors(name, policy):
+        return learned(policy, training)()
+
+
 def _recorded(
     env: gym.Env[Any, Any],
     plan: _Plan,
     name: str,
     policy: Policy,
-    demonstrations_per_door: int,
+    taught: Callable[[int], Agent],
 ) -> Iterator[RecordedEpisode]:
     """Run and yield every episode of the plan."""
     recorder = Recorder(env)
     for door, config, seed in progress_bar(plan, desc="recording", unit="episode"):
-        shown = Teacher().standard_demonstrations(demonstrations_per_door, seed=seed)
-        training = TrainingInput(demonstrations=shown, seed=seed)
+        agent = taught(seed)
         with reported_errors(name, policy):
-            agent = learned(policy, training)()
             _act(agent, recorder, config, seed)
         episode = recorder.episode
         LOG.info("%s, seed %d: %s", door, seed, outcome(episode))
@@ -124,6 +136,6 @@ def _act(agent: Agent, env: Recorder, door: DoorConfig, seed: int) -> None:
         agent.reset(observation)
         ended = False
         while not ended:
-            action = agent.act(observation).action
+            action = agent.act(observation).command(agent.control)
             observation, _, terminated, truncated, _ = env.step(action)
             ended = terminated or truncated

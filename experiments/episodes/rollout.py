@@ -44,7 +44,8 @@ def rollout(
     """Let the agent act until the episode ends, and log everything.
 
     Args:
-        env: Door environment; its ``unwrapped`` has the MuJoCo state and the variation.
+        env: Door environment of the agent's control, see `gplfd_env.ENVIRONMENT_IDS`;
+            its ``unwrapped`` has the MuJoCo state and the variation.
         agent: Anything that `policies.agent.as_agent` takes.
         policy: Name of the policy, for the log.
         door: Name of the door, for the log.
@@ -101,7 +102,9 @@ def rollout(
                 on_step(Progress(time=now, door_angle=angle, steps=len(steps), log=log))
             if ended:
                 return log()
-            observation, _, terminated, truncated, info = env.step(decision.action)
+            observation, _, terminated, truncated, info = env.step(
+                decision.command(agent.control)
+            )
             ended = terminated or truncated
 
 

@@ -31,7 +31,7 @@ def rollouts(
     share of the batch's decision.
 
     Args:
-        envs: N simulations with ``autoreset_mode="Disabled"``.
+        envs: N simulations with ``autoreset_mode="Disabled"``, of the agents' control.
         agents: Their N agents.
         policy: Name of the policy, for the logs.
         doors: Names of the N doors, for the logs.
@@ -76,7 +76,9 @@ def rollouts(
             acting = acting & ~ended
             if not acting.any():
                 break
-            observations, _, terminated, truncated, infos = envs.step(decided.action)
+            observations, _, terminated, truncated, infos = envs.step(
+                decided.command(agents.control)
+            )
             ended = terminated | truncated
     together = steps.arrays()
     return tuple(

@@ -25,7 +25,7 @@ from experiments.recording.outside import CAUSES
 from experiments.recording.stream import open_stream
 from experiments.recording.viewer import has_display, viewer
 from experiments.teacher import Teacher
-from gplfd_env import ENVIRONMENT_ID
+from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.disturbance import disturbance_named
 from policies.method import TrainingInput
 from policies.registry import policy_named
@@ -67,16 +67,16 @@ def watch(
     _check_screen(serve=serve)
     chosen = policy_named(policy)
     [(name, config)] = named_doors([door]).items()
-    env = gym.make(
-        ENVIRONMENT_ID,
-        door=config,
-        randomization=randomization,
-        disturbance=disturbance,
-    )
     demonstrations = Teacher().standard_demonstrations(seed=seed)
     training = TrainingInput(demonstrations=demonstrations, seed=seed)
     with reported_errors(policy, chosen):
         agent = learned(chosen, training)()
+    env = gym.make(
+        ENVIRONMENT_IDS[agent.control],
+        door=config,
+        randomization=randomization,
+        disturbance=disturbance,
+    )
 
     def show(stream: rr.RecordingStream, viewer: subprocess.Popen[bytes]) -> EpisodeLog:
         model: Any = env.unwrapped.model  # type: ignore[attr-defined]

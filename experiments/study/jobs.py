@@ -23,7 +23,7 @@ from experiments.learning_tests.scores import method_metrics
 from experiments.study.sources import NO_FILES, Files, policy_of
 from experiments.study.tasks import EpisodeTask, Job, Result, SkillTask, Task
 from experiments.teacher import Habits, Teacher, TeacherConfig
-from gplfd_env import ENVIRONMENT_ID
+from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
 from policies.agent import Agent
 from policies.demonstrations import Demonstration
@@ -222,9 +222,9 @@ def _arc(radius: float, angle_mean: float) -> PosePath:
 def _open(
     tasks: Sequence[EpisodeTask], make: Callable[[], Agent]
 ) -> tuple[EpisodeLog, ...]:
-    agents = [make() for _ in tasks]
+    agents = batch_agents([make() for _ in tasks])
     envs: Any = gym.make_vec(
-        ENVIRONMENT_ID,
+        ENVIRONMENT_IDS[agents.control],
         num_envs=len(tasks),
         door=[dict(task.door_config) for task in tasks],
         randomization=[task.randomization for task in tasks],
@@ -235,7 +235,7 @@ def _open(
     with contextlib.closing(envs):
         return rollouts(
             envs,
-            batch_agents(agents),
+            agents,
             policy=tasks[0].policy,
             doors=[task.door for task in tasks],
             seeds=[task.reset_seed for task in tasks],

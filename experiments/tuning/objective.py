@@ -44,7 +44,7 @@ from experiments.learning_tests.folds import aligned_to, folds
 from experiments.learning_tests.methods import learn
 from experiments.teacher import DEMONSTRATED_RADII, Teacher
 from experiments.tuning.candidates import Candidate
-from gplfd_env import ENVIRONMENT_ID
+from gplfd_env import ENVIRONMENT_IDS
 from policies.demonstrations import Demonstration
 from policies.lockstep import batch_agents
 from policies.method import Method, TrainingInput
@@ -165,8 +165,9 @@ def _episodes(
     radii: Sequence[float],
 ) -> list[dict[str, Any]]:
     make = learned(policy, TrainingInput(demonstrations=demonstrations, seed=seed))
+    agents = batch_agents([make() for _ in radii])
     envs: Any = gym.make_vec(
-        ENVIRONMENT_ID,
+        ENVIRONMENT_IDS[agents.control],
         num_envs=len(radii),
         door=list(radii),
         autoreset_mode="Disabled",
@@ -175,7 +176,7 @@ def _episodes(
     with contextlib.closing(envs):
         logs = rollouts(
             envs,
-            batch_agents([make() for _ in radii]),
+            agents,
             policy=policy.summary,
             doors=[f"{radius:g}" for radius in radii],
             seeds=[seed] * len(radii),

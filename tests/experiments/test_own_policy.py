@@ -12,12 +12,14 @@ from typing import Any
 import pytest
 
 from experiments import cli
+from experiments.datasets.minari import open_dataset
 from experiments.episodes.agents import reported_errors, where
 from experiments.files.names import file_name
 from experiments.files.provenance import content_hash
 from experiments.report.recordings import recording_name
 from experiments.study.sources import NO_FILES, chosen, files_of, policy_of, source_of
 from experiments.study.tasks import EpisodeTask, task_from
+from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import door_config
 from policies.registry import policy_named
 
@@ -52,6 +54,15 @@ def leaving(training):
 
 def left(training):
     raise SystemExit(0)
+
+class Soft:
+    control = "impedance"
+
+    def act(self, observation):
+        return np.repeat([0.0, 200.0, 20.0], [6, 3, 3])
+
+def soft(training):
+    return Soft()
 """
 SHORT = ("--doors", "small", "--seeds", "1", "--no-skill")
 
@@ -84,6 +95,19 @@ def test_run_keeps_which_file_the_policy_came_from(module: str, form: str) -> No
         "sha256": content_hash(Path(f"{module}.py")),
     }
     assert Path("out/small.rrd").exists()
+
+
+def test_an_agent_that_commands_stiffness_acts_where_that_is_taken(
+    module: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    policy = f"{module}:soft"
+    assert gplfd("benchmark", "--policies", policy, *SHORT, "--out", "study") == 0
+    (task,) = Path("study/tasks").glob("*.json")
+    metrics = json.loads(task.read_text())["metrics"]
+    assert metrics["stiffness_min"] == metrics["stiffness_max"] == [200.0] * 3
+    recorded = ("--policy", policy, "--doors", "small", "--max-steps", "3")
+    assert gplfd("demos", "record", *recorded, "--out", "soft-v0") == 0
+    assert open_dataset(Path("soft-v0")).environment == ENVIRONMENT_IDS["impedance"]
 
 
 def test_folders_have_names_that_a_file_system_takes(module: str) -> None:

@@ -12,7 +12,7 @@ from experiments.episodes.log import EpisodeLog
 from experiments.episodes.rollout import rollout
 from experiments.episodes.rollouts import rollouts
 from experiments.teacher import Teacher
-from gplfd_env import ENVIRONMENT_ID
+from gplfd_env import ENVIRONMENT_ID, ENVIRONMENT_IDS
 from policies.demonstrations import Demonstration
 from policies.lockstep import batch_agents
 from policies.registry import make_agent
@@ -33,17 +33,17 @@ def in_lockstep(
     n_names: int = 3,
     **options: object,
 ) -> tuple[EpisodeLog, ...]:
+    agents = batch_agents([make_agent(policy, demonstrations) for _ in DOORS])
     envs = gym.make_vec(
-        ENVIRONMENT_ID,
+        ENVIRONMENT_IDS[agents.control],
         num_envs=len(DOORS),
         door=DOORS,
         autoreset_mode=autoreset_mode,
         **options,
     )
-    agents = [make_agent(policy, demonstrations) for _ in DOORS]
     return rollouts(
         envs,
-        batch_agents(agents),
+        agents,
         policy=policy,
         doors=[str(door) for door in DOORS][:n_names],
         seeds=SEEDS,
@@ -53,7 +53,12 @@ def in_lockstep(
 @pytest.mark.bits
 @pytest.mark.parametrize(
     ("policy", "randomization"),
-    [("gp", "hard"), ("oracle", "hard"), ("hinge-fit", "mild")],
+    [
+        ("gp", "hard"),
+        ("gp-impedance", "hard"),
+        ("oracle", "hard"),
+        ("hinge-fit", "mild"),
+    ],
 )
 def test_logs_are_those_of_episodes_alone(
     policy: str, randomization: str, demonstrations: tuple[Demonstration, ...]
@@ -62,14 +67,58 @@ def test_logs_are_those_of_episodes_alone(
     lengths = {log.times.size for log in together}
     assert len(lengths) > 1, "episodes must end at different times to prove anything"
     for door, seed, log in zip(DOORS, SEEDS, together, strict=True):
-        env = gym.make(ENVIRONMENT_ID, door=door, randomization=randomization)
         agent = make_agent(policy, demonstrations)
+        id = ENVIRONMENT_IDS[agent.control]
+        env = gym.make(id, door=door, randomization=randomization)
         alone = rollout(env, agent, policy=policy, door=str(door), seed=seed)
         for field in dataclasses.fields(EpisodeLog):
             if field.name == "latency_s":
                 continue
             first, second = getattr(log, field.name), getattr(alone, field.name)
             np.testing.assert_array_equal(first, second, err_msg=field.name)
+
+
+class Softening:
+    """Holds the closed handle, ever more softly."""
+
+    control = "impedance"
+
+    def __init__(self) -> None:
+        self.stiffness = 400.0
+
+    def act(self, observation: object) -> np.ndarray:
+        self.stiffness -= 10.0
+        return np.repeat([0.0, self.stiffness, 0.1 * self.stiffness], [6, 3, 3])
+
+
+def test_an_agent_of_ones_own_commands_the_stiffness_that_is_logged() -> None:
+    arm: list[np.ndarray] = []
+
+    class Watched(gym.Wrapper):  # type: ignore[type-arg]
+        def step(self, action: np.ndarray) -> object:
+            result = self.env.step(action)
+            arm.append(self.env.unwrapped.model.actuator_gainprm[:6, 0].copy())
+            return result
+
+    id = ENVIRONMENT_IDS["impedance"]
+    env = Watched(gym.make(id, max_episode_steps=8))
+    alone = rollout(env, Softening(), policy="own", door="medium", seed=3)
+    np.testing.assert_array_equal(arm, alone.stiffness[:-1])
+    np.testing.assert_array_equal(alone.stiffness[:3, 0], [390.0, 380.0, 370.0])
+    envs = gym.make_vec(id, num_envs=2, max_episode_steps=8, autoreset_mode="Disabled")
+    own = batch_agents([Softening(), Softening()])
+    together = rollouts(
+        envs, own, policy="own", doors=["medium", "medium"], seeds=[2, 3]
+    )
+    np.testing.assert_array_equal(together[1].stiffness, alone.stiffness)
+    np.testing.assert_array_equal(together[1].ee_pose, alone.ee_pose)
+
+
+def test_the_wrong_environment_says_what_it_takes() -> None:
+    env = gym.make(ENVIRONMENT_ID)
+    message = r"shape \(6,\), commanded position .* got shape \(12,\)"
+    with pytest.raises(ValueError, match=message):
+        rollout(env, Softening(), policy="own", door="medium", seed=3)
 
 
 @pytest.mark.bits

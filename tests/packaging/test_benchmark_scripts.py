@@ -25,7 +25,7 @@ def script(name: str) -> ModuleType:
     return module
 
 
-agents, calibration, contact_loop, door_forecasts, recorded, scaling = map(
+agents, calibration, contact_loop, door_forecasts, recorded, renderings, scaling = map(
     script,
     (
         "agents",
@@ -33,6 +33,7 @@ agents, calibration, contact_loop, door_forecasts, recorded, scaling = map(
         "contact_loop",
         "door_forecasts",
         "recorded",
+        "renderings",
         "scaling",
     ),
 )
@@ -41,12 +42,14 @@ SMALL = {
     agents: ["--repeats", "1", "--counts", "2", "3", "--periods", "4"],
     calibration: ["--draws", "1"],
     door_forecasts: ["--draws", "1", "--every", "80"],
+    renderings: ["--seeds", "1", "--trials"],
     scaling: ["--repeats", "1", "--counts", "2", "3", "--samples", "20", "40"],
 }
 SAYS = {
     agents: "3 agents in lockstep",
     calibration: "accuracy, 20 smooth: in stated 95 %",
     door_forecasts: "2 of 3 radii, process",
+    renderings: "ordinary, hard: gp-impedance",
     scaling: "scaling: fit of (3, 40) / fit of (3, 40)",
 }
 """A part of what each of them prints."""

@@ -69,12 +69,9 @@ def test_edges_at_critical_damping_are_those_that_were_measured_on_agents(period
 @pytest.mark.parametrize("least", [0.0, 60.0])
 def test_simulated_loop_agrees_with_the_margin(least, k, periods):
     """`Admittance` itself, its command held back by whole periods."""
-
-    class Dynamics(VirtualDynamics):
-        def damping(self, stiffness):
-            return np.maximum(super().damping(stiffness), least)
-
-    dynamics = Dynamics(mass=DEFAULT_DYNAMICS.mass, damping_ratio=1.0)
+    dynamics = VirtualDynamics(
+        mass=DEFAULT_DYNAMICS.mass, damping_ratio=1.0, least_damping=np.full(6, least)
+    )
     admittance = Admittance(dynamics)
     waiting = [np.zeros(6)] * periods
     force, offsets = np.ones(6), []

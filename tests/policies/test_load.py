@@ -16,7 +16,7 @@ def met(force, position=(0.0, 0.0, 0.0), displacement=(0.0, 0.0, 0.0)):
         wrench=force,
         direction=FORWARD,
         position=np.array(position),
-        displacement=np.array([*displacement, 0.0, 0.0, 0.0]),
+        displacement=np.array(displacement),
     )
 
 
@@ -152,7 +152,7 @@ def test_stiffness_along_the_path_is_that_of_the_directions_axes():
         wrench=np.append(-24.0 * direction, np.zeros(3)),
         direction=direction,
         position=np.zeros(3),
-        displacement=np.append(-0.5 * direction, np.zeros(3)),
+        displacement=-0.5 * direction,
     )
     carried = load.meet(encounter).carried
     assert carried == pytest.approx(0.02 * (0.36 * 100.0 + 0.64 * 300.0))
@@ -214,7 +214,7 @@ def test_members_meet_their_doors_as_each_alone(rule):
             "wrench": 15.0 * rng.normal(size=(50, 6)),
             "direction": directions,
             "position": 0.02 * rng.normal(size=(50, 3)),
-            "displacement": 0.02 * rng.normal(size=(50, 6)),
+            "displacement": 0.02 * rng.normal(size=(50, 3)),
         }
         some = np.flatnonzero(rng.random(50) < 0.7)
         rows = {name: values[some] for name, values in fields.items()}

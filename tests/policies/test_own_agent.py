@@ -8,6 +8,7 @@ import pytest
 
 from gplfd_env import DoorGeometry
 from policies.agent import Agent, CompliantAgent, as_agent
+from policies.compliance import ComplianceConfig
 from policies.lockstep import batch_agents
 from policies.steps import AgentStep
 from policies.trajectory import GaussianTrajectory
@@ -52,6 +53,65 @@ def test_a_pose_is_a_step(given: Any) -> None:
     assert agent.forecast() is None
 
 
+class Soft(Returning):
+    """Commands stiffness, too."""
+
+    control = "impedance"
+
+
+SOFTLY = AgentStep(action=np.arange(6.0), stiffness=np.arange(6.0, 12.0), phase=0.5)
+
+
+@pytest.mark.parametrize("given", [np.arange(12.0), list(range(12)), SOFTLY])
+def test_pose_and_stiffness_are_a_step_of_an_agent_that_says_so(given: Any) -> None:
+    agent = as_agent(Soft(given, good=0))
+    assert agent.control == "impedance"
+    step = agent.act(OBSERVATION)
+    np.testing.assert_array_equal(step.action, np.arange(6.0))
+    np.testing.assert_array_equal(step.stiffness, np.arange(6.0, 12.0))
+    np.testing.assert_array_equal(step.command(agent.control), np.arange(12.0))
+    np.testing.assert_array_equal(step.command("pose"), np.arange(6.0))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        np.zeros(6),
+        np.full(12, np.nan),
+        AgentStep(action=np.zeros(6)),
+        AgentStep(action=np.zeros((2, 6)), stiffness=np.ones((2, 6))),
+    ],
+)
+def test_a_pose_without_stiffness_is_reported_to_who_promised_one(given: Any) -> None:
+    message = r"Soft\.act returned .* at step 1 .* twelve finite numbers"
+    with pytest.raises(ValueError, match=message):
+        as_agent(Soft(given)).act(OBSERVATION)
+
+
+def test_stiffness_of_an_agent_that_commands_poses_says_how_to_command_it() -> None:
+    message = "six finite numbers.* control = 'impedance'"
+    with pytest.raises(ValueError, match=message):
+        as_agent(Returning(np.zeros(12))).act(OBSERVATION)
+
+
+def test_unknown_control_is_reported_at_once() -> None:
+    own = Counting()
+    own.control = "force"  # type: ignore[attr-defined]
+    with pytest.raises(ValueError, match=r"Counting\.control is 'force'; .* 'pose'"):
+        as_agent(own)
+
+
+def test_a_batch_commands_one_thing() -> None:
+    soft = [Soft(np.zeros(12)), Soft(SOFTLY)]
+    batch = batch_agents(soft)
+    assert (batch.control, batch_agents([Counting()]).control) == ("impedance", "pose")
+    rows = {name: np.stack([row, row]) for name, row in OBSERVATION.items()}
+    command = batch.act(rows).command(batch.control)
+    np.testing.assert_array_equal(command, [np.zeros(12), np.arange(12.0)])
+    with pytest.raises(ValueError, match=r"some command poses and others .* batch of"):
+        batch_agents([*soft, Counting()])
+
+
 def test_what_is_explained_is_kept() -> None:
     step = AgentStep(action=np.zeros(6), std=np.ones(6), phase=0.25)
     assert as_agent(Returning(step)).act(OBSERVATION) is step
@@ -92,6 +152,7 @@ def test_agents_are_wrapped_once() -> None:
     assert as_agent(agent) is agent
     assert isinstance(pickle.loads(pickle.dumps(agent)), type(agent))
     compliant = object.__new__(CompliantAgent)
+    object.__setattr__(compliant, "config", ComplianceConfig())
     assert as_agent(compliant) is compliant
 
 

@@ -38,6 +38,8 @@ def parts(name, demonstrations):
         "form": type(agent.movement.distribution),
         "phase": type(agent.phases),
         "load": type(agent.config.load),
+        "control": agent.control,
+        "mass": agent.config.dynamics.mass[0],
         "k_min": tuple(agent.config.profile.k_min),
         "k_max": tuple(agent.config.profile.k_max),
         "noise varies": np.ptp(noise.variance(np.linspace(0.0, 1.0, 50))) > 0.0,
@@ -52,6 +54,7 @@ def parts(name, demonstrations):
         ("gp-fixed", {"form": NoAdaptation}),
         ("gp-clock", {"phase": ClockPhase}),
         ("gp-homoscedastic", {"noise varies": False}),
+        ("gp-impedance", {"control": "impedance", "mass": 4.0}),
         ("gp-constant-500", {"k_min": (500.0,) * 3 + (50.0,) * 3}),
         *(
             (f"gp-constant-{k}", dict.fromkeys(("k_min", "k_max"), stiffness(k)))
