@@ -23,7 +23,7 @@ Flag = Bool[np.ndarray, " T"]
 KIND: Final = "a gplfd episode log"
 """What the file says it holds."""
 
-VERSION: Final = 2
+VERSION: Final = 3
 """Version of the layout of the file."""
 
 
@@ -108,6 +108,7 @@ class EpisodeLog:
     stability_margin: Pose
     phase: Number
     observed_phase: Number
+    phase_misfit: Number
     predicted_mean: Pose
     predicted_std: Pose
     via_point: Flag

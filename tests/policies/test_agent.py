@@ -15,7 +15,7 @@ from policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
 from policies.empirical import EmpiricalDistribution
 from policies.gridded import GriddedMovement
 from policies.load import CarriedLoad, YieldToAll
-from policies.phase import PathPhase
+from policies.path_phase import PathPhase
 from policies.trajectory import GaussianTrajectory
 
 PERIOD = 0.01

@@ -6,7 +6,8 @@ import pytest
 from gplfd_env.task import handle_pose_on_arc
 from policies.alignment import align
 from policies.empirical import EmpiricalDistribution
-from policies.phase import ClockPhase, PathPhase, PhaseNoise
+from policies.path_phase import PathPhase
+from policies.phase import ClockPhase, PhaseNoise
 from policies.skill import fit_skill
 from policies.trajectory import GaussianTrajectory
 
@@ -18,10 +19,16 @@ NOWHERE = np.float64(0.0)
 
 def follow(rule, poses, start=NOWHERE):
     """Phases and their standard deviations along a path, each told from the last."""
+    return estimates(rule, poses, start)[:2]
+
+
+def estimates(rule, poses, start=NOWHERE):
+    """Phases, standard deviations and misfits along a path."""
     found, previous = [], start
     for pose in poses:
-        previous, std = rule.update(pose, previous, NOWHERE)
-        found.append((previous, std))
+        seen = rule.update(pose, previous, NOWHERE)
+        previous = seen.phase
+        found.append((seen.phase, seen.std, seen.misfit))
     return np.array(found).T
 
 
@@ -36,8 +43,9 @@ def test_phase_does_not_depend_on_the_radius(skill, radius):
     poses = [handle_pose_on_arc(radius, angle) for angle in angles]
     phase, std = follow(PathPhase(skill, skill.aligned), poses)
     error = np.abs(phase - true_phase(skill, angles))
-    opened = angles > np.radians(10.0)
-    assert error[opened].max() < 0.05
+    # At the end the demonstrations hardly move: one degree is 5 % of the phase.
+    opened = (angles > np.radians(10.0)) & (angles < np.radians(62.0))
+    assert error[opened].max() < 0.06
     # Early on, a short way on a small door is a shorter way on a large one: the
     # estimate must know that it does not know.
     assert np.mean(error < 3.0 * std + 0.02) > 0.95
@@ -46,7 +54,9 @@ def test_phase_does_not_depend_on_the_radius(skill, radius):
 def test_clock_phase_is_the_command_s():
     clock = ClockPhase()
     now = np.float64(0.37)
-    assert clock.update(np.full(6, 9.0), NOWHERE, now) == (0.37, 0.0)
+    seen = clock.update(np.full(6, 9.0), NOWHERE, now)
+    assert (seen.phase, seen.std) == (0.37, 0.0)
+    assert np.isnan(seen.misfit)
     np.testing.assert_array_equal(clock.rate(now), np.zeros(6))
 
 
@@ -58,11 +68,11 @@ def test_phase_std_is_the_size_of_the_errors(skill):
     for _ in range(300):
         estimator = PathPhase(skill, skill.aligned, window=(1.0, 1.0))
         pose = handle_pose_on_arc(rng.uniform(0.35, 0.65), angle)
-        found.append(follow(estimator, [pose + errors * rng.normal(size=6)])[:, 0])
+        seen = turned(pose[None], noise.heading * rng.normal())[0]
+        found.append(follow(estimator, [seen + errors * rng.normal(size=6)])[:, 0])
     phases, stds = np.array(found).T
     actual = np.sqrt(np.mean((phases - true_phase(skill, angle)) ** 2))
-    # The position counts twice, as pose and as direction: right to a factor only.
-    assert 0.4 < np.median(stds) / actual < 2.5
+    assert 0.8 < np.median(stds) / actual < 1.25, np.median(stds) / actual
 
 
 def test_phase_stands_still_when_only_the_hand_turns(skill):
@@ -89,27 +99,26 @@ def test_phase_is_independent_of_speed(skill):
         angles = np.linspace(0.0, np.radians(50.0), samples)
         poses = [handle_pose_on_arc(0.5, angle) for angle in angles]
         ends.append(follow(PathPhase(skill, skill.aligned), poses)[0][-1])
-    assert ends[0] == pytest.approx(ends[1], abs=1e-3)
+    assert ends[0] == pytest.approx(ends[1], abs=5e-3)
 
 
 def test_search_begins_where_it_is_told(skill):
     estimator = PathPhase(skill, skill.aligned)
     pose = handle_pose_on_arc(0.5, 1.0)
-    at_once, unsure = estimator.update(pose, NOWHERE, NOWHERE)
+    true = np.float64(true_phase(skill, 1.0))
+    close = estimator.update(pose, true - 0.1, NOWHERE)
     # Farther than the window: the end of the search, and nothing known about it.
-    assert 0.05 <= at_once < 0.06
-    assert unsure == 0.1
-    at_there = np.float64(true_phase(skill, 1.0))
-    near, sure = estimator.update(pose, at_there, NOWHERE)
-    assert near == pytest.approx(at_there, abs=0.03)
-    assert sure < 0.1
+    assert -0.05 <= close.phase - true < -0.04
+    assert close.std == 0.1
+    near = estimator.update(pose, true, NOWHERE)
+    assert near.phase == pytest.approx(true, abs=0.03)
+    assert near.std < 0.1
 
 
 def nearest_by_hand(skill, pose, previous):
     """The search as its definition reads, one member, one point after the other."""
     grid = np.linspace(0.0, 1.0, 201)
     demonstrated, noise = skill.predict(grid), PhaseNoise()
-    floor = np.repeat([noise.position, noise.rotation], 3)
     positions = np.stack(
         [
             [np.interp(grid, skill.aligned.times, axis) for axis in curve.T[:3]]
@@ -124,10 +133,15 @@ def nearest_by_hand(skill, pose, previous):
     reach = np.linalg.norm(pose[:3]) + 1e-9
 
     def cost(index):
-        error = (demonstrated.mean[index] - pose) ** 2
-        turn = np.sum((mean[:, index] - pose[:3] / reach) ** 2)
-        return np.sum(error / (demonstrated.std[index] ** 2 + floor**2)) + turn / (
-            variance[index] + (noise.position / reach) ** 2
+        there, std = demonstrated.mean[index], demonstrated.std[index]
+        radial = np.abs(mean[:, index]) @ std[:3]
+        far = (np.linalg.norm(there[:3]) - reach) ** 2
+        turned = (there[3:] - pose[3:]) ** 2 / (std[3:] ** 2 + noise.rotation**2)
+        aside = np.sum((mean[:, index] - pose[:3] / reach) ** 2)
+        return (
+            far / (radial**2 + noise.position**2)
+            + turned.sum()
+            + aside / (variance[index] + (noise.position / reach) ** 2)
         )
 
     first = max(0, int(np.floor((previous - 0.02) * 200)) - 1)
@@ -143,14 +157,16 @@ def nearest_by_hand(skill, pose, previous):
 
 @pytest.mark.parametrize("previous", [0.0, 0.0123, 0.3071, 0.7513, 0.9987, 1.0])
 def test_search_is_the_one_that_is_defined(skill, previous):
-    estimator = PathPhase(skill, skill.aligned)
+    trusting = PhaseNoise(heading=0.0)
+    estimator = PathPhase(skill, skill.aligned, noise=trusting)
     rng = np.random.default_rng(0)
     for _ in range(20):
-        angle = FINAL_ANGLE * (previous + rng.uniform(-0.1, 0.1))
-        pose = handle_pose_on_arc(0.45, max(angle, 0.0)) + 1e-3 * rng.normal(size=6)
-        found, _ = estimator.update(pose, np.float64(previous), NOWHERE)
+        there = np.clip(previous + rng.uniform(-0.06, 0.06), 0.0, 1.0)
+        angle = skill.predict(there[None]).mean[0, 4]
+        pose = handle_pose_on_arc(0.45, angle) + 1e-3 * rng.normal(size=6)
+        found = estimator.update(pose, np.float64(previous), NOWHERE)
         expected = nearest_by_hand(skill, pose, previous)
-        assert float(found) == pytest.approx(expected, abs=1e-9)
+        assert float(found.phase) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.bits
@@ -163,17 +179,21 @@ def test_stacked_rules_tell_what_each_would(skill, demonstrations):
     poses = np.stack([handle_pose_on_arc(0.5, angle) for angle in angles])
     previous = true_phase(skill, angles)
     alone = [
-        (*rule.update(pose, phase, NOWHERE), rule.rate(phase))
+        (rule.update(pose, phase, NOWHERE), rule.rate(phase))
         for rule, pose, phase in zip(rules, poses, previous, strict=True)
     ]
     for members in (np.arange(3), np.array([1]), np.array([2, 0])):
+        together.reset(members)
         found = together.update(
             poses[members], previous[members], previous[members], members
         )
         rates = together.rate(previous[members], members)
         for row, member in enumerate(members):
-            assert (found[0][row], found[1][row]) == alone[member][:2]
-            np.testing.assert_array_equal(rates[row], alone[member][2])
+            seen, rate = alone[member]
+            assert found.phase[row] == seen.phase
+            assert found.std[row] == seen.std
+            assert found.misfit[row] == seen.misfit
+            np.testing.assert_array_equal(rates[row], rate)
 
 
 def test_distribution_without_spread_is_refused(skill):
@@ -197,3 +217,28 @@ def test_rate_is_the_derivative_of_the_mean(skill):
     np.testing.assert_allclose(
         estimator.rate(np.float64(0.5)), numerical, rtol=1e-5, atol=1e-6
     )
+
+
+def turned(poses, yaw):
+    """A motion as seen by a robot whose heading is off, about the vertical y axis."""
+    x, z = poses[:, 0].copy(), poses[:, 2].copy()
+    seen = poses.copy()
+    seen[:, 0] = np.cos(yaw) * x + np.sin(yaw) * z
+    seen[:, 2] = np.cos(yaw) * z - np.sin(yaw) * x
+    return seen
+
+
+@pytest.mark.parametrize("radius", [0.35, 0.50, 0.65])
+@pytest.mark.parametrize("yaw", np.radians([-5.0, -2.0, 2.0, 5.0]))
+def test_phase_does_not_depend_on_the_heading(skill, radius, yaw):
+    angles = np.linspace(0.0, FINAL_ANGLE, 500)
+    poses = np.array([handle_pose_on_arc(radius, angle) for angle in angles])
+    straight, _ = follow(PathPhase(skill, skill.aligned), poses)
+    askew, std = follow(PathPhase(skill, skill.aligned), turned(poses, yaw))
+    trusting = PathPhase(skill, skill.aligned, noise=PhaseNoise(heading=0.0))
+    misled, _ = follow(trusting, turned(poses, yaw))
+    opened = (angles > np.radians(20.0)) & (angles < np.radians(62.0))
+    error = np.abs(askew - straight)[opened]
+    assert error.max() < 0.06
+    assert error.max() < 0.5 * np.abs(misled - straight)[opened].max()
+    assert (np.abs(askew - true_phase(skill, angles)) < 3.0 * std)[opened].all()
