@@ -16,6 +16,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from policies.aligned import AlignedDemonstrations
+
 _SIZES: Final = np.linspace(-2.5, 2.5, 41)
 """Sizes that are compared, in standard deviations of the logarithm of size."""
 
@@ -31,8 +33,6 @@ _KNOWN: Final = math.radians(0.5)
 
 _NEAREST: Final = 1e-9
 """A distance [m] that divides."""
-
-Curve = Float[np.ndarray, " G"]
 
 
 class Heading:
@@ -55,10 +55,8 @@ class Heading:
     posterior is a mixture, of which mean and variance are used.
 
     Args:
-        distances: Of the mean demonstration from its start, by phase [m], (G,).
-        angles: Its direction in the horizontal plane, about the vertical [rad], (G,).
-        variances: Spread of the demonstrations' directions ς² [rad²], (G,).
-        size_std: Standard deviation of log c among the demonstrations.
+        aligned: The demonstrations, for a, ς and γ.
+        phases: Where they are compared, from 0 to 1, (G,).
         prior_std: τ, what the heading errs by before the path is seen [rad]; 0 for a
             heading that is trusted.
         position_std: n, error of a position [m].
@@ -66,23 +64,25 @@ class Heading:
 
     def __init__(
         self,
-        distances: Curve,
-        angles: Curve,
-        variances: Curve,
+        aligned: AlignedDemonstrations,
+        phases: Float[np.ndarray, " G"],
         *,
-        size_std: float,
         prior_std: float,
         position_std: float,
     ) -> None:
+        level = np.hypot(*_positions(aligned, phases)[..., [0, 2]].T).T
+        direction, variances = directions(aligned, phases)
         # Where a path comes back nearer to its start, the way out tells.
-        reached, first = np.unique(np.maximum.accumulate(distances), return_index=True)
-        self._distances, self._angles = reached, np.unwrap(angles[first])
-        self._variances = variances[first]
-        spread = math.hypot(size_std, _SIZE_STD)
+        distances = np.maximum.accumulate(level.mean(axis=0))
+        self._distances, first = np.unique(distances, return_index=True)
+        angles = np.arctan2(-direction[first, 2], direction[first, 0])
+        self._angles, self._variances = np.unwrap(angles), variances[first]
+        sizes = np.log(np.maximum(level.max(axis=1), _NEAREST))
+        spread = math.hypot(np.std(sizes, ddof=min(1, sizes.size - 1)), _SIZE_STD)
         self._shrinking = np.exp(-spread * _SIZES)
         self._prior, self._position_variance = prior_std**2, position_std**2
         self._least = min(_KNOWN, prior_std) ** 2
-        self._spacing = max(float(reached[-1]) * _SPACING, _NEAREST)
+        self._spacing = max(float(self._distances[-1]) * _SPACING, _NEAREST)
         self.reset()
 
     def reset(self) -> None:
@@ -113,9 +113,7 @@ class Heading:
         self._due = distance + self._spacing
         spread = float(np.interp(distance, self._distances, self._variances))
         weight = 1.0 / (2.0 * self._position_variance / distance**2 + spread)
-        expected = np.interp(
-            distance * self._shrinking, self._distances, self._angles
-        )
+        expected = np.interp(distance * self._shrinking, self._distances, self._angles)
         error = np.remainder(angle - expected + math.pi, 2.0 * math.pi) - math.pi
         self._weight += weight
         self._sums[0] += weight * error
@@ -132,3 +130,40 @@ class Heading:
         self.yaw = float((likely * yaws).sum())
         between = float((likely * (yaws - self.yaw) ** 2).sum())
         self.variance = min(gain + between + self._least, self._prior)
+
+
+def directions(
+    aligned: AlignedDemonstrations, phases: Float[np.ndarray, " G"]
+) -> tuple[Float[np.ndarray, "G 3"], Float[np.ndarray, " G"]]:
+    """Return the demonstrations' mean direction of displacement, and its spread.
+
+    Args:
+        aligned: The demonstrations.
+        phases: Where along the task.
+
+    Returns:
+        Means of unit vectors from the start, shorter than one where they differ, and
+        the variance of directions about them [rad²].
+    """
+    positions = _positions(aligned, phases)
+    length = np.linalg.norm(positions, axis=2, keepdims=True)
+    # A displacement of a millimetre has no direction yet.
+    unit = positions / np.maximum(length, 1e-3)
+    mean = unit.mean(axis=0)
+    spread = ((unit - mean) ** 2).sum(axis=2).mean(axis=0) / 2.0
+    return mean, spread + (1e-3 / np.maximum(length[..., 0].min(axis=0), 1e-3)) ** 2
+
+
+def _positions(
+    aligned: AlignedDemonstrations, phases: Float[np.ndarray, " G"]
+) -> Float[np.ndarray, "K G 3"]:
+    """Return the demonstrated positions at phases."""
+    return np.stack(
+        [
+            np.stack(
+                [np.interp(phases, aligned.times, curve) for curve in pose.T[:3]],
+                axis=1,
+            )
+            for pose in aligned.poses
+        ]
+    )

@@ -17,10 +17,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from policies.aligned import AlignedDemonstrations
-from policies.heading import Heading
+from policies.heading import Heading, directions
 from policies.members import EVERY_MEMBER, Members, Numbers
 from policies.movement import Predictor
 from policies.phase import PhaseEstimate, PhaseNoise, Phases, Poses
+
+Observed = Float[np.ndarray, "*E"]
+"""ρ, θ, u and the variance of u, of N poses: (8, *N)."""
 
 _GRID: Final = np.linspace(0.0, 1.0, 201)
 _POINTS: Final = _GRID.tolist()
@@ -33,7 +36,7 @@ _FAR: Final = 1e100
 _FEATURES: Final = 6
 """Numbers that a pose has."""
 
-_LOST: Final = 3.0
+LOST: Final = 3.0
 """Misfit from which the phase is looked for everywhere."""
 
 _CLEARER: Final = 0.5
@@ -95,7 +98,7 @@ class PathPhase:
                 f"{type(demonstrated).__name__} predicts NaN or infinity; give it "
                 "EmpiricalDistribution(aligned) instead"
             )
-        direction, variance = _directions(aligned)
+        direction, variance = directions(aligned, _GRID)
         distance = np.sqrt((prediction.mean[:, :3] ** 2).sum(axis=1))
         # As of doors of different size, whose positions differ along û alone.
         radial = (np.abs(direction) * prediction.std[:, :3]).sum(axis=1)
@@ -119,7 +122,11 @@ class PathPhase:
         self._features, self._rates = features, prediction.mean_rate
         self._numbers: Int[np.ndarray, "*N"] = np.zeros((), dtype=np.int64)
         self._noise, self._window = noise, window
-        self._headings = [_heading(aligned, direction, variance, noise)]
+        self._headings = [
+            Heading(
+                aligned, _GRID, prior_std=noise.heading, position_std=noise.position
+            )
+        ]
 
     @property
     def settings(self) -> object:
@@ -158,18 +165,18 @@ class PathPhase:
             command: Not used: the path tells, not the clock.
             members: Whose they are.
         """
-        observed, blur = self._observed(poses, members)
+        observed = self._observed(poses, members)
         # A few numbers per member: Python's floats cost no more than NumPy's calls.
         windows = [self._search(phase) for phase in np.ravel(previous).tolist()]
         first = np.array([window[0] for window in windows], dtype=np.int64)
         first = first.reshape(previous.shape)
         features = self._features_from(first, members)
-        costs = _cost(features, observed, blur).reshape(-1, self._stretch.size)
+        costs = _cost(features, observed).reshape(-1, self._stretch.size)
         found = [
             _nearest(cost[:size], start)
             for cost, (start, size) in zip(costs, windows, strict=True)
         ]
-        found = self._freed(found, observed, blur, members)
+        found = self._freed(found, observed, members)
         phases, stds, misfits = np.array(found).T.reshape(3, *previous.shape)
         return PhaseEstimate(phases, stds, misfits)
 
@@ -178,9 +185,7 @@ class PathPhase:
         nearest = np.rint(phases / _SPACING).astype(np.int64)
         return self._rates.take(self._numbers[members] * _GRID.size + nearest, axis=0)
 
-    def _observed(
-        self, poses: Poses, members: Members
-    ) -> tuple[Float[np.ndarray, "7 *N"], Float[Numbers, "*N"]]:
+    def _observed(self, poses: Poses, members: Members) -> Observed:
         """Return ρ, θ and R(-ψ̂) u of poses, and the variance n_v²/ρ² + ω² of u."""
         numbers = np.ravel(self._numbers[members]).tolist()
         rows = []
@@ -193,8 +198,7 @@ class PathPhase:
             level = (cosine * x - sine * z) / far, (sine * x + cosine * z) / far
             blur = (self._noise.position / far) ** 2 + heading.variance
             rows.append((far, *rotation, level[0], y / far, level[1], blur))
-        seen = np.array(rows).T.reshape(8, *poses.shape[:-1])
-        return seen[:7], seen[7]
+        return np.array(rows).T.reshape(8, *poses.shape[:-1])
 
     def _search(self, previous: float) -> tuple[int, int]:
         """Return where on the grid a search begins, and of how many points it is."""
@@ -215,36 +219,34 @@ class PathPhase:
     def _freed(
         self,
         found: list[tuple[float, float, float]],
-        observed: Float[np.ndarray, "7 *N"],
-        blur: Float[Numbers, "*N"],
+        observed: Observed,
         members: Members,
     ) -> list[tuple[float, float, float]]:
         """Return phases that were looked for everywhere where the near one is wrong."""
         width, edge = self._features.shape[1] // self._numbers.size, self._stretch.size
         numbers = np.ravel(self._numbers[members]).tolist()
         for row, (number, near) in enumerate(zip(numbers, found, strict=True)):
-            if near[2] <= _LOST:
+            if near[2] <= LOST:
                 continue
             begin = number * width + edge
             whole = self._features[:, begin - 1 : begin + _GRID.size + 1]
-            seen = observed.reshape(7, -1)[:, row]
-            anywhere = _nearest(_cost(whole, seen, np.ravel(blur)[row]), -1)
+            seen = observed.reshape(8, -1)[:, row]
+            anywhere = _nearest(_cost(whole, seen), -1)
             if anywhere[2] < _CLEARER * near[2]:
                 found[row] = anywhere
         return found
 
 
 def _cost(
-    features: Float[np.ndarray, "*F W"],
-    observed: Float[np.ndarray, "7 *N"],
-    blur: Float[Numbers, "*N"],
+    features: Float[np.ndarray, "*F W"], observed: Observed
 ) -> Float[np.ndarray, "*N W"]:
     """Return d² of poses along stretches of the grid."""
-    squares = (features[:7] - observed[..., None]) ** 2
+    each = observed[..., None]
+    squares = (features[:7] - each[:7]) ** 2
     cost: Float[np.ndarray, "*N W"] = np.add.reduce(
         squares[:4] * features[7:11], axis=0
     )
-    cost += np.add.reduce(squares[4:], axis=0) / (features[11] + blur[..., None])
+    cost += np.add.reduce(squares[4:], axis=0) / (features[11] + each[7])
     return cost
 
 
@@ -272,51 +274,3 @@ def _nearest(cost: Float[np.ndarray, " W"], first: int) -> tuple[float, float, f
     std = _SPACING * math.sqrt(2.0 / curvature) * max(misfit, 1.0)
     vertex = point + 0.5 * (before - after) / curvature * _SPACING
     return vertex, min(max(std, _LEAST_STD), _LARGEST_STD), misfit
-
-
-def _positions(aligned: AlignedDemonstrations) -> Float[np.ndarray, "K G 3"]:
-    """Return the demonstrated positions on the grid."""
-    return np.stack(
-        [
-            np.stack(
-                [np.interp(_GRID, aligned.times, curve) for curve in pose.T[:3]],
-                axis=1,
-            )
-            for pose in aligned.poses
-        ]
-    )
-
-
-def _directions(
-    aligned: AlignedDemonstrations,
-) -> tuple[Float[np.ndarray, "G 3"], Float[np.ndarray, " G"]]:
-    """Mean direction of displacement, and its spread over the demonstrations [rad²]."""
-    positions = _positions(aligned)
-    length = np.linalg.norm(positions, axis=2, keepdims=True)
-    # A displacement of a millimetre has no direction yet.
-    unit = positions / np.maximum(length, 1e-3)
-    mean = unit.mean(axis=0)
-    spread = ((unit - mean) ** 2).sum(axis=2).mean(axis=0) / 2.0
-    return mean, spread + (1e-3 / np.maximum(length[..., 0].min(axis=0), 1e-3)) ** 2
-
-
-def _heading(
-    aligned: AlignedDemonstrations,
-    direction: Float[np.ndarray, "G 3"],
-    variance: Float[np.ndarray, " G"],
-    noise: PhaseNoise,
-) -> Heading:
-    """Return an estimator of the heading for these demonstrations."""
-    positions = _positions(aligned)
-    distances = np.hypot(positions[..., 0], positions[..., 2])
-    mean = distances.mean(axis=0)
-    largest = distances.max(axis=1)
-    sizes = np.log(np.maximum(largest, 1e-6))
-    return Heading(
-        mean,
-        np.arctan2(-direction[:, 2], direction[:, 0]),
-        variance,
-        size_std=float(sizes.std(ddof=1)) if len(sizes) > 1 else 0.0,
-        prior_std=noise.heading,
-        position_std=noise.position,
-    )

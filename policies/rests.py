@@ -118,9 +118,7 @@ def _slow(demonstration: Demonstration) -> np.ndarray:
     # Continued by its mirror image: a path that ends at rest stays there.
     smooth = gaussian_filter1d(poses, _BLUR * len(times), axis=0, mode="reflect")
     reach = _HALF_CHORD * (times[-1] - times[0])
-    ends = [
-        np.clip(times + side, times[0], times[-1]) for side in (-reach, reach)
-    ]
+    ends = [np.clip(times + side, times[0], times[-1]) for side in (-reach, reach)]
     before, after = (
         np.column_stack([np.interp(end, times, output) for output in smooth.T])
         for end in ends
