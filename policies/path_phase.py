@@ -121,7 +121,7 @@ class PathPhase:
         )
         self._features, self._rates = features, prediction.mean_rate
         self._numbers: Int[np.ndarray, "*N"] = np.zeros((), dtype=np.int64)
-        self._noise, self._window = noise, window
+        self.noise, self._window = noise, window
         self._headings = [
             Heading(
                 aligned, _GRID, prior_std=noise.heading, position_std=noise.position
@@ -131,7 +131,7 @@ class PathPhase:
     @property
     def settings(self) -> object:
         """Noise and window."""
-        return self._noise, self._window
+        return self.noise, self._window
 
     @classmethod
     def stacked(cls, rules: Sequence[PathPhase]) -> PathPhase:
@@ -196,7 +196,7 @@ class PathPhase:
             far = math.sqrt(x * x + y * y + z * z) + 1e-9
             cosine, sine = math.cos(heading.yaw), math.sin(heading.yaw)
             level = (cosine * x - sine * z) / far, (sine * x + cosine * z) / far
-            blur = (self._noise.position / far) ** 2 + heading.variance
+            blur = (self.noise.position / far) ** 2 + heading.variance
             rows.append((far, *rotation, level[0], y / far, level[1], blur))
         return np.array(rows).T.reshape(8, *poses.shape[:-1])
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from gplfd_env.task import handle_pose_on_arc
 from policies.alignment import align
 from policies.demonstrations import Demonstration
+from policies.registry import POLICIES
 from policies.rests import without_rests
 
 MOVING = 5.0
@@ -114,3 +115,13 @@ def test_few_samples_are_left_alone():
     times = np.array([0.0, 1.0, 2.0])
     recorded = Demonstration(times=times, poses=np.outer(times, np.ones(6)))
     assert without_rests(recorded) == (recorded, ())
+
+
+@pytest.mark.parametrize(
+    ("name", "trims"), [("gp", True), ("gp-untrimmed", False), ("gp-paper", False)]
+)
+@pytest.mark.filterwarnings("ignore:rests")
+def test_policies_trim_rests_but_those_that_say_not(name, trims):
+    aligned = POLICIES[name].method.align([opening(before=2.0)])
+    assert (aligned.duration < MOVING + 1.0) == trims
+    assert bool(aligned.rests) == trims
