@@ -36,7 +36,7 @@ _FAR: Final = 1e100
 _FEATURES: Final = 6
 """Numbers that a pose has."""
 
-LOST: Final = 3.0
+_LOST: Final = 3.0
 """Misfit from which the phase is looked for everywhere."""
 
 _CLEARER: Final = 0.5
@@ -226,7 +226,7 @@ class PathPhase:
         width, edge = self._features.shape[1] // self._numbers.size, self._stretch.size
         numbers = np.ravel(self._numbers[members]).tolist()
         for row, (number, near) in enumerate(zip(numbers, found, strict=True)):
-            if near[2] <= LOST:
+            if near[2] <= _LOST:
                 continue
             begin = number * width + edge
             whole = self._features[:, begin - 1 : begin + _GRID.size + 1]

@@ -15,7 +15,6 @@ from experiments.recording.colours import Colour
 from experiments.recording.part import Part
 from experiments.recording.stream import moving, seconds, static
 from experiments.recording.tube import QUANTILE
-from policies.path_phase import LOST
 
 ROOT: Final = "/plots"
 ANGLE_MARKS_DEG: Final = (15.0, 30.0, 60.0)
@@ -74,7 +73,6 @@ def panels(part: Part) -> list[Chunk]:
         *_beliefs(part, index),
         *levels(part, f"{ROOT}/angle/marks", ANGLE_MARKS_DEG, colours.MARK),
         *levels(part, f"{ROOT}/stability/bound", (100.0,), colours.LIMIT),
-        *levels(part, f"{ROOT}/misfit/lost", (LOST,), colours.LIMIT),
         *levels(part, ZERO, (0.0,), colours.MARK),
     ]
 
