@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from policies.records import freeze, short_repr
+from policies.rests import Rest
 
 FINEST = 1e-6
 """No pose is known, scaled or predicted more finely than to a micrometre or a
@@ -26,7 +27,10 @@ class AlignedDemonstrations:
     poses: Float[np.ndarray, "K M 6"]
     """Poses [m, rad] of K demonstrations, rotation vectors on one branch."""
     duration: float = 1.0
-    """Nominal duration [s] of phases 0 to 1."""
+    """Nominal duration [s] of phases 0 to 1, without what was left out."""
+    rests: tuple[tuple[Rest, ...], ...] = field(default=(), repr=False)
+    """What was left out of each demonstration because nothing moved; empty if nothing
+    was looked for."""
     end: float = 1.0
     """Phase at which the demonstrations end; what follows is their continuation, see
     `policies.continuation`."""

@@ -18,6 +18,7 @@ from policies.aligned import AlignedDemonstrations
 from policies.completion import measure_completion, warn_of_noise
 from policies.demonstrations import Demonstration
 from policies.dynamic_time_warping import dynamic_time_warping
+from policies.rests import Rest, warn_of_rests, without_rests
 
 _TIME_SHARE = 1e-6
 """Share of normalised time mixed into the completion: it orders the samples of a rest,
@@ -41,13 +42,13 @@ def align(
     n_samples: int = 200,
     rotation_weight: float = 0.5,
     denoise: bool = True,
+    trim_rests: bool = True,
 ) -> AlignedDemonstrations:
     """Bring demonstrations of different timing onto one phase axis.
 
     * ``"interpolation"`` (default) inverts each completion index exactly. The phase at
       a given completion is the mean over the demonstrations of their normalised times
-      there, so that the common timing (starting and stopping gently) survives; rests
-      that all demonstrations make become rests of the result.
+      there, so that the common timing (starting and stopping gently) survives.
     * ``"dtw"`` is the published method: dynamic time warping on |ζ_a - ζ_b| against the
       demonstration with the most samples, matches averaged per sample of it. Where ζ
       rises strictly, it finds the same matches to within half a sample, as a staircase.
@@ -62,6 +63,9 @@ def align(
         rotation_weight: ω₁ of Eq. (17), within [0, 1].
         denoise: Whether completion is measured on the denoised paths; the resulting
             poses are interpolated from the samples as recorded in any case.
+        trim_rests: Whether stretches in which nothing moves are left out first, see
+            `policies.rests`. Kept, rests that all demonstrations make become rests of
+            the result.
 
     Returns:
         The aligned demonstrations with the mean duration.
@@ -70,7 +74,8 @@ def align(
         ValueError: If an argument is not as described.
 
     Warns:
-        UserWarning: If sensor noise makes a path more than 1.1 times as long.
+        UserWarning: If sensor noise makes a path more than 1.1 times as long, or rests
+            were left out.
     """
     if method not in _METHODS:
         raise ValueError(f"method must be one of {sorted(_METHODS)}, got {method!r}")
@@ -78,6 +83,11 @@ def align(
         raise ValueError(f"n_samples must be at least 2, got {n_samples}")
     if not demonstrations:
         raise ValueError("at least one demonstration is needed, got none")
+    rests: tuple[tuple[Rest, ...], ...] = ()
+    if trim_rests:
+        recorded = demonstrations
+        demonstrations, rests = zip(*map(without_rests, recorded), strict=True)
+        warn_of_rests(recorded, rests)
     completions = [
         measure_completion(demo, rotation_weight, denoise) for demo in demonstrations
     ]
@@ -93,6 +103,7 @@ def align(
         times=phases,
         poses=_METHODS[method](courses, phases, rotation_weight),
         duration=float(np.mean(durations)),
+        rests=rests,
     )
 
 

@@ -40,6 +40,7 @@ from policies.method import (
     TrainingInput,
     clock_phase,
     demonstrated_phase,
+    heading_trusting_phase,
 )
 from policies.policy import Policy
 from policies.reference.compliant_pull import CompliantPullAgent
@@ -77,8 +78,8 @@ GP: Final = Method(fit=fit_skill, accepts_prior_mean=True, adaptation=ProcessAda
 PAPER: Final = Method(
     fit=partial(fit_skill, noise="kersting"),
     accepts_prior_mean=True,
-    # DTW on the raw completion index.
-    align=partial(align, method="dtw", denoise=False),
+    # DTW on the raw completion index of the whole recording.
+    align=partial(align, method="dtw", denoise=False, trim_rests=False),
     adaptation=partial(ProductAdaptation, prior_mean="zero"),
     beyond=0.0,
     # One stiffness law for all axes, the whole wrench in Eq. (22), no limit to the
@@ -149,9 +150,19 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             make=replace(GP, align=partial(align, method="dtw-euclidean")),
             kind="ablation",
         ),
+        "gp-untrimmed": Policy(
+            summary="gp that learns the rests of recordings as part of the task",
+            make=replace(GP, align=partial(align, trim_rests=False)),
+            kind="ablation",
+        ),
         "gp-clock": Policy(
             summary="gp that dates its observations by the clock: learns its own lag",
             make=replace(GP, phases=clock_phase),
+            kind="ablation",
+        ),
+        "gp-heading-trusting": Policy(
+            summary="gp that takes a heading error for progress",
+            make=replace(GP, phases=heading_trusting_phase),
             kind="ablation",
         ),
         "gp-position-only": Policy(

@@ -152,6 +152,7 @@ class ComplianceController:
         self._renderer.reset(members)
         self._load.reset(members)
         self._memory.reset(members)
+        self._phases.reset(members)
 
     def decide(
         self, poses: Poses, wrenches: Poses, members: Members = EVERY_MEMBER
@@ -166,13 +167,13 @@ class ComplianceController:
         memory = self._memory
         # A copy: the rule may return it, and the command phase moves on below.
         command = memory.phase[members].copy()
-        observed_phase, phase_std = self._phases.update(
+        seen = self._phases.update(
             poses, memory.observed_phase[members], command, members
         )
-        memory.observed_phase[members] = observed_phase
+        observed_phase = memory.observed_phase[members] = seen.phase
         ahead = _ahead(observed_phase)
         means, stds = self._movements.at(ahead, members)
-        via_point = self._adapt(poses, observed_phase, phase_std, members)
+        via_point = self._adapt(poses, observed_phase, seen.std, members)
         path = self._movements.at(ahead, members)[0] if via_point.any() else means
         direction = _direction(path)
         response = self._load.meet(
@@ -212,6 +213,7 @@ class ComplianceController:
             give=response.give,
             phase=phase,
             observed_phase=observed_phase,
+            phase_misfit=seen.misfit,
             predicted_mean=means[0],
             predicted_std=stds[0],
             via_point=via_point,

@@ -22,7 +22,8 @@ from policies.demonstrations import Demonstration
 from policies.empirical import EmpiricalDistribution
 from policies.gridded import GriddedMovement
 from policies.movement import AdaptationForm, Movement
-from policies.phase import ClockPhase, PathPhase, PhaseRule
+from policies.path_phase import PathPhase
+from policies.phase import ClockPhase, PhaseNoise, PhaseRule
 from policies.prior_mean import PriorMean, Stretched
 from policies.residual import fit_residual
 
@@ -64,6 +65,12 @@ class TrainingInput:
 def path_phase(movement: Movement) -> PhaseRule:
     """Find the phase of a pose on the path, by the movement's own mean and spread."""
     return PathPhase(movement, movement.aligned)
+
+
+def heading_trusting_phase(movement: Movement) -> PhaseRule:
+    """Find it on the path by a robot that is sure to stand straight to the door."""
+    noise = PhaseNoise(heading=0.0)
+    return PathPhase(movement, movement.aligned, noise=noise)
 
 
 def demonstrated_phase(movement: Movement) -> PhaseRule:

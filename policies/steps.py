@@ -62,6 +62,11 @@ class AgentStep:
     """Command phase: where along the task the set-point is, 0..1."""
     observed_phase: Phases | float = _NAN
     """Where along the task the hand is, 0..1."""
+    phase_misfit: Phases | float = _NAN
+    """How far the hand is from anything demonstrated near `observed_phase`: root mean
+    square of the errors of distance, direction and rotation over their standard
+    deviations. About 1 or less where all is as expected; from 3 on, the phase is looked
+    for along the whole task."""
     predicted_mean: Poses = _NAN
     """Mean at `observed_phase`, before this observation adapted the movement; the phase
     itself was found with it [m, rad]."""
@@ -131,7 +136,14 @@ class AgentStep:
         return AgentStep(**fields)
 
 
-_NUMBERS: Final = ("carried_load", "give", "phase", "observed_phase", "via_point")
+_NUMBERS: Final = (
+    "carried_load",
+    "give",
+    "phase",
+    "observed_phase",
+    "phase_misfit",
+    "via_point",
+)
 
 STEP_SHAPES: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
     {

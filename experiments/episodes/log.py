@@ -111,6 +111,7 @@ class EpisodeLog:
     give: Number
     phase: Number
     observed_phase: Number
+    phase_misfit: Number
     predicted_mean: Pose
     predicted_std: Pose
     via_point: Flag

@@ -160,6 +160,7 @@ def _reason_views() -> list[rrb.TimeSeriesView]:
         _series("stiffness", stiffness, from_zero=True),
         _series("uncertainty_rate", "dσ/dt [mm/s]: falling σ stiffens"),
         _series("stability", "dk/dt [% of its stability bound]", limits=_SHARE),
+        _series("misfit", "Misfit of the phase: 1 as expected, 3 lost", from_zero=True),
         _series("force", "Force [N]: green opens, red fights the hinge"),
     ]
 

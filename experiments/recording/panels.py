@@ -52,6 +52,7 @@ def panels(part: Part) -> list[Chunk]:
             Line("opens the door", colours.TRUTH, 1.5): log.force_tangential,
             Line("fights the hinge", colours.FORCE, 1.5): log.force_radial,
         },
+        "misfit/phase": {Line("misfit", colours.HAND, 1.5): log.phase_misfit},
     }
     for panel, values in (
         ("uncertainty", 1e3 * log.std),

@@ -364,7 +364,7 @@ def test_file_carries_the_layout_as_rerun_would_write_it(
     layout(()).save("gplfd", tmp_path / "plain.rbl")
     assert written == columns_of_blueprint(blueprint_of(tmp_path / "plain.rbl"))
     views = {path for path, name in written if name == "ViewBlueprint:space_origin"}
-    assert len(views) == 13  # nine of series, two 3-D, lane and page
+    assert len(views) == 14  # ten of series, two 3-D, lane and page
 
 
 def columns_of_blueprint(chunks: Iterable[Chunk]) -> dict[tuple[str, str], Any]:

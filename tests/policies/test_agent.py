@@ -16,7 +16,7 @@ from policies.empirical import EmpiricalDistribution
 from policies.gridded import GriddedMovement
 from policies.load import CarriedLoad, YieldToAll
 from policies.members import EVERY_MEMBER
-from policies.phase import PathPhase
+from policies.path_phase import PathPhase
 from policies.trajectory import GaussianTrajectory
 
 PERIOD = 0.01

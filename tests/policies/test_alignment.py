@@ -282,7 +282,7 @@ def test_endpoints_map_to_endpoints(method):
         demonstration(n=150, duration=2.0),
         demonstration(slow_start, n=230, duration=5.0, start=100.0),
     ]
-    aligned = align(recorded, method=method, n_samples=80)
+    aligned = align(recorded, method=method, n_samples=80, trim_rests=False)
     assert aligned.times[0] == 0.0
     assert aligned.times[-1] == 1.0
     assert np.all(np.diff(aligned.times) > 0)
@@ -309,10 +309,10 @@ def test_time_warped_copies_align_to_the_same_poses(warp):
         demonstration(n=400),
         demonstration(lambda time: minimum_jerk(warp(time)), n=700, duration=11.0),
     ]
-    aligned = align(recorded)
+    aligned = align(recorded, trim_rests=False)
     # The denoiser rounds abrupt changes of speed, which the copies have elsewhere.
     np.testing.assert_allclose(aligned.poses[0], aligned.poses[1], atol=5e-3)
-    exact = align(recorded, denoise=False)
+    exact = align(recorded, denoise=False, trim_rests=False)
     np.testing.assert_allclose(exact.poses[0], exact.poses[1], atol=1e-3)
     unaligned = minimum_jerk(warp(aligned.times)) - minimum_jerk(aligned.times)
     assert np.abs(unaligned).max() > 0.2
@@ -337,7 +337,7 @@ def test_rest_shared_by_all_is_a_rest_of_the_result():
         demonstration(lambda time, c=clock: np.clip(c(time), 0, 1), n=500)
         for clock in clocks
     ]
-    aligned = align(recorded, n_samples=101)
+    aligned = align(recorded, n_samples=101, trim_rests=False)
     resting = aligned.times < 0.39  # the mean rest lasts 0.4
     assert np.abs(aligned.poses[:, resting]).max() < 2e-3
     assert np.abs(aligned.poses[:, aligned.times > 0.5]).max(axis=(1, 2)).min() > 0.1
@@ -441,7 +441,9 @@ def test_dtw_on_rising_completion_is_interpolation_within_half_a_sample():
 def test_dtw_makes_staircases_and_interpolation_does_not():
     recorded = [demonstration(n=200), demonstration(slow_start, n=210)]
     roughness = {
-        method: np.abs(np.diff(align(recorded, method=method).poses, 2, axis=1)).max()
+        method: np.abs(
+            np.diff(align(recorded, method=method, trim_rests=False).poses, 2, axis=1)
+        ).max()
         for method in ("interpolation", "dtw")
     }
     assert roughness["dtw"] > 5 * roughness["interpolation"]
@@ -466,7 +468,9 @@ def test_fig3_euclidean_cost_misaligns_two_shelves_and_completion_aligns_them():
     ]
     gap, high_when_low_is_lifted = {}, {}
     for method in METHODS:
-        aligned = align(recorded, method=method, rotation_weight=0.0).poses
+        aligned = align(
+            recorded, method=method, rotation_weight=0.0, trim_rests=False
+        ).poses
         covered = aligned[:, :, :2].sum(axis=2)  # both axes only grow
         low, high = covered / covered[:, -1:]
         gap[method] = np.abs(low - high).max()

@@ -6,7 +6,9 @@ import pytest
 from gplfd_env.task import handle_pose_on_arc
 from policies.alignment import align
 from policies.empirical import EmpiricalDistribution
-from policies.phase import ClockPhase, PathPhase, PhaseNoise
+from policies.heading import Heading, directions
+from policies.path_phase import PathPhase
+from policies.phase import ClockPhase, PhaseNoise
 from policies.skill import fit_skill
 from policies.trajectory import GaussianTrajectory
 
@@ -18,10 +20,16 @@ NOWHERE = np.float64(0.0)
 
 def follow(rule, poses, start=NOWHERE):
     """Phases and their standard deviations along a path, each told from the last."""
+    return estimates(rule, poses, start)[:2]
+
+
+def estimates(rule, poses, start=NOWHERE):
+    """Phases, standard deviations and misfits along a path."""
     found, previous = [], start
     for pose in poses:
-        previous, std = rule.update(pose, previous, NOWHERE)
-        found.append((previous, std))
+        seen = rule.update(pose, previous, NOWHERE)
+        previous = seen.phase
+        found.append((seen.phase, seen.std, seen.misfit))
     return np.array(found).T
 
 
@@ -36,8 +44,9 @@ def test_phase_does_not_depend_on_the_radius(skill, radius):
     poses = [handle_pose_on_arc(radius, angle) for angle in angles]
     phase, std = follow(PathPhase(skill, skill.aligned), poses)
     error = np.abs(phase - true_phase(skill, angles))
-    opened = angles > np.radians(10.0)
-    assert error[opened].max() < 0.05
+    # At the end the demonstrations hardly move: one degree is 5 % of the phase.
+    opened = (angles > np.radians(10.0)) & (angles < np.radians(62.0))
+    assert error[opened].max() < 0.06
     # Early on, a short way on a small door is a shorter way on a large one: the
     # estimate must know that it does not know.
     assert np.mean(error < 3.0 * std + 0.02) > 0.95
@@ -46,7 +55,9 @@ def test_phase_does_not_depend_on_the_radius(skill, radius):
 def test_clock_phase_is_the_command_s():
     clock = ClockPhase()
     now = np.float64(0.37)
-    assert clock.update(np.full(6, 9.0), NOWHERE, now) == (0.37, 0.0)
+    seen = clock.update(np.full(6, 9.0), NOWHERE, now)
+    assert (seen.phase, seen.std) == (0.37, 0.0)
+    assert np.isnan(seen.misfit)
     np.testing.assert_array_equal(clock.rate(now), np.zeros(6))
 
 
@@ -58,11 +69,11 @@ def test_phase_std_is_the_size_of_the_errors(skill):
     for _ in range(300):
         estimator = PathPhase(skill, skill.aligned, window=(1.0, 1.0))
         pose = handle_pose_on_arc(rng.uniform(0.35, 0.65), angle)
-        found.append(follow(estimator, [pose + errors * rng.normal(size=6)])[:, 0])
+        seen = turned(pose[None], noise.heading * rng.normal())[0]
+        found.append(follow(estimator, [seen + errors * rng.normal(size=6)])[:, 0])
     phases, stds = np.array(found).T
     actual = np.sqrt(np.mean((phases - true_phase(skill, angle)) ** 2))
-    # The position counts twice, as pose and as direction: right to a factor only.
-    assert 0.4 < np.median(stds) / actual < 2.5
+    assert 0.8 < np.median(stds) / actual < 1.25
 
 
 def test_phase_stands_still_when_only_the_hand_turns(skill):
@@ -89,27 +100,26 @@ def test_phase_is_independent_of_speed(skill):
         angles = np.linspace(0.0, np.radians(50.0), samples)
         poses = [handle_pose_on_arc(0.5, angle) for angle in angles]
         ends.append(follow(PathPhase(skill, skill.aligned), poses)[0][-1])
-    assert ends[0] == pytest.approx(ends[1], abs=1e-3)
+    assert ends[0] == pytest.approx(ends[1], abs=5e-3)
 
 
 def test_search_begins_where_it_is_told(skill):
     estimator = PathPhase(skill, skill.aligned)
     pose = handle_pose_on_arc(0.5, 1.0)
-    at_once, unsure = estimator.update(pose, NOWHERE, NOWHERE)
+    true = np.float64(true_phase(skill, 1.0))
+    close = estimator.update(pose, true - 0.1, NOWHERE)
     # Farther than the window: the end of the search, and nothing known about it.
-    assert 0.05 <= at_once < 0.06
-    assert unsure == 0.1
-    at_there = np.float64(true_phase(skill, 1.0))
-    near, sure = estimator.update(pose, at_there, NOWHERE)
-    assert near == pytest.approx(at_there, abs=0.03)
-    assert sure < 0.1
+    assert -0.05 <= close.phase - true < -0.04
+    assert close.std == 0.1
+    near = estimator.update(pose, true, NOWHERE)
+    assert near.phase == pytest.approx(true, abs=0.03)
+    assert near.std < 0.1
 
 
 def nearest_by_hand(skill, pose, previous):
     """The search as its definition reads, one member, one point after the other."""
     grid = np.linspace(0.0, 1.0, 201)
     demonstrated, noise = skill.predict(grid), PhaseNoise()
-    floor = np.repeat([noise.position, noise.rotation], 3)
     positions = np.stack(
         [
             [np.interp(grid, skill.aligned.times, axis) for axis in curve.T[:3]]
@@ -124,10 +134,15 @@ def nearest_by_hand(skill, pose, previous):
     reach = np.linalg.norm(pose[:3]) + 1e-9
 
     def cost(index):
-        error = (demonstrated.mean[index] - pose) ** 2
-        turn = np.sum((mean[:, index] - pose[:3] / reach) ** 2)
-        return np.sum(error / (demonstrated.std[index] ** 2 + floor**2)) + turn / (
-            variance[index] + (noise.position / reach) ** 2
+        there, std = demonstrated.mean[index], demonstrated.std[index]
+        radial = np.abs(mean[:, index]) @ std[:3]
+        far = (np.linalg.norm(there[:3]) - reach) ** 2
+        turned = (there[3:] - pose[3:]) ** 2 / (std[3:] ** 2 + noise.rotation**2)
+        aside = np.sum((mean[:, index] - pose[:3] / reach) ** 2)
+        return (
+            far / (radial**2 + noise.position**2)
+            + turned.sum()
+            + aside / (variance[index] + (noise.position / reach) ** 2)
         )
 
     first = max(0, int(np.floor((previous - 0.02) * 200)) - 1)
@@ -143,14 +158,16 @@ def nearest_by_hand(skill, pose, previous):
 
 @pytest.mark.parametrize("previous", [0.0, 0.0123, 0.3071, 0.7513, 0.9987, 1.0])
 def test_search_is_the_one_that_is_defined(skill, previous):
-    estimator = PathPhase(skill, skill.aligned)
+    trusting = PhaseNoise(heading=0.0)
+    estimator = PathPhase(skill, skill.aligned, noise=trusting)
     rng = np.random.default_rng(0)
     for _ in range(20):
-        angle = FINAL_ANGLE * (previous + rng.uniform(-0.1, 0.1))
-        pose = handle_pose_on_arc(0.45, max(angle, 0.0)) + 1e-3 * rng.normal(size=6)
-        found, _ = estimator.update(pose, np.float64(previous), NOWHERE)
+        there = np.clip(previous + rng.uniform(-0.06, 0.06), 0.0, 1.0)
+        angle = skill.predict(there[None]).mean[0, 4]
+        pose = handle_pose_on_arc(0.45, angle) + 1e-3 * rng.normal(size=6)
+        found = estimator.update(pose, np.float64(previous), NOWHERE)
         expected = nearest_by_hand(skill, pose, previous)
-        assert float(found) == pytest.approx(expected, abs=1e-9)
+        assert float(found.phase) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.bits
@@ -163,17 +180,21 @@ def test_stacked_rules_tell_what_each_would(skill, demonstrations):
     poses = np.stack([handle_pose_on_arc(0.5, angle) for angle in angles])
     previous = true_phase(skill, angles)
     alone = [
-        (*rule.update(pose, phase, NOWHERE), rule.rate(phase))
+        (rule.update(pose, phase, NOWHERE), rule.rate(phase))
         for rule, pose, phase in zip(rules, poses, previous, strict=True)
     ]
     for members in (np.arange(3), np.array([1]), np.array([2, 0])):
+        together.reset(members)
         found = together.update(
             poses[members], previous[members], previous[members], members
         )
         rates = together.rate(previous[members], members)
         for row, member in enumerate(members):
-            assert (found[0][row], found[1][row]) == alone[member][:2]
-            np.testing.assert_array_equal(rates[row], alone[member][2])
+            seen, rate = alone[member]
+            assert found.phase[row] == seen.phase
+            assert found.std[row] == seen.std
+            assert found.misfit[row] == seen.misfit
+            np.testing.assert_array_equal(rates[row], rate)
 
 
 def test_distribution_without_spread_is_refused(skill):
@@ -197,3 +218,119 @@ def test_rate_is_the_derivative_of_the_mean(skill):
     np.testing.assert_allclose(
         estimator.rate(np.float64(0.5)), numerical, rtol=1e-5, atol=1e-6
     )
+
+
+def turned(poses, yaw):
+    """A motion as seen by a robot whose heading is off, about the vertical y axis."""
+    x, z = poses[:, 0].copy(), poses[:, 2].copy()
+    seen = poses.copy()
+    seen[:, 0] = np.cos(yaw) * x + np.sin(yaw) * z
+    seen[:, 2] = np.cos(yaw) * z - np.sin(yaw) * x
+    return seen
+
+
+@pytest.mark.parametrize("radius", [0.35, 0.50, 0.65])
+@pytest.mark.parametrize("yaw", np.radians([-5.0, -2.0, 2.0, 5.0]))
+def test_phase_does_not_depend_on_the_heading(skill, radius, yaw):
+    angles = np.linspace(0.0, FINAL_ANGLE, 500)
+    poses = np.array([handle_pose_on_arc(radius, angle) for angle in angles])
+    straight, _ = follow(PathPhase(skill, skill.aligned), poses)
+    askew, std = follow(PathPhase(skill, skill.aligned), turned(poses, yaw))
+    trusting = PathPhase(skill, skill.aligned, noise=PhaseNoise(heading=0.0))
+    misled, _ = follow(trusting, turned(poses, yaw))
+    opened = (angles > np.radians(20.0)) & (angles < np.radians(62.0))
+    error = np.abs(askew - straight)[opened]
+    assert error.max() < 0.06
+    assert error.max() < 0.5 * np.abs(misled - straight)[opened].max()
+    assert (np.abs(askew - true_phase(skill, angles)) < 3.0 * std)[opened].all()
+
+
+def test_heading_is_found_from_the_path(skill):
+    """The mean is right to three of its standard deviations, which shrink."""
+    for radius, degrees in [(0.35, 4.0), (0.42, -5.0), (0.6, -3.0)]:
+        heading = Heading(
+            skill.aligned,
+            np.linspace(0.0, 1.0, 201),
+            prior_std=np.radians(3.0),
+            position_std=2e-3,
+        )
+        stds = [np.sqrt(heading.variance)]
+        for angle in np.linspace(0.0, FINAL_ANGLE, 300):
+            pose = handle_pose_on_arc(radius, angle)[None]
+            x, _, z = turned(pose, np.radians(degrees))[0, :3]
+            heading.see(np.hypot(x, z), np.arctan2(-z, x))
+            stds.append(np.sqrt(heading.variance))
+        assert abs(np.degrees(heading.yaw) - degrees) < 3.0 * np.degrees(stds[-1])
+        assert np.degrees(heading.yaw) == pytest.approx(degrees, abs=1.5)
+        assert stds[0] == np.radians(3.0)
+        assert stds[-1] < 0.4 * stds[0]
+        assert max(stds) == stds[0]
+        heading.reset()
+        assert (heading.yaw, heading.variance) == (0.0, stds[0] ** 2)
+
+
+def test_trusted_heading_is_never_doubted(skill):
+    phases = np.linspace(0.0, 1.0, 201)
+    heading = Heading(skill.aligned, phases, prior_std=0.0, position_std=2e-3)
+    for distance in np.linspace(0.0, 0.6, 60):
+        heading.see(distance, 0.3)
+        assert (heading.yaw, heading.variance) == (0.0, 0.0)
+
+
+def test_heading_is_the_posterior_of_its_model(skill):
+    """Eq. by quadrature over yaw and size, with the direction as a function of both."""
+    phases, prior, n = np.linspace(0.0, 1.0, 201), np.radians(3.0), 2e-3
+    heading = Heading(skill.aligned, phases, prior_std=prior, position_std=n)
+    mean, spread = directions(skill.aligned, phases)
+    level = np.hypot(skill.aligned.poses[..., 0], skill.aligned.poses[..., 2])
+    curve = np.interp(phases, skill.aligned.times, level.mean(axis=0))
+    first = np.unique(np.maximum.accumulate(curve), return_index=True)[1]
+    known = np.arctan2(-mean[first, 2], mean[first, 0])
+    gamma = np.hypot(np.log(level.max(axis=1)).std(ddof=1), 0.25)
+    yaws = np.radians(np.linspace(-15.0, 15.0, 601))[:, None]
+    steps = np.linspace(-2.5, 2.5, 401)
+    surprise = yaws**2 / prior**2 + steps**2
+    for distance, angle in [(0.05, 0.1), (0.1, 0.16), (0.2, 0.3), (0.3, 0.36)]:
+        heading.see(distance, angle)
+        there = np.interp(distance * np.exp(-gamma * steps), curve[first], known)
+        variance = 2.0 * n**2 / distance**2
+        variance += np.interp(distance, curve[first], spread[first])
+        surprise = surprise + (angle - there - yaws) ** 2 / variance
+    weights = np.exp(-0.5 * (surprise - surprise.min()))
+    weights /= weights.sum()
+    expected = (weights * yaws).sum()
+    assert heading.yaw == pytest.approx(expected, abs=np.radians(0.05))
+    posterior = (weights * (yaws - expected) ** 2).sum() + np.radians(0.5) ** 2
+    assert heading.variance == pytest.approx(posterior, rel=0.05)
+
+
+def test_a_phase_that_is_stuck_is_freed(skill):
+    """Far behind the hand, nothing near fits, and it is looked for everywhere."""
+    pose = handle_pose_on_arc(0.5, 1.0)
+    freed = PathPhase(skill, skill.aligned).update(pose, NOWHERE, NOWHERE)
+    assert freed.phase == pytest.approx(true_phase(skill, 1.0), abs=0.03)
+    assert freed.misfit < 1.0
+
+
+def test_misfit_makes_the_phase_unsure(skill):
+    """A hand that has been lifted off the path fits nothing, wherever it is."""
+    pose, there = handle_pose_on_arc(0.5, 0.8), np.float64(true_phase(skill, 0.8))
+    usual = PathPhase(skill, skill.aligned).update(pose, there, NOWHERE)
+    assert usual.misfit < 1.0
+    lifted = pose + np.array([0.0, 0.2, 0.0, 0.6, 0.0, 0.6])
+    strange = PathPhase(skill, skill.aligned).update(lifted, there, NOWHERE)
+    assert strange.misfit > 2.0
+    assert strange.std > 1.5 * usual.std
+
+
+def test_reset_forgets_the_path_of_these_members_alone(skill):
+    together = PathPhase.stacked([PathPhase(skill, skill.aligned) for _ in range(2)])
+    angles = np.linspace(0.0, 1.0, 100)
+    arc = turned(np.array([handle_pose_on_arc(0.5, a) for a in angles]), 0.08)
+    for pose, phase in zip(arc, true_phase(skill, angles), strict=True):
+        seen = together.update(np.tile(pose, (2, 1)), np.full(2, phase), np.zeros(2))
+    assert seen.phase[0] == seen.phase[1]
+    together.reset(np.array([1]))
+    again = together.update(np.tile(arc[-1], (2, 1)), seen.phase, np.zeros(2))
+    assert again.phase[0] == seen.phase[0]
+    assert again.phase[1] > again.phase[0] + 0.02

@@ -11,7 +11,7 @@ from gplfd_env import DoorGeometry
 from policies import POLICIES, Demonstration, align, make_agent
 from policies.adaptation import ExactAdaptation, NoAdaptation, ProductAdaptation
 from policies.load import YieldToAll
-from policies.phase import ClockPhase
+from policies.phase import ClockPhase, PhaseNoise
 
 
 @pytest.mark.parametrize("name", sorted(POLICIES))
@@ -37,6 +37,7 @@ def parts(name, demonstrations):
     return {
         "form": type(agent.movement.distribution),
         "phase": type(agent.phases),
+        "heading": getattr(agent.phases, "noise", PhaseNoise()).heading,
         "load": type(agent.config.load),
         "control": agent.control,
         "mass": agent.config.dynamics.mass[0],
@@ -53,6 +54,8 @@ def parts(name, demonstrations):
         ("gp-exact", {"form": ExactAdaptation}),
         ("gp-fixed", {"form": NoAdaptation}),
         ("gp-clock", {"phase": ClockPhase}),
+        ("gp-heading-trusting", {"heading": 0.0}),
+        ("gp-untrimmed", {}),
         ("gp-homoscedastic", {"noise varies": False}),
         ("gp-impedance", {"control": "impedance", "mass": 4.0}),
         ("gp-constant-500", {"k_min": (500.0,) * 3 + (50.0,) * 3}),
