@@ -7,6 +7,7 @@ seen within the demonstrations themselves: each is cut short, carried on, and co
 with what it did.
 """
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -58,7 +59,8 @@ def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstra
     phases = np.linspace(0.0, 1.0, len(aligned.times))
     times = np.concatenate([aligned.times, 1.0 + clock]) / length
     longer = [np.vstack([poses, carried_on(poses, shares)]) for poses in aligned.poses]
-    return AlignedDemonstrations(
+    return replace(
+        aligned,
         times=phases,
         poses=np.stack([_sampled(phases, times, poses) for poses in longer]),
         duration=aligned.duration * length,

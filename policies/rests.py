@@ -34,6 +34,9 @@ _LONGEST: Final = 0.10
 """Share of the moving time for which it may only be starting, stopping or hesitating. A
 minimum-jerk motion is that slow for 6 % of its time at either end."""
 
+_WORTH_SAYING: Final = 0.02
+"""Share of the recorded time whose loss a user is told of."""
+
 _KEPT: Final = 0.05
 """Share of the moving time that is left of a rest."""
 
@@ -88,20 +91,20 @@ def without_rests(
 def warn_of_rests(
     demonstrations: Sequence[Demonstration], rests: Sequence[tuple[Rest, ...]]
 ) -> None:
-    """Warn once if parts of recordings were left out.
+    """Warn once if a fiftieth of the recorded time or more was left out.
 
     Args:
         demonstrations: The recordings.
         rests: What was left out of each.
 
     Warns:
-        UserWarning: If anything was.
+        UserWarning: If so.
     """
     lengths = [rest.end - rest.start for each in rests for rest in each]
-    if not lengths:
+    whole = sum(float(one.times[-1] - one.times[0]) for one in demonstrations)
+    if sum(lengths) < _WORTH_SAYING * whole:
         return
     resting = sum(bool(each) for each in rests)
-    whole = sum(float(one.times[-1] - one.times[0]) for one in demonstrations)
     warnings.warn(
         f"rests: {resting} of {len(rests)} demonstrations stand still for a while; "
         f"{sum(lengths):.2g} of {whole:.2g} s were left out, up to {max(lengths):.2g} "

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from gplfd_env import DoorGeometry
 from policies import POLICIES, Demonstration, align, make_agent
 from policies.adaptation import ExactAdaptation, NoAdaptation, ProductAdaptation
-from policies.load import YieldToAll
+from policies.load import CarriedLoad, YieldToAll
 from policies.phase import ClockPhase, PhaseNoise
 
 
@@ -39,6 +39,10 @@ def parts(name, demonstrations):
         "phase": type(agent.phases),
         "heading": getattr(agent.phases, "noise", PhaseNoise()).heading,
         "load": type(agent.config.load),
+        "damped": agent.config.dynamics.least_damping.any(),
+        "rendering": type(agent.config.rendering),
+        "goes on": agent.movement.learned.aligned.end < 1.0,
+        "published middle": agent.config.profile.beta[0] == 0.01,
         "control": agent.control,
         "mass": agent.config.dynamics.mass[0],
         "k_min": tuple(agent.config.profile.k_min),
@@ -57,10 +61,21 @@ def parts(name, demonstrations):
         ("gp-heading-trusting", {"heading": 0.0}),
         ("gp-untrimmed", {}),
         ("gp-homoscedastic", {"noise varies": False}),
+        ("gp-carried-load", {"load": CarriedLoad}),
+        ("gp-undamped", {"damped": False}),
+        ("gp-one-centimetre", {"published middle": True}),
+        ("gp-within-demonstrations", {"goes on": False}),
         ("gp-impedance", {"control": "impedance", "mass": 4.0}),
-        ("gp-constant-500", {"k_min": (500.0,) * 3 + (50.0,) * 3}),
+        (
+            "gp-constant-500",
+            {"k_min": (500.0,) * 3 + (50.0,) * 3} | {"published middle": True},
+        ),
         *(
-            (f"gp-constant-{k}", dict.fromkeys(("k_min", "k_max"), stiffness(k)))
+            (
+                f"gp-constant-{k}",
+                dict.fromkeys(("k_min", "k_max"), stiffness(k))
+                | {"published middle": True},
+            )
             for k in (100, 200, 330)
         ),
         ("gp-dtw-euclidean", {}),
@@ -69,6 +84,9 @@ def parts(name, demonstrations):
             {
                 "form": ProductAdaptation,
                 "load": YieldToAll,
+                "damped": False,
+                "goes on": False,
+                "published middle": True,
                 "k_min": (100.0,) * 6,
                 "k_max": (500.0,) * 6,
             },
