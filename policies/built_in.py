@@ -10,6 +10,7 @@ import numpy as np
 
 from policies.adaptation import (
     ExactAdaptation,
+    IndependentPhaseAdaptation,
     OwnAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
@@ -120,6 +121,11 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-exact": Policy(
             summary="gp conditioned on demonstrations and via-points, white spread",
             make=replace(GP, adaptation=ExactAdaptation),
+            kind="ablation",
+        ),
+        "gp-independent-phase": Policy(
+            summary="gp for which an uncertain phase is chance noise on each output",
+            make=replace(GP, adaptation=IndependentPhaseAdaptation),
             kind="ablation",
         ),
         "gp-fixed": Policy(

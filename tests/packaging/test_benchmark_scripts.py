@@ -3,6 +3,7 @@
 import importlib.util
 import math
 import re
+import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "benchmarks"
+sys.path.append(str(FOLDER))  # as for a script that is run
 
 
 def script(name: str) -> ModuleType:
@@ -25,8 +27,16 @@ def script(name: str) -> ModuleType:
     return module
 
 
-agents, calibration, door_forecasts, recorded, scaling = map(
-    script, ("agents", "calibration", "door_forecasts", "recorded", "scaling")
+agents, calibration, door_forecasts, recorded, scaling, unseen_doors = map(
+    script,
+    (
+        "agents",
+        "calibration",
+        "door_forecasts",
+        "recorded",
+        "scaling",
+        "unseen_doors",
+    ),
 )
 
 SMALL = {
@@ -34,12 +44,14 @@ SMALL = {
     calibration: ["--draws", "1"],
     door_forecasts: ["--draws", "1", "--every", "80"],
     scaling: ["--repeats", "1", "--counts", "2", "3", "--samples", "20", "40"],
+    unseen_doors: ["--draws", "1"],
 }
 SAYS = {
     agents: "3 agents in lockstep",
     calibration: "accuracy, 20 smooth: in stated 95 %",
     door_forecasts: "2 of 3 radii, process",
     scaling: "scaling: fit of (3, 40) / fit of (3, 40)",
+    unseen_doors: "synthetic human, own-clock",
 }
 """A part of what each of them prints."""
 

@@ -9,7 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env import DoorGeometry
 from policies import POLICIES, Demonstration, align, make_agent
-from policies.adaptation import ExactAdaptation, NoAdaptation, ProductAdaptation
+from policies.adaptation import (
+    ExactAdaptation,
+    IndependentPhaseAdaptation,
+    NoAdaptation,
+    ProductAdaptation,
+)
 from policies.load import YieldToAll
 from policies.phase import ClockPhase
 
@@ -49,6 +54,7 @@ def parts(name, demonstrations):
     [
         ("gp-product", {"form": ProductAdaptation}),
         ("gp-exact", {"form": ExactAdaptation}),
+        ("gp-independent-phase", {"form": IndependentPhaseAdaptation}),
         ("gp-fixed", {"form": NoAdaptation}),
         ("gp-clock", {"phase": ClockPhase}),
         ("gp-homoscedastic", {"noise varies": False}),
