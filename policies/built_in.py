@@ -12,6 +12,7 @@ from policies.adaptation import (
     ExactAdaptation,
     IndependentPhaseAdaptation,
     OwnAdaptation,
+    OwnClockAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
 )
@@ -126,6 +127,11 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-independent-phase": Policy(
             summary="gp for which an uncertain phase is chance noise on each output",
             make=replace(GP, adaptation=IndependentPhaseAdaptation),
+            kind="ablation",
+        ),
+        "gp-own-clock": Policy(
+            summary="gp for which timing is unknown, though the path told the phase",
+            make=replace(GP, adaptation=OwnClockAdaptation, accepts_prior_mean=False),
             kind="ablation",
         ),
         "gp-fixed": Policy(

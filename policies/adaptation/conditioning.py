@@ -76,6 +76,8 @@ class Repetition:
     log_white: Float[np.ndarray, "Q 6"]
     """Coefficients of the logarithm of the variance that is independent from sample to
     sample, which no via-point reduces."""
+    slope: Float[np.ndarray, "Q 6"]
+    """Coefficients of ṁ_i, what a moment's delay does to each output."""
     timing: Float[np.ndarray, "Q T"]
     """Coefficients of the curves ψ; T = 0 where phases are registered."""
 
@@ -93,16 +95,16 @@ class Repetition:
             mean=mean,
             deviations=leading_curves(covariance, _LEFT_OUT),
             log_white=log_white,
+            slope=basis.differentiate(mean),
             timing=np.zeros((basis.size, 0)),
         )
 
     @property
     def table(self) -> Float[np.ndarray, "Q C"]:
         """Coefficients of every curve: m, log white, ṁ, ψ, and φ by output."""
-        slope = self.basis.differentiate(self.mean)
         flat = self.deviations.transpose(1, 0, 2).reshape(self.basis.size, -1)
         return np.concatenate(
-            [self.mean, self.log_white, slope, self.timing, flat], axis=1
+            [self.mean, self.log_white, self.slope, self.timing, flat], axis=1
         )
 
     def curves(self, rows: Float[np.ndarray, "M C"]) -> Float[np.ndarray, "6 M S"]:

@@ -5,7 +5,11 @@ error moves all outputs together along the path:
 
     y_i(t) = m_i(t) + e_i(t) + λ ṁ_i(t) δτ(t),   δτ ~ N(0, K_τ).
 
-δτ is one more block of coefficients that every via-point observes. Whether the clock is
+δτ is one more block of coefficients that every via-point observes. The path bends
+within the time by which a repetition may be late, so that y is not m + ṁ δτ: mean and
+slope are the best linear ones over N(0, K_τ(t, t)), E m(t + δτ) and E ṁ(t + δτ), and
+what they leave over joins the deviations (``test_timing_of_a_bend_has_its_moments``).
+Whether the clock is
 the repetition's own (λ = 1) or the phases are registered after all (λ = 0) is told by
 the evidence of the via-points: both are conditioned, and weighed by it.
 """
@@ -14,8 +18,9 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
+from numpy.polynomial.hermite_e import hermegauss
 
-from policies.adaptation.conditioning import leading_curves
+from policies.adaptation.conditioning import Repetition, leading_curves
 from policies.adaptation.process import StudentProcess, demonstrated_repetition
 from policies.gp.timing import timing_covariance
 from policies.skill import Skill
@@ -24,6 +29,10 @@ from policies.trajectory import GaussianTrajectory, ViaPoint
 _NEGLIGIBLE = 1e-4
 """Directions of K_τ with less than this share of its largest are left out: a hundredth
 of the timing's spread is less than the hand's wobble."""
+
+
+_POINTS = 7
+"""Quadrature points of an average over N(0, K_τ(t, t))."""
 
 
 class OwnClockAdaptation:
@@ -53,9 +62,8 @@ class OwnClockAdaptation:
         registered = demonstrated_repetition(skill, grid)
         basis = registered.basis
         timing = timing_covariance(aligned.times, aligned.clocks, basis.nodes)
-        curves = leading_curves(basis.weigh(timing), _NEGLIGIBLE)
         free = float(skill.count - 1)
-        self._timed = StudentProcess(replace(registered, timing=curves), free, grid)
+        self._timed = StudentProcess(delayed(skill, registered, timing), free, grid)
         self._registered = StudentProcess(registered, free, grid)
 
     def observe(self, via_point: ViaPoint) -> None:
@@ -92,6 +100,39 @@ class OwnClockAdaptation:
         return _mixture(
             self.timed, self._timed.trajectory(), self._registered.trajectory()
         )
+
+
+def delayed(
+    skill: Skill, registered: Repetition, timing: Float[np.ndarray, "Q Q"]
+) -> Repetition:
+    """A repetition whose timing is unknown.
+
+    Args:
+        skill: the demonstrated skill.
+        registered: the repetition on its own phases.
+        timing: K_τ at the nodes of its basis.
+    """
+    basis, std = registered.basis, np.sqrt(np.diag(timing))
+    points, weights = hermegauss(_POINTS)
+    weights /= weights.sum()
+    late = basis.nodes + np.multiply.outer(points, std)
+    moved = skill.predict(np.clip(late, basis.start, basis.stop).ravel())
+    means, slopes = (
+        np.moveaxis(curve.reshape(_POINTS, basis.size, 6), 0, 2) @ weights
+        for curve in (moved.mean, moved.mean_rate)
+    )
+    squares = np.moveaxis(moved.mean.reshape(_POINTS, basis.size, 6) ** 2, 0, 2)
+    left = squares @ weights - means**2 - (slopes * std[:, None]) ** 2
+    root = basis.root_weights[:, None]
+    variance = np.sum((registered.deviations / root) ** 2, axis=2).T
+    stretch = np.sqrt(1.0 + np.maximum(left, 0.0) / variance)
+    return replace(
+        registered,
+        mean=root * means,
+        slope=root * slopes,
+        deviations=registered.deviations * stretch.T[:, :, None],
+        timing=leading_curves(basis.weigh(timing), _NEGLIGIBLE),
+    )
 
 
 def _mixture(

@@ -16,14 +16,11 @@ from policies.adaptation.conditioning import (
     basis_for_grid,
 )
 from policies.aligned import thinned
-from policies.gp.deviations import DeviationProcess
+from policies.gp.deviations import EMPIRICAL_SHARE, DeviationProcess
 from policies.gp.factorisation import factorise
 from policies.skill import Skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
-EMPIRICAL_SHARE = 0.3
-"""Share of the deviation covariance taken from the demonstrations' own curves: it knows
-the shape of what varies, the model knows what else could."""
 _SMOOTHING_GRID = 60
 
 
@@ -35,7 +32,8 @@ class StudentProcess(ConditionedProcess):
     observation counts as far as it is from what the other outputs lead to expect, so
     that an error along the path surprises none of them. The scale is never taken below
     one: matching via-points with a generous σ_v must not make the robot over-confident,
-    or stiff.
+    or stiff. Intervals keep ν degrees of freedom: the via-points of one repetition all
+    look at the same wobble, and say little of how far others wander.
 
     Args:
         prior: what is believed before any via-point.
@@ -80,8 +78,7 @@ class StudentProcess(ConditionedProcess):
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""
-        free = self._free + float(np.min(self._observed))
-        return self.distribution(self._stretch(), free)
+        return self.distribution(self._stretch(), self._free)
 
     def _stretch(self) -> Float[np.ndarray, "6"]:
         """Factor on the standard deviations from how surprising the via-points were."""

@@ -43,6 +43,9 @@ _SHARPNESS = 2.0
 """p, how sharply the wobble turns from the spread's size to its own."""
 _WOBBLE = (1e-6, 1e1)
 """Range of c, relative to the average of r."""
+EMPIRICAL_SHARE = 0.3
+"""Share of a forecast's covariance taken from the demonstrations' own curves: they know
+the shape of what varies, the model knows what else could."""
 _RELATIVE_JITTER = 1e-6
 """White variance relative to r that keeps C positive definite."""
 

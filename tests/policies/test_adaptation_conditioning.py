@@ -134,6 +134,7 @@ def smooth_repetition(
         mean=root * np.tile(np.sin(3.0 * basis.nodes)[:, None], 6),
         deviations=np.tile(curves, (6, 1, 1)),
         log_white=root * np.full((48, 6), np.log(1e-12)),
+        slope=np.zeros((48, 6)),
         timing=np.zeros((48, 0)),
     )
     return repetition, curves

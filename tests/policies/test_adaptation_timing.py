@@ -13,6 +13,8 @@ from policies.adaptation.conditioning import (
     Repetition,
     leading_curves,
 )
+from policies.adaptation.own_clock import delayed
+from policies.adaptation.process import demonstrated_repetition
 from policies.gp.kernels import RBF
 from policies.gp.legendre import LegendreBasis
 from policies.gp.timing import timing_covariance
@@ -43,6 +45,7 @@ def repetition(timing: RBF | None = TIMING) -> Repetition:
         mean=root * mean(basis.nodes),
         deviations=np.tile(deviations, (6, 1, 1)),
         log_white=root * np.full((48, 6), np.log(1e-12)),
+        slope=root * slope(basis.nodes),
         timing=curves,
     )
 
@@ -208,3 +211,29 @@ def test_timing_covariance_has_the_size_of_the_clocks():
     distance = TIMES[45] - TIMES[15]
     expected = 0.5 + 0.5 * np.exp(-0.5 * (distance / 0.25) ** 2)
     assert correlation == pytest.approx(expected, rel=0.1)
+
+
+def test_timing_of_a_bend_has_its_moments(openings):
+    """Mean and spread of m(t + δτ) by chance, not those of the tangent."""
+    skill, _ = openings
+    registered = demonstrated_repetition(skill, TIMES)
+    basis = registered.basis
+    std = 0.15 * np.sin(np.pi * basis.nodes)
+    shape = np.exp(-0.5 * (np.subtract.outer(basis.nodes, basis.nodes) / 0.3) ** 2)
+    late = delayed(skill, registered, std[:, None] * shape * std)
+    before, after = (ConditionedProcess(one, TIMES) for one in (registered, late))
+    draws = np.random.default_rng(0).standard_normal(20000)
+    for place in (20, 30, 45):
+        moved = TIMES[place] + 0.15 * np.sin(np.pi * TIMES[place]) * draws
+        poses = skill.predict(np.clip(moved, 0.0, 1.0)).mean
+        spread = before.variance()[place] + poses.var(axis=0)
+        tolerance = 0.03 * poses.std(axis=0)
+        assert (np.abs(after.mean[place] - poses.mean(axis=0)) < tolerance).all()
+        np.testing.assert_allclose(after.variance()[place], spread, rtol=0.05)
+
+
+def test_intervals_keep_the_degrees_of_freedom_of_the_demonstrations(openings):
+    skill, unseen = openings
+    for form in (ProcessAdaptation, OwnClockAdaptation):
+        adaptation, _ = forecast(form, skill, unseen[0], 25)
+        assert adaptation.trajectory().degrees_of_freedom == 5.0

@@ -13,6 +13,7 @@ from policies.adaptation import (
     ExactAdaptation,
     IndependentPhaseAdaptation,
     NoAdaptation,
+    OwnClockAdaptation,
     ProductAdaptation,
 )
 from policies.load import YieldToAll
@@ -55,6 +56,7 @@ def parts(name, demonstrations):
         ("gp-product", {"form": ProductAdaptation}),
         ("gp-exact", {"form": ExactAdaptation}),
         ("gp-independent-phase", {"form": IndependentPhaseAdaptation}),
+        ("gp-own-clock", {"form": OwnClockAdaptation}),
         ("gp-fixed", {"form": NoAdaptation}),
         ("gp-clock", {"phase": ClockPhase}),
         ("gp-homoscedastic", {"noise varies": False}),
