@@ -34,6 +34,8 @@ _PLANE: Final = [0, 2]
 """x and z, which a door moves [m]."""
 _FEW: Final = (0.30, 0.42, 0.53, 0.65)
 _MANY: Final = tuple(np.linspace(0.30, 0.65, 8).round(2))
+_FORMS: Final = ("process", "product", "exact")
+"""Those for phases that are certain, as these are."""
 _SETS: Final[Mapping[str, Callable[[np.random.Generator], Openings]]] = {
     "3 of 4 radii": lambda rng: arcs(_FEW, rng),
     "7 of 8 radii": lambda rng: arcs(_MANY, rng),
@@ -54,7 +56,7 @@ def forecast_doors(draws: int, every: int) -> Measurement:
     targets: list[Target] = []
     for doors, draw in _SETS.items():
         openings = [draw(np.random.default_rng(seed)) for seed in range(draws)]
-        found = {form: judge_form(form, openings, every) for form in ADAPTATIONS}
+        found = {form: judge_form(form, openings, every) for form in _FORMS}
         rows |= {f"{doors}, {form}": scores for form, scores in found.items()}
         targets += door_targets(doors, found)
     return Measurement(

@@ -36,11 +36,16 @@ class AlignedDemonstrations:
     `policies.continuation`."""
     drift: Float[np.ndarray, " 6"] = field(default_factory=lambda: np.zeros(6))
     """Standard deviation that the continuation gains per phase [m, rad]."""
+    clocks: Float[np.ndarray, "K M"] | None = None
+    """When each demonstration was there, as a share of its own duration; None where
+    that is not known."""
 
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
         freeze(self, "times", "poses", "drift")
+        if self.clocks is not None:
+            freeze(self, "clocks")
         times, poses = self.times, self.poses
         if times.ndim != 1 or poses.ndim != 3 or poses.shape[1:] != (times.size, 6):
             raise ValueError(
@@ -54,6 +59,15 @@ class AlignedDemonstrations:
             )
         if not (np.isfinite(poses).all() and np.isfinite(times).all()):
             raise ValueError("times and poses must be finite; drop NaN and inf first")
+        clocks = self.clocks
+        if clocks is not None and not (
+            clocks.shape == poses.shape[:2] and (np.abs(clocks - 0.5) <= 0.5).all()
+        ):
+            raise ValueError(
+                "clocks must be None, or of shape (K, M) and within [0, 1], a share of "
+                f"the duration for every pose; got shape {clocks.shape} for poses of "
+                f"{poses.shape}"
+            )
         if times[0] < 0.0 or times[-1] > 1.0 or np.any(np.diff(times) <= 0):
             raise ValueError(
                 "times are phases: they must increase strictly within [0, 1], got "

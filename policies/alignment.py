@@ -68,7 +68,7 @@ def align(
             the result.
 
     Returns:
-        The aligned demonstrations with the mean duration.
+        The aligned demonstrations with the mean duration and each one's clock.
 
     Raises:
         ValueError: If an argument is not as described.
@@ -98,12 +98,14 @@ def align(
         for demo, completion in zip(demonstrations, completions, strict=True)
     ]
     phases = np.linspace(0.0, 1.0, n_samples)
+    poses, clocks = _METHODS[method](courses, phases, rotation_weight)
     durations = [float(demo.times[-1] - demo.times[0]) for demo in demonstrations]
     return AlignedDemonstrations(
         times=phases,
-        poses=_METHODS[method](courses, phases, rotation_weight),
+        poses=poses,
         duration=float(np.mean(durations)),
         rests=rests,
+        clocks=clocks,
     )
 
 
@@ -123,9 +125,13 @@ def _course(
     return _Course(clock=clock, poses=poses, completion=completion)
 
 
+Matched = tuple[Float[np.ndarray, "K M 6"], Float[np.ndarray, "K M"]]
+"""Poses of K courses at M phases, and their clocks there."""
+
+
 def _interpolated(
     courses: Sequence[_Course], phases: Float[np.ndarray, " M"], rotation_weight: float
-) -> Float[np.ndarray, "K M 6"]:
+) -> Matched:
     """Match equal completion exactly, on the mean clock."""
     del rotation_weight  # already in the completion
     progress = [
@@ -143,12 +149,14 @@ def _interpolated(
         axis=0,
     )
     wanted = np.interp(phases, mean_clock, knots)
-    return np.stack(
-        [
-            _resampled(np.interp(wanted, rising, course.clock), course)
-            for rising, course in zip(progress, courses, strict=True)
-        ]
-    )
+    clocks = [
+        np.interp(wanted, rising, course.clock)
+        for rising, course in zip(progress, courses, strict=True)
+    ]
+    poses = [
+        _resampled(clock, course) for clock, course in zip(clocks, courses, strict=True)
+    ]
+    return np.stack(poses), np.stack(clocks)
 
 
 def _resampled(
@@ -168,14 +176,15 @@ def _warped(
     courses: Sequence[_Course],
     phases: Float[np.ndarray, " M"],
     cost_row: Callable[[_Course, int, _Course], Float[np.ndarray, " N"]],
-) -> Float[np.ndarray, "K M 6"]:
+) -> Matched:
     """Warp every course onto the one with the most samples; average its matches."""
     reference = max(courses, key=lambda course: len(course.clock))
-    aligned = []
+    aligned, clocks = [], []
     for course in courses:
         if course is reference:
             # Matched with itself, every sample meets itself.
             aligned.append(_resampled(phases, course))
+            clocks.append(phases)
             continue
         path = dynamic_time_warping(
             lambda row, course=course: cost_row(reference, row, course),  # type: ignore[misc]
@@ -184,20 +193,21 @@ def _warped(
         matches = np.bincount(path.rows)
         means = [
             np.bincount(path.rows, weights=column[path.columns]) / matches
-            for column in course.poses.T
+            for column in (course.clock, *course.poses.T)
         ]
         matched = _Course(
             clock=reference.clock,
-            poses=np.column_stack(means),
+            poses=np.column_stack(means[1:]),
             completion=reference.completion,
         )
         aligned.append(_resampled(phases, matched))
-    return np.stack(aligned)
+        clocks.append(np.interp(phases, reference.clock, means[0]))
+    return np.stack(aligned), np.stack(clocks)
 
 
 def _warped_by_completion(
     courses: Sequence[_Course], phases: Float[np.ndarray, " M"], rotation_weight: float
-) -> Float[np.ndarray, "K M 6"]:
+) -> Matched:
     """Warp with the cost |ζ_a - ζ_b|."""
     del rotation_weight  # already in the completion
 
@@ -209,7 +219,7 @@ def _warped_by_completion(
 
 def _warped_by_pose(
     courses: Sequence[_Course], phases: Float[np.ndarray, " M"], rotation_weight: float
-) -> Float[np.ndarray, "K M 6"]:
+) -> Matched:
     """Warp with the distance of poses, Eq. (17), as the cost."""
 
     def cost_row(reference: _Course, row: int, other: _Course) -> np.ndarray:

@@ -10,7 +10,9 @@ import numpy as np
 
 from policies.adaptation import (
     ExactAdaptation,
+    IndependentPhaseAdaptation,
     OwnAdaptation,
+    OwnClockAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
 )
@@ -133,6 +135,16 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-exact": Policy(
             summary="gp conditioned on demonstrations and via-points, white spread",
             make=replace(GP, adaptation=ExactAdaptation),
+            kind="ablation",
+        ),
+        "gp-independent-phase": Policy(
+            summary="gp for which an uncertain phase is chance noise on each output",
+            make=replace(GP, adaptation=IndependentPhaseAdaptation),
+            kind="ablation",
+        ),
+        "gp-own-clock": Policy(
+            summary="gp for which timing is unknown, though the path told the phase",
+            make=replace(GP, adaptation=OwnClockAdaptation, accepts_prior_mean=False),
             kind="ablation",
         ),
         "gp-fixed": Policy(

@@ -228,17 +228,18 @@ class ComplianceController:
         if not due.any():
             return due
         self._memory.last_via[members] = np.where(due, phases, last_via)
-        # An error of the phase moves the via-point along the path: each output is as
-        # weak as the path runs along it while the phase is uncertain.
+        # An error of the phase moves all outputs together along the path.
         rate, phase_std = self._phases.rate(phases, members), np.asarray(phase_stds)
         along = rate * phase_std[..., None]
-        stds = np.sqrt(self._via_noise**2 + along**2)
         # Indexed by `due`, the arrays of one hand have a leading axis, too.
         numbers, seen = self._movements.numbers[members][due], np.asarray(phases)[due]
-        for member, phase, pose, std in zip(
-            numbers.tolist(), seen.tolist(), poses[due], stds[due], strict=True
+        for member, phase, pose, error in zip(
+            numbers.tolist(), seen.tolist(), poses[due], along[due], strict=True
         ):
-            self._movements.observe(member, ViaPoint(phase=phase, pose=pose, std=std))
+            via_point = ViaPoint(
+                phase=phase, pose=pose, std=self._via_noise, along=error
+            )
+            self._movements.observe(member, via_point)
         return due
 
     def _set_point(

@@ -64,6 +64,7 @@ def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstra
         times=phases,
         poses=np.stack([_sampled(phases, times, poses) for poses in longer]),
         duration=aligned.duration * length,
+        clocks=_clocks(aligned, phases, length),
         end=1.0 / length,
         drift=length * drift(aligned),
     )
@@ -104,6 +105,19 @@ def carried_on(poses: Poses, shares: Shares) -> Float[np.ndarray, "S 6"]:
     moved = RigidTransform.from_exp_coords(screws) * last
     rotvecs = np.vstack([poses[-1, 3:], moved.rotation.as_rotvec()])
     return np.hstack([moved.translation, unwrap_rotvecs(rotvecs)[1:]])
+
+
+def _clocks(
+    aligned: AlignedDemonstrations, phases: Float[np.ndarray, " M"], length: float
+) -> Float[np.ndarray, "K M"] | None:
+    """Return the clocks of the longer task, whose continuation keeps the mean time."""
+    if aligned.clocks is None:
+        return None
+    demonstrated = [
+        np.interp(phases * length, aligned.times, clock) / length
+        for clock in aligned.clocks
+    ]
+    return np.where(phases * length <= 1.0, demonstrated, phases)
 
 
 def _way(poses: Poses) -> Float[np.ndarray, " M"]:

@@ -76,7 +76,9 @@ def fit_residual(
             f"a prior mean must give a finite pose at each of {len(aligned.times)} "
             f"phases, an array of shape {aligned.poses.shape[1:]}; got {expected}"
         )
-    rest = replace(aligned, poses=aligned.poses - expected)
+    # A repetition that runs late is late on m(t), too, of which the residual knows
+    # nothing: phases are certain here.
+    rest = replace(aligned, poses=aligned.poses - expected, clocks=None)
     return ResidualMovement(aligned=aligned, prior_mean=prior_mean, residual=fit(rest))
 
 

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from policies.aligned import AlignedDemonstrations
 from policies.gp.deviations import DeviationProcess, fit_deviations
 from policies.gp.kersting import KerstingNoise
+from policies.gp.left_out import wobbling
 from policies.gp.multi_output import MultiOutputGP, OutputMoments
 from policies.gp.noise import HomoscedasticNoise, MapNoise
 from policies.gp.noise_profile import NoiseModel
@@ -95,10 +96,11 @@ class Skill(LearnedMovement):
         deviations = self.aligned.poses - self.aligned.poses.mean(axis=0)
         with one_thread():
             noise = self.processes.moments(times).noise
-            return tuple(
+            likely = [
                 fit_deviations(times, deviations[:, :, output], noise[:, output])
                 for output in range(6)
-            )
+            ]
+            return wobbling(likely, times, deviations, noise)
 
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The distribution of the pose at ``times``, Eqs. (10)–(11).

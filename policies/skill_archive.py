@@ -18,13 +18,15 @@ from policies.storage import Members, read_archive, write_archive
 
 KIND: Final = "a gplfd skill"
 """What the file says it holds."""
-VERSION: Final = 1
+VERSION: Final = 2
 """Version of its layout."""
 
 Parts = tuple[AlignedDemonstrations, MultiOutputGP, tuple[DeviationProcess, ...]]
 """Demonstrations, six processes, and how each output deviates; the latter is empty for
 a single demonstration."""
 
+_NO_CLOCKS: Final = np.zeros((0, 0))
+"""In place of the clocks where they are not known."""
 _DEVIATION: Final = tuple(field.name for field in fields(DeviationProcess))
 
 
@@ -51,6 +53,7 @@ def write_skill(
         "times": aligned.times,
         "poses": aligned.poses,
         "duration": aligned.duration,
+        "clocks": _NO_CLOCKS if aligned.clocks is None else aligned.clocks,
         "offset": [output.offset for output in outputs],
         "scale": [output.scale for output in outputs],
         "length_scale": [output.kernel.length_scale for output in outputs],
@@ -70,10 +73,12 @@ def read_skill(path: str | Path) -> Parts:
 
 
 def _parts(members: Members) -> Parts:
+    clocks = _finite(members, "clocks")
     aligned = AlignedDemonstrations(
         times=_finite(members, "times"),
         poses=_finite(members, "poses"),
         duration=float(_finite(members, "duration", ())),
+        clocks=None if clocks.shape == _NO_CLOCKS.shape else clocks,
     )
     processes = MultiOutputGP(outputs=_processes(members, aligned))
     deviating = 6 if len(aligned.poses) > 1 else 0

@@ -269,6 +269,10 @@ class ViaPoint:
     std: float | Float[np.ndarray, "6"] = 1e-3
     """Standard deviation of the demand [m, rad], one number or one per output: small is
     strong. Infinity leaves an output free."""
+    along: float | Float[np.ndarray, "6"] = 0.0
+    """One more error, which all outputs share: what one standard deviation of it adds
+    to each of them [m, rad], with signs. Where the phase of an observation is uncertain
+    by σ_s, it is dμ/ds σ_s: the pose may lie further along the path."""
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.phase):
@@ -287,12 +291,23 @@ class ViaPoint:
         std = read_only(np.broadcast_to(np.asarray(self.std), (6,)))
         if not (std >= 0.0).all():
             raise ValueError(f"Via-point standard deviations must be >= 0, got {std}.")
+        along = read_only(np.broadcast_to(np.asarray(self.along), (6,)))
+        if not np.isfinite(along).all():
+            raise ValueError(
+                f"A via-point's error along the path must be finite, got {along}."
+            )
         object.__setattr__(self, "pose", pose)
         object.__setattr__(self, "std", std)
+        object.__setattr__(self, "along", along)
 
     @property
-    def noise_variance(self) -> Float[np.ndarray, "6"]:
+    def own_variance(self) -> Float[np.ndarray, "6"]:
         """σ_v² of every output; infinite where the output is left free."""
         std = np.asarray(self.std)
         variance: np.ndarray = np.where(np.isnan(self.pose), np.inf, std) ** 2
         return variance
+
+    @property
+    def noise_variance(self) -> Float[np.ndarray, "6"]:
+        """Whole variance of every output's error, for methods that take each alone."""
+        return np.asarray(self.own_variance + np.asarray(self.along) ** 2)

@@ -16,7 +16,11 @@ from policies.adaptation.forms import (
     adapt,
     begin_adaptation,
 )
-from policies.adaptation.process import ProcessAdaptation
+from policies.adaptation.own_clock import OwnClockAdaptation
+from policies.adaptation.process import (
+    IndependentPhaseAdaptation,
+    ProcessAdaptation,
+)
 from policies.adaptation.product import ProductAdaptation
 from policies.movement import Adaptation, AdaptationForm
 
@@ -26,8 +30,10 @@ __all__ = [
     "AdaptationForm",
     "AdaptedMovement",
     "ExactAdaptation",
+    "IndependentPhaseAdaptation",
     "NoAdaptation",
     "OwnAdaptation",
+    "OwnClockAdaptation",
     "ProcessAdaptation",
     "ProductAdaptation",
     "adapt",

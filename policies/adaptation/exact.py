@@ -3,7 +3,11 @@
 import numpy as np
 from jaxtyping import Float
 
-from policies.adaptation.conditioning import ConditionedProcess, basis_for_grid
+from policies.adaptation.conditioning import (
+    ConditionedProcess,
+    Repetition,
+    basis_for_grid,
+)
 from policies.skill import Skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
@@ -33,18 +37,19 @@ class ExactAdaptation(ConditionedProcess):
         basis = basis_for_grid(times, grid, processes.shortest_length_scale)
         moments = processes.moments(basis.nodes)
         root = basis.root_weights[:, None]
-        super().__init__(
+        prior = Repetition.from_covariance(
             basis,
             mean=root * moments.mean,
             covariance=basis.weigh(processes.latent_covariance(basis.nodes)),
             log_white=root * np.log(moments.noise),
-            grid=grid,
         )
+        super().__init__(prior, grid)
         self._degrees_of_freedom = skill.degrees_of_freedom
 
     def observe(self, via_point: ViaPoint) -> None:
-        """Condition on one more via-point, in place, in O(q² + M q)."""
-        self.update(via_point.phase, via_point.pose, via_point.noise_variance)
+        """Condition on one more via-point, in place, in O(n² + M n)."""
+        here, along = self.at(via_point.phase), np.asarray(via_point.along)
+        self.update(here, via_point.pose, via_point.own_variance, along)
 
     @property
     def std(self) -> Float[np.ndarray, "M 6"]:

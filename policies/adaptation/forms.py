@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from policies.adaptation.exact import ExactAdaptation
+from policies.adaptation.own_clock import OwnClockAdaptation
 from policies.adaptation.process import ProcessAdaptation
 from policies.adaptation.product import ProductAdaptation
 from policies.movement import (
@@ -25,6 +26,7 @@ from policies.trajectory import GaussianTrajectory, ViaPoint
 
 ADAPTATIONS: Final[Mapping[str, AdaptationForm]] = MappingProxyType(
     {
+        "own-clock": OwnClockAdaptation,
         "process": ProcessAdaptation,
         "product": ProductAdaptation,
         "exact": ExactAdaptation,
@@ -69,8 +71,11 @@ def adapt(
     Args:
         movement: What was learned.
         via_points: Poses to be reached, in any order.
-        form: Of a skill, "process" (its default), "product" (the paper's Eqs. 19–21)
-            or "exact"; or a callable (movement, grid) → `Adaptation`, such as
+        form: Of a skill, "own-clock" (its default where the demonstrations' clocks are
+            known), for via-points by the clock of a repetition, whose timing is
+            unknown, too; "process" (its default elsewhere), for phases that are
+            certain; "product" (the paper's Eqs. 19–21) or "exact"; or a callable
+            (movement, grid) → `Adaptation`, such as
             ``partial(ProductAdaptation, prior_mean="zero")``. Other movements adapt in
             one form of their own, which is their default.
 
@@ -175,8 +180,10 @@ def _form(movement: Movement, name: str | None) -> AdaptationForm:
     """The form of this name; by default that of the movement."""
     learned = movement.residual if isinstance(movement, ResidualMovement) else movement
     if isinstance(learned, Skill):
-        if name is None or name in ADAPTATIONS:
-            return ADAPTATIONS[name or "process"]
+        if name is None:
+            name = "process" if learned.aligned.clocks is None else "own-clock"
+        if name in ADAPTATIONS:
+            return ADAPTATIONS[name]
         raise ValueError(
             f"Unknown adaptation form {name!r}; choose from {sorted(ADAPTATIONS)}."
         )

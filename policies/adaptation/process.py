@@ -5,34 +5,99 @@ task deviates from the mean as the demonstrations did (`policies.gp.deviations`)
 the door's radius is once known, it is known for the rest of the motion.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
-from policies.adaptation.conditioning import ConditionedProcess, basis_for_grid
+from policies.adaptation.conditioning import (
+    ConditionedProcess,
+    Repetition,
+    basis_for_grid,
+)
 from policies.aligned import thinned
-from policies.gp.deviations import DeviationProcess
+from policies.gp.deviations import EMPIRICAL_SHARE, DeviationProcess
 from policies.gp.factorisation import factorise
 from policies.skill import Skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
 
-EMPIRICAL_SHARE = 0.3
-"""Share of the deviation covariance taken from the demonstrations' own curves: it knows
-the shape of what varies, the model knows what else could."""
 _SMOOTHING_GRID = 60
 
 
-class ProcessAdaptation(ConditionedProcess):
-    """Exact Gaussian conditioning of the demonstrated process; the default.
+class StudentProcess(ConditionedProcess):
+    """A conditioned process whose size is itself learned from few demonstrations.
+
+    With ν degrees of freedom, n observations and their squared Mahalanobis distance δ²,
+    the scale of a Student-t process grows to (ν + δ²)/(ν + n), by output. Each
+    observation counts as far as it is from what the other outputs lead to expect, so
+    that an error along the path surprises none of them. The scale is never taken below
+    one: matching via-points with a generous σ_v must not make the robot over-confident,
+    or stiff. Intervals keep ν degrees of freedom: the via-points of one repetition all
+    look at the same wobble, and say little of how far others wander.
+
+    Args:
+        prior: what is believed before any via-point.
+        free: ν.
+        grid: phases at which the distribution is reported, shape (M,).
+    """
+
+    def __init__(
+        self, prior: Repetition, free: float, grid: Float[np.ndarray, " M"]
+    ) -> None:
+        super().__init__(prior, grid)
+        self._free = free
+        self._observed, self._distance = np.zeros(6), np.zeros(6)
+        self._sequential, self._log_variance = 0.0, 0.0
+
+    def observe(self, via_point: ViaPoint) -> None:
+        """Condition on one more via-point, in place, in O(n² + M n)."""
+        here, along = self.at(via_point.phase), np.asarray(via_point.along)
+        surprise = self.update(
+            here, via_point.pose, via_point.own_variance + here.white, along
+        )
+        self._observed += surprise.observed
+        self._distance += surprise.given_others
+        self._sequential += surprise.joint
+        self._log_variance += surprise.log_variance
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the Student-t density of all via-points together.
+
+        Up to a constant that depends on their number only, with one scale for all
+        outputs, so that their order does not matter.
+        """
+        power = 0.5 * (self._free + float(np.sum(self._observed)))
+        surprise = np.log1p(self._sequential / self._free)
+        return -0.5 * self._log_variance - power * float(surprise)
+
+    @property
+    def std(self) -> Float[np.ndarray, "M 6"]:
+        """Current standard deviation on the grid."""
+        return np.asarray(self._stretch() * np.sqrt(self.variance()))
+
+    def trajectory(self) -> GaussianTrajectory:
+        """The current distribution on the grid, with rates and covariance."""
+        return self.distribution(self._stretch(), self._free)
+
+    def _stretch(self) -> Float[np.ndarray, "6"]:
+        """Factor on the standard deviations from how surprising the via-points were."""
+        scale = (self._free + self._distance) / (self._free + self._observed)
+        return np.sqrt(np.maximum(scale, 1.0))
+
+
+class ProcessAdaptation(StudentProcess):
+    """Exact Gaussian conditioning of the demonstrated process, phases being registered.
 
     * Before any via-point it is `Skill.predict`.
-    * A via-point observes the path with its own noise σ_v and the white part of the
-      demonstrations' spread, which for smooth demonstrations is negligible.
-    * The spread was estimated from D demonstrations, so its size is itself uncertain.
-      Via-points correct it: with ν = D − 1, n observations and their squared
-      Mahalanobis distance δ², the scale of a Student-t process grows to
-      (ν + δ²)/(ν + n). It is never taken below one: matching via-points with a
-      generous σ_v must not make the robot over-confident, or stiff.
+    * A via-point observes the path with its own noise σ_v, an error along the path that
+      all outputs share (`ViaPoint.along`), and the white part of the demonstrations'
+      spread, which for smooth demonstrations is negligible.
+    * The size of the spread is uncertain, see `StudentProcess`.
     * Mean and covariance do not depend on the order of the via-points or on the grid.
+
+    Phases are those of the alignment, as where they are told from the path. For
+    via-points by a clock see `policies.adaptation.own_clock`.
     """
 
     def __init__(
@@ -53,52 +118,48 @@ class ProcessAdaptation(ConditionedProcess):
             ValueError: for a share outside [0, 1], a single demonstration, or a grid
                 that is empty, not finite, or far outside the demonstrations.
         """
-        if not 0.0 <= empirical_share <= 1.0:
-            raise ValueError(
-                f"empirical_share must be within [0, 1], got {empirical_share}."
-            )
-        processes, times = skill.processes, skill.aligned.times
-        shortest = min(
-            processes.shortest_length_scale,
-            *(deviation.short_scale for deviation in skill.deviations),
-        )
-        basis = basis_for_grid(times, grid, shortest)
-        mean, covariance, white = _prior(skill, basis.nodes, empirical_share)
-        root = basis.root_weights[:, None]
-        super().__init__(
-            basis,
-            mean=root * mean,
-            covariance=basis.weigh(covariance),
-            log_white=root * np.log(white),
-            grid=grid,
-        )
-        self._free = float(skill.count - 1)
-        self._distance = np.zeros(6)
-        self._observed = np.zeros(6)
+        prior = demonstrated_repetition(skill, grid, empirical_share)
+        super().__init__(prior, float(skill.count - 1), grid)
+
+
+class IndependentPhaseAdaptation(ProcessAdaptation):
+    """The same, with the error along the path as noise of each output's own.
+
+    An error of the phase then weakens every output as if the six were wrong by chance.
+    For comparison: a via-point says less across the path than it could
+    (``test_shared_error_leaves_what_is_across_the_path_certain``).
+    """
 
     def observe(self, via_point: ViaPoint) -> None:
-        """Condition on one more via-point, in place, in O(q² + M q)."""
-        white = self.white_at(via_point.phase)
-        distance, observed = self.update(
-            via_point.phase, via_point.pose, via_point.noise_variance + white
+        """Condition on one more via-point, in place."""
+        std = np.sqrt(via_point.noise_variance)
+        super().observe(replace(via_point, std=std, along=0.0))
+
+
+def demonstrated_repetition(
+    skill: Skill,
+    grid: Float[np.ndarray, " M"],
+    empirical_share: float = EMPIRICAL_SHARE,
+) -> Repetition:
+    """What the demonstrations say of a repetition; arguments as above."""
+    if not 0.0 <= empirical_share <= 1.0:
+        raise ValueError(
+            f"empirical_share must be within [0, 1], got {empirical_share}."
         )
-        self._distance += distance
-        self._observed += observed
-
-    def _stretch(self) -> Float[np.ndarray, "6"]:
-        """Factor on the standard deviations from how surprising the via-points were."""
-        scale = (self._free + self._distance) / (self._free + self._observed)
-        return np.sqrt(np.maximum(scale, 1.0))
-
-    @property
-    def std(self) -> Float[np.ndarray, "M 6"]:
-        """Current standard deviation on the grid."""
-        return np.asarray(self._stretch() * np.sqrt(self.variance()))
-
-    def trajectory(self) -> GaussianTrajectory:
-        """The current distribution on the grid, with rates and covariance."""
-        free = self._free + float(np.min(self._observed))
-        return self.distribution(self._stretch(), free)
+    processes, times = skill.processes, skill.aligned.times
+    shortest = min(
+        processes.shortest_length_scale,
+        *(deviation.short_scale for deviation in skill.deviations),
+    )
+    basis = basis_for_grid(times, grid, shortest)
+    mean, covariance, white = _prior(skill, basis.nodes, empirical_share)
+    root = basis.root_weights[:, None]
+    return Repetition.from_covariance(
+        basis,
+        mean=root * mean,
+        covariance=basis.weigh(covariance),
+        log_white=root * np.log(white),
+    )
 
 
 def _prior(

@@ -36,13 +36,18 @@ _GRID = 60
 _NEGLIGIBLE = 1e-4
 """Where r is below this fraction of its average there is no deviation to speak of."""
 _LONG = (0.3, 5.0)
-"""Range of L, as a fraction of the time span."""
+"""Range of L, as a fraction of the time span: from longer than a wobble to as good as
+constant. Forecasts hardly depend on it (docs/method.md)."""
 _SHORT = (0.1, 0.5)
-"""Range of S; a shorter correlation is hard to tell from white noise."""
+"""Range of S. A shorter correlation is hard to tell from white noise, and an agent that
+believes in it takes the noise of its own hand for the door (docs/method.md)."""
 _SHARPNESS = 2.0
 """p, how sharply the wobble turns from the spread's size to its own."""
 _WOBBLE = (1e-6, 1e1)
 """Range of c, relative to the average of r."""
+EMPIRICAL_SHARE = 0.3
+"""Share of a forecast's covariance taken from the demonstrations' own curves: they know
+the shape of what varies, the model knows what else could."""
 _RELATIVE_JITTER = 1e-6
 """White variance relative to r that keeps C positive definite."""
 

@@ -3,6 +3,7 @@
 import importlib.util
 import math
 import re
+import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "benchmarks"
+sys.path.append(str(FOLDER))  # as for a script that is run
 
 
 def script(name: str) -> ModuleType:
@@ -25,7 +27,16 @@ def script(name: str) -> ModuleType:
     return module
 
 
-agents, calibration, contact_loop, door_forecasts, recorded, renderings, scaling = map(
+(
+    agents,
+    calibration,
+    contact_loop,
+    door_forecasts,
+    recorded,
+    renderings,
+    scaling,
+    unseen_doors,
+) = map(
     script,
     (
         "agents",
@@ -35,6 +46,7 @@ agents, calibration, contact_loop, door_forecasts, recorded, renderings, scaling
         "recorded",
         "renderings",
         "scaling",
+        "unseen_doors",
     ),
 )
 
@@ -44,6 +56,7 @@ SMALL = {
     door_forecasts: ["--draws", "1", "--every", "80"],
     renderings: ["--seeds", "1", "--trials"],
     scaling: ["--repeats", "1", "--counts", "2", "3", "--samples", "20", "40"],
+    unseen_doors: ["--draws", "1"],
 }
 SAYS = {
     agents: "3 agents in lockstep",
@@ -51,6 +64,7 @@ SAYS = {
     door_forecasts: "2 of 3 radii, process",
     renderings: "ordinary, hard: gp-impedance",
     scaling: "scaling: fit of (3, 40) / fit of (3, 40)",
+    unseen_doors: "synthetic human, own-clock",
 }
 """A part of what each of them prints."""
 

@@ -98,24 +98,22 @@ def test_rendered_stiffness_keeps_the_stability_bound(skill, radius):
     assert (bound - ungoverned).min() < 0.0
 
 
-def test_via_points_are_weak_along_what_the_phase_leaves_open(skill, monkeypatch):
+def test_via_points_share_what_the_phase_leaves_open(skill, monkeypatch):
     agent, seen = agent_of(skill), []
     monkeypatch.setattr(agent.movement, "observe", seen.append)
     agent.reset(observed(np.zeros(6)))
-    estimates = []
+    rates = []
     for angle in np.linspace(0.0, 0.8, 200):
         pose = handle_pose_on_arc(0.5, angle)
         if agent.act(observed(pose)).via_point:
-            estimates.append(agent.phases.rate(np.float64(seen[-1].phase)))
+            rates.append(agent.phases.rate(np.float64(seen[-1].phase)))
     assert len(seen) > 10
-    for via_point, rate in zip(seen, estimates, strict=True):
-        # Least where the path does not run: y. Most where it runs fastest.
-        floor = np.repeat([1e-3, 3e-2], 3)
-        assert np.all(via_point.std >= floor - 1e-12)
-        weaker = np.sqrt(via_point.std**2 - floor**2)
-        ratio = weaker[np.abs(rate) > 1e-2] / np.abs(rate[np.abs(rate) > 1e-2])
-        assert ratio.min() > 0.0
-        np.testing.assert_allclose(ratio, ratio[0], rtol=1e-6)
+    for via_point, rate in zip(seen, rates, strict=True):
+        np.testing.assert_array_equal(via_point.std, np.repeat([1e-3, 3e-2], 3))
+        # Along the path, by one standard deviation of the phase.
+        std = np.linalg.norm(via_point.along) / np.linalg.norm(rate)
+        assert std > 0.0
+        np.testing.assert_allclose(via_point.along, std * rate, rtol=1e-9)
 
 
 def test_steps_are_records_of_their_own(skill):

@@ -523,3 +523,32 @@ def test_aligned_demonstrations_are_read_only():
     aligned = align([demonstration()])
     with pytest.raises(ValueError, match="read-only"):
         aligned.poses[0, 0, 0] = 1.0
+
+
+@pytest.mark.parametrize("method", ["interpolation", "dtw"])
+def test_clocks_say_when_each_demonstration_was_there(method):
+    """Straight paths at paces t and t²: what is reached at a phase has its clock."""
+    clock = np.linspace(0.0, 1.0, 301)
+    paths = [np.outer(clock**power, [0.5, 0, 0, 0, 0, 0]) for power in (1.0, 2.0)]
+    recorded = [
+        Demonstration(times=duration * clock, poses=poses)
+        for duration, poses in zip((4.0, 7.0), paths, strict=True)
+    ]
+    aligned = align(recorded, method=method, n_samples=50, denoise=False)
+    for found, poses, path in zip(aligned.clocks, aligned.poses, paths, strict=True):
+        reached = np.interp(found, clock, path[:, 0])
+        np.testing.assert_allclose(reached, poses[:, 0], atol=4e-3)
+    if method == "interpolation":
+        np.testing.assert_allclose(aligned.clocks.mean(axis=0), aligned.times)
+
+
+@pytest.mark.parametrize(
+    "clocks", [np.full((2, 5), 1.5), np.full((2, 5), np.nan), np.zeros((2, 4))]
+)
+def test_clocks_are_shares_of_a_duration(clocks, monkeypatch):
+    # What a user meets, whose types nobody checks.
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    with pytest.raises(ValueError, match=r"clocks must be None, or of shape \(K, M\)"):
+        AlignedDemonstrations(
+            times=np.linspace(0.0, 1.0, 5), poses=np.zeros((2, 5, 6)), clocks=clocks
+        )

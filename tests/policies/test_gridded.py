@@ -70,7 +70,7 @@ def test_any_movement_that_adapts_can_be_gridded(skill):
         aligned, duration, predict = skill.aligned, skill.duration, skill.predict
 
         def adapt(self, via_points):
-            return adapt(skill, via_points)
+            return adapt(skill, via_points, "process")
 
     movements = [
         GriddedMovement(Readapted(), OwnAdaptation, 50),

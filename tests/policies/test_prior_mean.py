@@ -26,9 +26,10 @@ BESIDE = np.array([0.1, 0.02, -0.1, 0.05, 0.3, -0.05])
 GRID = np.linspace(0.0, 1.0, 31)
 FAR = np.array([-40.0, -30.0, 30.0, 40.0])
 TAKES_ONE = (
-    *("gp", "gp-paper", "gp-product", "gp-exact", "gp-fixed", "gp-homoscedastic"),
-    *("gp-dtw-euclidean", "gp-clock", "gp-heading-trusting"),
-    *("gp-untrimmed", "gp-position-only"),
+    *("gp", "gp-paper", "gp-product", "gp-exact", "gp-fixed", "gp-independent-phase"),
+    *("gp-homoscedastic", "gp-dtw-euclidean", "gp-clock", "gp-heading-trusting"),
+    *("gp-untrimmed", "gp-position-only", "gp-carried-load", "gp-undamped"),
+    *("gp-one-centimetre", "gp-within-demonstrations", "gp-impedance"),
     *(f"gp-constant-{stiffness}" for stiffness in (100, 200, 330, 500)),
     *("local-gp", "wishart-gp"),
     *("gp-tuned", "gp-paper-tuned", "local-gp-tuned", "wishart-gp-tuned"),

@@ -9,7 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env import DoorGeometry
 from policies import POLICIES, Demonstration, align, make_agent
-from policies.adaptation import ExactAdaptation, NoAdaptation, ProductAdaptation
+from policies.adaptation import (
+    ExactAdaptation,
+    IndependentPhaseAdaptation,
+    NoAdaptation,
+    OwnClockAdaptation,
+    ProductAdaptation,
+)
 from policies.load import CarriedLoad, YieldToAll
 from policies.phase import ClockPhase, PhaseNoise
 
@@ -56,6 +62,8 @@ def parts(name, demonstrations):
     [
         ("gp-product", {"form": ProductAdaptation}),
         ("gp-exact", {"form": ExactAdaptation}),
+        ("gp-independent-phase", {"form": IndependentPhaseAdaptation}),
+        ("gp-own-clock", {"form": OwnClockAdaptation}),
         ("gp-fixed", {"form": NoAdaptation}),
         ("gp-clock", {"phase": ClockPhase}),
         ("gp-heading-trusting", {"heading": 0.0}),

@@ -1,6 +1,7 @@
 """A learned skill in a file, and back."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -62,6 +63,14 @@ def test_skills_of_every_noise_model(noise, demonstrations, tmp_path):
     )
 
 
+def test_clocks_are_kept_as_known_or_as_unknown(demonstrations, tmp_path):
+    aligned = align(demonstrations, n_samples=20)
+    for each in (aligned, replace(aligned, clocks=None)):
+        fit_skill(each).save(tmp_path / "skill.npz")
+        loaded = load_skill(tmp_path / "skill.npz").aligned.clocks
+        np.testing.assert_array_equal(loaded, each.clocks)
+
+
 def test_a_skill_of_one_demonstration(demonstrations, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
@@ -121,10 +130,11 @@ SIGNED = {"poses", "offset", "noise_level", "noise_coefficients"}
         ({"wobble": np.zeros(0)}, r"'wobble' must have shape \(6,\), got \(0,\)"),
         ({"noise_coefficients": np.zeros((6, 96))}, r"must have shape \(6, 48\)"),
         ({"duration": np.array(0.0)}, "duration must be positive"),
+        ({"clocks": np.full((6, 200), 1.01)}, r"clocks must be .* within \[0, 1\]"),
         ({"extra": np.zeros(3)}, "it holds 'extra', which does not belong there"),
         (
-            {"format_version": np.array(2)},
-            "version 2, and this program reads version 1",
+            {"format_version": np.array(1)},
+            "version 1, and this program reads version 2",
         ),
         ({"format": np.array("a gplfd episode log")}, "it holds a gplfd episode log"),
     ],

@@ -1,0 +1,81 @@
+"""The wobble of deviations, chosen by leaving a demonstration out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from policies.gp.deviations import EMPIRICAL_SHARE, DeviationProcess
+from policies.gp.left_out import forecast_score, wobbling
+
+TIMES = np.linspace(0.0, 1.0, 30)
+PROCESS = DeviationProcess(
+    wobble=1e-6, varying=0.4, white=0.1, long_scale=0.6, short_scale=0.2
+)
+
+
+def wandering(count: int, seed: int) -> np.ndarray:
+    """Curves that start apart and wander on, (count, 30, 6)."""
+    rng = np.random.default_rng(seed)
+    scale = np.exp(-0.5 * (np.subtract.outer(TIMES, TIMES) / 0.15) ** 2)
+    root = np.linalg.cholesky(scale + 1e-9 * np.eye(30))
+    wobble = np.einsum("mn,kni->kmi", root, rng.normal(size=(count, 30, 6)))
+    curves = 0.03 * rng.normal(size=(count, 1, 6)) + 0.02 * wobble
+    return curves - curves.mean(axis=0)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_score_is_that_of_forecasts_one_by_one(share):
+    """Poses, means of the others and conditional distributions written out."""
+    noise = np.full(30, 1e-3)
+    smooth, white = PROCESS.smooth_covariance(TIMES, noise), PROCESS.white * noise
+    curves = wandering(5, 0)[:, :, 0]
+    found = []
+    for place, curve in enumerate(curves):
+        others = np.delete(curves, place, axis=0)
+        error = curve - others.mean(axis=0)
+        covariance = (1.0 - share) * smooth + share * np.cov(others, rowvar=False)
+        covariance = 1.25 * covariance
+        own = np.diag(white + 1e-6 * np.diag(smooth))
+        for start in (6, 10, 15):
+            gram = (covariance + own)[:start, :start]
+            gain = np.linalg.solve(gram, covariance[:start, start:])
+            rest = error[start:] - error[:start] @ gain
+            variance = np.diag((covariance + own)[start:, start:])
+            variance = variance - np.sum(covariance[:start, start:] * gain, axis=0)
+            density = student.logpdf(rest, 4.0, scale=np.sqrt(variance))
+            found.append((start, np.mean(density)))
+    expected = np.mean([mean for _, mean in found])
+    score = forecast_score(smooth, white, curves, share)
+    assert score == pytest.approx(expected, rel=1e-9)
+
+
+def test_wobble_is_what_forecasts_left_out_demonstrations_best():
+    """Told that curves hardly wobble, all outputs get the one factor that forecasts."""
+    curves, noise = wandering(8, 1), np.full((30, 6), 1.3e-3)
+    chosen = wobbling([PROCESS] * 6, TIMES, curves, noise)
+    factors = {each.wobble / PROCESS.wobble for each in chosen}
+    assert len(factors) == 1
+    factor = factors.pop()
+    assert factor > 16.0
+    assert chosen[0] == replace(PROCESS, wobble=chosen[0].wobble)
+
+    def score(wobble: float) -> float:
+        process = replace(PROCESS, wobble=wobble)
+        smooth = process.smooth_covariance(TIMES, noise[:, 0])
+        white = process.white_variance(noise[:, 0])
+        return sum(
+            forecast_score(smooth, white, curves[:, :, output], EMPIRICAL_SHARE)
+            for output in range(6)
+        )
+
+    best = score(factor * PROCESS.wobble)
+    assert best > score(PROCESS.wobble)
+    assert best >= score(0.5 * factor * PROCESS.wobble)
+
+
+def test_two_demonstrations_have_none_to_leave_out():
+    curves = wandering(2, 0)
+    processes = [PROCESS] * 6
+    assert wobbling(processes, TIMES, curves, np.ones((30, 6))) == tuple(processes)
