@@ -1,5 +1,6 @@
 """Asking a skill, and taking in via-points."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -43,7 +44,8 @@ def measure_adaptation(repeats: int) -> Measurement:
 def _actions(rng: np.random.Generator) -> dict[str, Timed]:
     """Everything that is timed."""
     process = KnownProcess.on_grid(len(_GRID))
-    given = process.demonstrations(6, "smooth", rng)
+    hurry = np.multiply.outer(np.linspace(-0.2, 0.2, 6), _GRID * (1.0 - _GRID))
+    given = replace(process.demonstrations(6, "smooth", rng), clocks=_GRID + hurry)
     skill = fit_skill(given)
     skill.deviations  # noqa: B018  (made on first use; belongs to learning)
     path = process.draw(1, "smooth", rng)[0]

@@ -224,11 +224,11 @@ class ConditionedProcess:
                 f"[{basis.start}, {basis.stop}] of demonstrations and "
                 f"grid; clip it, or build the adaptation on a wider grid."
             )
-        row = basis.matrix(np.array([phase])) @ self._table
+        row = basis.row(phase) @ self._table
         return Local(
-            mean=row[0, :6],
-            white=np.exp(row[0, 6:12]),
-            curves=self._prior.curves(row)[:, 0],
+            mean=row[:6],
+            white=np.exp(row[6:12]),
+            curves=self._prior.curves(row[None])[:, 0],
         )
 
     def update(

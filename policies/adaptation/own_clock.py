@@ -15,6 +15,7 @@ the evidence of the via-points: both are conditioned, and weighed by it.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -91,9 +92,12 @@ class OwnClockAdaptation:
         """Current standard deviation on the grid."""
         share = self.timed
         apart = self._timed.mean - self._registered.mean
-        variance = share * self._timed.std**2
-        variance += (1.0 - share) * self._registered.std**2
-        return np.asarray(np.sqrt(variance + share * (1.0 - share) * apart**2))
+        variance = share * self._timed.stretched_variance()
+        variance += (1.0 - share) * self._registered.stretched_variance()
+        apart *= apart
+        apart *= share * (1.0 - share)
+        variance += apart
+        return np.asarray(np.sqrt(variance))
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""
@@ -145,17 +149,21 @@ def _mixture(
     rate += share * rest * apart * (first.mean_rate - second.mean_rate)
     std = np.sqrt(variance + share * rest * apart**2)
 
-    def covariance() -> Float[np.ndarray, "6 M M"]:
-        between = np.einsum("mi,ni->imn", apart, apart)
-        return np.asarray(
-            share * first.covariance + rest * second.covariance + share * rest * between
-        )
-
     return replace(
         first,
         mean=share * first.mean + rest * second.mean,
         std=std,
         mean_rate=share * first.mean_rate + rest * second.mean_rate,
         std_rate=rate / std,
-        covariance_function=covariance,
+        covariance_function=partial(_mixed_covariance, share, first, second),
     )
+
+
+def _mixed_covariance(
+    share: float, first: GaussianTrajectory, second: GaussianTrajectory
+) -> Float[np.ndarray, "6 M M"]:
+    rest, apart = 1.0 - share, first.mean - second.mean
+    covariance: np.ndarray = share * first.covariance
+    covariance += rest * second.covariance
+    covariance += share * rest * np.einsum("mi,ni->imn", apart, apart)
+    return covariance

@@ -74,16 +74,20 @@ class StudentProcess(ConditionedProcess):
     @property
     def std(self) -> Float[np.ndarray, "M 6"]:
         """Current standard deviation on the grid."""
-        return np.asarray(self._stretch() * np.sqrt(self.variance()))
+        return np.asarray(np.sqrt(self.stretched_variance()))
+
+    def stretched_variance(self) -> Float[np.ndarray, "M 6"]:
+        """Its square."""
+        return np.asarray(self._scale() * self.variance())
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""
-        return self.distribution(self._stretch(), self._free)
+        return self.distribution(np.sqrt(self._scale()), self._free)
 
-    def _stretch(self) -> Float[np.ndarray, "6"]:
-        """Factor on the standard deviations from how surprising the via-points were."""
+    def _scale(self) -> Float[np.ndarray, "6"]:
+        """Factor on the variances from how surprising the via-points were."""
         scale = (self._free + self._distance) / (self._free + self._observed)
-        return np.sqrt(np.maximum(scale, 1.0))
+        return np.asarray(np.maximum(scale, 1.0))
 
 
 class ProcessAdaptation(StudentProcess):

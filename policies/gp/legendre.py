@@ -129,6 +129,18 @@ class LegendreBasis:
         table *= 1.0 / tables.root_weights
         return table
 
+    def row(self, phase: float) -> Float[np.ndarray, " Q"]:
+        """a_i(t) at one time inside the interval, as in `matrix`, in a third of it."""
+        tables = _unit_tables(self.size)
+        x = (2.0 * phase - (self.start + self.stop)) / (self.stop - self.start)
+        distance = x - tables.nodes
+        at_node = distance == 0.0
+        if at_node.any():
+            return np.asarray(at_node / tables.root_weights)
+        row: np.ndarray = tables.barycentric / distance
+        row /= np.add.reduce(row) * tables.root_weights
+        return row
+
     def shared_matrix(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M Q"]:
         """`matrix`, remembered and read-only: all outputs ask for the same times."""
         return _remembered_matrix(self, times.tobytes())

@@ -1,12 +1,13 @@
 """Via-points by a repetition's own clock: path and timing conditioned together."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from gplfd_env.task import handle_pose_on_arc
-from policies import Demonstration, ViaPoint, adapt, align, fit_skill
+from policies import Demonstration, PosePath, ViaPoint, adapt, align, fit_skill
 from policies.adaptation import OwnClockAdaptation, ProcessAdaptation
 from policies.adaptation.conditioning import (
     ConditionedProcess,
@@ -18,6 +19,7 @@ from policies.adaptation.process import demonstrated_repetition
 from policies.gp.kernels import RBF
 from policies.gp.legendre import LegendreBasis
 from policies.gp.timing import timing_covariance
+from policies.residual import fit_residual
 
 TIMES = np.linspace(0.0, 1.0, 60)
 PATH = RBF(length_scale=0.3, signal_std=0.05)
@@ -237,3 +239,14 @@ def test_intervals_keep_the_degrees_of_freedom_of_the_demonstrations(openings):
     for form in (ProcessAdaptation, OwnClockAdaptation):
         adaptation, _ = forecast(form, skill, unseen[0], 25)
         assert adaptation.trajectory().degrees_of_freedom == 5.0
+
+
+def test_a_prior_mean_takes_part_in_no_delay(openings):
+    """The slope of a residual is not the path's: phases are certain."""
+    skill, unseen = openings
+    path = PosePath(phases=TIMES, poses=handle_pose_on_arc(0.5, 1.2 * TIMES))
+    movement = fit_residual(skill.aligned, path, partial(fit_skill, centred=False))
+    points = [ViaPoint(phase=0.3, pose=unseen[0].poses[60])]
+    assert adapt(movement, points).form is ProcessAdaptation
+    with pytest.raises(ValueError, match="learn without a prior mean"):
+        adapt(movement, points, "own-clock").predict(TIMES)

@@ -85,6 +85,14 @@ def test_basis_interpolates_and_differentiates_smooth_curves(size, accuracy):
     )
 
 
+@pytest.mark.parametrize("size", SIZES)
+def test_one_row_of_a_basis_is_that_of_its_matrix(size):
+    basis = LegendreBasis(start=-0.5, stop=2.0, size=size)
+    times = np.array([-0.5, 0.1234, basis.nodes[3], 2.0])
+    rows = np.stack([basis.row(float(time)) for time in times])
+    np.testing.assert_allclose(rows, basis.matrix(times), rtol=1e-9, atol=1e-12)
+
+
 def test_basis_refuses_to_extrapolate():
     basis = LegendreBasis(start=0.0, stop=1.0, size=48)
     with pytest.raises(ValueError, match=r"must lie in \[0.0, 1.0\]"):
