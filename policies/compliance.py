@@ -34,16 +34,13 @@ from policies.controllers.stiffness import (
 from policies.gridded import GriddedMovement, GriddedMovements
 from policies.load import Encounter, LearnedLoad, LoadRule
 from policies.members import EVERY_MEMBER, Members, Numbers
-from policies.phase import PhaseRule
+from policies.phase import POSE_ERROR, PhaseRule
 from policies.steps import AgentStep
 from policies.trajectory import ViaPoint
 
 Poses = Float[np.ndarray, "*N 6"]
 Phases = Float[Numbers, "*N"]
 Due = Bool[np.ndarray | np.bool_, "*N"]
-
-VIA_STD: Final = (1e-3, 3e-2)
-"""Noise of an observed via-point: position [m], rotation [rad]."""
 
 _LOOK_AHEAD: Final = 0.05
 """Stretch of the path, in phase, whose chord is its direction."""
@@ -71,7 +68,7 @@ class ComplianceConfig:
     via_spacing: float = 0.01
     """Progress between two via-points, in phase."""
 
-    via_std: tuple[float, float] = VIA_STD
+    via_std: tuple[float, float] = POSE_ERROR
     """Noise of an observed via-point: position [m], rotation [rad]."""
 
     max_turn_lead: float = 0.05

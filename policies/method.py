@@ -11,7 +11,7 @@ import numpy as np
 from policies.agent import CompliantAgent
 from policies.aligned import AlignedDemonstrations
 from policies.alignment import align
-from policies.compliance import VIA_STD, ComplianceConfig
+from policies.compliance import ComplianceConfig
 from policies.continuation import continued
 from policies.controllers.stiffness import (
     DEFAULT_PROFILE,
@@ -31,6 +31,8 @@ _GRID: Final = 100
 """Phases at which an agent knows its movement."""
 _START_TOLERANCE: Final = (0.05, 0.2)
 """How far from the closed handle a demonstration may start [m, rad]."""
+_RESOLUTION: Final = (1e-3, 3e-2)
+"""What of a pose is still open when it has been observed for long [m, rad]."""
 _LARGEST_REACH: Final = 3.0
 """How far from it a demonstration may ever be [m]."""
 
@@ -87,13 +89,13 @@ def profile_of_spread(movement: Movement) -> StiffnessProfile:
     """Let the demonstrations say what is much and what is little uncertainty.
 
     `spread_profile` of their spread over the whole task (root mean square), and of what
-    a via-point leaves; the published one where a single demonstration has none.
+    observation leaves; the published one where a single demonstration has none.
     """
     poses = movement.aligned.poses
     if len(poses) < 2:
         return DEFAULT_PROFILE
     spread = np.sqrt(poses.var(axis=0, ddof=1).mean(axis=0))
-    return spread_profile(spread, np.repeat(VIA_STD, 3))
+    return spread_profile(spread, np.repeat(_RESOLUTION, 3))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -23,17 +23,22 @@ Poses = Float[np.ndarray, "*N 6"]
 Phases = Float[Numbers, "*N"]
 
 
+POSE_ERROR: Final = (2e-3, 0.15)
+"""Errors of an observed pose that no demonstration shows: position [m], compliance and
+slip of the grasp; rotation [rad], turning of the hand on the bar. A friction grasp
+transmits a few tenths of a newton metre: under load the hand turns before the door
+does, and who trusted its rotation would believe in a door that has not moved."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PhaseNoise:
-    """Errors of an observed pose that no demonstration shows."""
+    """Errors with which a phase is told."""
 
-    position: float = 2e-3
-    """Compliance and slip of the grasp [m]."""
+    position: float = POSE_ERROR[0]
+    """Of an observed position [m]."""
 
-    rotation: float = 0.15
-    """Turning of the hand on the bar [rad]. A friction grasp transmits a few tenths of
-    a newton metre: under load the hand turns before the door does, and a phase that
-    trusted its rotation would run ahead of a door that has not moved."""
+    rotation: float = POSE_ERROR[1]
+    """Of an observed rotation [rad]."""
 
     heading: float = math.radians(3.0)
     """Turn of the whole motion about the vertical [rad]: how askew the robot stands to

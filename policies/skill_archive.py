@@ -53,6 +53,8 @@ def write_skill(
         "times": aligned.times,
         "poses": aligned.poses,
         "duration": aligned.duration,
+        "end": aligned.end,
+        "drift": aligned.drift,
         "clocks": _NO_CLOCKS if aligned.clocks is None else aligned.clocks,
         "offset": [output.offset for output in outputs],
         "scale": [output.scale for output in outputs],
@@ -78,6 +80,8 @@ def _parts(members: Members) -> Parts:
         times=_finite(members, "times"),
         poses=_finite(members, "poses"),
         duration=float(_finite(members, "duration", ())),
+        end=float(_finite(members, "end", ())),
+        drift=_finite(members, "drift", (6,)),
         clocks=None if clocks.shape == _NO_CLOCKS.shape else clocks,
     )
     processes = MultiOutputGP(outputs=_processes(members, aligned))

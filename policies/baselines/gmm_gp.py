@@ -125,7 +125,7 @@ class GMMGaussianProcess(MomentMovement):
             return None
         standardisation = self.regression.standardisation
         phases = np.array([point.phase for point in self.via_points])
-        noise = np.stack([point.noise_variance for point in self.via_points], axis=1)
+        noise = np.stack([point.own_variance for point in self.via_points], axis=1)
         noise = (noise / standardisation.scale[:, None] ** 2).ravel()
         entries = np.flatnonzero(np.isfinite(noise))
         if entries.size == 0:
@@ -140,6 +140,10 @@ class GMMGaussianProcess(MomentMovement):
         covariance.flat[:: len(covariance) + 1] += np.maximum(
             noise[entries], _STRONGEST**2
         )
+        along = np.stack([point.along for point in self.via_points], axis=1)
+        along = (along / standardisation.scale[:, None]).ravel()[entries]
+        which = entries % len(phases)
+        covariance += np.where(which[:, None] == which, np.outer(along, along), 0.0)
         # Transposed it is the same matrix, in the order that LAPACK does not copy.
         lower, _ = cho_factor(covariance.T, lower=True, overwrite_a=True)
         return _Posterior(

@@ -117,7 +117,8 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
     def adapt(self, via_points: Sequence[ViaPoint]) -> "ProbabilisticMovementPrimitive":
         """The movement conditioned on ``via_points``, all of them at once.
 
-        With y_v the demanded numbers, V their variances and K the gain,
+        With y_v the demanded numbers, V their covariance (own variances, and the error
+        that the outputs of a via-point share) and K the gain,
 
             K = Σ Hᵀ (H Σ Hᵀ + V)⁻¹,  μ' = μ + K (y_v - H μ),  Σ' = (I - K H) Σ.
 
@@ -130,11 +131,14 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
                 or infinite std are free; the covariance with the others moves them.
         """
         phases = np.array([float(point.phase) for point in via_points])
-        variances = np.array([point.noise_variance for point in via_points])
+        variances = np.array([point.own_variance for point in via_points])
         which, outputs = np.nonzero(np.isfinite(variances.reshape(-1, 6)))
         if which.size == 0:
             return self
-        variance = variances[which, outputs]
+        along = np.array([point.along for point in via_points])[which, outputs]
+        together = which[:, None] == which
+        variance = np.diag(variances[which, outputs])
+        variance += np.where(together, np.outer(along, along), 0.0)
         demanded = np.array([point.pose for point in via_points])[which, outputs]
         rows = np.zeros((which.size, 6, self.config.n_basis))
         rows[np.arange(which.size), outputs] = _basis(phases, self.config)[which]
@@ -147,7 +151,7 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
             keep = np.eye(len(mean)) - gain @ demand
             # Joseph's form: never negative, however strong the demand.
             covariance = keep @ self.weight_covariance @ keep.T
-            covariance += (gain * variance) @ gain.T
+            covariance += gain @ variance @ gain.T
         return replace(
             self,
             weight_mean=mean,
@@ -234,15 +238,15 @@ def _basis_rate(times: Float[np.ndarray, " M"], config: ProMPConfig) -> np.ndarr
 def _divided(
     cross: Float[np.ndarray, "W V"],
     covariance: Float[np.ndarray, "V V"],
-    variance: Float[np.ndarray, " V"],
+    noise: Float[np.ndarray, "V V"],
 ) -> np.ndarray:
     """C (P + V)⁻¹, by the pseudo-inverse where V leaves the sum singular.
 
     Demands are scaled first, so that the choice of units changes nothing.
     """
-    scale = np.sqrt(np.diag(covariance) + variance)
+    scale = np.sqrt(np.diag(covariance) + np.diag(noise))
     scale = np.where(scale > 0.0, scale, 1.0)
-    matrix = (covariance + np.diag(variance)) / np.outer(scale, scale)
-    if np.all(variance > _SINGULAR * scale**2):
+    matrix = (covariance + noise) / np.outer(scale, scale)
+    if np.all(np.diag(noise) > _SINGULAR * scale**2):
         return np.asarray(cho_solve(cho_factor(matrix), (cross / scale).T).T / scale)
     return np.asarray(cross / scale @ pinvh(matrix) / scale)

@@ -93,8 +93,10 @@ def test_half_the_power_gives_the_covariance_within_components(process):
 
 
 def test_via_points_condition_it_as_any_gaussian(process):
+    """Also where the outputs of a via-point share an error."""
+    along = np.array([0.02, 0.0, -0.01, 0.0, 0.05, 0.01])
     via_points = [
-        shifted(process, 0.31, 1.0, 1e-3),
+        replace(shifted(process, 0.31, 1.0, 1e-3), along=along),
         replace(
             shifted(process, 0.56, -1.0, 2e-3),
             std=np.array([1e-3, np.inf, 2e-3, 1e-2, np.inf, 3e-2]),
@@ -102,11 +104,13 @@ def test_via_points_condition_it_as_any_gaussian(process):
         shifted(process, 0.6, 0.5, 1e-2),
     ]
     phases = np.array([point.phase for point in via_points])
-    noise = np.concatenate([point.noise_variance for point in via_points])
+    noise = np.concatenate([point.own_variance for point in via_points])
     known = np.isfinite(noise)
+    shared = np.append(along, np.zeros(12))
     poses = np.concatenate([point.pose for point in via_points])
     observed = published_kernel(process, phases, phases).reshape(18, 18)
-    observed = (observed + np.diag(np.where(known, noise, 0.0)))[known][:, known]
+    observed = observed + np.diag(np.where(known, noise, 0.0))
+    observed = (observed + np.outer(shared, shared))[known][:, known]
     across = published_kernel(process, GRID, phases).reshape(-1, 18)[:, known]
     prior_mean = process.regression.moments(phases)[0].ravel()
     missed = (poses - prior_mean)[known]

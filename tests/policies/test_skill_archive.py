@@ -8,6 +8,7 @@ import pytest
 
 from policies import PosePath, ViaPoint, align, fit_skill, load_skill
 from policies.adaptation import ADAPTATIONS
+from policies.continuation import continued
 from policies.gp.kersting import KerstingNoise
 from policies.residual import fit_residual
 
@@ -52,6 +53,15 @@ def test_a_loaded_skill_is_the_saved_one_bit_for_bit(skill, saved):
         for adaptation in adaptations:
             adaptation.observe(VIA_POINT)
         assert same_bits(*(adaptation.trajectory() for adaptation in adaptations))
+
+
+def test_a_continuation_is_kept(demonstrations, tmp_path):
+    longer = continued(align(demonstrations, n_samples=20), 0.5)
+    fit_skill(longer).save(tmp_path / "skill.npz")
+    kept = load_skill(tmp_path / "skill.npz").aligned
+    assert kept.end == longer.end < 1.0
+    np.testing.assert_array_equal(kept.drift, longer.drift)
+    np.testing.assert_array_equal(kept.clocks, longer.clocks)
 
 
 @pytest.mark.parametrize("noise", [KerstingNoise(n_iterations=1), "homoscedastic"])
