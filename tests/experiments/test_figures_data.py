@@ -250,9 +250,8 @@ def test_fig09_adaptive_predicts_better_than_fixed(opened: Material) -> None:
     opening = reviewed(log, agent, (0.15, 0.4, 0.65))
     adaptive, fixed = (errors.mean(axis=0) for errors in opening.errors())
     assert (10.0 * adaptive[[0, 2]] < fixed[[0, 2]]).all()
-    # Student t with 5 degrees of freedom, and nearly normal many via-points later.
-    assert opening.adaptive.width[0] == pytest.approx(2.571, abs=0.01)
-    assert 1.959 < opening.adaptive.width[-1] < 2.0
+    # Student t with 5 degrees of freedom, however many via-points later.
+    np.testing.assert_allclose(opening.adaptive.width, 2.571, atol=0.01)
     np.testing.assert_array_equal(opening.fixed.width, opening.adaptive.width[0])
 
 
