@@ -23,19 +23,20 @@ class Trials:
     """Put ideas on trial: conditions in which each must show on a door; resumable.
 
     Writes what `gplfd benchmark` writes. The whole protocol takes about an hour of two
-    cores; `--part small` two minutes.
+    cores; `--part ideas` a third of that, `--part small` two minutes.
     """
 
     trials: tuple[str, ...] = ()
-    """Trials to run (radius, further, few, messy, turned, person, push, stop, locked,
-    heavy, breakaway, delay, noise); all by default."""
+    """Trials to run (radius, further, few, messy, rests, turned, person, push, stop,
+    locked, heavy, breakaway, delay, noise); all by default."""
 
     policies: tuple[str, ...] = ()
     """Policies that take part beside the protocol's: names, or module:function for one
     of your own."""
 
-    part: Literal["whole", "small"] = "whole"
-    """The whole protocol, or two seeds of gp, hinge-fit and what lacks an idea."""
+    part: Literal["whole", "ideas", "small"] = "whole"
+    """The whole protocol; of it gp, hinge-fit and what lacks an idea; or two seeds of
+    these."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/trials")
     """Folder to write to, or to go on in."""

@@ -1,4 +1,4 @@
-"""Protocol v1: which trials there are, who takes part, and what is decided how.
+"""Protocol v2: which trials there are, who takes part, and what is decided how.
 
 Frozen under its version: a change of a door, a draw, a demonstration, a measure or a
 policy that takes part makes another version. The criteria were settled before the
@@ -26,7 +26,7 @@ from experiments.trials.records import Contrast, Level, Side, Trial
 from policies.built_in import TABLE_1
 from policies.tuning_spaces import tuned_settings
 
-VERSION: Final = 1
+VERSION: Final = 2
 """Of the protocol."""
 
 SEEDS: Final = 20
@@ -43,14 +43,19 @@ TUNED: Final = tuple(f"{name}-tuned" for name in tuned_settings())
 which what is learned decides; the controller, which decides the others, is in no space
 that is searched."""
 
-Part = Literal["whole", "small"]
+Part = Literal["whole", "ideas", "small"]
 """Of the protocol."""
 
 PARTS: Final[Mapping[Part, tuple[int, tuple[str, ...]]]] = MappingProxyType(
-    {"whole": (SEEDS, EVERYWHERE), "small": (2, ("gp", "hinge-fit"))}
+    {
+        "whole": (SEEDS, EVERYWHERE),
+        "ideas": (SEEDS, ("gp", "hinge-fit")),
+        "small": (2, ("gp", "hinge-fit")),
+    }
 )
-"""Number of seeds, and policies of every trial. The small part shows that everything
-runs; it decides nothing."""
+"""Number of seeds, and policies of every trial beside those that lack an idea. The
+ideas are decided as in the whole; the small part shows that everything runs, and
+decides nothing."""
 
 CONSTANT: Final = tuple(f"gp-constant-{k}" for k in (100, 200, 330, 500))
 """`gp` at constant stiffnesses."""
@@ -97,8 +102,13 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                     doors=("0.3", "0.65"), demonstrated_radii=(0.42, 0.5, 0.58)
                 ),
             },
-            contrasts=_without("via-points", "force_radial_peak", "gp-fixed"),
-            also=("gp-fixed",),
+            contrasts=(
+                *_without("via-points", "force_radial_peak", "gp-fixed"),
+                *_without(
+                    "shared phase error", "force_radial_peak", "gp-independent-phase"
+                ),
+            ),
+            also=("gp-fixed", "gp-independent-phase"),
             tuned=True,
         ),
         "further": Trial(
@@ -116,13 +126,20 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 ),
             },
             contrasts=(
+                *_without(
+                    "progress beyond the demonstrations",
+                    "final_angle_deg",
+                    "gp-within-demonstrations",
+                    level="nothing else",
+                ),
                 Contrast(
                     idea="prior mean",
-                    measure="final_angle_deg",
+                    measure="force_radial_peak",
                     having=Side(policy="gp", level="prior mean"),
                     lacking=Side(policy="gp", level="nothing else"),
                 ),
             ),
+            also=("gp-within-demonstrations",),
         ),
         "few": Trial(
             question="What do one demonstration per door do, or two of a single door, "
@@ -158,6 +175,20 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             also=("gp-dtw-euclidean", "gp-homoscedastic"),
             tuned=True,
         ),
+        "rests": Trial(
+            question="Recordings begin with up to two seconds of rest and pause for as "
+            "long: who learns from them?",
+            claims=("alignment", "rests left out"),
+            measures=("force_radial_peak", "success"),
+            levels={
+                "rests": Level(
+                    doors=_ALL,
+                    habits={"longest_rest": 2.0, "pauses": 1, "longest_pause": 2.0},
+                )
+            },
+            contrasts=_without("rests left out", "force_radial_peak", "gp-untrimmed"),
+            also=("gp-untrimmed",),
+        ),
         "turned": Trial(
             question="Who opens doors that the robot faces up to 5° askew, held off "
             "the middle of the bar?",
@@ -175,9 +206,12 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             },
             contrasts=(
                 *_without("path phase", "final_angle_deg", "gp-clock"),
+                *_without(
+                    "heading as a nuisance", "force_radial_peak", "gp-heading-trusting"
+                ),
                 *_without("rotations", "force_radial_peak", "gp-position-only"),
             ),
-            also=("gp-clock", "gp-position-only", "gp-fixed"),
+            also=("gp-clock", "gp-heading-trusting", "gp-position-only", "gp-fixed"),
             tuned=True,
         ),
         "person": Trial(
@@ -189,8 +223,11 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 "holds the hand": Level(doors=_MEDIUM, disturbance="person"),
                 "in the way": Level(doors=_MEDIUM, disturbance="person-behind"),
             },
-            contrasts=_without("variable stiffness", "person_force_peak", *CONSTANT),
-            also=CONSTANT,
+            contrasts=(
+                *_without("variable stiffness", "person_force_peak", *CONSTANT),
+                *_without("learned load", "person_force_peak", "gp-carried-load"),
+            ),
+            also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
         ),
         "push": Trial(
             question="The hand is pushed for 0.3 s: how far does it go?",
@@ -211,16 +248,20 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             contrasts=(
                 *_without("variable stiffness", "success", *CONSTANT),
                 *_without("variable stiffness", "stop_force_sustained", *CONSTANT),
+                *_without("learned load", "stop_force_sustained", "gp-carried-load"),
             ),
-            also=CONSTANT,
+            also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
         ),
         "locked": Trial(
             question="The door is locked: is the handle kept, and how gently?",
             claims=("variable stiffness",),
-            measures=("grasp_kept", "stop_force_sustained"),
+            measures=("stop_force_sustained", "grasp_kept"),
             levels={"locked": Level(doors=_MEDIUM, disturbance="locked")},
-            contrasts=_without("variable stiffness", "grasp_kept", *CONSTANT),
-            also=CONSTANT,
+            contrasts=(
+                *_without("variable stiffness", "stop_force_sustained", *CONSTANT),
+                *_without("learned load", "stop_force_sustained", "gp-carried-load"),
+            ),
+            also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
         ),
         "heavy": Trial(
             question="Who opens doors that are heavier than any demonstrated?",
@@ -230,8 +271,11 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 "14 N": Level(doors=("heavy",)),
                 "24 N": Level(doors=("heavy",), door={"closer_preload": 10.0}),
             },
-            contrasts=_without("variable stiffness", "final_angle_deg", *CONSTANT),
-            also=CONSTANT,
+            contrasts=(
+                *_without("variable stiffness", "final_angle_deg", *CONSTANT),
+                *_without("learned load", "final_angle_deg", "gp-carried-load"),
+            ),
+            also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
         ),
         "breakaway": Trial(
             question="The hinge sticks at the start and a seal holds the leaf: is the "
@@ -254,8 +298,10 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 )
                 for delay in (1, 2, 3)
             },
-            contrasts=_without("variable stiffness", "force_handle_peak", *CONSTANT),
-            also=(*CONSTANT, "gp-fixed"),
+            contrasts=_without(
+                "damping for contact", "force_handle_peak", "gp-undamped"
+            ),
+            also=("gp-undamped", "gp-impedance", "gp-fixed", "gp-constant-100"),
         ),
         "noise": Trial(
             question="Sensors one, two and four times as noisy as those of a careful "
