@@ -35,7 +35,7 @@ from policies.adaptation import (
 from policies.alignment import align
 from policies.demonstrations import Demonstration
 from policies.movement import AdaptationForm
-from policies.phase import PathPhase
+from policies.path_phase import PathPhase
 from policies.reference.circle import fit_circle
 from policies.skill import Skill, fit_skill
 from policies.trajectory import ViaPoint
@@ -146,7 +146,8 @@ def paths(
         last = -1.0
         for place in range(round(_CUTS[-1] * _SAMPLES)):
             pose = truth[place] + _STD * rng.standard_normal(6)
-            phase, std = rule.update(pose, phase, phase)
+            estimate = rule.update(pose, phase, phase)
+            phase, std = estimate.phase, estimate.std
             seen.append(pose[:3])
             if phase >= last + 0.01:
                 last = float(phase)
