@@ -74,7 +74,12 @@ def _positions_alone(demonstrations: Sequence[Demonstration]) -> AlignedDemonstr
     return align([replace(one, poses=one.poses * still) for one in demonstrations])
 
 
-GP: Final = Method(fit=fit_skill, accepts_prior_mean=True, adaptation=ProcessAdaptation)
+GP: Final = Method(
+    fit=fit_skill,
+    accepts_prior_mean=True,
+    beyond=0.5,
+    adaptation=ProcessAdaptation,
+)
 """The method of this project, of which the ablations differ in one field each."""
 
 PAPER: Final = Method(
@@ -83,7 +88,6 @@ PAPER: Final = Method(
     # DTW on the raw completion index of the whole recording.
     align=partial(align, method="dtw", denoise=False, trim_rests=False),
     adaptation=partial(ProductAdaptation, prior_mean="zero"),
-    beyond=0.0,
     # One stiffness law for all axes, the whole wrench in Eq. (22), no limit to the
     # lead. Ours where the paper is silent: the phase of an observation and the
     # via-point noise that comes with it (read as clock time, no door opens:

@@ -127,7 +127,7 @@ class Method:
     ``centred=False``, for a prior mean of zero."""
     align: Callable[[Sequence[Demonstration]], AlignedDemonstrations] = align
     """Brings demonstrations onto common phases."""
-    beyond: float = 0.5
+    beyond: float = 0.0
     """Share of the demonstrated path by which the motion goes on where demonstrations
     end, ever less certain; 0 for none."""
     adaptation: AdaptationForm | None = None

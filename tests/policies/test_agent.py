@@ -17,6 +17,7 @@ from policies.gridded import GriddedMovement
 from policies.load import CarriedLoad, YieldToAll
 from policies.members import EVERY_MEMBER
 from policies.path_phase import PathPhase
+from policies.phase import POSE_ERROR
 from policies.trajectory import GaussianTrajectory
 
 PERIOD = 0.01
@@ -109,7 +110,7 @@ def test_via_points_share_what_the_phase_leaves_open(skill, monkeypatch):
             rates.append(agent.phases.rate(np.float64(seen[-1].phase)))
     assert len(seen) > 10
     for via_point, rate in zip(seen, rates, strict=True):
-        np.testing.assert_array_equal(via_point.std, np.repeat([1e-3, 3e-2], 3))
+        np.testing.assert_array_equal(via_point.std, np.repeat(POSE_ERROR, 3))
         # Along the path, by one standard deviation of the phase.
         std = np.linalg.norm(via_point.along) / np.linalg.norm(rate)
         assert std > 0.0

@@ -174,7 +174,9 @@ def test_method_without_via_points_has_none_around_a_prior_mean_either(doors):
 
 
 def test_without_a_prior_mean_nothing_changes(demonstrations, doors):
-    learned = POLICIES["gp"].method.learn(TrainingInput(demonstrations=demonstrations))
+    training = TrainingInput(demonstrations=demonstrations)
+    method = POLICIES["gp-within-demonstrations"].method
+    learned = method.learn(training)
     plain = fit_skill(doors)
     assert type(learned) is Skill
     for name in ("mean", "std", "mean_rate", "std_rate", "covariance"):
@@ -183,7 +185,7 @@ def test_without_a_prior_mean_nothing_changes(demonstrations, doors):
     process = plain.processes.outputs[0]
     assert process.offset == float(np.mean(doors.poses[:, :, 0]))
     assert process.scale == float(np.std(doors.poses[:, :, 0]))
-    adaptation = begin_adaptation(plain, POLICIES["gp"].method.adaptation, GRID)
+    adaptation = begin_adaptation(plain, method.adaptation, GRID)
     assert type(adaptation) is ProcessAdaptation
 
 

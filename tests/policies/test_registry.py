@@ -16,6 +16,7 @@ from policies.adaptation import (
     OwnClockAdaptation,
     ProductAdaptation,
 )
+from policies.controllers.rendering import ArmRendering
 from policies.load import CarriedLoad, YieldToAll
 from policies.phase import ClockPhase, PhaseNoise
 
@@ -73,7 +74,15 @@ def parts(name, demonstrations):
         ("gp-undamped", {"damped": False}),
         ("gp-one-centimetre", {"published middle": True}),
         ("gp-within-demonstrations", {"goes on": False}),
-        ("gp-impedance", {"control": "impedance", "mass": 4.0}),
+        (
+            "gp-impedance",
+            {
+                "control": "impedance",
+                "mass": 4.0,
+                "damped": False,
+                "rendering": ArmRendering,
+            },
+        ),
         (
             "gp-constant-500",
             {"k_min": (500.0,) * 3 + (50.0,) * 3} | {"published middle": True},
