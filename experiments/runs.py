@@ -191,8 +191,16 @@ def _load(
     policy: str, file: Path
 ) -> tuple[LabelledDemonstrations, Callable[[], Agent]]:
     method, skill = skill_method(policy), load_skill(file)
-    times = skill.duration * skill.aligned.times
-    shown = [Demonstration(times=times, poses=poses) for poses in skill.aligned.poses]
+    if (method.beyond > 0.0) != (skill.aligned.end < 1.0):
+        goes = "goes on where demonstrations end"
+        raise ValueError(
+            f"policy {policy!r} {goes if method.beyond > 0.0 else 'ends there'}, and "
+            f"the skill in {file} was learned by one that does not; learn it again "
+            f"with  gplfd learn --policy {policy}"
+        )
+    aligned = skill.aligned.demonstrated
+    times = aligned.duration * aligned.times
+    shown = [Demonstration(times=times, poses=poses) for poses in aligned.poses]
     return (
         LabelledDemonstrations(
             demonstrations=tuple(shown), radii=tuple(None for _ in shown)

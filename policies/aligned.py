@@ -1,6 +1,6 @@
 """Demonstrations on one clock: what alignment returns and learning takes."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -41,6 +41,22 @@ class AlignedDemonstrations:
     that is not known."""
 
     __repr__ = short_repr
+
+    @property
+    def demonstrated(self) -> "AlignedDemonstrations":
+        """Without the continuation: what was shown, on phases of its own."""
+        if self.end == 1.0:
+            return self
+        shown = self.times <= self.end
+        return replace(
+            self,
+            times=self.times[shown] / self.end,
+            poses=self.poses[:, shown],
+            duration=self.duration * self.end,
+            clocks=None if self.clocks is None else self.clocks[:, shown] / self.end,
+            end=1.0,
+            drift=np.zeros(6),
+        )
 
     def __post_init__(self) -> None:
         freeze(self, "times", "poses", "drift")

@@ -25,6 +25,10 @@ _TIME_SHARE = 1e-6
 where completion stands still, and moves no other match by more than this."""
 
 
+AlignmentMethod = Literal["interpolation", "dtw", "dtw-euclidean"]
+"""Ways to match demonstrations, see `align`."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Course:
     """One demonstration on its own normalised clock, with its completion."""
@@ -38,7 +42,7 @@ class _Course:
 def align(
     demonstrations: Sequence[Demonstration],
     *,
-    method: Literal["interpolation", "dtw", "dtw-euclidean"] = "interpolation",
+    method: AlignmentMethod = "interpolation",
     n_samples: int = 200,
     rotation_weight: float = 0.5,
     denoise: bool = True,

@@ -32,7 +32,7 @@ from policies.controllers.stiffness import (
     VirtualDynamics,
 )
 from policies.gridded import GriddedMovement, GriddedMovements
-from policies.load import Encounter, LearnedLoad, LoadRule
+from policies.load import Encounter, LearnedLoad, LoadRule, Response
 from policies.members import EVERY_MEMBER, Members, Numbers
 from policies.phase import POSE_ERROR, PhaseRule
 from policies.steps import AgentStep
@@ -41,6 +41,9 @@ from policies.trajectory import ViaPoint
 Poses = Float[np.ndarray, "*N 6"]
 Phases = Float[Numbers, "*N"]
 Due = Bool[np.ndarray | np.bool_, "*N"]
+
+_LOST: Final = 0.1
+"""A phase that falls by more had been found in the wrong place."""
 
 _LOOK_AHEAD: Final = 0.05
 """Stretch of the path, in phase, whose chord is its direction."""
@@ -82,6 +85,11 @@ class ComplianceConfig:
                 raise ValueError(
                     f"ComplianceConfig.{name} must be positive and finite, got {value}"
                 )
+        if not isinstance(self.load, LoadRule):
+            raise ValueError(
+                "ComplianceConfig.load must be a load rule, with begin(profile, shape) "
+                f"(policies.load.LoadRule), got {self.load!r}"
+            )
         lowest, highest = np.repeat(self.rendering.stiffness_range, 3, axis=0).T
         asked = self.profile
         if np.any(asked.k_min < lowest) or np.any(asked.k_max > highest):
@@ -173,15 +181,7 @@ class ComplianceController:
         via_point = self._adapt(poses, observed_phase, seen.std, members)
         path = self._movements.at(ahead, members)[0] if via_point.any() else means
         direction = _direction(path)
-        response = self._load.meet(
-            Encounter(
-                wrench=wrenches,
-                direction=direction,
-                position=poses[..., :3],
-                displacement=self._renderer.displacement(poses[..., :3], members),
-            ),
-            members,
-        )
+        response = self._meet(poses, wrenches, direction, members)
         phase, rate = self._advance(response.pace, members)
         desired, velocity, std = self._set_point(phase, rate, observed_phase, members)
         # Where the hand is held off, along the path, the policy is not to be trusted.
@@ -216,12 +216,31 @@ class ComplianceController:
             via_point=via_point,
         )
 
+    def _meet(
+        self,
+        poses: Poses,
+        wrenches: Poses,
+        direction: Float[np.ndarray, "*N 3"],
+        members: Members,
+    ) -> Response:
+        """Return what is done about the force on these members' hands."""
+        hands = poses[..., :3]
+        encounter = Encounter(
+            wrench=wrenches,
+            direction=direction,
+            position=hands,
+            displacement=self._renderer.displacement(hands, members),
+        )
+        return self._load.meet(encounter, members)
+
     def _adapt(
         self, poses: Poses, phases: Phases, phase_stds: Phases, members: Members
     ) -> Due:
         """Condition the movements of members that have come far enough; say which."""
         last_via = self._memory.last_via[members]
-        due = phases >= last_via + self._config.via_spacing
+        # Far back, the phase was lost before: what was taken then is not where it was.
+        lost = phases < last_via - _LOST
+        due = (phases >= last_via + self._config.via_spacing) | lost
         if not due.any():
             return due
         self._memory.last_via[members] = np.where(due, phases, last_via)

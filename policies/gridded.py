@@ -1,6 +1,8 @@
 """A movement on a grid of phases: cheap to ask at any phase, adapted in place."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -40,7 +42,7 @@ class GriddedMovement:
         self._learned, self._form = movement, form
         self._n_grid = n_grid
         self._distribution = self._fresh()
-        self._adapted = False
+        self._adapted, self._seen = False, 0.0
 
     @property
     def learned(self) -> Movement:
@@ -61,11 +63,11 @@ class GriddedMovement:
         """Forget every via-point."""
         if self._adapted:
             self._distribution = self._fresh()
-            self._adapted = False
+            self._adapted, self._seen = False, 0.0
 
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on a via-point."""
-        self._adapted = True
+        self._adapted, self._seen = True, max(self._seen, float(via_point.phase))
         self._distribution.observe(via_point)
 
     def _fresh(self) -> Adaptation:
@@ -78,7 +80,36 @@ class GriddedMovement:
 
     def trajectory(self) -> GaussianTrajectory:
         """Return the current distribution over the whole task."""
-        return self._distribution.trajectory()
+        known = self._distribution.trajectory()
+        drift = self.drift
+        if not drift.any():
+            return known
+        std = np.hypot(known.std, drift)
+        growth = (drift > 0.0) * self._learned.aligned.drift
+        return replace(
+            known,
+            std=std,
+            std_rate=(known.std * known.std_rate + drift * growth) / std,
+            covariance_function=partial(_drifting, known, drift),
+        )
+
+    @property
+    def drift(self) -> Float[np.ndarray, "M 6"]:
+        """What a continuation beyond demonstrations adds to σ on the grid [m, rad].
+
+        Nothing up to where they end, or to where the hand has seen the path since.
+        """
+        aligned = self._learned.aligned
+        grid = np.linspace(0.0, 1.0, self._n_grid)
+        unseen = np.maximum(grid - max(aligned.end, self._seen), 0.0)
+        return np.asarray(unseen[:, None] * aligned.drift)
+
+
+def _drifting(
+    known: GaussianTrajectory, drift: Float[np.ndarray, "M 6"]
+) -> Float[np.ndarray, "6 M M"]:
+    """Add what goes on growing to a covariance: one error at all phases."""
+    return np.asarray(known.covariance + np.einsum("mi,ni->imn", drift, drift))
 
 
 class GriddedMovements:
@@ -103,7 +134,6 @@ class GriddedMovements:
         # The last grid point twice, so that it, too, has a right neighbour.
         self._first_row = self._numbers * (self._n_grid + 1)
         self._table = np.empty((count * (self._n_grid + 1), 12))
-        self._drift = [_drift(movement) for movement in self._movements]
         for member in range(count):
             self._renew(member)
 
@@ -146,18 +176,12 @@ class GriddedMovements:
         return both[..., :6], both[..., 6:]
 
     def _renew(self, member: int) -> None:
-        distribution = self._movements[member].distribution
+        movement = self._movements[member]
+        distribution, drift = movement.distribution, movement.drift
         part = self._table.reshape(-1, self._n_grid + 1, 12)[member]
         part[:-1, :6] = distribution.mean
-        part[:-1, 6:] = np.sqrt(distribution.std**2 + self._drift[member] ** 2)
+        part[:-1, 6:] = np.sqrt(distribution.std**2 + drift**2)
         part[-1] = part[-2]
-
-
-def _drift(movement: GriddedMovement) -> Float[np.ndarray, "M 6"]:
-    """Return what a continuation beyond the demonstrations adds to σ on the grid."""
-    aligned = movement.learned.aligned
-    grid = np.linspace(0.0, 1.0, movement.n_grid)
-    return np.asarray(np.maximum(grid - aligned.end, 0.0)[:, None] * aligned.drift)
 
 
 def _listed(

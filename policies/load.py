@@ -27,6 +27,10 @@ _STEP: Final = 5e-3
 sensor's noise and what a grip gives."""
 
 
+_NO_STIFFNESS: Final = 1e-9
+"""Divides where there is none [N/m]."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Encounter:
     """What some hands meet in a control step; task frame."""
@@ -167,7 +171,9 @@ class LoadLearner:
         expected = self._learn(resistance, encounter, members)
         reserve = rule.reach * self._stiffness(give, direction)
         carried = np.minimum(np.minimum(resistance, expected), reserve)
-        coming = (resistance - carried) / _stretched(self._profile.k_min, direction)
+        # A path without direction has no stiffness along it, and no resistance.
+        softest = np.maximum(_stretched(self._profile.k_min, direction), _NO_STIFFNESS)
+        coming = (resistance - carried) / softest
         return Response(
             wrench=_without(encounter.wrench, carried, direction),
             carried=carried,

@@ -67,7 +67,8 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
 
     Returns:
         A batch that decides for all members at once if they are `CompliantAgent`s with
-        one configuration, and asks one after the other if not.
+        one configuration, as those are that learned from the same demonstrations, and
+        asks one after the other if not.
 
     Raises:
         ValueError: If there is no agent, one is given twice, one cannot act, or some

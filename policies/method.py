@@ -85,13 +85,13 @@ def clock_phase(movement: Movement) -> PhaseRule:
     return ClockPhase()
 
 
-def profile_of_spread(movement: Movement) -> StiffnessProfile:
+def profile_of_spread(aligned: AlignedDemonstrations) -> StiffnessProfile:
     """Let the demonstrations say what is much and what is little uncertainty.
 
-    `spread_profile` of their spread over the whole task (root mean square), and of what
-    observation leaves; the published one where a single demonstration has none.
+    `spread_profile` of their spread over the demonstrated task (root mean square), and
+    of what observation leaves; `DEFAULT_PROFILE` where a single one has no spread.
     """
-    poses = movement.aligned.poses
+    poses = aligned.demonstrated.poses
     if len(poses) < 2:
         return DEFAULT_PROFILE
     spread = np.sqrt(poses.var(axis=0, ddof=1).mean(axis=0))
@@ -105,7 +105,7 @@ class FixedProfile:
     profile: StiffnessProfile
     """The law."""
 
-    def __call__(self, movement: Movement) -> StiffnessProfile:
+    def __call__(self, aligned: AlignedDemonstrations) -> StiffnessProfile:
         """Return it."""
         return self.profile
 
@@ -134,10 +134,17 @@ class Method:
     """In which form via-points adapt the movement; None for a method without."""
     phases: Callable[[Movement], PhaseRule] = path_phase
     """How an agent finds where along the task the hand is."""
-    profile: Callable[[Movement], StiffnessProfile] = profile_of_spread
+    profile: Callable[[AlignedDemonstrations], StiffnessProfile] = profile_of_spread
     """Which stiffness has which uncertainty; it takes the place of the config's."""
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
     """How it follows the movement otherwise: load, timing, via-points."""
+
+    def __post_init__(self) -> None:
+        if self.config.profile is not DEFAULT_PROFILE:
+            raise ValueError(
+                "Method.config has a profile, which Method.profile would replace; give "
+                "it as Method(profile=FixedProfile(profile=...))"
+            )
 
     def learn(self, training: TrainingInput) -> Movement:
         """Learn a movement, around the prior mean if one is given.
@@ -162,7 +169,7 @@ class Method:
         return CompliantAgent(
             GriddedMovement(movement, self.adaptation, _GRID),
             phases=self.phases(movement),
-            config=replace(self.config, profile=self.profile(movement)),
+            config=replace(self.config, profile=self.profile(movement.aligned)),
         )
 
     def __call__(self, training: TrainingInput) -> CompliantAgent:

@@ -20,8 +20,9 @@ from policies.records import freeze, short_repr
 class PriorMean(Protocol):
     """Poses that are expected where nothing was demonstrated.
 
-    Phases are those of the aligned demonstrations, 0 at their start and 1 at their end,
-    and rotation vectors are on the same branch as theirs.
+    Phases are those of the aligned demonstrations, 0 at their start and 1 at their end;
+    methods that go on beyond it (`policies.method.Method.beyond`) also ask for later
+    ones. Rotation vectors are on the same branch as theirs.
     """
 
     def mean(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6"]:

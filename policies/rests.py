@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
-from gplfd_env.se3 import pose_distance
+from gplfd_env.se3 import pose_distance, pose_steps
 from policies.demonstrations import Demonstration
 
 _BLUR: Final = 0.015
@@ -29,6 +29,10 @@ _FAST: Final = 95.0
 
 _SLOW: Final = 0.05
 """A hand that is slower than this share of the fast speed may be resting."""
+
+_UNMOVED: Final = 0.01
+"""Share of the path's length that a resting hand covers at most. One that is slow but
+comes further is unlatching a door, or feeling its way."""
 
 _LONGEST: Final = 0.10
 """Share of the moving time for which it may only be starting, stopping or hesitating. A
@@ -57,8 +61,9 @@ def without_rests(
     """Return a demonstration whose rests are shortened to those of a gentle motion.
 
     A hand rests where its speed, of chords of the smoothed path, stays below 5 % of the
-    motion's fast speed for longer than 10 % of the time that is left for moving. Of a
-    rest 5 % of that time is kept, next to the motion, so that starting and stopping
+    motion's fast speed for longer than 10 % of the time that is left for moving, and
+    where it covers less than 1 % of the way: one that unlatches a door is slow, too. Of
+    a rest 5 % of that time is kept, next to the motion, so that starting and stopping
     gently survives. Everything is relative to the demonstration: neither the rate of
     the recording nor its duration or size matters, and noise only through the smoother.
 
@@ -70,12 +75,15 @@ def without_rests(
         what was left out, in order.
     """
     times = demonstration.times
-    slow = _slow(demonstration)
+    smooth = _smooth(demonstration)
+    slow = _slow(demonstration, smooth)
+    unmoved = _UNMOVED * float(pose_steps(smooth).sum())
     moving = float(np.diff(times)[~slow[1:]].sum())
     rests = tuple(
         rest
         for first, last in _runs(slow)
         if times[last] - times[first] > _LONGEST * moving
+        and float(pose_distance(smooth[last], smooth[first], 0.5)) <= unmoved
         for rest in [_left_out(times, first, last, _KEPT * moving)]
     )
     kept, clock = np.full(times.shape, True), times.copy()
@@ -115,11 +123,18 @@ def warn_of_rests(
     )
 
 
-def _slow(demonstration: Demonstration) -> np.ndarray:
-    """Say of each sample whether the hand may be resting there."""
-    times, poses = demonstration.times, demonstration.poses
+def _smooth(demonstration: Demonstration) -> Float[np.ndarray, "N 6"]:
+    """Return the path without its fast noise."""
+    poses = demonstration.poses
     # Continued by its mirror image: a path that ends at rest stays there.
-    smooth = gaussian_filter1d(poses, _BLUR * len(times), axis=0, mode="reflect")
+    return np.asarray(
+        gaussian_filter1d(poses, _BLUR * len(poses), axis=0, mode="reflect")
+    )
+
+
+def _slow(demonstration: Demonstration, smooth: Float[np.ndarray, "N 6"]) -> np.ndarray:
+    """Say of each sample whether the hand may be resting there."""
+    times = demonstration.times
     reach = _HALF_CHORD * (times[-1] - times[0])
     ends = [np.clip(times + side, times[0], times[-1]) for side in (-reach, reach)]
     before, after = (

@@ -4,7 +4,7 @@ Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstratio
 arXiv:2002.09979, Section III-C, Eqs. (16)–(17).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,7 +17,9 @@ from experiments.figures import style
 from experiments.figures.material import Material
 from experiments.figures.pick_and_place import HEIGHT, ShelfMotion, shelf_motions
 from policies import AlignedDemonstrations, align
+from policies.alignment import AlignmentMethod
 from policies.completion import task_completion_index
+from policies.demonstrations import Demonstration
 
 TITLE: Final = "Alignment by distance and by task completion"
 DOORS: Final = ()
@@ -53,9 +55,9 @@ def measure(material: Material) -> Alignments:
     motions = shelf_motions(LEVELS, _PER_LEVEL, np.random.default_rng(material.seed))
     demonstrations = [motion.demonstration for motion in motions]
     aligned = {
-        EUCLIDEAN: align(demonstrations, method="dtw-euclidean"),
-        COMPLETION: align(demonstrations),
-        PUBLISHED: align(demonstrations, method="dtw"),
+        EUCLIDEAN: _aligned(demonstrations, "dtw-euclidean"),
+        COMPLETION: _aligned(demonstrations, "interpolation"),
+        PUBLISHED: _aligned(demonstrations, "dtw"),
     }
     errors = {name: _phase_error(motions, one) for name, one in aligned.items()}
     return Alignments(
@@ -65,6 +67,13 @@ def measure(material: Material) -> Alignments:
         phase_error={CLOCK: _clock_error(motions), **errors},
         end_error={name: _end_error(motions, one) for name, one in aligned.items()},
     )
+
+
+def _aligned(
+    demonstrations: Sequence[Demonstration], method: AlignmentMethod
+) -> AlignedDemonstrations:
+    """Align the motions as recorded: a hand that waits at a shelf waits."""
+    return align(demonstrations, method=method, trim_rests=False)
 
 
 def _clock_error(motions: tuple[ShelfMotion, ...]) -> float:

@@ -22,7 +22,7 @@ from policies.trajectory import GaussianTrajectory
 TITLE: Final = "Adaptation while the door opens"
 SHOWN: Final = "large"
 DOORS: Final = ("small", "medium", "large", "0.42")
-_STAGES: Final = (0.15, 0.4, 0.65)
+_STAGES: Final = (0.1, 0.25, 0.4)
 """Observed phases at which the posterior is shown."""
 _OUTPUTS: Final = {0: "x", 2: "z"}
 _DOTTED: Final = (0, (1.0, 1.0))

@@ -17,11 +17,13 @@ from experiments.arrays import FloatArray
 from experiments.episodes.log import EpisodeLog
 from experiments.figures import style
 from experiments.figures.material import Material
+from policies.alignment import align
 from policies.controllers.stability import (
     printed_uncertainty_fall_bound,
     uncertainty_fall_bound,
 )
-from policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
+from policies.controllers.stiffness import DEFAULT_DYNAMICS, StiffnessProfile
+from policies.method import profile_of_spread
 
 TITLE: Final = "Stiffness and its stability"
 DOORS: Final = ("medium", "heavy")
@@ -53,10 +55,10 @@ class Stability:
     """What the profile gives for σ without via-points, (T, 6)."""
     fixed_fall: FloatArray
     """-dσ/dt without via-points, (T, 6)."""
-    tight: FloatArray
-    """Bound on -dσ/dt that suffices at every σ, (6,)."""
-    printed: FloatArray
-    """The same with the printed constant, (6,)."""
+    tight: float
+    """Bound on -dσ/dt that suffices at every σ and on both axes."""
+    printed: float
+    """The same with the printed constant."""
     used: FloatArray
     """Stiffness rate over its bound at that stiffness, (T, 6): stable below 1."""
     governed: NDArray[np.bool_]
@@ -65,25 +67,30 @@ class Stability:
 
 def measure(material: Material) -> dict[str, Stability]:
     """Compare the episode at each door with the bounds."""
-    return {door: stability(material.episodes[door]) for door in DOORS}
+    profile = profile_of_spread(align(material.demonstrations.demonstrations))
+    return {door: stability(material.episodes[door], profile) for door in DOORS}
 
 
-def stability(log: EpisodeLog) -> Stability:
-    """Compare an episode with the bounds."""
+def stability(log: EpisodeLog, profile: StiffnessProfile) -> Stability:
+    """Compare an episode, under a stiffness law, with the bounds."""
     _, fixed = log.first_forecast(log.phase)
-    wished = DEFAULT_PROFILE.stiffness(log.std)
+    wished = profile.stiffness(log.std)
     bound = log.stability_margin + log.stiffness_rate
     fixed_rate = np.diff(fixed, axis=0, prepend=fixed[:1]) / log.dt
     return Stability(
         log=log,
         fall=-log.std_rate,
-        fixed_stiffness=DEFAULT_PROFILE.stiffness(fixed),
+        fixed_stiffness=profile.stiffness(fixed),
         fixed_fall=-fixed_rate,
-        tight=uncertainty_fall_bound(DEFAULT_PROFILE, DEFAULT_DYNAMICS),
-        printed=printed_uncertainty_fall_bound(DEFAULT_PROFILE, DEFAULT_DYNAMICS),
+        tight=_least(uncertainty_fall_bound(profile, DEFAULT_DYNAMICS)),
+        printed=_least(printed_uncertainty_fall_bound(profile, DEFAULT_DYNAMICS)),
         used=log.stiffness_rate / bound,
         governed=wished - log.stiffness > _INTERVENTION,
     )
+
+
+def _least(bound: FloatArray) -> float:
+    return float(min(bound[output] for output in AXES))
 
 
 def draw(shown: Mapping[str, Stability]) -> Figure:
@@ -125,8 +132,8 @@ def _draw_stiffness(axes: Axes, one: Stability) -> None:
 
 def _draw_fall(axes: Axes, one: Stability) -> None:
     _dots(axes, one, one.fall)
-    axes.axhline(float(one.tight[0]), color=style.LIMIT)
-    axes.axhline(float(one.printed[0]), color=style.LIMIT, linestyle=":")
+    axes.axhline(one.tight, color=style.LIMIT)
+    axes.axhline(one.printed, color=style.LIMIT, linestyle=":")
     # The drop at the first via-point may be fifty times the bound.
     axes.set_yscale("symlog", linthresh=_LINEAR, linscale=1.2)
     axes.set_yticks(_TICKS, [f"{tick:g}" for tick in _TICKS])
@@ -152,7 +159,7 @@ def caption(shown: Mapping[str, Stability]) -> str:
     """Say what is seen, and the numbers."""
     outputs = list(AXES)
     first = next(iter(shown.values()))
-    tight, printed = float(first.tight[0]), float(first.printed[0])
+    tight, printed = first.tight, first.printed
     numbers = [
         f"{door} door: {int((one.fall[:, outputs] > tight).any(axis=1).sum())} of "
         f"{one.log.times.size} steps above it (and above the printed one in "

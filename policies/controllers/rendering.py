@@ -8,7 +8,7 @@ commanded stiffness makes the arm soft, and what displaces the hand needs no mea
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Final, Protocol, runtime_checkable
 
 import numpy as np
@@ -112,6 +112,7 @@ class _Displaced:
     ) -> None:
         self._admittance = Admittance(dynamics, shape)
         self._dynamics, self._period = dynamics, period
+        self._held = replace(HELD_HAND, period=period)
 
     def reset(self, members: Members = EVERY_MEMBER) -> None:
         self._admittance.reset(members)
@@ -123,7 +124,7 @@ class _Displaced:
     def contact_margin(self, stiffness: Axes) -> Axes:
         """Return the margin of the loop that admittance and held hand close."""
         damping = self._dynamics.damping(stiffness)
-        return HELD_HAND.margin(stiffness, damping, self._dynamics.mass)
+        return self._held.margin(stiffness, damping, self._dynamics.mass)
 
     def step(
         self,

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jaxtyping
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -137,6 +138,13 @@ def test_steps_are_records_of_their_own(skill):
 def test_impossible_settings_are_refused(wrong):
     with pytest.raises(ValueError, match=rf"ComplianceConfig\.{next(iter(wrong))}"):
         ComplianceConfig(**wrong)
+
+
+def test_a_config_takes_load_rules_alone(monkeypatch):
+    # Users have no type checker at run time.
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    with pytest.raises(ValueError, match=r"ComplianceConfig\.load must be a load rule"):
+        ComplianceConfig(load=object())
 
 
 def test_clock_runs_at_the_demonstrated_speed_on_a_free_door(skill):

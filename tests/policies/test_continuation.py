@@ -1,11 +1,13 @@
 """Where demonstrations end, the motion goes on as it was going."""
 
+import pickle
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.task import handle_pose_on_arc
-from policies import AlignedDemonstrations
+from policies import AlignedDemonstrations, ViaPoint
 from policies.adaptation import ProcessAdaptation
 from policies.continuation import carried_on, continued, drift
 from policies.gridded import GriddedMovement
@@ -126,10 +128,83 @@ def test_a_prior_mean_is_stretched_over_the_longer_task():
     np.testing.assert_allclose(longer.rate(at), difference, atol=1e-6)
 
 
+def test_what_was_seen_beyond_the_demonstrations_is_known():
+    rng = np.random.default_rng(0)
+    poses = [
+        arc(r, 0.8) + rng.normal(0.0, 1e-3, (200, 6)) for r in (0.4, 0.5, 0.55, 0.6)
+    ]
+    skill = fit_skill(continued(aligned(*poses), 0.5))
+    gridded = GriddedMovement(skill, ProcessAdaptation, 100)
+    seen = ViaPoint(phase=0.8, pose=skill.predict(np.array([0.8])).mean[0])
+    gridded.observe(seen)
+    grid = np.linspace(0.0, 1.0, 100)
+    expected = np.maximum(grid - 0.8, 0.0)[:, None] * skill.aligned.drift
+    np.testing.assert_allclose(gridded.drift, expected)
+    gridded.reset()
+    assert gridded.drift[70].max() > 0.0
+
+
+def test_a_forecast_has_the_drift_and_its_rate():
+    rng = np.random.default_rng(0)
+    poses = [
+        arc(r, 0.8) + rng.normal(0.0, 1e-3, (200, 6)) for r in (0.4, 0.5, 0.55, 0.6)
+    ]
+    skill = fit_skill(continued(aligned(*poses), 0.5))
+    forecast = GriddedMovement(skill, ProcessAdaptation, 400).trajectory()
+    variance = np.diagonal(forecast.covariance, axis1=1, axis2=2).T
+    np.testing.assert_allclose(variance, forecast.std**2, rtol=1e-6)
+    slope = np.gradient(forecast.std, forecast.times, axis=0)
+    beyond = forecast.times > skill.aligned.end + 0.02
+    np.testing.assert_allclose(
+        forecast.std_rate[beyond][1:-1], slope[beyond][1:-1], atol=0.02
+    )
+    assert pickle.loads(pickle.dumps(forecast)).std.tobytes() == forecast.std.tobytes()
+
+
+def test_the_demonstrated_part_comes_back():
+    shown = aligned(arc(0.4, 0.8), arc(0.6, 0.8))
+    assert shown.demonstrated is shown
+    again = continued(shown, 0.5).demonstrated
+    assert again.end == 1.0
+    assert again.duration == pytest.approx(shown.duration)
+    for one, other in zip(shown.poses, again.poses, strict=True):
+        inside = np.interp(again.times, shown.times, one[:, 4])
+        np.testing.assert_allclose(other[:, 4], inside, atol=2e-3)
+
+
+@pytest.mark.parametrize("count", [2, 3, 20])
+def test_a_path_of_few_samples_or_of_none_but_turns_goes_on(count):
+    phases = np.linspace(0.0, 1.0, count)
+    turn = np.zeros((1, count, 6))
+    turn[0, :, 4] = 0.8 * phases
+    still = np.zeros((1, count, 6))
+    for poses, end in ((turn, 1.2), (still, 0.0)):
+        longer = continued(AlignedDemonstrations(times=phases, poses=poses), 0.5)
+        assert longer.poses[0, -1, 4] == pytest.approx(end, abs=1e-6)
+        np.testing.assert_allclose(longer.poses[0, :, :3], 0.0, atol=1e-9)
+        np.testing.assert_allclose(longer.drift, 0.0, atol=1e-6)
+
+
+def test_a_path_that_turns_round_and_round_goes_on_turning():
+    phases = np.linspace(0.0, 1.0, 400)
+    poses = np.zeros((1, 400, 6))
+    poses[0, :, 0], poses[0, :, 3] = 0.1 * phases, 6.0 * np.pi * phases
+    longer = continued(AlignedDemonstrations(times=phases, poses=poses), 0.5)
+    np.testing.assert_allclose(
+        longer.poses[0, -1, [0, 3]], [0.15, 9.0 * np.pi], rtol=1e-3
+    )
+
+
 @pytest.mark.parametrize("beyond", [-0.1, np.nan, np.inf])
 def test_an_impossible_share_is_refused(beyond):
     with pytest.raises(ValueError, match="beyond must be finite and >= 0"):
         continued(aligned(drawer()), beyond)
+
+
+def test_phases_must_be_those_of_a_whole_task():
+    half = AlignedDemonstrations(times=0.5 * PHASES, poses=drawer()[None])
+    with pytest.raises(ValueError, match=r"on phases 0 to 1 .* got phases 0.0 to 0.5"):
+        continued(half, 0.5)
 
 
 def test_a_continuation_is_not_continued():

@@ -187,6 +187,18 @@ def test_what_holds_the_hand_bears_the_least_stiffness():
     assert response.wrench[0] == pytest.approx(-100.0 * 0.06, rel=1e-4)
 
 
+def test_a_path_without_direction_is_waited_on_by_nobody():
+    still = Encounter(
+        wrench=wrench(x=-20.0),
+        direction=np.zeros(3),
+        position=np.zeros(3),
+        displacement=np.zeros(3),
+    )
+    response = LearnedLoad().begin(DEFAULT_PROFILE).meet(still)
+    assert (response.carried, response.pace, response.give) == (0.0, 1.0, 0.0)
+    np.testing.assert_array_equal(response.wrench, still.wrench)
+
+
 @pytest.mark.parametrize("name", ["limit", "least", "stretch", "reach", "lag"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.inf, np.nan])
 def test_impossible_numbers_of_a_learned_load_are_refused(name, value):

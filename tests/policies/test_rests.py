@@ -125,3 +125,14 @@ def test_policies_trim_rests_but_those_that_say_not(name, trims):
     aligned = POLICIES[name].method.align([opening(before=2.0)])
     assert (aligned.duration < MOVING + 1.0) == trims
     assert bool(aligned.rests) == trims
+
+
+def test_a_slow_hand_that_gets_somewhere_does_not_rest():
+    """Two centimetres of unlatching in four seconds, then a pull of sixty in two."""
+    times = np.linspace(0.0, 6.0, 720)
+    poses = np.zeros((720, 6))
+    pull = np.clip((times - 4.0) / 2.0, 0.0, 1.0)
+    poses[:, 0] = 0.005 * np.minimum(times, 4.0) + 0.6 * pull**2 * (3.0 - 2.0 * pull)
+    shown, rests = without_rests(Demonstration(times=times, poses=poses))
+    assert rests == ()
+    assert shown.poses[0, 0] == 0.0
