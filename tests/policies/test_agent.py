@@ -19,6 +19,7 @@ from policies.load import CarriedLoad, YieldToAll
 from policies.members import EVERY_MEMBER
 from policies.path_phase import PathPhase
 from policies.phase import POSE_ERROR
+from policies.registry import make_agent
 from policies.trajectory import GaussianTrajectory
 
 PERIOD = 0.01
@@ -98,6 +99,19 @@ def test_rendered_stiffness_keeps_the_stability_bound(skill, radius):
     ungoverned = np.diff(wished, axis=0) / PERIOD
     bound = rate_bound(wished[:-1], DEFAULT_PROFILE.k_min, DEFAULT_DYNAMICS)
     assert (bound - ungoverned).min() < 0.0
+
+
+@pytest.mark.parametrize("name", ["gp-paper", "gp"])
+def test_fig10_compliance_towards_the_hinge_rises_to_the_end(name, demonstrations):
+    agent = make_agent(name, demonstrations)
+    opened = ideal_door(agent, 0.5, round(agent.movement.learned.duration / PERIOD))
+    angles = np.array([angle for _, angle in opened])
+    stiffness = np.array([step.stiffness[2] for step, _ in opened])
+    thirds = [
+        stiffness[(angles > low) & (angles <= low + 0.35)].mean()
+        for low in (0.0, 0.35, 0.7)
+    ]
+    assert thirds[0] > thirds[1] > thirds[2]
 
 
 def test_via_points_share_what_the_phase_leaves_open(skill, monkeypatch):
