@@ -32,12 +32,14 @@ def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk
     text = f"""\
 ### {log.door} door, policy `{log.policy}`: {end if ended else "being opened"}
 
-**How to read it.** The grey-blue tube is where the demonstrations alone put the \
-handle; the violet tube is what the policy believes now. An adaptive policy \
-narrows onto the true arc (green) as the hand (yellow) feels the door. Tubes and bands \
+**How to read it.** The grey-blue tube is where the demonstrations, carried on where \
+they end, put the handle; the violet tube is what the policy believes now. An \
+adaptive policy narrows onto the true arc (green) as the hand (yellow) feels the door. Tubes and bands \
 are ±1.96 σ per axis (normal quantile; with few demonstrations less than 95 %). Where \
 the policy is **sure** (σ small) the robot is **stiff**; where it is **unsure** it is \
-**soft** and lets the door lead: compare *Uncertainty* with *Stiffness*. Falling σ \
+**soft** and lets the door lead: compare *σ* with *Stiffness*. A hand that is \
+held off its path (white) is unsure, too; violet among the forces is the weight of the \
+door that it carries. Falling σ \
 stiffens the robot, which is stable below 100 % of the bound. The red arrow is the \
 door's force on the hand, 10 cm per 10 N.
 

@@ -153,7 +153,7 @@ def _policy_views() -> list[rrb.TimeSeriesView]:
 def _reason_views() -> list[rrb.TimeSeriesView]:
     # In panels this low a legend would lie on the curves: the titles are the legends.
     # From zero up, so that "half as stiff" looks half as high.
-    uncertainty = "Uncertainty σ [mm]: x orange, z blue"
+    uncertainty = "σ [mm]: x orange, z blue, held off white"
     stiffness = "Stiffness k [N/m]: soft where σ is large"
     return [
         _series("uncertainty", uncertainty, from_zero=True),
@@ -161,7 +161,7 @@ def _reason_views() -> list[rrb.TimeSeriesView]:
         _series("uncertainty_rate", "dσ/dt [mm/s]: falling σ stiffens"),
         _series("stability", "dk/dt [% of its stability bound]", limits=_SHARE),
         _series("misfit", "Misfit of the phase: 1 as expected, 3 lost", from_zero=True),
-        _series("force", "Force [N]: green opens, red fights the hinge"),
+        _series("force", "Force [N]: green opens, red fights, violet carried"),
     ]
 
 
