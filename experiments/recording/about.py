@@ -33,15 +33,15 @@ def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk
 ### {log.door} door, policy `{log.policy}`: {end if ended else "being opened"}
 
 **How to read it.** The grey-blue tube is where the demonstrations, carried on where \
-they end, put the handle; the violet tube is what the policy believes now. An \
-adaptive policy narrows onto the true arc (green) as the hand (yellow) feels the door. Tubes and bands \
-are ±1.96 σ per axis (normal quantile; with few demonstrations less than 95 %). Where \
-the policy is **sure** (σ small) the robot is **stiff**; where it is **unsure** it is \
-**soft** and lets the door lead: compare *σ* with *Stiffness*. A hand that is \
-held off its path (white) is unsure, too; violet among the forces is the weight of the \
-door that it carries. Falling σ \
-stiffens the robot, which is stable below 100 % of the bound. The red arrow is the \
-door's force on the hand, 10 cm per 10 N.
+they end, put the handle; the violet tube is what the policy believes now. An adaptive \
+policy narrows onto the true arc (green) as the hand (yellow) feels the door. Tubes \
+and bands are ±1.96 σ per axis (normal quantile; with few demonstrations less than 95 \
+%). Where the policy is **sure** (σ small) the robot is **stiff**; where it is \
+**unsure** it is **soft** and lets the door lead: compare *σ* with *Stiffness*. A hand \
+that is held off its path (white) is unsure, too; violet among the forces is the \
+weight of the door that it carries. Falling σ stiffens the robot, which is stable \
+below 100 % of the bound. The red arrow is the door's force on the hand, 10 cm per 10 \
+N.
 
 - **door**: {door} (SI)
 - **demonstrations**: {n_demonstrations}; **seed**: {log.seed}; **control period**: \

@@ -35,6 +35,8 @@ class Line(NamedTuple):
 
 
 _X, _Z = Line("x", colours.AXIS_X), Line("z", colours.AXIS_Z)
+_HELD_OFF = Line("held off its path", colours.OUTSIDE, 1.0)
+_CARRIED = Line("weight that is carried", colours.ADAPTED, 1.0)
 _BEFORE = Line("before", colours.BEFORE, 1.0)
 _NOW = Line("policy now", colours.ADAPTED, 1.0)
 
@@ -61,12 +63,8 @@ def panels(part: Part) -> list[Chunk]:
         ("stability", 100.0 * share_of_bound(log)),
     ):
         curves[f"{panel}/axes"] = {_X: values[:, 0], _Z: values[:, 2]}
-    curves["uncertainty/give"] = {
-        Line("held off", colours.OUTSIDE, 1.0): 1e3 * log.give
-    }
-    curves["force/carried"] = {
-        Line("carried by the hand", colours.ADAPTED, 1.0): log.carried_load
-    }
+    curves["uncertainty/axes"][_HELD_OFF] = 1e3 * log.give
+    curves["force/parts"][_CARRIED] = log.carried_load
     for name, output, scale in OUTPUTS:
         curves[f"{name}/motion"] = {
             Line("true", colours.TRUTH, 3.0): scale * log.handle_pose[:, output],

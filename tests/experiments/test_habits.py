@@ -106,6 +106,7 @@ def test_samples_are_lost_and_misplaced_as_told() -> None:
     assert kept.sum() >= 2
 
 
+@pytest.mark.filterwarnings("ignore:rests")
 def test_messy_recordings_can_be_learned_from() -> None:
     shown = Teacher(habits=MESSY).demonstrate_doors(
         (0.35, 0.5), 2, rng=np.random.default_rng(1)

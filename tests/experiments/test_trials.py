@@ -60,10 +60,13 @@ def test_methods_take_part_as_tuned_where_learning_decides(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(plan, "TUNED", ("kmp-published",))
-    whole, small = (trial_tasks(named_trials(()), part=part) for part in PARTS)
+    whole, ideas, small = (trial_tasks(named_trials(()), part=part) for part in PARTS)
     met = {task.trial for task in whole if task.policy == "kmp-published"}
     assert met == {"radius", "messy", "turned", "noise"}
-    assert not [task for task in small if task.policy == "kmp-published"]
+    assert not [task for task in (*ideas, *small) if task.policy == "kmp-published"]
+    # The ideas are those of the whole, seed by seed.
+    assert {task.key for task in ideas} < {task.key for task in whole}
+    assert {task.seed for task in ideas} == set(range(SEEDS))
 
 
 def test_tasks_come_back_from_their_files_and_share_what_they_learn() -> None:
@@ -71,8 +74,9 @@ def test_tasks_come_back_from_their_files_and_share_what_they_learn() -> None:
     for task in tasks:
         assert task_from(task.definition) == task
     learned = Counter(task.policy for job in jobs_of(tasks) for task in job[:1])
-    # Standard, beyond, 45°, with prior, one per door, small alone, with prior, messy.
-    assert learned["gp"] == 2 * 8
+    # Standard, beyond, 45°, with prior, one per door, small alone, with prior, messy,
+    # with rests.
+    assert learned["gp"] == 2 * 9
     assert learned["gp-constant-100"] == 2
 
 
@@ -329,6 +333,7 @@ def test_an_idea_is_judged_over_all_trials_together(
                 result = episode_result(policy, seed, trial=trial, level=trial)
                 good = ours is None or ours == (policy == "gp")
                 result["metrics"]["success"] = good
+                result["metrics"]["stop_force_sustained"] = 10.0 if good else 20.0
                 result["metrics"]["failure"] = "" if good else "grasp_lost"
                 results.append(result)
     folder = write_study(results)
@@ -353,7 +358,7 @@ def test_the_command_runs_a_part_and_goes_on(
     arguments += ["--out", str(tmp_path / "out"), "--quiet"]
     assert main(arguments) == 0
     assert {task.trial for task in ran} == {"stop"}
-    assert len(ran) == 2 * 6
+    assert len(ran) == 2 * 8
     ran.clear()
     assert main([*arguments, "--policies", "gp-product"]) == 0
     assert {task.policy for task in ran} == {"gp-product"}
@@ -401,7 +406,7 @@ def test_a_whole_trial_follows_the_protocol(
     folder = write_study([*whole(), *whole("hinge-fit")])
     assert protocol_problems(read_results(folder)) == []
     assert main(["report", str(folder), "--check"]) == 0
-    assert capsys.readouterr().out == "the results follow protocol v1\n"
+    assert capsys.readouterr().out == "the results follow protocol v2\n"
 
 
 @pytest.mark.parametrize(
