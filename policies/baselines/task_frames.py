@@ -80,16 +80,14 @@ class Circle:
         does not count. Via-points that leave x or z free say nothing here.
         """
         poses = np.array([point.pose for point in via_points])[:, PLANE]
-        noise = np.array([point.own_variance for point in via_points])[:, PLANE]
-        along = np.array([point.along for point in via_points])[:, PLANE]
+        noise = np.array([point.noise_variance for point in via_points])[:, PLANE]
         told = np.isfinite(noise).all(axis=1)
         points, noise = poses[told], np.maximum(noise[told], _STRONGEST**2)
         rows, squares = _equations(points)
         lever = points - self.mean[:2]
-        variance = np.sum(lever**2 * noise, axis=1)
-        variance += np.sum(lever * along[told], axis=1) ** 2
+        variance = 4.0 * np.sum(lever**2 * noise, axis=1)
         across = self.covariance @ rows.T
-        factor = cho_factor(rows @ across + np.diag(4.0 * variance), lower=True)
+        factor = cho_factor(rows @ across + np.diag(variance), lower=True)
         gain = cho_solve(factor, across.T).T
         return Circle(
             mean=self.mean + gain @ (squares - rows @ self.mean),

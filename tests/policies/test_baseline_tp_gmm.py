@@ -238,28 +238,6 @@ def test_conditioning_a_circle_is_bayesian_regression():
     )
 
 
-def test_an_error_along_the_path_does_not_move_the_circle():
-    """In its equation an error e counts as 2 (p − c)ᵀe."""
-    prior = Circle(mean=np.array([0.0, -0.42, 0.0]), covariance=1e-3 * np.eye(3))
-    certain = arc(0.42, np.linspace(0.1, 0.5, 7), std=2e-3)
-    told = prior.through(certain)
-
-    def uncertain(turn: float) -> Circle:
-        points = []
-        for point in certain:
-            towards = point.pose[[0, 2]] - prior.mean[:2]
-            tangent = np.array([towards[1], -towards[0]]) / np.linalg.norm(towards)
-            away = np.cos(turn) * tangent + np.sin(turn) * tangent[::-1] * [-1.0, 1.0]
-            along = np.zeros(6)
-            along[[0, 2]] = 0.1 * away
-            points.append(replace(point, along=along))
-        return prior.through(points)
-
-    np.testing.assert_allclose(uncertain(0.0).covariance, told.covariance, rtol=1e-6)
-    across = uncertain(np.pi / 2.0)
-    assert np.trace(across.covariance) > 2.0 * np.trace(told.covariance)
-
-
 def test_demands_that_leave_a_length_free_say_nothing(mixture):
     free = np.array([np.nan, 0.0, -0.1, 0.0, 0.5, 0.0])
     loose = np.array([1e-3, 1e-3, np.inf, 1e-3, 1e-3, 1e-3])
