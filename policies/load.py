@@ -108,23 +108,23 @@ class LearnedLoad:
     still teaches nothing: somebody who holds the hand is not the door's weight.
 
     The clock goes on while the hand gives way, slower and slower, and waits at `lag`:
-    of the give itself, and of that to which the force will lead, (r - carried)/k_min.
-    What holds the hand bears k_min (ℓ + `lag`) in the
-    end, 13 N with the default profile
+    of the give itself and, as far as the door is known (from 0 to 1 over the same way
+    as r̂), of that to which the force will lead, (r - carried)/k_min. What holds the
+    hand bears k_min (ℓ + `lag`) in the end, 13 N with the default profile
     (``test_what_holds_the_hand_bears_the_least_stiffness``).
     """
 
     limit: float = 25.0
     """Resistance expected before the hand has moved, and the greatest ever carried [N].
     A friction grasp of 16 N per finger slips at 37 N."""
-    least: float = 3.0
+    least: float = 1.0
     """Least resistance to be expected of a door [N]: what hinge and sensor add now and
     take away again."""
     stretch: float = 0.03
     """Path over which r̂ follows the resistance [m]."""
-    reach: float = 0.07
+    reach: float = 0.1
     """ℓ: give at which as much is yielded to as is carried at most [m]."""
-    lag: float = 0.06
+    lag: float = 0.03
     """Give at which the clock waits [m]."""
 
     def __post_init__(self) -> None:
@@ -156,11 +156,13 @@ class LoadLearner:
     ) -> None:
         self._rule, self._profile = rule, profile
         self._expected = np.full(shape, rule.limit)
+        self._known = np.zeros(shape)
         self._mark = np.full((*shape, 3), np.nan)  # NaN: none yet
 
     def reset(self, members: Members = EVERY_MEMBER) -> None:
         """Expect nothing but the limit of these members' next doors."""
         self._expected[members] = self._rule.limit
+        self._known[members] = 0.0
         self._mark[members] = np.nan
 
     def meet(self, encounter: Encounter, members: Members = EVERY_MEMBER) -> Response:
@@ -173,7 +175,7 @@ class LoadLearner:
         carried = np.minimum(np.minimum(resistance, expected), reserve)
         # A path without direction has no stiffness along it, and no resistance.
         softest = np.maximum(_stretched(self._profile.k_min, direction), _NO_STIFFNESS)
-        coming = (resistance - carried) / softest
+        coming = self._known[members] * (resistance - carried) / softest
         return Response(
             wrench=_without(encounter.wrench, carried, direction),
             carried=carried,
@@ -199,6 +201,8 @@ class LoadLearner:
         met = np.minimum(np.maximum(resistance, rule.least), rule.limit)
         expected = before + weight * (met - before)
         self._expected[members] = expected
+        known = self._known[members]
+        self._known[members] = known + weight * (1.0 - known)
         # A hand that is led back has to come forward again before it learns.
         away = np.abs(moved) >= _STEP
         self._mark[members] = np.where(away[..., None], position, mark)

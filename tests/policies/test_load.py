@@ -165,15 +165,29 @@ def test_stiffness_along_the_path_is_that_of_the_directions_axes():
         (0.03, 0.0, 1.0 - 1.0 / 16.0),
         (0.06, 0.0, 0.0),
         (0.1, 0.0, -1.0),
-        # To give way by 3 cm, and by 6 cm, at 100 N/m: 3 N and 6 N beyond the 25 N.
-        (0.0, 28.0, 1.0 - 1.0 / 16.0),
-        (0.0, 31.0, 0.0),
     ],
 )
-def test_the_clock_waits_for_a_hand_that_gives_way_or_will(give, force, pace):
+def test_the_clock_waits_for_a_hand_that_gives_way(give, force, pace):
     load = LearnedLoad(limit=25.0, lag=0.06).begin(DEFAULT_PROFILE)
     response = load.meet(met(wrench(x=-force), displacement=(-give, 0.0, 0.0)))
     assert response.pace == pytest.approx(pace)
+
+
+@pytest.mark.parametrize(
+    ("excess", "pace"), [(0.0, 1.0), (3.0, 1.0 - 1.0 / 16.0), (6.0, 0.0), (9.0, -1.0)]
+)
+def test_the_clock_waits_at_once_where_the_door_is_known(excess, pace):
+    """To give way by 3 cm, and by 6 cm, at 100 N/m: 3 N and 6 N beyond the weight."""
+    load = LearnedLoad(lag=0.06).begin(DEFAULT_PROFILE)
+    moved(load, 5.0, 0.5)
+    held = met(wrench(x=-5.0 - excess), position=(0.5, 0.0, 0.0))
+    assert load.meet(held).pace == pytest.approx(pace, abs=0.01)
+
+
+def test_the_clock_goes_on_at_a_door_that_never_moved():
+    """Else the hand would press on at the limit, and never learn that it is locked."""
+    load = LearnedLoad(limit=25.0, lag=0.06).begin(DEFAULT_PROFILE)
+    assert load.meet(met(wrench(x=-31.0))).pace == 1.0
 
 
 def test_what_holds_the_hand_bears_the_least_stiffness():
