@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 from experiments.arrays import FloatArray
 from experiments.episodes.log import EpisodeLog
 from experiments.figures import style
+from experiments.figures.episodes import POLICY
 from experiments.figures.material import Material
-from policies.alignment import align
+from policies.agent import CompliantAgent
 from policies.controllers.stability import (
     printed_uncertainty_fall_bound,
     uncertainty_fall_bound,
 )
 from policies.controllers.stiffness import DEFAULT_DYNAMICS, StiffnessProfile
-from policies.method import profile_of_spread
+from policies.registry import make_agent
 
 TITLE: Final = "Stiffness and its stability"
 DOORS: Final = ("medium", "heavy")
@@ -67,7 +68,10 @@ class Stability:
 
 def measure(material: Material) -> dict[str, Stability]:
     """Compare the episode at each door with the bounds."""
-    profile = profile_of_spread(align(material.demonstrations.demonstrations))
+    agent = make_agent(POLICY, material.demonstrations.demonstrations)
+    if not isinstance(agent, CompliantAgent):
+        raise TypeError(f"{POLICY} has no stiffness law: {agent!r}")
+    profile = agent.config.profile
     return {door: stability(material.episodes[door], profile) for door in DOORS}
 
 
