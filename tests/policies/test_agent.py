@@ -18,7 +18,7 @@ from policies.gridded import GriddedMovement
 from policies.load import CarriedLoad, YieldToAll
 from policies.members import EVERY_MEMBER
 from policies.path_phase import PathPhase
-from policies.phase import POSE_ERROR
+from policies.phase import POSE_ERROR, ClockPhase, PhaseEstimate
 from policies.registry import make_agent
 from policies.trajectory import GaussianTrajectory
 
@@ -287,6 +287,20 @@ def test_via_points_are_spaced_in_phase(skill):
     taken = [step.observed_phase for step, _ in history if step.via_point]
     assert len(taken) > 20
     assert np.diff(taken).min() >= 0.02 - 1e-12
+
+
+def test_via_points_are_taken_again_after_a_phase_that_was_wrong(skill):
+    told = iter([0.1, 0.2, 0.7, 0.21, 0.22, 0.25, 0.24])
+
+    class Told(ClockPhase):
+        def update(self, poses, previous, command, members=EVERY_MEMBER):
+            nothing = np.zeros_like(command)
+            return PhaseEstimate(np.full_like(command, next(told)), nothing, nothing)
+
+    agent = dataclasses.replace(agent_of(skill, via_spacing=0.02), phases=Told())
+    agent.reset(observed(np.zeros(6)))
+    taken = [bool(agent.act(observed(np.zeros(6))).via_point) for _ in range(7)]
+    assert taken == [True, True, True, True, False, True, False]
 
 
 def test_direction_is_that_of_the_path_as_just_adapted(skill):

@@ -102,6 +102,31 @@ def test_drift_is_nothing_for_arcs_and_what_it_is_for_a_bent_path():
     assert drift(aligned(bent))[2] > 0.05
 
 
+def test_drift_is_per_phase_of_the_longer_task():
+    bent = drawer()
+    bent[140:, 2] = 0.5 * (bent[140:, 0] - bent[140, 0])
+    longer = continued(aligned(bent), 0.5)
+    np.testing.assert_allclose(longer.drift * longer.end, drift(aligned(bent)))
+
+
+def test_clocks_go_on_with_the_mean_one():
+    clocks = np.stack([PHASES**1.2, PHASES**0.9])
+    poses = np.stack([arc(0.4, 0.8), arc(0.6, 0.8)])
+    shown = AlignedDemonstrations(times=PHASES, poses=poses, clocks=clocks)
+    longer = continued(shown, 0.5)
+    beyond = longer.times > longer.end
+    np.testing.assert_array_equal(longer.clocks[0, beyond], longer.times[beyond])
+    again = longer.demonstrated
+    expected = np.interp(again.times, PHASES, clocks[0])
+    np.testing.assert_allclose(again.clocks[0], expected, atol=1e-9)
+
+
+def test_a_turn_without_a_way_goes_on_however_it_was_timed():
+    poses = np.zeros((200, 6))
+    poses[:, 4] = 0.8 * PHASES**2
+    assert carried_on(poses, np.array([0.5]))[0, 4] == pytest.approx(1.2, abs=1e-3)
+
+
 def test_sigma_grows_beyond_the_demonstrations_by_the_drift():
     rng = np.random.default_rng(0)
     poses = [

@@ -123,11 +123,20 @@ def test_a_hand_that_is_led_back_and_forth_learns_on_the_way_forward_alone():
     assert load.meet(held).carried == 24.0
 
 
-def test_reset_forgets_the_door():
+def test_a_hand_that_was_led_back_learns_on_its_way_forward_again():
     load = LearnedLoad().begin(DEFAULT_PROFILE)
+    for way in (*np.linspace(0.0, -0.3, 50), *np.linspace(-0.3, -0.1, 50)):
+        load.meet(met(wrench(x=-5.0), position=(way, 0.0, 0.0)))
+    held = met(wrench(x=-24.0), position=(-0.1, 0.0, 0.0))
+    assert load.meet(held).carried == pytest.approx(5.0, abs=0.1)
+
+
+def test_reset_forgets_the_door():
+    load = LearnedLoad(limit=25.0).begin(DEFAULT_PROFILE)
     moved(load, 5.0, 0.5)
     load.reset()
     assert load.meet(met(wrench(x=-24.0))).carried == 24.0
+    assert load.meet(met(wrench(x=-31.0))).pace == 1.0
 
 
 @pytest.mark.parametrize("give", [0.0, 0.005, 0.02, 0.06])
