@@ -1,5 +1,6 @@
 """Demonstrations in one .npz file with their units, frame and doors inside."""
 
+import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -96,6 +97,18 @@ def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
             or frame, or an invalid demonstration.
     """
     return read_archive(path, kind=KIND, version=VERSION, build=_labelled)
+
+
+def hash_of(demonstrations: Sequence[Demonstration]) -> str:
+    """Return a hash of demonstrations, to a micrometre and a microradian.
+
+    Coarse enough to be the same on machines whose last bits differ.
+    """
+    digest = hashlib.sha256()
+    for one in demonstrations:
+        for values in (one.times, one.poses):
+            digest.update(np.rint(values * 1e6).astype(np.int64).tobytes())
+    return digest.hexdigest()[:16]
 
 
 def _labelled(members: Members) -> LabelledDemonstrations:
