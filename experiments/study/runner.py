@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Generator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from experiments.files.plain_data import write_json
 from experiments.study.engines import Engine, Lost
@@ -41,7 +42,10 @@ def run_study(
     """
     missing = [task for task in study if not is_finished(stored_result(folder, task))]
     files = files_of(missing)
-    work = partial(run_job, files=files, recordings=tuple(recordings))
+    sent: dict[str, Any] = {"files": files} if files else {}
+    if recordings:
+        sent["recordings"] = tuple(recordings)
+    work = partial(run_job, **sent) if sent else run_job
     finished = (engine or Serial()).run(work, jobs_of(missing))
     # Closed at once when the reader stops, so that no worker outlives an interruption.
     with contextlib.closing(finished):
