@@ -1,4 +1,4 @@
-"""``gplfd demos``: record episodes as a data set, look at one, run one again."""
+"""``gplfd demos``: import recordings; record, look at and repeat episodes."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,6 +7,7 @@ from typing import Annotated, Final
 import tyro
 
 from experiments.commands.options import Quiet, next_command, recorded
+from experiments.commands.recordings import Import
 from experiments.interruption import postponed_interruption
 
 DEPARTED: Final = 1
@@ -136,14 +137,15 @@ class Inspect:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Demos:
-    """Record episodes as a Minari data set, look into one, run one again."""
+    """Import recordings; record episodes, look into a data set, run one again."""
 
     task: tyro.conf.OmitSubcommandPrefixes[
-        Annotated[Record, tyro.conf.subcommand("record")]
+        Annotated[Import, tyro.conf.subcommand("import")]
+        | Annotated[Record, tyro.conf.subcommand("record")]
         | Annotated[Replay, tyro.conf.subcommand("replay")]
         | Annotated[Inspect, tyro.conf.subcommand("inspect")]
     ]
 
     def execute(self) -> int:
-        """Run the chosen one of the three."""
+        """Run the chosen one of the four."""
         return self.task.execute()
