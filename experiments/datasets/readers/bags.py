@@ -6,6 +6,9 @@ with a URDF and a link, JointState. The only topic of WrenchStamped, if there is
 becomes the force, on the clock of the poses. Stamps are those of the messages' headers.
 """
 
+import functools
+import io
+import os
 from array import array
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -53,6 +56,31 @@ POSES: Final[Mapping[str, Callable[[Any], tuple[float, ...]]]] = {
 """Types of messages that hold a pose, and how to take it."""
 
 
+@functools.cache
+def _messages() -> Any:
+    """Return the usual messages, for bags that do not describe theirs."""
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+class _BoundedReader(io.BufferedReader):
+    """Reserves no more memory for a read than the file can fill."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Read so many bytes, or as many as there are."""
+        rest = max(0, os.fstat(self.fileno()).st_size - self.tell())
+        return super().read(rest if size is None or size < 0 else min(size, rest))
+
+
+class _BoundedPath(type(Path())):  # type: ignore[misc]
+    """A path whose file is opened as `_BoundedReader`."""
+
+    def open(self, mode: str = "r", *arguments: Any, **options: Any) -> Any:
+        """Open the file."""
+        if mode == "rb":
+            return _BoundedReader(io.FileIO(self, "rb"))
+        return super().open(mode, *arguments, **options)
+
+
 @dataclass(frozen=True, slots=True)
 class _Track:
     """Rows of numbers with their stamps [ns]."""
@@ -84,7 +112,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         ValueError: The bag is damaged, has no such topic, or joint states come without
             a URDF.
     """
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
+    with AnyReader([_BoundedPath(path)], default_typestore=_messages()) as bag:
         topics = {one.topic: one.msgtype for one in bag.connections}
         topic, child = _topic(selection, topics, path.name)
         forces = [name for name, kind in topics.items() if kind == _WRENCH]
