@@ -63,7 +63,7 @@ class Import:
 
     segment: Annotated[str, tyro.conf.arg(metavar="HOW")] = "none"
     """Repetitions in a recording: none, rests (what lies between them), or times such
-    as 1.5-4.2,6-9.5 [s]."""
+    since the first sample such as 1.5-4.2,6-9.5 [s]."""
 
     keep_rests: tyro.conf.FlagCreatePairsOff[bool] = False
     """Keep rests at both ends."""

@@ -142,10 +142,15 @@ def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
         ValueError: The file is cut, holds something else, has another version, units
             or frame, or an invalid demonstration.
     """
+    return read_archive(
+        demonstrations_file(path), kind=KIND, version=VERSION, build=_labelled
+    )
+
+
+def demonstrations_file(path: str | Path) -> Path:
+    """Return the file of demonstrations that a path means: itself, or in a folder."""
     path = Path(path)
-    if path.is_dir():
-        path = path / FILE
-    return read_archive(path, kind=KIND, version=VERSION, build=_labelled)
+    return path / FILE if path.is_dir() else path
 
 
 def _labelled(members: Members) -> LabelledDemonstrations:

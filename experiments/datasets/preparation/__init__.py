@@ -98,7 +98,10 @@ def _motions(
         raise ValueError(f"{raw.name} has no orientations, which an offset needs")
     samples, notes = usable(raw, settings.units, recorded_rate)
     samples, spikes = without_spikes(samples)
-    parts, found = repetitions(samples, settings.segments)
+    try:
+        parts, found = repetitions(samples, settings.segments)
+    except ValueError as error:
+        raise ValueError(f"{raw.name}: {error}") from error
     motions = []
     for number, part in enumerate(parts, start=1):
         name = raw.name if len(parts) == 1 else f"{raw.name} #{number}"

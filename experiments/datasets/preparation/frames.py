@@ -48,13 +48,19 @@ def in_frame(
         origin, axes = hinge.frame(positions[0])
         # A hand's orientation is how far it has turned, in the axes of the door.
         turned = axes.inv() * rotations * rotations[0].inv() * axes
+        notes = []
+        if not np.ptp(samples.poses[:, 3:], axis=0).any():
+            angles = hinge.angles[:, None] * [0.0, 1.0, 0.0]
+            turned = Rotation.from_rotvec(angles)
+            text = "no orientations: the hand is taken to turn with the door"
+            notes.append(Note(text=text))
         moved = _of_parts(samples, axes.inv().apply(positions - origin), turned)
         text = (
             f"hinge at {hinge.radius:.3f} m, opened to "
             f"{np.degrees(hinge.angles.max()):.0f}°, {1e3 * hinge.residual:.1f} mm off "
             "the circle (rms)"
         )
-        return moved, hinge.radius, (Note(text=text),)
+        return moved, hinge.radius, (*notes, Note(text=text))
     base = samples.poses[0] if frame == "first-pose" else np.array(frame)
     origin, axes = _parts(base)
     moved = _of_parts(

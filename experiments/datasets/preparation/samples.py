@@ -45,7 +45,7 @@ class Samples:
     """A motion between two steps of the preparation."""
 
     times: FloatArray
-    """Time stamps [s], (N,)."""
+    """Time since the recording's first usable sample [s], (N,)."""
     poses: FloatArray
     """Positions [m] and unit quaternions, the scalar first, continuous in sign, (N, 7);
     of a motion without orientations that of no rotation."""
@@ -162,7 +162,7 @@ def _filled(times: FloatArray, signal: FloatArray) -> FloatArray:
 
 
 def _in_order(samples: Samples) -> tuple[Samples, Notes]:
-    """Sort by time, and keep one sample of each."""
+    """Sort by time, keep one sample of each, and count from the first."""
     notes = []
     backwards = int(np.count_nonzero(np.diff(samples.times) < 0.0))
     if backwards:
@@ -176,7 +176,8 @@ def _in_order(samples: Samples) -> tuple[Samples, Notes]:
         notes.append(Note(text=f"{repeated} samples with the time of another left out"))
     if len(samples.times) < 2:
         raise ValueError("all samples have the same time stamp")
-    return samples, tuple(notes)
+    times = samples.times - samples.times[0]
+    return replace(samples, times=times), tuple(notes)
 
 
 def _continuous(samples: Samples) -> tuple[int, Samples]:

@@ -36,7 +36,8 @@ class Preparation:
     Or the pose of the task's frame in the recorded one."""
     segments: Segments = "none"
     """Repetitions in a recording. "none": the whole is one. "rests": what lies between
-    rests, but for motions back. Or start and end of each [s]."""
+    rests, but for motions back. Or start and end of each since the first sample
+    [s]."""
     trim_rests: bool = True
     """Whether rests at both ends are cut to those of a gentle motion."""
     cutoff: float | None = 10.0

@@ -49,10 +49,9 @@ def repetitions(samples: Samples, how: Segments) -> tuple[list[Samples], Notes]:
     for start, end in how:
         inside = (samples.times >= start) & (samples.times <= end)
         if np.count_nonzero(inside) < 2:
-            first, last = samples.times[[0, -1]]
             raise ValueError(
-                f"there are no samples from {start} to {end} s; the recording goes "
-                f"from {first:.3f} to {last:.3f} s"
+                f"there are no samples from {start:g} to {end:g} s after the first; "
+                f"the recording lasts {samples.times[-1]:.3f} s"
             )
         parts.append(samples[inside])
     return parts, ()
