@@ -1,4 +1,4 @@
-"""``gplfd demos import``: recordings of people or robots as demonstrations."""
+"""``gplfd demos import`` and ``export``: demonstrations from and for others."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -136,6 +136,33 @@ class Import:
             rate=self.rate or None,
             largest_gap=self.largest_gap,
         )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Export:
+    """Write a set of demonstrations in the form of another program.
+
+    robomimic's is one .hdf5 file, LeRobot's (version 3) a folder. An action is the pose
+    at the next sample.
+    """
+
+    demonstrations: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SET")]
+    """Folder of `gplfd demos import`, or a demonstrations.npz."""
+
+    out: Annotated[Path, tyro.conf.arg(metavar="PATH")]
+    """File or folder to write."""
+
+    form: Literal["robomimic", "lerobot"]
+    """Whose form."""
+
+    def execute(self) -> int:
+        """Write it, and say where it is."""
+        with postponed_interruption():
+            from experiments.datasets.writers import export_demonstrations
+
+        number = export_demonstrations(self.demonstrations, self.out, self.form)
+        print(f"{number} demonstration{'s' * (number > 1)} in {self.out}")
+        return 0
 
 
 def _names(columns: str | None) -> tuple[str, ...]:
