@@ -1,6 +1,7 @@
 """``gplfd demos import``: from files of recordings to something that opens doors."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -116,3 +117,22 @@ def test_a_set_is_replaced_when_asked(
     assert "exists; give another, or --overwrite" in caplog.text
     assert imported("0.csv", "1.csv", "--out", "set", "--overwrite") == 0
     assert len(load_demonstrations("set").demonstrations) == 2
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_page_leads_from_recordings_to_a_robots_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (ROOT / "docs/recordings.md").read_text()
+    commands = re.findall(r"<!-- commands: openbox -->\n```bash\n(.*?)```", page, re.S)
+    (code,) = re.findall(r"<!-- python: openbox -->\n```python\n(.*?)```", page, re.S)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    for line in commands[0].splitlines():
+        assert cli.main([*line.split()[1:], "--quiet"]) == 0
+    monkeypatch.setattr("sys.argv", ["page"])
+    exec(code, {})
+    lines = Path("openbox.csv").read_text().splitlines()
+    assert len([line for line in lines if not line.startswith("#")]) == 201
