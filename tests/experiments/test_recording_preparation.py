@@ -153,6 +153,27 @@ def test_files_without_stamps_need_a_rate() -> None:
     assert_array_equal(times, np.arange(401) / RATE)
 
 
+def test_a_stamp_far_away_is_refused() -> None:
+    raw = door()
+    times = np.asarray(raw.times).copy()
+    times[-1] = 1e9
+    with pytest.raises(
+        ValueError, match=r"door.csv: time stamps span 1e\+09 s in steps"
+    ):
+        only(changed(raw, times=times), replace(AS_RECORDED, segments="rests"))
+    with pytest.raises(ValueError, match=r"door\.csv: all samples have the same time"):
+        only(changed(raw, times=np.zeros(len(times))))
+
+
+def test_positions_that_are_none_are_missing() -> None:
+    raw = door()
+    positions = raw.positions.copy()
+    positions[7], positions[9] = 1e300, np.inf
+    assert "2 of 401 samples missing" in texts(only(changed(raw, positions=positions)))
+    with pytest.raises(ValueError, match=r"door\.csv: only 0 of 401 samples have time"):
+        only(changed(raw, positions=positions + 1e10))
+
+
 def test_gaps_are_bridged_or_refused() -> None:
     raw = door()
     assert raw.times is not None
@@ -375,7 +396,7 @@ def test_forces_stay_with_the_motion() -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"cutoff": 0.0}, "cutoff = 0.0 must be a positive number"),
+        ({"cutoff": 0.0}, "cutoff = 0 must be a positive number to 100000"),
         ({"rate": math.inf}, "rate = inf must be"),
         ({"frame": "world"}, "must be one of first-pose, recorded, hinge"),
         ({"frame": (0, 0, 0, 1, 1, 0, 0)}, "and a unit quaternion"),

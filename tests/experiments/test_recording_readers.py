@@ -4,6 +4,7 @@ First files of every kind, written by the libraries that usually write them or b
 format's description; then round trips, refusals, and damage.
 """
 
+import contextlib
 import json
 import os
 import struct
@@ -27,6 +28,8 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from experiments.datasets.npz import save_demonstrations
+from experiments.datasets.preparation import prepare
+from experiments.datasets.preparation.settings import Preparation
 from experiments.datasets.raw import METRES, RawRecording
 from experiments.datasets.readers import READERS, read_recordings
 from experiments.datasets.readers.selection import Selection
@@ -561,6 +564,9 @@ def damaged(content: bytes, rng: np.random.Generator, text: bool) -> bytes:
             return b" ".join(words)
 
 
+USUAL = Preparation(segments="rests", frame="hinge")
+
+
 def refusal(path: Path, selection: Selection) -> str | None:
     """The message about a file; None if it was read."""
     with warnings.catch_warnings():
@@ -569,7 +575,9 @@ def refusal(path: Path, selection: Selection) -> str | None:
             recordings = read_recordings(path, selection)
         except ValueError as error:
             return str(error)
-    assert all(isinstance(one, RawRecording) for one in recordings)
+        # What was read may be anything, and is prepared or refused.
+        with contextlib.suppress(ValueError):
+            prepare(recordings[:1], USUAL, recorded_rate=RATE)
     return None
 
 

@@ -17,6 +17,10 @@ _NORM_TOLERANCE: Final = 0.05
 """A quaternion whose norm is further from one is none."""
 _MOSTLY: Final = 0.5
 """Share of samples that must be usable."""
+_NOWHERE: Final = 1e9
+"""Coordinates beyond this, in any unit, and NaN are no position."""
+_MOST_STEPS: Final = 10**6
+"""A recording spans at most so many of its usual steps, or four times its samples."""
 _FAST: Final = 5.0
 """Speed [m/s] that a hand hardly reaches."""
 _SPIN: Final = 20.0
@@ -89,8 +93,8 @@ def usable(
     notes = [Note(text=text, warning=True) for text in raw.notes]
     times = _stamps(raw, recorded_rate)
     quaternions, norms = _quaternions(raw)
-    there = np.isfinite(times) & np.isfinite(raw.positions).all(axis=1)
-    there &= norms > 0.0
+    there = np.isfinite(times) & (norms > 0.0)
+    there &= (np.abs(raw.positions) < _NOWHERE).all(axis=1)
     if np.count_nonzero(there) < max(2.0, _MOSTLY * len(there)):
         raise ValueError(
             f"{raw.name}: only {np.count_nonzero(there)} of {len(there)} samples have "
@@ -104,7 +108,10 @@ def usable(
     poses = np.hstack([raw.positions * METRES[unit or "m"], quaternions])
     signals = {name: _filled(times, array) for name, array in raw.signals.items()}
     samples = Samples(times=times, poses=poses, signals=signals)[there]
-    samples, more = _in_order(samples)
+    try:
+        samples, more = _in_order(samples)
+    except ValueError as error:
+        raise ValueError(f"{raw.name}: {error}") from error
     flips, samples = _continuous(samples)
     if flips:
         notes.append(Note(text=f"{flips} quaternions changed sign"))
@@ -177,6 +184,11 @@ def _in_order(samples: Samples) -> tuple[Samples, Notes]:
     if len(samples.times) < 2:
         raise ValueError("all samples have the same time stamp")
     times = samples.times - samples.times[0]
+    if not times[-1] <= samples.step * max(_MOST_STEPS, 4 * len(times)):
+        raise ValueError(
+            f"time stamps span {times[-1]:.3g} s in steps of usually "
+            f"{samples.step:.3g} s; look at the first and the last, and at the unit"
+        )
     return replace(samples, times=times), tuple(notes)
 
 

@@ -14,6 +14,8 @@ Segments = Literal["none", "rests"] | tuple[tuple[float, float], ...]
 """How a recording is parted into repetitions, see `Preparation.segments`."""
 
 FRAMES: Final = ("first-pose", "recorded", "hinge")
+_LARGEST: Final = 1e5
+"""Of a rate or a cut-off [Hz], and of a gap [s]."""
 _NORM_TOLERANCE: Final = 0.05
 
 
@@ -51,8 +53,10 @@ class Preparation:
     def __post_init__(self) -> None:
         for name in ("cutoff", "rate", "largest_gap"):
             value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
-                raise ValueError(f"{name} = {value} must be a positive number")
+            if value is not None and not 0.0 < value <= _LARGEST:
+                raise ValueError(
+                    f"{name} = {value:g} must be a positive number to {_LARGEST:g}"
+                )
         for name in ("offset", "frame"):
             value = getattr(self, name)
             if value is not None and not isinstance(value, str):
