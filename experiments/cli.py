@@ -23,6 +23,7 @@ from experiments.commands.figures import Figures
 from experiments.commands.learn import Learn
 from experiments.commands.report import Report
 from experiments.commands.run import Run
+from experiments.commands.skill import SkillTests
 from experiments.commands.speed import Speed
 from experiments.commands.trials import Trials
 from experiments.commands.tune import Tune
@@ -51,6 +52,7 @@ class Command(Protocol):
 COMMANDS: Final[dict[str, Callable[..., Command]]] = {
     "run": Run,
     "learn": Learn,
+    "skill": SkillTests,
     "benchmark": Benchmark,
     "trials": Trials,
     "tune": Tune,

@@ -13,7 +13,9 @@ import gymnasium as gym
 
 from experiments.arguments import check_circumstances, check_folder, check_least
 from experiments.datasets.npz import (
+    FILE,
     LabelledDemonstrations,
+    demonstrations_file,
     load_demonstrations,
     save_demonstrations,
 )
@@ -42,7 +44,6 @@ from policies.skill import load_skill
 
 CONFIGURATION: Final = "run.json"
 METRICS: Final = "metrics.json"
-DEMONSTRATIONS: Final = "demonstrations.npz"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -216,9 +217,14 @@ def _write_inputs(
     options: Mapping[str, Any],
 ) -> None:
     LOG.info("writing to %s", run.folder)
-    kept = run.folder / DEMONSTRATIONS
-    save_demonstrations(kept, run.shown.demonstrations, run.shown.radii)
-    given = demonstrations if isinstance(demonstrations, Path) else kept
+    kept = run.folder / FILE
+    shown = run.shown
+    save_demonstrations(kept, shown.demonstrations, shown.radii, frame=shown.frame)
+    given = (
+        demonstrations_file(demonstrations)
+        if isinstance(demonstrations, Path)
+        else kept
+    )
     record = {
         **options,
         "policy_source": source_of(run.policy),

@@ -1,14 +1,25 @@
-"""Skills in files: learned once, followed on any door."""
+"""Skills from files of demonstrations: learned once, kept, and judged."""
 
 import time
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 from experiments.arguments import check_folder, check_least
 from experiments.datasets.npz import load_demonstrations
+from experiments.learning_tests.methods import learn
+from experiments.learning_tests.recorded import FEWEST
 from experiments.progress import LOG
+from experiments.recording.learned import record_learned
+from experiments.report.page import write_report
+from experiments.report.recorded import overview
+from experiments.results.reading import read_results
+from experiments.study.engines import Engine
+from experiments.study.plan import recorded_tasks
+from experiments.study.session import carry_out
 from policies.method import Method, TrainingInput
 from policies.registry import POLICIES, policy_named
 from policies.skill import Skill, fit_skill
@@ -65,3 +76,52 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     movement.save(file)
     LOG.info("learned (%.1f s)", time.perf_counter() - started)
     return movement
+
+
+def judge(
+    recordings: Path,
+    folder: Path,
+    *,
+    policies: Sequence[str],
+    reference: str,
+    engine: Engine,
+    options: Mapping[str, Any],
+) -> int:
+    """Leave each recording out in turn, let every method predict it, and report.
+
+    Args:
+        recordings: File of `experiments.datasets.npz`.
+        folder: Where results, report and recording are written; may have results.
+        policies: Names of methods; see `experiments.study.plan`.
+        reference: With which the others are compared, one of them.
+        engine: Where to run.
+        options: The command's, for the record; JSON-able.
+
+    Returns:
+        The number of tests that ended in an error.
+
+    Raises:
+        ValueError: An argument or the file is wrong.
+        OSError: A file cannot be read or written.
+    """
+    given = load_demonstrations(recordings).demonstrations
+    if len(given) < FEWEST:
+        raise ValueError(
+            f"{recordings} holds {len(given)} demonstration(s); leaving one out and "
+            f"learning a spread from the others needs {FEWEST} or more"
+        )
+    tasks = recorded_tasks(policies, given)
+    names = list(dict.fromkeys(task.policy for task in tasks))
+    if reference not in names:
+        raise ValueError(
+            f"--reference {reference} is not among the judged: {', '.join(names)}"
+        )
+    errors = carry_out(tasks, options, folder, engine, given)
+    write_report(folder, None, reference)
+    print(overview(read_results(folder).recorded))
+    method = policy_named(reference).method
+    if method is not None:
+        with threadpool_limits(limits=1, user_api="blas"):
+            movement, _ = learn(method, given, 0)
+            record_learned(folder / "skill.rrd", movement, reference)
+    return errors

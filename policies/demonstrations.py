@@ -73,6 +73,30 @@ class Demonstration:
             )
         return cls(times=times, poses=np.hstack([positions, rotvecs]))
 
+    @classmethod
+    def from_positions(
+        cls, times: Float[np.ndarray, "..."], positions: Float[np.ndarray, "..."]
+    ) -> "Demonstration":
+        """Build a demonstration of a point that has no orientation.
+
+        Args:
+            times: Time stamps [s], (N,).
+            positions: Positions [m], (N, 3), or (N, 2) in the plane z = 0.
+
+        Returns:
+            The demonstration; its rotation vectors are zero.
+
+        Raises:
+            ValueError: As the class.
+        """
+        positions = np.asarray(positions, dtype=np.float64)
+        if positions.ndim != 2 or positions.shape[1] not in (2, 3):
+            raise ValueError(
+                f"positions must have shape (N, 3) or (N, 2), got {positions.shape}"
+            )
+        missing = ((0, 0), (0, 6 - positions.shape[1]))
+        return cls(times=times, poses=np.pad(positions, missing))
+
     def relative_to_first(self) -> "Demonstration":
         """Return the motion relative to its first pose, T_0⁻¹ T.
 

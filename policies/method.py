@@ -7,6 +7,7 @@ from functools import partial
 from typing import Final
 
 import numpy as np
+from jaxtyping import Float
 
 from policies.agent import CompliantAgent
 from policies.aligned import AlignedDemonstrations
@@ -46,7 +47,7 @@ class TrainingInput:
     """
 
     demonstrations: Sequence[Demonstration]
-    """At least one, in the task frame."""
+    """At least one; in the task frame where doors are to be opened."""
     seed: int = 0
     """Seeds whatever is random in the learning."""
     prior_mean: PriorMean | None = None
@@ -149,14 +150,20 @@ class Method:
     def learn(self, training: TrainingInput) -> Movement:
         """Learn a movement, around the prior mean if one is given.
 
+        The demonstrations may be of any task and in any frame that they share.
+
         Raises:
-            ValueError: There is no demonstration, one is not in the task frame and in
-                metres, or the method takes no prior mean and one is given.
+            ValueError: There is no demonstration, or the method takes no prior mean
+                and one is given.
         """
         prior_mean = training.prior_mean
         if prior_mean is not None and not self.accepts_prior_mean:
             raise ValueError("this method has no prior mean that could be given")
-        shown = self.align(_in_task_frame(training.demonstrations))
+        if not training.demonstrations:
+            raise ValueError(
+                "no demonstrations were given; a policy needs at least one"
+            )
+        shown = self.align(training.demonstrations)
         aligned = continued(shown, self.beyond)
         fit = partial(self.fit, seed=training.seed) if self.seeded else self.fit
         if prior_mean is None:
@@ -165,7 +172,13 @@ class Method:
         return fit_residual(aligned, longer, partial(fit, centred=False))
 
     def follow(self, movement: Movement) -> CompliantAgent:
-        """Return an agent that follows a movement; any number from one movement."""
+        """Return an agent that follows a movement on doors; any number from one.
+
+        Raises:
+            ValueError: The demonstrations that it was learned from do not begin at the
+                closed handle, or are not in metres.
+        """
+        _check_starts(movement.aligned.demonstrated.poses)
         return CompliantAgent(
             GriddedMovement(movement, self.adaptation, _GRID),
             phases=self.phases(movement),
@@ -173,16 +186,18 @@ class Method:
         )
 
     def __call__(self, training: TrainingInput) -> CompliantAgent:
-        """Learn a movement and follow it."""
+        """Learn a movement and follow it on doors; raises what both do."""
+        _check_starts(one.poses for one in training.demonstrations)
         return self.follow(self.learn(training))
 
 
-def _in_task_frame(demonstrations: Sequence[Demonstration]) -> Sequence[Demonstration]:
-    """Return demonstrations that begin at the closed handle, or say which does not."""
-    if not demonstrations:
-        raise ValueError("no demonstrations were given; a policy needs at least one")
-    for number, demonstration in enumerate(demonstrations):
-        start, reach = demonstration.poses[0], np.abs(demonstration.poses[:, :3]).max()
+def _check_starts(demonstrated: Iterable[Float[np.ndarray, "_ 6"]]) -> None:
+    """Raise unless demonstrations begin at the closed handle of a door, in metres.
+
+    Only who acts on a door needs this; motions of any task can be learned.
+    """
+    for number, poses in enumerate(demonstrated):
+        start, reach = poses[0], np.abs(poses[:, :3]).max()
         if reach > _LARGEST_REACH:
             raise ValueError(
                 f"demonstration {number} reaches {reach:.3g} m from the closed handle; "
@@ -194,6 +209,6 @@ def _in_task_frame(demonstrations: Sequence[Demonstration]) -> Sequence[Demonstr
                 f"demonstration {number} starts {distance:.3g} m and {turn:.3g} rad "
                 "away from the closed handle, which is the origin of the task frame (x "
                 "pull, y up); demonstration.relative_to_first() gives the motion in "
-                "the axes of its first pose, which must then be these"
+                "the axes of its first pose, which must then be these; `gplfd demos "
+                "import --frame hinge` finds them from the motion"
             )
-    return demonstrations

@@ -96,6 +96,22 @@ def without_rests(
     return Demonstration(times=clock[kept], poses=poses), rests
 
 
+def moving_span(demonstration: Demonstration) -> tuple[float, float]:
+    """Return when a demonstration begins and ends without the rests at its ends [s].
+
+    Of these as much is kept as `without_rests` keeps; those in between stay.
+    """
+    start, end = (float(demonstration.times[place]) for place in (0, -1))
+    first, last = start, end
+    _, rests = without_rests(demonstration)
+    for rest in rests:
+        if rest.start <= first:
+            start = rest.end
+        if rest.end >= last:
+            end = rest.start
+    return start, end
+
+
 def warn_of_rests(
     demonstrations: Sequence[Demonstration], rests: Sequence[tuple[Rest, ...]]
 ) -> None:

@@ -115,6 +115,48 @@ def read_archive(
     return record
 
 
+def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """Return all arrays of numbers or text in an .npz file from anywhere.
+
+    The file is not trusted, as by `read_archive`. Members that hold something else,
+    such as pickled objects, are left out.
+
+    Raises:
+        OSError: The file cannot be read.
+        ValueError: It is no .npz, or damaged.
+    """
+    content = Path(path).read_bytes()
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        members = _Members(archive, limit=_LARGEST_EXPANSION * len(content))
+        return members.plain()
+
+
+def array_of(content: bytes, name: str) -> np.ndarray:
+    """Return the array of a .npy file: of numbers or text, read-only.
+
+    Args:
+        content: Of the file.
+        name: What a message calls it.
+
+    Raises:
+        ValueError: It is damaged, or holds something else.
+    """
+    stream = io.BytesIO(content)
+    if np.lib.format.read_magic(stream) != (1, 0):
+        raise ValueError(f"{name!r} is not an array of version 1.0")
+    shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+    if dtype.kind not in "biufU" or dtype.itemsize == 0:
+        raise _NotPlainError(f"{name!r} holds {dtype!s:.40}, not numbers or text")
+    start = stream.tell()
+    if math.prod(shape) * dtype.itemsize != len(content) - start:
+        raise ValueError(f"{name!r} is not as large as its header says")
+    if dtype.kind == "U":
+        # NumPy would make a str of code points that do not exist.
+        content[start:].decode("utf-32-be" if dtype.str[0] == ">" else "utf-32-le")
+    order: Final = "F" if fortran else "C"
+    return np.ndarray(shape, dtype, buffer=content, offset=start, order=order)
+
+
 def settings(member: np.ndarray) -> dict[str, Any]:
     """Parse a member that holds a JSON object.
 
@@ -125,6 +167,10 @@ def settings(member: np.ndarray) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise ValueError(f"its settings must be a JSON object, got {found!r:.40}")
     return found
+
+
+class _NotPlainError(ValueError):
+    """An array holds neither numbers nor text."""
 
 
 class _Members:
@@ -149,7 +195,15 @@ class _Members:
             raise ValueError("it unpacks to more than its size allows")
         with self._archive.open(info) as stream:
             # Given a number, it unpacks no more, whatever the compressed bytes hold.
-            return _array(stream.read(info.file_size), name)
+            return array_of(stream.read(info.file_size), name)
+
+    def plain(self) -> dict[str, np.ndarray]:
+        """Return what are arrays of numbers or text."""
+        arrays = {}
+        for name in list(self._infos):
+            with contextlib.suppress(_NotPlainError):
+                arrays[name] = self(name)
+        return arrays
 
     def check(self, kind: str, version: int) -> None:
         """Raise unless the archive says that it holds this."""
@@ -170,21 +224,3 @@ class _Members:
 
 
 _COMPRESSIONS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-
-
-def _array(content: bytes, name: str) -> np.ndarray:
-    """Return the array of a .npy file: of numbers or text, read-only."""
-    stream = io.BytesIO(content)
-    if np.lib.format.read_magic(stream) != (1, 0):
-        raise ValueError(f"{name!r} is not an array of version 1.0")
-    shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
-    if dtype.kind not in "biufU" or dtype.itemsize == 0:
-        raise ValueError(f"{name!r} holds {dtype!s:.40}, not numbers or text")
-    start = stream.tell()
-    if math.prod(shape) * dtype.itemsize != len(content) - start:
-        raise ValueError(f"{name!r} is not as large as its header says")
-    if dtype.kind == "U":
-        # NumPy would make a str of code points that do not exist.
-        content[start:].decode("utf-32-be" if dtype.str[0] == ">" else "utf-32-le")
-    order: Final = "F" if fortran else "C"
-    return np.ndarray(shape, dtype, buffer=content, offset=start, order=order)

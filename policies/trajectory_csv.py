@@ -18,7 +18,7 @@ COLUMNS: Final = (
 
 ABOUT: Final = """\
 # A trajectory of the hand by gplfd, version 1.
-# Frame: the task's. Origin at the closed handle, x the pulling direction, y up, z = x
+# Frame: as demonstrated. On doors: origin at the closed handle, x pulls, y up, z = x
 # cross y; orientations are relative to that of the hand at the closed door.
 # qx, qy, qz, qw is a unit quaternion, the scalar last, its sign continuous in time.
 # std_x to std_rz are standard deviations of a repetition of the task: of the position

@@ -1,4 +1,4 @@
-"""``gplfd demos``: record episodes as a data set, look at one, run one again."""
+"""``gplfd demos``: import, export; record, look at and repeat episodes."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,6 +7,7 @@ from typing import Annotated, Final
 import tyro
 
 from experiments.commands.options import Quiet, next_command, recorded
+from experiments.commands.recordings import Export, Import
 from experiments.interruption import postponed_interruption
 
 DEPARTED: Final = 1
@@ -136,14 +137,16 @@ class Inspect:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Demos:
-    """Record episodes as a Minari data set, look into one, run one again."""
+    """Demonstrations from recordings, for other programs, and of policies."""
 
     task: tyro.conf.OmitSubcommandPrefixes[
-        Annotated[Record, tyro.conf.subcommand("record")]
+        Annotated[Import, tyro.conf.subcommand("import")]
+        | Annotated[Export, tyro.conf.subcommand("export")]
+        | Annotated[Record, tyro.conf.subcommand("record")]
         | Annotated[Replay, tyro.conf.subcommand("replay")]
         | Annotated[Inspect, tyro.conf.subcommand("inspect")]
     ]
 
     def execute(self) -> int:
-        """Run the chosen one of the three."""
+        """Run the chosen one."""
         return self.task.execute()

@@ -37,7 +37,7 @@ import numpy as np
 from experiments.episodes.metrics import log_dimensionless_jerk
 from experiments.learning_tests.accuracy import accuracy, averaged, spread_followed
 from experiments.learning_tests.extrapolation import beyond
-from experiments.learning_tests.folds import Fold, aligned_to, folds
+from experiments.learning_tests.folds import Fold, OnPhases, aligned_to, folds
 from experiments.learning_tests.methods import cpu_seconds, learn
 from experiments.learning_tests.tumbling import tumbling
 from experiments.learning_tests.via_points import adaptation
@@ -97,19 +97,24 @@ def _scores(
     """Every score of every demonstration that a fold leaves out."""
     movement, cpu_s = learn(method, fold.given, seed)
     left_out = [aligned_to(one, movement.aligned) for one in fold.left_out]
-    asked = [one.thinned(_SAMPLES) for one in left_out]
     shared = {
         **adaptation(method, movement, left_out),
-        **_of_the_movement(movement),
+        **of_the_movement(movement),
         "cpu_fit_s": cpu_s,
-        "cpu_predict_s": _prediction_time(movement),
     }
-    return [
-        {**accuracy(movement.predict(one.phases), one.poses), **shared} for one in asked
-    ]
+    return [{**of_the_prediction(movement, one), **shared} for one in left_out]
 
 
-def _of_the_movement(movement: Movement) -> Mapping[str, float | None]:
+def of_the_prediction(
+    movement: Movement, left_out: OnPhases
+) -> Mapping[str, float | None]:
+    """Return how near a movement is to a demonstration that it did not learn from."""
+    asked = left_out.thinned(_SAMPLES)
+    return accuracy(movement.predict(asked.phases), asked.poses)
+
+
+def of_the_movement(movement: Movement) -> Mapping[str, float | None]:
+    """Return how smooth a movement is, how it follows the spread, and how fast."""
     phases = np.linspace(0.0, 1.0, _SAMPLES)
     step = movement.duration / (_SAMPLES - 1)
     aligned = movement.aligned
@@ -120,6 +125,7 @@ def _of_the_movement(movement: Movement) -> Mapping[str, float | None]:
             movement.predict(phases).mean[:, :3], step
         ),
         "spread_followed": spread_followed(std[grown], aligned.poses[:, grown]),
+        "cpu_predict_s": _prediction_time(movement),
     }
 
 

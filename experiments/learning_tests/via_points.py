@@ -34,6 +34,8 @@ _FAR: Final = 0.3
 """What is farther from a via-point than this is far [phase]."""
 _SEEN: Final = 0.3
 """How much of a demonstration is seen before the rest is predicted [phase]."""
+FORECASTS: Final = (0.10, 0.25, 0.50)
+"""How much of a recording is seen, in turn."""
 _VIA_POINT_SCORES: Final = (
     *("via_error_position_m", "via_error_rotation_rad"),
     *("via_error_strict_position_m", "via_error_strict_rotation_rad"),
@@ -122,7 +124,7 @@ def _rest(
     adapted = begin_adaptation(movement, method.adaptation, GRID)
     cpu_s = None
     if method.adaptation is not None:
-        seen = _observations(left_out)
+        seen = _observations(left_out, _SEEN)
 
         def observe() -> None:
             for via_point in seen:
@@ -143,10 +145,40 @@ def _rest(
     }
 
 
-def _observations(left_out: OnPhases) -> tuple[ViaPoint, ...]:
-    """Via-points as an agent takes them while it opens a door."""
+def forecasts(
+    method: Method, movement: Movement, left_out: OnPhases
+) -> dict[str, float | None]:
+    """Return how well the rest is predicted once `FORECASTS` have been seen.
+
+    Args:
+        method: How to adapt; without via-points the movement is not adapted.
+        movement: What is adapted.
+        left_out: A demonstration on its phases.
+
+    Returns:
+        Numbers by name, as `experiments.learning_tests.recorded` lists them.
+    """
+    truth, found = left_out.at(GRID), dict[str, float | None]()
+    for share in FORECASTS:
+        adapted = begin_adaptation(movement, method.adaptation, GRID)
+        if method.adaptation is not None:
+            for via_point in _observations(left_out, share):
+                adapted.observe(via_point)
+        ahead = share < GRID
+        rest, name = adapted.trajectory()[ahead], f"forecast_{100 * share:.0f}"
+        found |= {
+            f"{name}_position_m": rms_distance(rest.mean, truth[ahead]),
+            f"{name}_rotation_rad": rms_rotation(rest.mean, truth[ahead]),
+            f"{name}_nlpd": known(rest.nlpd(truth[ahead])),
+            f"{name}_coverage_95": known(rest.coverage(truth[ahead], normal=True)),
+        }
+    return found
+
+
+def _observations(left_out: OnPhases, share: float) -> tuple[ViaPoint, ...]:
+    """Via-points of the first share, as an agent takes them while it opens a door."""
     config = ComplianceConfig()
-    count = round(_SEEN / config.via_spacing)
+    count = round(share / config.via_spacing)
     phases: FloatArray = config.via_spacing * np.arange(1.0, count + 1.0)
     return tuple(
         ViaPoint(phase=float(phase), pose=pose, std=np.repeat(config.via_std, 3))

@@ -6,12 +6,12 @@ from typing import Final
 
 from experiments.files.table import Table
 from experiments.report.document import Block, Items, Paragraph, Picture, Section, code
-from experiments.report.plots import coverage, prediction_scores
+from experiments.report.plots import LeftOut, coverage, prediction_scores
 from experiments.report.policy_table import Cell, medians, policy_table
 from experiments.report.sentences import value_sentence
 from experiments.results.grouping import by_condition, by_policy, numbers
 from experiments.results.measures import LEARNING_HEADLINES, LEARNING_MEASURES, median
-from experiments.results.records import LearningTestResult
+from experiments.results.records import LearningTestResult, RecordedResult
 
 Tests = Sequence[LearningTestResult]
 
@@ -29,7 +29,11 @@ def learning_section(tests: Tests, reference: str) -> Section:
         groups = _groups(tests)
         for title, runs in groups.items():
             blocks += [Paragraph(text=f"**{title}**"), _standing(runs, reference)]
-        blocks += [_table(groups), *_outputs(standard), *_plots(standard, reference)]
+        blocks += [
+            _table(groups),
+            *_outputs(standard),
+            *prediction_plots(standard, reference),
+        ]
     else:
         text = (
             "This study has no learning test with a result: `gplfd benchmark` makes "
@@ -88,8 +92,11 @@ def _seconds(outputs: int, own: Tests) -> str:
     return "–" if value is None else f"{value:.3g}"
 
 
-def _plots(tests: Tests, reference: str) -> list[Block]:
-    runs = by_policy(tests)
+def prediction_plots(
+    tests: Tests | Sequence[RecordedResult], reference: str
+) -> list[Block]:
+    """Return plots of how honest and how near predictions are."""
+    runs: Mapping[str, Sequence[LeftOut]] = by_policy(tests)
     blocks: list[Block] = []
     if any(one.number("coverage_95") is not None for one in tests):
         picture = Picture(
@@ -104,7 +111,7 @@ def _plots(tests: Tests, reference: str) -> list[Block]:
     picture = Picture(
         name="skill",
         draw=partial(prediction_scores, runs),
-        caption="**Errors and likelihood of predictions.** A dot per seed, a bar at "
+        caption="**Errors and likelihood of predictions.** A dot per test, a bar at "
         "the median; left is better. The policy with the least position error is on "
         "top.",
         alternative="Dot plot of NLPD, position and rotation error by policy",

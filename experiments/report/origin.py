@@ -36,10 +36,15 @@ def header(results: StudyResults) -> tuple[Block, ...]:
     warning = " ".join(filter(None, warnings))
     started = results.study.get("created")
     command = results.study.get("command")
+    parts = (
+        (results.episodes, "episodes"),
+        (results.tests, "learning tests"),
+        (results.recorded, "recordings left out"),
+    )
+    done = " and ".join(f"{len(own)} {what}" for own, what in parts if own)
     blocks: list[Block] = [
         Paragraph(
-            text=f"{len(results.episodes)} episodes and {len(results.tests)} learning "
-            f"tests of {len(by_policy(results.all))} policies"
+            text=f"{done} of {len(by_policy(results.all))} policies"
             + (f", started {literal(started)}" if isinstance(started, str) else "")
             + ". Every number on this page is computed from the result files of"
         ),

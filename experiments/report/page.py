@@ -26,6 +26,7 @@ from experiments.report.plots import (
     forecast_by_progress,
     success_by_radius,
 )
+from experiments.report.recorded import recorded_section
 from experiments.report.recordings import recording_section
 from experiments.report.sentences import PRIVILEGED
 from experiments.report.table_one import table_one_section
@@ -110,14 +111,18 @@ def report(
             lead.append(Paragraph(text=text))
         lead += [standing(first, reference), _how_to_read(first)]
         sections += [_opened(shown, first, reference), _paired(ran, reference)]
-    sections += [
-        table_one_section(results.tests),
-        learning_section(results.tests, reference),
-        recording_section(study, folder, policies),
-        origin_section(results),
-    ]
+    if results.recorded:
+        sections.append(recorded_section(results.recorded, reference))
+    if results.episodes or results.tests:
+        sections += [
+            table_one_section(results.tests),
+            learning_section(results.tests, reference),
+            recording_section(study, folder, policies),
+        ]
+    sections.append(origin_section(results))
+    doors = bool(results.episodes or results.tests)
     return Document(
-        title="Opening doors: the policies compared",
+        title=f"{'Opening doors' if doors else 'Recordings'}: the policies compared",
         lead=tuple(lead),
         sections=tuple(sections),
     )

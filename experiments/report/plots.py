@@ -32,9 +32,12 @@ from experiments.results.records import (
     NON_STANDARD,
     EpisodeResult,
     LearningTestResult,
+    RecordedResult,
 )
 from experiments.results.statistics import success_rate
 from experiments.teacher import DEMONSTRATED_RADII
+
+LeftOut = LearningTestResult | RecordedResult
 
 LEVELS: Final = (50, 90, 95)
 """Nominal coverages with a measured one [%]."""
@@ -119,9 +122,7 @@ def forecast_by_progress(runs: Runs, reference: str) -> Figure:
     return small_multiples(runs, reference, draw, prepare, *labels)
 
 
-def coverage(
-    runs: Mapping[str, Sequence[LearningTestResult]], reference: str
-) -> Figure:
+def coverage(runs: Mapping[str, Sequence[LeftOut]], reference: str) -> Figure:
     """Draw the share of left-out numbers inside intervals of a nominal share."""
 
     def draw(axes: Axes, policy: str, tint: str) -> None:
@@ -146,9 +147,9 @@ def coverage(
     return small_multiples(runs, reference, draw, prepare, *labels)
 
 
-def prediction_scores(runs: Mapping[str, Sequence[LearningTestResult]]) -> Figure:
-    """Draw likelihood and errors of predictions: dots are seeds, bars medians."""
-    kinds = sorted({one.task.held_out for own in runs.values() for one in own})
+def prediction_scores(runs: Mapping[str, Sequence[LeftOut]]) -> Figure:
+    """Draw likelihood and errors of predictions: dots are tests, bars medians."""
+    kinds = sorted({_left_out(one) for own in runs.values() for one in own})
     tints = dict(zip(kinds, (style.DOORS[1], style.AXIS_X), strict=False))
     lifts = {kind: 0.32 * (n - 0.5 * (len(kinds) - 1)) for n, kind in enumerate(kinds)}
     position = LEARNING_MEASURES["rmse_position_m"]
@@ -164,7 +165,7 @@ def prediction_scores(runs: Mapping[str, Sequence[LearningTestResult]]) -> Figur
         measure = LEARNING_MEASURES[name]
         for row, policy in enumerate(order):
             for kind in kinds:
-                own = (one for one in runs[policy] if one.task.held_out == kind)
+                own = (one for one in runs[policy] if _left_out(one) == kind)
                 values = [value for value in map(measure.of, own) if value is not None]
                 _row_of_dots(axes, row + lifts[kind], values, tints[kind])
         axes.set_xlabel(measure.title)
@@ -176,6 +177,10 @@ def prediction_scores(runs: Mapping[str, Sequence[LearningTestResult]]) -> Figur
         panels[0].plot([], [], "o", ms=3.5, color=tint, label=f"{kind} left out")
     figure.legend(loc="outside upper left", ncols=2)
     return figure
+
+
+def _left_out(one: LeftOut) -> str:
+    return one.task.held_out if isinstance(one, LearningTestResult) else "recording"
 
 
 def _row_of_dots(axes: Axes, height: float, values: Sequence[float], tint: str) -> None:

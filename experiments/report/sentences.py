@@ -79,7 +79,10 @@ def _rate_rival(name: str, pairs: Pairs) -> _Rival:
 
 
 def value_sentence(
-    measure: Measure, numbers: Mapping[str, Mapping[Key, float]], policy: str
+    measure: Measure,
+    numbers: Mapping[str, Mapping[Key, float]],
+    policy: str,
+    trials: str = "seeds",
 ) -> str:
     """Say how a policy's numbers stand; less is better.
 
@@ -87,17 +90,18 @@ def value_sentence(
         measure: What the numbers are.
         numbers: Number by policy and task.
         policy: The policy the sentence is about.
+        trials: What the independent trials are.
     """
     title = measure.phrase[0].upper() + measure.phrase[1:]
     own = numbers.get(policy, {})
     if not own:
         return f"**{title}:** {code(policy)} has no value."
     middle = f"median {measure.text(median(own.values()), unit=True)}"
-    rivals = _rivals(numbers, policy, partial(_value_rival, measure))
+    rivals = _rivals(numbers, policy, partial(_value_rival, measure, trials))
     return f"**{title}:** {_standing(policy, middle, rivals)}"
 
 
-def _value_rival(measure: Measure, name: str, pairs: Pairs) -> _Rival:
+def _value_rival(measure: Measure, trials: str, name: str, pairs: Pairs) -> _Rival:
     found = shift(*pairs.per_seed())
     size = abs(found.estimate)
     # A small difference is shown with the decimals that it takes.
@@ -113,7 +117,7 @@ def _value_rival(measure: Measure, name: str, pairs: Pairs) -> _Rival:
         name=name,
         lead=found.estimate,
         beats=found.low > 0.0,
-        text=f"{side} by {size_text} ({interval}, {found.n} seeds)",
+        text=f"{side} by {size_text} ({interval}, {found.n} {trials})",
         unsettled=math.isinf(found.low),
     )
 

@@ -5,12 +5,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, TypeVar
 
 from experiments.results.measures import EPISODE_MEASURES, Measure
-from experiments.results.records import EpisodeResult, TaskResult
+from experiments.results.records import EpisodeResult, TaskResult, TaughtResult
 from experiments.results.statistics import Key
 from experiments.study.settings import Condition
 from gplfd_env.randomization import RANDOMIZATIONS
 
 ResultT = TypeVar("ResultT", bound=TaskResult)
+TaughtT = TypeVar("TaughtT", bound=TaughtResult)
 
 Runs = Mapping[str, Sequence[EpisodeResult]]
 """Episodes by the name of their policy."""
@@ -77,12 +78,12 @@ def by_policy(results: Iterable[ResultT]) -> dict[str, list[ResultT]]:
     return grouped(results, lambda one: one.policy)
 
 
-def by_condition(results: Iterable[ResultT]) -> dict[Condition, list[ResultT]]:
+def by_condition(results: Iterable[TaughtT]) -> dict[Condition, list[TaughtT]]:
     """Return results by what they share, those with most results first."""
     groups = grouped(results, lambda one: one.condition)
     standing = {name: place for place, name in enumerate(RANDOMIZATIONS)}
 
-    def order(item: tuple[Condition, Sequence[ResultT]]) -> tuple[float, ...]:
+    def order(item: tuple[Condition, Sequence[TaughtT]]) -> tuple[float, ...]:
         condition, own = item
         return (
             -len(own),

@@ -156,6 +156,29 @@ LEARNING_MEASURES: Final = {
 }
 """Measures of learning tests by the metric of each."""
 
+
+def _forecast(share: int) -> tuple[Measure, ...]:
+    """Return the measures of a forecast after a share of a recording [%]."""
+    name, after = f"forecast_{share}", f"after {share} %"
+    return (
+        Measure(
+            f"{name}_position_m",
+            f"{after} [mm]",
+            f"error of the rest {after}",
+            digits=1,
+            convert=_thousandfold,
+        ),
+        Measure(f"{name}_rotation_rad", f"{after} [°]", convert=math.degrees),
+        Measure(f"{name}_nlpd", f"NLPD {after}", f"likelihood of the rest {after}"),
+        Measure(f"{name}_coverage_95", f"inside 95 % {after}"),
+    )
+
+
+RECORDED_MEASURES: Final = {
+    measure.metric: measure for share in (10, 25, 50) for measure in _forecast(share)
+}
+"""Measures of forecasts of recordings by the metric of each."""
+
 HEADLINES: Final = (
     "force_radial_peak",
     "force_tangential_peak",

@@ -10,17 +10,26 @@ from typing import Any, Final
 from experiments.episodes.metrics import EpisodeMetrics
 from experiments.files.plain_data import entry, read_json
 from experiments.learning_tests.folds import HELD_OUT
-from experiments.results.measures import LEARNING_MEASURES
+from experiments.results.measures import LEARNING_MEASURES, RECORDED_MEASURES
 from experiments.results.records import (
     DEMONSTRATED,
     NON_STANDARD,
     UNDEMONSTRATED,
     EpisodeResult,
     LearningTestResult,
+    RecordedResult,
     StudyResults,
+    TaskResult,
 )
 from experiments.study.settings import Condition
-from experiments.study.tasks import EpisodeTask, SkillTask, Task, task_from
+from experiments.study.tasks import (
+    EpisodeTask,
+    RecordedTask,
+    SkillTask,
+    Task,
+    TaughtTask,
+    task_from,
+)
 from experiments.teacher import Habits, TeacherConfig
 from gplfd_env.config import DoorConfig
 from gplfd_env.disturbance import disturbance_named
@@ -35,6 +44,7 @@ _LARGEST: Final = 1e9
 _LONGEST: Final = 200
 """Characters of a name, and of a reason."""
 
+_RECORDED: Final[Mapping[str, Any]] = {"policy": str, "seed": int, "recordings": str}
 _LEARNING_TEST: Final[Mapping[str, Any]] = {
     "policy": str,
     "seed": int,
@@ -47,6 +57,12 @@ _EPISODE: Final = {
     "door_config": dict[str, float],
     "randomization": str | dict[str, Any],
 }
+_FIELDS: Final = {
+    "episode": _EPISODE,
+    "skill": _LEARNING_TEST,
+    "recorded": _RECORDED,
+}
+"""Fields of a task by its kind."""
 _SELDOM: Final = {
     "disturbance": str | dict[str, Any],
     "demonstrated_radii": tuple[float, ...],
@@ -84,8 +100,8 @@ def read_results(folder: Path) -> StudyResults:
             f"{folder} is not the folder of a study: it has no {TASKS}/*.json. Give "
             "the --out of a `gplfd benchmark`"
         )
-    episodes, tests, unreadable = read_files(files)
-    if not (episodes or tests):
+    found, unreadable = read_files(files)
+    if not found:
         raise ValueError(
             f"none of the {len(files)} files in {folder / TASKS} holds a result; "
             f"the first: {unreadable[0]}"
@@ -96,10 +112,22 @@ def read_results(folder: Path) -> StudyResults:
             study = read_json(folder / STUDY)
         except (OSError, ValueError) as error:
             unreadable.append(_reason(folder / STUDY, error))
+    return _of_study(study, found, unreadable)
+
+
+def _of_study(
+    study: Mapping[str, Any], found: Iterable[TaskResult], unreadable: Iterable[str]
+) -> StudyResults:
+    """Return results by what they are of, in order."""
+    every = list(found)
+    episodes = [one for one in every if isinstance(one, EpisodeResult)]
+    tests = [one for one in every if isinstance(one, LearningTestResult)]
+    recorded = [one for one in every if isinstance(one, RecordedResult)]
     return StudyResults(
         study=study,
         episodes=tuple(sorted(episodes, key=_episode_order)),
         tests=tuple(sorted(tests, key=_test_order)),
+        recorded=tuple(sorted(recorded, key=lambda one: (one.policy, one.key))),
         unreadable=tuple(unreadable),
     )
 
@@ -107,7 +135,7 @@ def read_results(folder: Path) -> StudyResults:
 def is_measured(folder: Path) -> bool:
     """Tell whether any task of a study came to more than an error."""
     files = (folder / TASKS).glob("[!.]*.json")
-    each = (one for file in files for found in read_files([file])[:2] for one in found)
+    each = (one for file in files for one in read_files([file])[0])
     return any(not one.error for one in each)
 
 
@@ -130,32 +158,22 @@ def read_all(folders: Sequence[Path]) -> StudyResults:
                     f"{other} and {folder} both hold results of {one.policy}; leave "
                     "out one of the folders"
                 )
-    return StudyResults(
-        study=each[0].study,
-        episodes=tuple(
-            sorted((one for r in each for one in r.episodes), key=_episode_order)
-        ),
-        tests=tuple(sorted((one for r in each for one in r.tests), key=_test_order)),
-        unreadable=tuple(reason for r in each for reason in r.unreadable),
+    return _of_study(
+        each[0].study,
+        (one for results in each for one in results.all),
+        (reason for results in each for reason in results.unreadable),
     )
 
 
-def read_files(
-    files: Iterable[Path],
-) -> tuple[list[EpisodeResult], list[LearningTestResult], list[str]]:
+def read_files(files: Iterable[Path]) -> tuple[list[TaskResult], list[str]]:
     """Read results, and name the files that hold none, with the reason."""
-    episodes, tests, unreadable = [], [], []
+    found, unreadable = list[TaskResult](), list[str]()
     for file in files:
         try:
-            result = _result(read_json(file))
+            found.append(_result(read_json(file)))
         except (OSError, ValueError, TypeError) as error:
             unreadable.append(_reason(file, error))
-            continue
-        if isinstance(result, EpisodeResult):
-            episodes.append(result)
-        else:
-            tests.append(result)
-    return episodes, tests, unreadable
+    return found, unreadable
 
 
 def _reason(file: Path, error: Exception) -> str:
@@ -173,13 +191,12 @@ def _test_order(one: LearningTestResult) -> tuple[Any, ...]:
     return one.policy, str(one.condition), task.held_out, task.seed, one.pair
 
 
-def _result(record: Mapping[str, Any]) -> EpisodeResult | LearningTestResult:
+def _result(record: Mapping[str, Any]) -> TaskResult:
     fields = dict(entry(record, "task", dict[str, Any]))
     source = entry({"policy_source": None, **fields}, "policy_source", _SOURCE) or {}
     task, failed = _task(fields), "error" in record
     shared: dict[str, Any] = {
         "task": task,
-        "condition": _condition(task),
         "pair": dataclasses.replace(task, policy="", policy_source=None).key,
         "metrics": {} if failed else entry(record, "metrics", dict[str, Any]),
         "error": entry(record, "error", str) or "no reason given" if failed else "",
@@ -187,6 +204,11 @@ def _result(record: Mapping[str, Any]) -> EpisodeResult | LearningTestResult:
         "machine": str(record.get("arithmetic", "")),
         "policy_source": ", ".join(f"{name} {said}" for name, said in source.items()),
     }
+    if isinstance(task, RecordedTask):
+        _check_learning(shared, (*RECORDED_MEASURES, *LEARNING_MEASURES))
+        return RecordedResult(**shared)
+    if isinstance(task, TaughtTask):
+        shared["condition"] = _condition(task)
     if isinstance(task, EpisodeTask):
         shown = str(record.get("demonstrations", ""))
         return _episode(task, shared | {"demonstrations": shown})
@@ -194,8 +216,10 @@ def _result(record: Mapping[str, Any]) -> EpisodeResult | LearningTestResult:
 
 
 def _task(fields: Mapping[str, Any]) -> Task:
-    kinds = _EPISODE if entry(fields, "kind", str) == "episode" else _LEARNING_TEST
-    for name, kind in kinds.items():
+    named = entry(fields, "kind", str)
+    if named not in _FIELDS:
+        raise ValueError(f"kind = {named[:_LONGEST]!r} must be one of {[*_FIELDS]}")
+    for name, kind in _FIELDS[named].items():
         value = entry(fields, name, kind)
         if kind is str and not (value.isprintable() and 0 < len(value) <= _LONGEST):
             raise ValueError(f"{name} = {value[:_LONGEST]!r} is not a name in one line")
@@ -213,7 +237,7 @@ def _task(fields: Mapping[str, Any]) -> Task:
     return task
 
 
-def _condition(task: Task) -> Condition:
+def _condition(task: TaughtTask) -> Condition:
     noise = TeacherConfig(**task.teacher).wobble_position_std
     taught = Condition(
         demonstrations_per_door=task.demonstrations_per_door,
@@ -260,14 +284,20 @@ def _episode(task: EpisodeTask, shared: Mapping[str, Any]) -> EpisodeResult:
 
 
 def _learning_test(shared: Mapping[str, Any]) -> LearningTestResult:
-    metrics = shared["metrics"]
-    if not shared["error"]:
-        # Those of a criterion may be missing, those of a table not.
-        kinds = dict.fromkeys((*metrics, *LEARNING_MEASURES), float | None)
-        _check(metrics, kinds | {name: _BY_OUTPUTS for name in _OUTPUTS & kinds.keys()})
-    outputs = metrics.get("outputs_cpu_s") or {}
+    _check_learning(shared, LEARNING_MEASURES)
+    outputs = shared["metrics"].get("outputs_cpu_s") or {}
     seconds = {int(n): float(each) for n, each in outputs.items() if each is not None}
     return LearningTestResult(outputs_cpu_s=seconds, **shared)
+
+
+def _check_learning(shared: Mapping[str, Any], measures: Iterable[str]) -> None:
+    """Raise ValueError unless metrics are numbers, and those of a table are there."""
+    if shared["error"]:
+        return
+    metrics = shared["metrics"]
+    # Those of a criterion may be missing, those of a table not.
+    kinds = dict.fromkeys((*metrics, *measures), float | None)
+    _check(metrics, kinds | {name: _BY_OUTPUTS for name in _OUTPUTS & kinds.keys()})
 
 
 def _check(metrics: Mapping[str, Any], kinds: Mapping[str, Any]) -> None:

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from experiments.results.statistics import Key
 from experiments.study.settings import Condition
-from experiments.study.tasks import EpisodeTask, SkillTask, Task
+from experiments.study.tasks import EpisodeTask, RecordedTask, SkillTask, Task
 
 DEMONSTRATED: Final = "demonstrated radii"
 UNDEMONSTRATED: Final = "undemonstrated radii"
@@ -23,8 +23,6 @@ class TaskResult:
 
     task: Task
     """What was to be done."""
-    condition: Condition
-    """What this task shares with others of the same table."""
     pair: str
     """Key of the task without its policy: results with the same key are a pair."""
     metrics: Mapping[str, Any]
@@ -55,7 +53,15 @@ class TaskResult:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class EpisodeResult(TaskResult):
+class TaughtResult(TaskResult):
+    """What is known of a task whose policy learned from the synthetic human."""
+
+    condition: Condition
+    """What this task shares with others of the same table."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EpisodeResult(TaughtResult):
     """What is known of an episode."""
 
     task: EpisodeTask
@@ -80,13 +86,21 @@ class EpisodeResult(TaskResult):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class LearningTestResult(TaskResult):
+class LearningTestResult(TaughtResult):
     """How well a policy predicted demonstrations that it did not see."""
 
     task: SkillTask
     """What was left out."""
     outputs_cpu_s: Mapping[int, float]
     """CPU time to learn by number of outputs [s]; empty where it was not measured."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecordedResult(TaskResult):
+    """How well a policy predicted a recording that it did not see."""
+
+    task: RecordedTask
+    """Which was left out."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -99,10 +113,12 @@ class StudyResults:
     """In the order of policies, conditions, doors and seeds."""
     tests: tuple[LearningTestResult, ...]
     """In the order of policies and seeds."""
+    recorded: tuple[RecordedResult, ...]
+    """In the order of policies and recordings."""
     unreadable: tuple[str, ...]
     """Names of files that hold no result, with the reason."""
 
     @property
     def all(self) -> tuple[TaskResult, ...]:
-        """Episodes and learning tests."""
-        return (*self.episodes, *self.tests)
+        """Episodes, learning tests, and recordings left out."""
+        return (*self.episodes, *self.tests, *self.recorded)

@@ -116,7 +116,8 @@ def _tables(folder: Path, settings: StudySettings) -> Iterator[str]:
     for condition in several:
         tasks = episodes(settings, condition, range(settings.seeds))
         files = (result_path(folder, task) for task in tasks)
-        results, _, unreadable = read_files(files)
+        found, unreadable = read_files(files)
+        results = [one for one in found if isinstance(one, EpisodeResult)]
         if len(several) > 1:
             yield f"{condition}:"
         yield from filter(None, (error_count(results), *unreadable))

@@ -2,7 +2,6 @@
 
 import contextlib
 import functools
-import hashlib
 import json
 import math
 import numbers
@@ -14,14 +13,22 @@ import gymnasium as gym
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from experiments.datasets.npz import hash_of
 from experiments.episodes.agents import learned, where
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import episode_metrics
 from experiments.episodes.rollouts import rollouts
 from experiments.files.provenance import code_state
+from experiments.learning_tests.recorded import recorded_metrics
 from experiments.learning_tests.scores import method_metrics
 from experiments.study.sources import NO_FILES, Files, policy_of
-from experiments.study.tasks import EpisodeTask, Job, Result, SkillTask, Task
+from experiments.study.tasks import (
+    EpisodeTask,
+    Job,
+    Result,
+    SkillTask,
+    Task,
+)
 from experiments.teacher import Habits, Teacher, TeacherConfig
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
@@ -36,7 +43,11 @@ FORECAST_PERIOD: Final = 0.05
 """Simulated time between forecasts [s]: at most a degree of a demonstrated opening."""
 
 
-def run_job(job: Job, files: Files = NO_FILES) -> list[Result]:
+def run_job(
+    job: Job,
+    files: Files = NO_FILES,
+    recordings: Sequence[Demonstration] = (),
+) -> list[Result]:
     """Return a result per task; whatever goes wrong in a task is its result.
 
     BLAS runs on one thread, for the same sums in the same order everywhere.
@@ -44,6 +55,7 @@ def run_job(job: Job, files: Files = NO_FILES) -> list[Result]:
     Args:
         job: Tasks of one policy.
         files: Of policies that this machine may lack.
+        recordings: All that `RecordedTask`s learn from.
     """
     with threadpool_limits(limits=1, user_api="blas"):
         try:
@@ -53,9 +65,9 @@ def run_job(job: Job, files: Files = NO_FILES) -> list[Result]:
         episodes = [task for task in job if isinstance(task, EpisodeTask)]
         opened = iter(_episode_results(episodes, policy))
         return [
-            _learning_result(task, policy)
-            if isinstance(task, SkillTask)
-            else next(opened)
+            next(opened)
+            if isinstance(task, EpisodeTask)
+            else _learning_result(task, policy, recordings)
             for task in job
         ]
 
@@ -150,22 +162,26 @@ def _episode_metrics(
     ]
 
 
-def _learning_result(task: SkillTask, policy: Policy) -> Result:
+def _learning_result(
+    task: Task, policy: Policy, recordings: Sequence[Demonstration]
+) -> Result:
     def measure() -> list[Mapping[str, Any]]:
         if policy.method is None:
             raise ValueError(
                 f"policy {task.policy!r} learns no movement, so that there is nothing "
                 "to measure"
             )
-        return [
-            method_metrics(
-                policy.method,
-                seed=task.seed,
-                demonstrations_per_door=task.demonstrations_per_door,
-                teacher=task.teacher,
-                held_out=task.held_out,
-            )
-        ]
+        if isinstance(task, SkillTask):
+            return [
+                method_metrics(
+                    policy.method,
+                    seed=task.seed,
+                    demonstrations_per_door=task.demonstrations_per_door,
+                    teacher=task.teacher,
+                    held_out=task.held_out,
+                )
+            ]
+        return [recorded_metrics(policy.method, recordings, task.seed)]
 
     return _attempt([task], policy, measure)[0]
 
@@ -189,15 +205,8 @@ def _demonstrated(shown: str) -> tuple[Demonstration, ...]:
 
 
 def demonstrations_hash(task: EpisodeTask) -> str:
-    """Return a hash of what the task's policy learns from, to a micrometre.
-
-    Coarse enough to be the same on machines whose last bits differ.
-    """
-    digest = hashlib.sha256()
-    for one in demonstrations_of(task):
-        for values in (one.times, one.poses):
-            digest.update(np.rint(values * 1e6).astype(np.int64).tobytes())
-    return digest.hexdigest()[:16]
+    """Return a hash of what the task's policy learns from."""
+    return hash_of(demonstrations_of(task))
 
 
 def _learned(task: EpisodeTask, policy: Policy) -> Callable[[], Agent]:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from experiments.arguments import check_circumstances
+from experiments.datasets.npz import hash_of
 from experiments.episodes.doors import named_doors
 from experiments.learning_tests.folds import HELD_OUT
 from experiments.study.settings import (
@@ -17,9 +18,10 @@ from experiments.study.settings import (
     StudySettings,
 )
 from experiments.study.sources import chosen, source_of
-from experiments.study.tasks import EpisodeTask, SkillTask, Task
+from experiments.study.tasks import EpisodeTask, RecordedTask, SkillTask, Task
 from experiments.teacher import standard_teacher
 from policies.built_in import TABLE_1
+from policies.demonstrations import Demonstration
 
 _NOISY: Final = (
     *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),
@@ -143,6 +145,38 @@ def learning_tests(settings: StudySettings, seed: int) -> Iterator[SkillTask]:
                 teacher=noisy_teacher(noise),
                 held_out=left_out,
             )
+
+
+def recorded_tasks(
+    policies: Sequence[str], recordings: Sequence[Demonstration]
+) -> tuple[RecordedTask, ...]:
+    """Return the tests of methods on recordings, each of which is left out in turn.
+
+    Args:
+        policies: Names; "table-1" stands for those of the paper's Table 1.
+        recordings: What is learned from.
+
+    Raises:
+        ValueError: A policy is unknown, given twice, or learns no movement.
+    """
+    names = _policies(policies)
+    _check_list("policies", names)
+    for name in names:
+        if chosen(name).method is None:
+            raise ValueError(
+                f"policy {name!r} learns no movement, so that there is nothing to "
+                "judge; `gplfd list` says which do"
+            )
+    identity = hash_of(recordings)
+    return tuple(
+        RecordedTask(
+            policy=name,
+            policy_source=source_of(chosen(name)),
+            seed=number,
+            recordings=identity,
+        )
+        for number, name in itertools.product(range(len(recordings)), names)
+    )
 
 
 def tasks(settings: StudySettings) -> tuple[Task, ...]:

@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Generator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from experiments.files.plain_data import write_json
 from experiments.study.engines import Engine, Lost
@@ -12,10 +13,14 @@ from experiments.study.jobs import failed, run_job
 from experiments.study.sources import files_of
 from experiments.study.store import is_finished, result_path, stored_result
 from experiments.study.tasks import Result, Task, jobs_of
+from policies.demonstrations import Demonstration
 
 
 def run_study(
-    folder: Path, study: Sequence[Task], engine: Engine | None = None
+    folder: Path,
+    study: Sequence[Task],
+    engine: Engine | None = None,
+    recordings: Sequence[Demonstration] = (),
 ) -> Generator[Result, None, None]:
     """Run the tasks without a result or with an error.
 
@@ -25,6 +30,7 @@ def run_study(
         folder: Results are kept in ``folder/tasks/<key>.json``.
         study: What to run.
         engine: Where to run it; in this process if None.
+        recordings: All that `RecordedTask`s learn from; they go with every job.
 
     Yields:
         A result per task that ran, in the order in which they finish, when its file
@@ -36,7 +42,10 @@ def run_study(
     """
     missing = [task for task in study if not is_finished(stored_result(folder, task))]
     files = files_of(missing)
-    work = partial(run_job, files=files) if files else run_job
+    sent: dict[str, Any] = {"files": files} if files else {}
+    if recordings:
+        sent["recordings"] = tuple(recordings)
+    work = partial(run_job, **sent) if sent else run_job
     finished = (engine or Serial()).run(work, jobs_of(missing))
     # Closed at once when the reader stops, so that no worker outlives an interruption.
     with contextlib.closing(finished):

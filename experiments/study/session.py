@@ -19,10 +19,15 @@ from experiments.study.store import (
     stored_result,
 )
 from experiments.study.tasks import Result, Task
+from policies.demonstrations import Demonstration
 
 
 def carry_out(
-    study: Sequence[Task], options: Mapping[str, Any], folder: Path, engine: Engine
+    study: Sequence[Task],
+    options: Mapping[str, Any],
+    folder: Path,
+    engine: Engine,
+    recordings: Sequence[Demonstration] = (),
 ) -> int:
     """Run the tasks of a study that have no result yet, or an error.
 
@@ -31,6 +36,7 @@ def carry_out(
         options: The command's, for the record; JSON-able.
         folder: Of the study; may have results already.
         engine: Where to run.
+        recordings: All that its `RecordedTask`s learn from.
 
     Returns:
         The number of tasks that ended in an error.
@@ -48,7 +54,7 @@ def carry_out(
         LOG.warning("warning: %s; its task is run again", reason)
     others = made_by_other_code(folder, study)
     _warn_of_other_code(others, len(study), folder)
-    _run(study, folder, engine)
+    _run(study, folder, engine, recordings)
     # Workers elsewhere may have another version of this package.
     if (others_now := made_by_other_code(folder, study)) > others:
         _warn_of_other_code(others_now, len(study), folder)
@@ -62,11 +68,16 @@ def carry_out(
     return _report_errors(study, folder)
 
 
-def _run(study: Sequence[Task], folder: Path, engine: Engine) -> None:
+def _run(
+    study: Sequence[Task],
+    folder: Path,
+    engine: Engine,
+    recordings: Sequence[Demonstration],
+) -> None:
     """Run what is missing behind a progress bar that counts tasks."""
     done = sum(is_finished(stored_result(folder, task)) for task in study)
     with (
-        contextlib.closing(run_study(folder, study, engine)) as results,
+        contextlib.closing(run_study(folder, study, engine, recordings)) as results,
         counter("task", len(study), done) as bar,
     ):
         for _ in results:
@@ -94,6 +105,8 @@ def _report_errors(study: Iterable[Task], folder: Path) -> int:
 
 def _named(result: Result) -> str:
     task = result["task"]
+    if task["kind"] == "recorded":
+        return f"{task['policy']}, recording {task['seed']} left out"
     what = task["door"] if task["kind"] == "episode" else f"{task['held_out']} left out"
     return f"{task['policy']}, {what}, seed {task['seed']}"
 

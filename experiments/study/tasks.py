@@ -40,11 +40,7 @@ class Task:
     policy: str
     """Name of the policy."""
     seed: int
-    """Seed of teacher, policy and environment."""
-    demonstrations_per_door: int = 2
-    """How often the teacher opens each of the three demonstrated doors."""
-    teacher: Mapping[str, float] = field(default_factory=standard_teacher)
-    """Fields of `experiments.teacher.TeacherConfig`."""
+    """Seed of everything that is drawn."""
     policy_source: PolicySource | None = _seldom(None)
     """What names the content of a policy that is not this project's."""
 
@@ -81,7 +77,17 @@ class Task:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class EpisodeTask(Task):
+class TaughtTask(Task):
+    """A task whose policy learns from the synthetic human."""
+
+    demonstrations_per_door: int = 2
+    """How often the teacher opens each of the three demonstrated doors."""
+    teacher: Mapping[str, float] = field(default_factory=standard_teacher)
+    """Fields of `experiments.teacher.TeacherConfig`."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EpisodeTask(TaughtTask):
     """One door opened once."""
 
     door: str
@@ -124,12 +130,25 @@ class EpisodeTask(Task):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class SkillTask(Task):
+class SkillTask(TaughtTask):
     """What a policy learned, held against demonstrations it did not see; no robot."""
 
     held_out: HeldOut
     """What the policy does not see."""
     kind: Literal["skill"] = field(default="skill", init=False)
+    """What tells it from other tasks in a file."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecordedTask(Task):
+    """What a policy learned from recordings, held against the one it did not see.
+
+    The recording with the number `seed` is left out.
+    """
+
+    recordings: str
+    """Hash of all of them, `experiments.datasets.npz.hash_of`."""
+    kind: Literal["recorded"] = field(default="recorded", init=False)
     """What tells it from other tasks in a file."""
 
 
@@ -156,7 +175,11 @@ Job = tuple[Task, ...]
 """Tasks that one worker runs together: episodes of one policy that learned once, or a
 single learning test."""
 
-_KINDS: Final[Mapping[str, type[Task]]] = {"episode": EpisodeTask, "skill": SkillTask}
+_KINDS: Final[Mapping[str, type[Task]]] = {
+    "episode": EpisodeTask,
+    "skill": SkillTask,
+    "recorded": RecordedTask,
+}
 
 
 def task_from(record: Mapping[str, Any]) -> Task:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from experiments.datasets.npz import (
+    FIRST_POSE,
     KIND,
     VERSION,
     load_demonstrations,
@@ -60,6 +61,24 @@ def test_file_says_what_it_holds(saved: Path) -> None:
         assert int(archive["format_version"]) == VERSION
 
 
+def test_frame_and_signals_are_kept(saved: Path) -> None:
+    shown = load_demonstrations(saved).demonstrations
+    force = [np.full((len(one.times), 6), float(n)) for n, one in enumerate(shown)]
+    signals: list[dict[str, Any]] = [{"force": force[0]}, {}]
+    save_demonstrations(saved, shown, frame=FIRST_POSE, signals=signals)
+    again = load_demonstrations(saved.parent / saved.name)
+    assert again.frame == FIRST_POSE
+    assert again.signals[1] == {}
+    np.testing.assert_array_equal(again.signals[0]["force"], force[0])
+    with pytest.raises(ValueError, match="2 demonstrations and 1 of signals"):
+        save_demonstrations(saved, shown, signals=signals[:1])
+
+
+def test_a_folder_means_the_file_in_it(saved: Path) -> None:
+    saved.rename(saved.with_name("demonstrations.npz"))
+    assert len(load_demonstrations(saved.parent).demonstrations) == 2
+
+
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"there is no file .*nothing\.npz"):
         load_demonstrations(tmp_path / "nothing.npz")
@@ -86,7 +105,13 @@ def test_foreign_files(tmp_path: Path, saved: Path) -> None:
     ("changes", "message"),
     [
         ({"units": np.array("s, mm, deg")}, "units is 's, mm, deg', must be 's, m, "),
-        ({"frame": np.array("world")}, "frame is 'world', must be 'task: "),
+        ({"frame": np.array("world")}, "frame is 'world', must be one of"),
+        ({"signals": np.zeros(2)}, "signals must be a list of names"),
+        ({"signals": np.array(["force"])}, "it lacks 'force_0'"),
+        (
+            {"signals": np.array(["f"]), "f_0": np.zeros((2, 1)), "f_1": np.zeros(2)},
+            r"signal 'f' has shape \(2, 1\), must be \(",
+        ),
         ({"poses_1": None}, "it lacks 'poses_1'"),
         ({"radii": None}, "it lacks 'radii'"),
         ({"radii": np.zeros(0)}, "0 demonstrations and 0 radii"),
@@ -114,7 +139,7 @@ def test_wrong_content(saved: Path, changes: dict[str, Any], message: str) -> No
 
 def test_other_version(saved: Path) -> None:
     write_archive(saved, kind=KIND, version=VERSION + 1, arrays={})
-    with pytest.raises(ValueError, match=r"has version 2, .* reads version 1"):
+    with pytest.raises(ValueError, match=r"has version 3, .* reads version 2"):
         load_demonstrations(saved)
 
 

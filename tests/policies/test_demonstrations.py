@@ -1,6 +1,7 @@
 """Demonstrations in another frame."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -36,3 +37,17 @@ def test_relative_poses_composed_with_the_first_are_the_poses(
     np.testing.assert_allclose(again, recorded.poses[:, :3], atol=1e-12)
     error = (first * Rotation.from_rotvec(poses[:, 3:].copy())).inv() * turned
     np.testing.assert_allclose(error.magnitude(), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("width", [2, 3])
+def test_positions_alone_are_a_demonstration(width):
+    times = np.linspace(0.0, 1.0, 5)
+    positions = np.random.default_rng(0).normal(size=(5, width))
+    poses = Demonstration.from_positions(times, positions).poses
+    np.testing.assert_array_equal(poses[:, :width], positions)
+    assert not poses[:, width:].any()
+
+
+def test_positions_of_another_shape_are_refused():
+    with pytest.raises(ValueError, match=r"\(N, 3\) or \(N, 2\), got \(5, 4\)"):
+        Demonstration.from_positions(np.arange(5.0), np.zeros((5, 4)))

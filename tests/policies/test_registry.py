@@ -8,7 +8,7 @@ from jaxtyping import config
 from scipy.spatial.transform import Rotation
 
 from gplfd_env import DoorGeometry
-from policies import POLICIES, Demonstration, align, make_agent
+from policies import POLICIES, Demonstration, TrainingInput, align, make_agent
 from policies.adaptation import (
     ExactAdaptation,
     IndependentPhaseAdaptation,
@@ -121,6 +121,26 @@ def test_demonstrations_must_start_at_the_closed_handle(shift, demonstrations):
     moved = Demonstration(times=one.times, poses=one.poses + np.pad(shift, (0, 3)))
     with pytest.raises(ValueError, match=r"demonstration 1 .* closed handle"):
         make_agent("gp", [one, moved])
+
+
+@pytest.mark.parametrize("name", ["gp", "promp", "gmr", "kmp", "dmp"])
+def test_motions_of_any_task_are_learned(name):
+    # In the plane, far from the origin, of different lengths, rates and starts.
+    rng = np.random.default_rng(0)
+    shown = []
+    for number in range(4):
+        times = np.linspace(0.0, 2.0 + number, 80 + 40 * number)
+        share = times / times[-1]
+        start = [5.0, 2.0] + 0.1 * rng.normal(size=2)
+        way = np.column_stack([share, 0.3 * np.sin(6.0 * share)])
+        shown.append(Demonstration.from_positions(times, start + way))
+    method = POLICIES[name].method
+    movement = method.learn(TrainingInput(demonstrations=shown))
+    mean = movement.predict(np.array([0.0, movement.aligned.end])).mean
+    np.testing.assert_allclose(mean[:, 0], [5.0, 6.0], atol=0.2)
+    np.testing.assert_allclose(mean[:, 2:], 0.0, atol=1e-3)
+    with pytest.raises(ValueError, match=r"demonstration 0 .* closed handle"):
+        make_agent(name, shown)
 
 
 def test_remedy_for_demonstrations_that_start_elsewhere_works(demonstrations):

@@ -47,7 +47,7 @@ def test_the_file_says_frame_and_units(skill, tmp_path):
     skill.predict(TIMES).to_csv(tmp_path / "a.csv", duration=8.0)
     text = (tmp_path / "a.csv").read_text(encoding="utf-8")
     assert text.startswith("# A trajectory of the hand by gplfd, version 1.\n")
-    assert "Origin at the closed handle, x the pulling direction, y up" in text
+    assert "On doors: origin at the closed handle, x pulls, y up" in text
     assert "\ntime [s],x [m],y [m],z [m],qx,qy,qz,qw,std_x [m]," in text
     np.testing.assert_array_equal(
         np.loadtxt(text.splitlines()[7:], delimiter=","), table(tmp_path / "a.csv")

@@ -1,12 +1,10 @@
 """Writing a data set: the whole folder appears at once, or not at all."""
 
-import contextlib
 import hashlib
 import io
 import json
 import re
-import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 
 from experiments.datasets.minari.episode import RecordedEpisode, flat
 from experiments.datasets.minari.physics import model_hash
+from experiments.files.folders import complete_folder
 from experiments.files.plain_data import write_json
 from experiments.files.provenance import provenance
 from policies.storage import complete_or_absent
@@ -75,8 +74,8 @@ def write_dataset(
     target = Path(folder).absolute()
     _check_target(target, overwrite=overwrite)
     specification = _specification(env)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with _replacing(target) as data:
+    with complete_folder(target) as whole:
+        data = whole / DATA
         content, totals = _packed(episodes)
         origin = provenance(config)
         versions = {name: origin["versions"][name] for name in REPRODUCING}
@@ -181,23 +180,6 @@ def _add(group: Any, name: str, array: NDArray[Any]) -> None:
         compression="gzip",
         shuffle=True,
     )
-
-
-@contextlib.contextmanager
-def _replacing(target: Path) -> Iterator[Path]:
-    """Give a folder for the data, whose parent becomes ``target`` after the block."""
-    with tempfile.TemporaryDirectory(prefix=".", dir=target.parent) as temporary:
-        root = Path(temporary)
-        written = root / target.name
-        yield written / DATA
-        if target.exists():
-            target.rename(root / "replaced")
-        try:
-            written.rename(target)
-        except OSError:
-            if (root / "replaced").exists():
-                (root / "replaced").rename(target)
-            raise
 
 
 def _check_target(target: Path, *, overwrite: bool) -> None:

@@ -1,0 +1,90 @@
+"""What is done to recordings before something learns from them."""
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
+
+Transform = tuple[float, float, float, float, float, float, float]
+"""A pose as x, y, z [m] and a quaternion qw, qx, qy, qz, the scalar first."""
+
+FrameName = Literal["first-pose", "recorded", "hinge"]
+"""Frames that need no numbers, see `Preparation.frame`."""
+
+Segments = Literal["none", "rests"] | tuple[tuple[float, float], ...]
+"""How a recording is parted into repetitions, see `Preparation.segments`."""
+
+FRAMES: Final = ("first-pose", "recorded", "hinge")
+_LARGEST: Final = 1e5
+"""Of a rate or a cut-off [Hz], and of a gap [s]."""
+_NORM_TOLERANCE: Final = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Preparation:
+    """Settings of `prepare`; the defaults suit a hand recorded at 50 Hz or more.
+
+    Raises:
+        ValueError: A value is outside its range, or a transform is none.
+    """
+
+    units: str | None = None
+    """Unit of the recorded positions; None for what the file says, else metres."""
+    offset: Transform | None = None
+    """Pose of the object that is to be moved in the frame that was recorded: from the
+    tracker on the glove to the handle in the hand. None for none."""
+    frame: FrameName | Transform = "first-pose"
+    """Frame of the result. "first-pose": each motion relative to its own first pose.
+    "recorded": as recorded. "hinge": of a door, whose hinge is found from the motion.
+    Or the pose of the task's frame in the recorded one."""
+    segments: Segments = "none"
+    """Repetitions in a recording. "none": the whole is one. "rests": what lies between
+    rests, but for motions back. Or start and end of each since the first sample
+    [s]."""
+    trim_rests: bool = True
+    """Whether rests at both ends are cut to those of a gentle motion."""
+    cutoff: float | None = 10.0
+    """Cut-off of the low-pass filter [Hz], forwards and backwards, so without delay;
+    None for none. People move their hands at less than 5 Hz."""
+    rate: float | None = 100.0
+    """Samples per second of the result [Hz]; None for the samples as recorded."""
+    largest_gap: float = 0.5
+    """Longest time without a sample that is bridged by a straight line [s]."""
+
+    def __post_init__(self) -> None:
+        for name in ("cutoff", "rate", "largest_gap"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value <= _LARGEST:
+                raise ValueError(
+                    f"{name} = {value:g} must be a positive number to {_LARGEST:g}"
+                )
+        for name in ("offset", "frame"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, str):
+                object.__setattr__(self, name, _unit_pose(name, value))
+        if isinstance(self.frame, str) and self.frame not in FRAMES:
+            raise ValueError(
+                f"frame {self.frame!r} must be one of {', '.join(FRAMES)}, or a pose "
+                "x,y,z,qw,qx,qy,qz"
+            )
+        if isinstance(self.segments, str):
+            if self.segments not in ("none", "rests"):
+                raise ValueError(
+                    f"segments {self.segments!r} must be none, rests, or times such "
+                    "as 1.5-4.2,6-9.5 [s]"
+                )
+            return
+        for start, end in self.segments:
+            if not start < end:
+                raise ValueError(f"a segment from {start} to {end} s ends too early")
+
+
+def _unit_pose(name: str, pose: tuple[float, ...]) -> tuple[float, ...]:
+    """Return a pose with a quaternion of norm one."""
+    norm = math.hypot(*pose[3:])
+    if len(pose) != 7 or not abs(norm - 1.0) < _NORM_TOLERANCE:
+        raise ValueError(
+            f"{name} = {pose} must be x,y,z [m] and a unit quaternion qw,qx,qy,qz"
+        )
+    if not math.isfinite(sum(pose)):
+        raise ValueError(f"{name} = {pose} must be finite")
+    return (*pose[:3], *(part / norm for part in pose[3:]))

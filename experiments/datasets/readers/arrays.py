@@ -1,0 +1,187 @@
+"""Arrays by name: what .npz, .npy and .mat files have in common, and the first two.
+
+Understood are the columns of `readers.tables` as arrays (N,), the arrays of `GROUPS`
+(N, d), a set of `experiments.datasets.npz`, and with ``--columns`` one array (N, C) of
+columns, or (K, N, C) for K recordings.
+"""
+
+import itertools
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiments.arrays import FloatArray
+from experiments.datasets.npz import KIND, load_demonstrations
+from experiments.datasets.raw import RawRecording
+from experiments.datasets.readers.selection import Selection, chosen
+from experiments.datasets.readers.tables import (
+    FORCE,
+    NAMES,
+    POSITION,
+    ROTATION_VECTOR,
+    named_columns,
+    quaternions_of,
+    recording,
+    understood,
+)
+from policies.storage import array_of, read_arrays
+
+GROUPS: Final[Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {
+    "times": (("times", "time", "t", "timestamps"), ("t",)),
+    "positions": (("positions", "position", "pos", "p", "xyz"), POSITION),
+    "rotvecs": (("rotvecs", "rotvec", "rotation_vectors"), ROTATION_VECTOR),
+    "wxyz": (("quaternions_wxyz", "quat_wxyz", "q_wxyz"), ("qw", "qx", "qy", "qz")),
+    "xyzw": (("quaternions_xyzw", "quat_xyzw", "q_xyzw"), ("qx", "qy", "qz", "qw")),
+    "quaternions": (("quaternions", "quaternion", "quat", "q"), ()),
+    "force": (("force", "forces", "wrench", "wrenches"), FORCE),
+    "gripper": (("gripper",), ("gripper",)),
+}
+"""Arrays that are understood: their names, and the columns that they hold."""
+
+_ORDERS: Final = {"wxyz": GROUPS["wxyz"][1], "xyzw": GROUPS["xyzw"][1]}
+
+
+def read(path: Path, selection: Selection) -> list[RawRecording]:
+    """Read recordings from an .npz or .npy file.
+
+    Raises:
+        ValueError: The file is damaged or holds no motion.
+    """
+    if path.is_dir():
+        return _own(path)
+    if path.suffix.lower() == ".npy":
+        arrays = {"the array": array_of(path.read_bytes(), path.name)}
+        return recordings(path.name, arrays, selection)
+    arrays = read_arrays(path)
+    if str(arrays.get("format", "")) == KIND:
+        return _own(path)
+    return recordings(path.name, arrays, selection)
+
+
+def recordings(
+    name: str, arrays: Mapping[str, NDArray[Any]], selection: Selection
+) -> list[RawRecording]:
+    """Return the recordings that named arrays hold.
+
+    Args:
+        name: Of the file.
+        arrays: By name, of any kind and shape.
+        selection: The array to take, its columns, the order of quaternions.
+
+    Raises:
+        ValueError: No motion can be found in them.
+    """
+    numbers = {
+        key: np.asarray(array, dtype=np.float64)
+        for key, array in arrays.items()
+        if np.asarray(array).dtype.kind in "biuf"
+    }
+    if selection.columns:
+        tables = {key: array for key, array in numbers.items() if array.ndim in (2, 3)}
+        _, table = chosen(selection.body, tables, "array of columns", file=name)
+        return [
+            _from_table(f"{name}{suffix}", one, selection)
+            for suffix, one in _each(table)
+        ]
+    return [_from_arrays(name, numbers, selection)]
+
+
+def _each(table: FloatArray) -> Iterator[tuple[str, FloatArray]]:
+    if table.ndim == 2:
+        yield "", table
+    else:
+        for number, one in enumerate(table):
+            yield f"[{number}]", one
+
+
+def _from_table(name: str, table: FloatArray, selection: Selection) -> RawRecording:
+    heads = selection.columns
+    if table.shape[1] != len(heads):
+        raise ValueError(
+            f"the array has {table.shape[1]} columns, and --columns names {len(heads)}"
+        )
+    found = named_columns(heads, "--columns")
+    columns = {column: table[:, place] for column, (place, _) in found.items()}
+    units = {column: unit for column, (_, unit) in found.items()}
+    return recording(name, columns, units, selection)
+
+
+def _from_arrays(
+    name: str, arrays: Mapping[str, FloatArray], selection: Selection
+) -> RawRecording:
+    columns: dict[str, FloatArray] = {}
+    units: dict[str, str | None] = {}
+    for key, array in arrays.items():
+        short, unit = understood(key)
+        names = (short,) if short in NAMES else _group(name, key, selection)
+        if not names:
+            continue
+        table = _as_table(name, key, array, len(names))
+        for column, values in zip(names, table.T, strict=False):
+            if column in columns:
+                raise ValueError(f"it has two arrays for {column}, one is {key!r}")
+            columns[column] = values
+            units[column] = unit
+    if not {"x", "y"} <= set(columns):
+        raise ValueError(
+            f"it has no array of positions: it has {_listed(arrays)}. Name one "
+            "'positions' (N, 3), with 'times' (N,) and 'quaternions_wxyz' (N, 4); or "
+            "say what the columns of an array are, --body ARRAY --columns t,x,y,z,..."
+        )
+    rows = {column: len(values) for column, values in columns.items()}
+    if len(set(rows.values())) > 1:
+        raise ValueError(f"its arrays differ in length: {rows}")
+    return recording(name, columns, units, selection)
+
+
+def _group(name: str, key: str, selection: Selection) -> tuple[str, ...]:
+    """Return the columns of an array, none if it is not understood."""
+    for group, (keys, columns) in GROUPS.items():
+        if key.lower() not in keys:
+            continue
+        if group != "quaternions":
+            return columns
+        if selection.quaternions is None:
+            raise ValueError(
+                f"it does not say where the scalar part of {key!r} stands: say "
+                "--quaternions wxyz or --quaternions xyzw"
+            )
+        return _ORDERS[selection.quaternions]
+    return ()
+
+
+def _as_table(name: str, key: str, array: FloatArray, width: int) -> FloatArray:
+    """Return an array as rows of samples; MATLAB has vectors as rows or columns."""
+    if width == 1 and array.size == max(array.shape, default=0):
+        return array.reshape(-1, 1)
+    fewest = {3: 2, 6: 3}.get(width, width)
+    if array.ndim != 2 or not fewest <= array.shape[1] <= width:
+        raise ValueError(
+            f"{key!r} has shape {array.shape}, must be (N, {width})"
+            + (": transpose it" if array.ndim == 2 and array.shape[0] == width else "")
+        )
+    return array
+
+
+def _listed(arrays: Mapping[str, FloatArray]) -> str:
+    shown = [
+        f"{key} {array.shape}" for key, array in itertools.islice(arrays.items(), 20)
+    ]
+    return ", ".join(shown) or "no array of numbers"
+
+
+def _own(path: Path) -> list[RawRecording]:
+    """Read a set that this program wrote."""
+    return [
+        RawRecording(
+            name=f"{path.name}[{number}]",
+            times=one.times,
+            positions=one.poses[:, :3],
+            unit="m",
+            quaternions=quaternions_of(one.poses[:, 3:]),
+        )
+        for number, one in enumerate(load_demonstrations(path).demonstrations)
+    ]

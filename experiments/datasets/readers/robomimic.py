@@ -1,0 +1,106 @@
+"""Demonstrations of robomimic in HDF5: one recording per demonstration.
+
+The hand is ``obs/NAME_pos`` and ``obs/NAME_quat``, whose scalar is last; NAME is
+robot0_eef where nothing is said. Files have no time stamps: the rate is that of the
+environment's control, if the file says it.
+"""
+
+import json
+import re
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from experiments.arrays import FloatArray
+from experiments.datasets.raw import RawRecording
+from experiments.datasets.readers.selection import Selection, chosen
+
+try:
+    import h5py
+except ImportError as error:
+    raise ModuleNotFoundError(
+        f"robomimic's files need h5py ({error}); in a checkout of gplfd: pip install "
+        "'.[robomimic]', elsewhere: pip install 'gplfd[robomimic]'"
+    ) from error
+
+DEFAULT_HAND: Final = "robot0_eef"
+_LARGEST_EXPANSION: Final = 50
+_ALLOWANCE: Final = 2**26
+
+
+def read(path: Path, selection: Selection) -> list[RawRecording]:
+    """Read every demonstration.
+
+    Raises:
+        ValueError: The file is damaged, or no file of robomimic's.
+    """
+    free = max(_ALLOWANCE, _LARGEST_EXPANSION * path.stat().st_size)
+    with h5py.File(path, "r") as file:
+        if "data" not in file:
+            raise ValueError(f"it has no group 'data' but {', '.join(file)!s:.200}")
+        data = file["data"]
+        rate = selection.recorded_rate or _rate(data.attrs.get("env_args"))
+        demonstrations = [_demonstration(name, data[name]) for name in _sorted(data)]
+        return [
+            _recording(f"{path.name}: {name}", obs, selection, rate, free)
+            for name, obs in demonstrations
+        ]
+
+
+def _sorted(data: Any) -> list[str]:
+    """Return names in the order of their numbers."""
+    return sorted(data, key=lambda n: [int(d) for d in re.findall(r"\d{1,9}", n)])
+
+
+def _demonstration(name: str, group: Any) -> tuple[str, Any]:
+    if not isinstance(group, h5py.Group) or "obs" not in group:
+        raise ValueError(f"data/{name} has no group 'obs'")
+    return name, group["obs"]
+
+
+def _recording(
+    name: str, obs: Any, selection: Selection, rate: float | None, free: int
+) -> RawRecording:
+    hands = {one.removesuffix("_pos"): one for one in obs if one.endswith("_pos")}
+    hand, _ = chosen(selection.body or DEFAULT_HAND, hands, "hand in obs", file=name)
+    positions = _array(obs, f"{hand}_pos", 3, free)
+    quaternions = None
+    if f"{hand}_quat" in obs:
+        quaternions = np.roll(_array(obs, f"{hand}_quat", 4, free), 1, axis=1)
+    gripper = f"{hand.removesuffix('_eef')}_gripper_qpos"
+    signals = {"gripper": _array(obs, gripper, None, free)} if gripper in obs else {}
+    return RawRecording(
+        name=name,
+        times=None if rate is None else np.arange(len(positions)) / rate,
+        positions=positions,
+        unit="m",
+        quaternions=quaternions,
+        signals=signals,
+    )
+
+
+def _array(obs: Any, name: str, width: int | None, free: int) -> FloatArray:
+    """Return an array (N, width), whose claimed size is checked before it is read."""
+    found = obs[name]
+    if not isinstance(found, h5py.Dataset) or found.dtype.kind not in "iuf":
+        raise ValueError(f"obs/{name} holds no numbers")
+    if found.ndim != 2 or width not in (None, found.shape[1]):
+        raise ValueError(f"obs/{name} has shape {found.shape}, must be (N, {width})")
+    if found.nbytes > free or found.external or found.is_virtual:
+        raise ValueError(
+            f"obs/{name} claims {found.nbytes:,} bytes, or lies in another file"
+        )
+    return np.asarray(found[()], dtype=np.float64)
+
+
+def _rate(arguments: Any) -> float | None:
+    """Return the environment's control frequency [Hz], if the file says it."""
+    if not isinstance(arguments, str):
+        return None
+    found = json.loads(arguments)
+    settings = found.get("env_kwargs") if isinstance(found, dict) else None
+    rate = settings.get("control_freq") if isinstance(settings, dict) else None
+    if not isinstance(rate, int | float) or not 0.0 < rate < 1e6:
+        return None
+    return float(rate)

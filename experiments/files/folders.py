@@ -1,0 +1,38 @@
+"""Folders that are complete or absent."""
+
+import contextlib
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+
+@contextlib.contextmanager
+def complete_folder(path: str | Path) -> Iterator[Path]:
+    """Give a folder to write to; it becomes ``path`` when the block succeeds.
+
+    Folders above ``path`` are created, and a folder that stood there is replaced. When
+    the block raises, everything stays as it was.
+
+    Args:
+        path: The folder.
+
+    Yields:
+        A path of the same name at which the folder, not there yet, is to be made.
+
+    Raises:
+        OSError: The folder cannot be written.
+    """
+    target = Path(path).absolute()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".", dir=target.parent) as temporary:
+        root = Path(temporary)
+        written = root / target.name
+        yield written
+        if target.exists():
+            target.rename(root / "replaced")
+        try:
+            written.rename(target)
+        except OSError:
+            if (root / "replaced").exists():
+                (root / "replaced").rename(target)
+            raise

@@ -1,0 +1,138 @@
+"""``gplfd demos import``: from files of recordings to something that opens doors."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from experiments import cli
+from experiments.datasets.npz import FIRST_POSE, FRAME, load_demonstrations
+from experiments.teacher import DEMONSTRATED_RADII, Teacher
+from policies.demonstrations import Demonstration
+
+START = np.array([1.0, 2.0, 0.9])
+TURN = Rotation.from_rotvec([0.4, -0.2, 1.1])
+SET_FILES = {"demonstrations.npz", "report.txt", "before_after.png", "import.json"}
+
+
+def in_the_world(shown: Demonstration) -> str:
+    """A table of a motion as a tracker in the room sees it: in cm, at 240 Hz."""
+    times = shown.times + 1000.0
+    positions = 100.0 * (START + TURN.apply(shown.poses[:, :3].copy()))
+    grip = Rotation.from_rotvec([0.3, 0.7, -0.5])
+    rotations = TURN * Rotation.from_rotvec(shown.poses[:, 3:].copy()) * grip
+    table = np.column_stack([times, positions, rotations.as_quat()])
+    lines = [",".join(f"{number:.6f}" for number in row) for row in table]
+    return "\n".join(["time [s],x [cm],y [cm],z [cm],qx,qy,qz,qw", *lines, ""])
+
+
+@pytest.fixture
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Six recordings of three doors in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    shown = Teacher().demonstrate_doors(
+        DEMONSTRATED_RADII, 2, rng=np.random.default_rng(0)
+    )
+    for number, one in enumerate(shown):
+        Path(f"{number}.csv").write_text(in_the_world(one))
+    return [f"{number}.csv" for number in range(len(shown))]
+
+
+def imported(*arguments: str) -> int:
+    return cli.main(["demos", "import", *arguments, "--quiet"])
+
+
+def test_a_door_is_opened_by_what_recordings_in_the_room_show(
+    files: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert imported(*files, "--out", "set", "--frame", "hinge") == 0
+    printed = capsys.readouterr().out
+    assert "6 demonstrations in set" in printed
+    assert "gplfd learn set --out set-skill.npz" in printed
+    assert {file.name for file in Path("set").iterdir()} == SET_FILES
+    kept = load_demonstrations("set")
+    assert kept.frame == FRAME
+    radii = [radius for radius in DEMONSTRATED_RADII for _ in range(2)]
+    assert_allclose(np.array(kept.radii, dtype=float), radii, rtol=0.08)
+    assert Path("set/report.txt").read_text().strip() in printed
+    origin = json.loads(Path("set/import.json").read_text())
+    assert [one["name"] for one in origin["files"]] == files
+    assert cli.main(["learn", "set", "--out", "set-skill.npz", "--quiet"]) == 0
+    run = ["run", "--skill", "set-skill.npz", "--doors", "0.42", "--out", "run"]
+    assert cli.main([*run, "--quiet"]) == 0
+    (result,) = json.loads(Path("run/metrics.json").read_text())
+    assert result["success"]
+
+
+def test_each_motion_relative_to_its_own_first_pose(files: list[str]) -> None:
+    assert imported(*files[:2], "--out", "set", "--cutoff", "0") == 0
+    kept = load_demonstrations("set")
+    assert kept.frame == FIRST_POSE
+    assert_allclose([one.poses[0] for one in kept.demonstrations], 0.0, atol=1e-12)
+    again = ["set", "--out", "again", "--cutoff", "0", "--rate", "0", "--keep-rests"]
+    assert imported(*again) == 0
+    for first, second in zip(
+        kept.demonstrations, load_demonstrations("again").demonstrations, strict=True
+    ):
+        assert_allclose(first.poses, second.poses, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["none.csv", "--out", "s"], "there is no file none.csv"),
+        (["0.csv", "--out", "0.csv"], "exists and is no set of demonstrations"),
+        (["0.csv", "--out", "0.csv/s"], "--out 0.csv is a file"),
+        (["0.csv", "--out", "s", "--frame", "1,2,3"], "must be seven numbers"),
+        (["0.csv", "--out", "s", "--frame", "door"], "must be one of first-pose"),
+        (["0.csv", "--out", "s", "--offset", "a"], "--offset 'a' must be seven"),
+        (["0.csv", "--out", "s", "--segment", "1-x"], "must be none, rests, or times"),
+        (["0.csv", "--out", "s", "--segment", "50-60"], "0.csv: there are no samples"),
+        (["0.csv", "--out", "s", "--rate", "-1"], "rate = -1 must be a positive"),
+        (["0.csv", "--out", "s", "--columns", "t,x"], "--columns has no column y"),
+        (["bad.csv", "--out", "s"], "bad.csv cannot be read as a table in a text file"),
+    ],
+)
+def test_bad_input_is_one_message_and_leaves_nothing(
+    files: list[str], arguments: list[str], message: str, caplog: Any
+) -> None:
+    Path("bad.csv").write_text("x,y\n1,two\n")
+    before = sorted(Path().rglob("*"))
+    assert imported(*arguments) == 2
+    (record,) = caplog.records
+    assert message in record.getMessage()
+    assert sorted(Path().rglob("*")) == before
+
+
+def test_a_set_is_replaced_when_asked(
+    files: list[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    assert imported("0.csv", "--out", "set") == 0
+    assert imported("1.csv", "--out", "set") == 2
+    assert "exists; give another, or --overwrite" in caplog.text
+    assert imported("0.csv", "1.csv", "--out", "set", "--overwrite") == 0
+    assert len(load_demonstrations("set").demonstrations) == 2
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_page_leads_from_recordings_to_a_robots_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (ROOT / "docs/recordings.md").read_text()
+    commands = re.findall(r"<!-- commands: openbox -->\n```bash\n(.*?)```", page, re.S)
+    (code,) = re.findall(r"<!-- python: openbox -->\n```python\n(.*?)```", page, re.S)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    for line in commands[0].splitlines():
+        assert cli.main([*line.split()[1:], "--quiet"]) == 0
+    monkeypatch.setattr("sys.argv", ["page"])
+    exec(code, {})
+    lines = Path("openbox.csv").read_text().splitlines()
+    assert len([line for line in lines if not line.startswith("#")]) == 201

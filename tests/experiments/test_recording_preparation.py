@@ -1,0 +1,409 @@
+"""What is wrong with a recording is mended, refused or noticed, and said."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+from experiments.datasets.preparation import Motion, prepare
+from experiments.datasets.preparation.hinge import find_hinge
+from experiments.datasets.preparation.report import report, warnings_in
+from experiments.datasets.preparation.settings import Preparation
+from experiments.datasets.raw import RawRecording
+from gplfd_env.se3 import relative_poses
+from gplfd_env.task import handle_pose_on_arc
+
+RATE = 200.0
+AS_RECORDED = Preparation(frame="recorded", trim_rests=False, cutoff=None, rate=None)
+START = np.array([1.2, -0.4, 0.9])
+TURN = Rotation.from_rotvec([0.4, -0.2, 1.1])
+"""Where a door stands in the world, and how."""
+
+
+def minimum_jerk(progress: Any) -> Any:
+    return progress**3 * (10.0 - 15.0 * progress + 6.0 * progress**2)
+
+
+def door(
+    *, seconds: float = 2.0, rest: float = 0.0, angle: float = 1.2, radius: float = 0.6
+) -> RawRecording:
+    """A hand that opens a door, seen from the world, with rests at both ends."""
+    times = np.arange(round((seconds + 2.0 * rest) * RATE) + 1) / RATE
+    progress = np.clip((times - rest) / seconds, 0.0, 1.0)
+    poses = handle_pose_on_arc(radius, angle * minimum_jerk(progress))
+    grip = Rotation.from_rotvec([0.3, 0.7, -0.5])
+    rotations = TURN * Rotation.from_rotvec(poses[:, 3:]) * grip
+    return RawRecording(
+        name="door.csv",
+        times=times,
+        positions=START + TURN.apply(poses[:, :3]),
+        unit="m",
+        quaternions=rotations.as_quat(scalar_first=True),
+    )
+
+
+def only(
+    raw: RawRecording, settings: Preparation = AS_RECORDED, **given: Any
+) -> Motion:
+    (motion,) = prepare([raw], settings, **given)
+    return motion
+
+
+def texts(motion: Motion, *, warnings: bool | None = None) -> str:
+    return "\n".join(
+        note.text for note in motion.notes if warnings in (None, note.warning)
+    )
+
+
+def changed(raw: RawRecording, **arrays: Any) -> RawRecording:
+    return replace(raw, **arrays)
+
+
+# ------------------------------------------------------------------ nothing is lost
+def test_as_recorded_is_as_recorded() -> None:
+    raw = door()
+    motion = only(raw)
+    assert raw.times is not None
+    assert raw.quaternions is not None
+    assert_array_equal(motion.demonstration.times, raw.times)
+    poses = motion.demonstration.poses
+    assert_allclose(poses[:, :3], raw.positions, rtol=0, atol=1e-15)
+    found = Rotation.from_rotvec(poses[:, 3:].copy())
+    recorded = Rotation.from_quat(raw.quaternions, scalar_first=True)
+    assert (found * recorded.inv()).magnitude().max() < 1e-9
+    assert motion.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("unit", "per_metre"), [("cm", 100), ("mm", 1000), ("in", 1 / 0.0254)]
+)
+def test_units_become_metres(unit: str, per_metre: float) -> None:
+    raw = door()
+    scaled = changed(raw, positions=raw.positions * per_metre, unit=unit)
+    poses = only(scaled).demonstration.poses
+    assert_allclose(poses[:, :3], raw.positions, rtol=0, atol=1e-12)
+    other = only(scaled, replace(AS_RECORDED, units="m"))
+    assert f"taken in m, the file says {unit}" in texts(other, warnings=True)
+
+
+# ------------------------------------------------------------------ samples are mended
+def test_samples_out_of_order_repeated_and_missing() -> None:
+    raw = door()
+    rows = np.r_[0:100, 150, 100:200, 199, 199, 200 : len(raw.positions)]
+    positions = raw.positions[rows].copy()
+    positions[50] = np.nan
+    assert raw.times is not None
+    assert raw.quaternions is not None
+    quaternions = raw.quaternions[rows].copy()
+    quaternions[60] = 0.0
+    messy = changed(
+        raw, times=raw.times[rows], positions=positions, quaternions=quaternions
+    )
+    motion = only(messy)
+    kept = np.delete(np.arange(len(raw.times)), [50, 60])
+    assert_array_equal(motion.demonstration.times, raw.times[kept])
+    assert_allclose(motion.demonstration.poses[:, :3], raw.positions[kept])
+    said = texts(motion)
+    assert "2 of 404 samples missing" in said
+    assert "time stamps went back 1 times: sorted" in said
+    assert "3 samples with the time of another left out" in said
+
+
+def test_signs_of_quaternions_do_not_matter() -> None:
+    raw = door()
+    assert raw.quaternions is not None
+    signs = np.where(np.arange(len(raw.positions)) % 7 < 3, -1.02, 0.98)
+    motion = only(changed(raw, quaternions=raw.quaternions * signs[:, None]))
+    assert_allclose(
+        motion.demonstration.poses, only(raw).demonstration.poses, atol=1e-9
+    )
+    assert "quaternions changed sign" in texts(motion, warnings=False)
+
+
+def test_no_quaternions_at_all_are_refused() -> None:
+    raw = door()
+    assert raw.quaternions is not None
+    with pytest.raises(ValueError, match=r"quaternion of sample 0 has norm 1\.5"):
+        only(changed(raw, quaternions=1.5 * raw.quaternions))
+
+
+def test_a_spike_is_left_out_and_a_jump_is_told() -> None:
+    raw = door()
+    positions = raw.positions.copy()
+    positions[100:103] += [0.23, 0.0, 0.0]
+    motion = only(changed(raw, positions=positions))
+    assert len(motion.demonstration.times) == len(positions) - 3
+    assert "3 samples where the tracker saw it elsewhere left out" in texts(motion)
+    positions = raw.positions.copy()
+    positions[200:] += [0.0, 0.3, 0.0]
+    motion = only(changed(raw, positions=positions))
+    assert len(motion.demonstration.times) == len(positions)
+    assert "1 jumps of the tracker, at 0.99 s by 0.3 m" in texts(motion, warnings=True)
+
+
+def test_files_without_stamps_need_a_rate() -> None:
+    raw = changed(door(), times=None)
+    with pytest.raises(ValueError, match=r"no time stamps; say .* --recorded-rate 100"):
+        only(raw)
+    times = only(raw, recorded_rate=RATE).demonstration.times
+    assert_array_equal(times, np.arange(401) / RATE)
+
+
+def test_a_stamp_far_away_is_refused() -> None:
+    raw = door()
+    times = np.asarray(raw.times).copy()
+    times[-1] = 1e9
+    with pytest.raises(
+        ValueError, match=r"door.csv: time stamps span 1e\+09 s in steps"
+    ):
+        only(changed(raw, times=times), replace(AS_RECORDED, segments="rests"))
+    with pytest.raises(ValueError, match=r"door\.csv: all samples have the same time"):
+        only(changed(raw, times=np.zeros(len(times))))
+
+
+def test_positions_that_are_none_are_missing() -> None:
+    raw = door()
+    positions = raw.positions.copy()
+    positions[7], positions[9] = 1e300, np.inf
+    assert "2 of 401 samples missing" in texts(only(changed(raw, positions=positions)))
+    with pytest.raises(ValueError, match=r"door\.csv: only 0 of 401 samples have time"):
+        only(changed(raw, positions=positions + 1e10))
+
+
+def test_gaps_are_bridged_or_refused() -> None:
+    raw = door()
+    assert raw.times is not None
+    kept = (raw.times < 0.9) | (raw.times > 1.3)
+    gappy = changed(
+        raw,
+        times=raw.times[kept],
+        positions=raw.positions[kept],
+        quaternions=raw.quaternions[kept] if raw.quaternions is not None else None,
+    )
+    bridged = only(gappy, replace(AS_RECORDED, rate=100.0))
+    assert "1 gaps bridged, the longest of 0.41 s" in texts(bridged)
+    assert np.diff(bridged.demonstration.times).max() < 0.0101
+    with pytest.raises(
+        ValueError, match=r"no sample for 0\.41 s from 0\.90 s on; .*0\.42"
+    ):
+        only(gappy, replace(AS_RECORDED, largest_gap=0.3))
+
+
+# ------------------------------------------------------------------ what is suspicious
+def test_centimetres_are_noticed() -> None:
+    raw = door()
+    motion = only(changed(raw, positions=100.0 * raw.positions, unit=None))
+    assert "are positions in centimetres? say --units" in texts(motion, warnings=True)
+    assert "no unit given: taken as metres" in texts(motion, warnings=False)
+    motion = only(changed(raw, positions=1000.0 * raw.positions))
+    assert "are positions in millimetres?" in texts(motion, warnings=True)
+    motion = only(changed(raw, positions=1e-3 * raw.positions))
+    assert "mm: is the unit right?" in texts(motion, warnings=True)
+
+
+@pytest.mark.parametrize("shift", [-1, 1])
+def test_a_wrong_order_of_quaternions_is_noticed_on_a_door(shift: int) -> None:
+    raw = door()
+    assert "is their order right?" not in texts(only(raw))
+    wrong = changed(
+        raw, quaternions=np.roll(np.asarray(raw.quaternions), shift, axis=1)
+    )
+    assert "is their order right?" in texts(only(wrong), warnings=True)
+
+
+def test_one_that_is_unlike_the_others_is_named() -> None:
+    alike = [door(angle=1.2 + 0.01 * number) for number in range(5)]
+    motions = prepare([*alike, door(angle=2.4)], Preparation())
+    odd = [n for n, one in enumerate(motions) if "unlike the others" in texts(one)]
+    assert odd == [5]
+    assert warnings_in(motions) == 1
+    assert "! 5: unlike the others: look at it" in report(motions, Preparation())
+
+
+# ------------------------------------------------------------------ filter and rate
+def test_the_filter_halves_its_cutoff_and_keeps_slow_motion() -> None:
+    raw = door(seconds=4.0)
+    assert raw.times is not None
+    wave = np.sin(2.0 * math.pi * 10.0 * raw.times)
+    shaken = changed(raw, positions=raw.positions + 0.01 * wave[:, None])
+    settings = replace(AS_RECORDED, cutoff=10.0)
+    rest = only(shaken, settings).demonstration.poses - only(raw).demonstration.poses
+    middle = rest[200:-200, 0]
+    # A Butterworth filter has 1/√2 at its cut-off; forwards and backwards, a half.
+    assert 0.0045 < np.abs(middle).max() < 0.0055
+    still = only(raw, settings).demonstration.poses - only(raw).demonstration.poses
+    assert np.abs(still).max() < 2e-4
+
+
+def test_slow_recordings_are_not_filtered() -> None:
+    raw = door()
+    slow = changed(
+        raw,
+        times=np.asarray(raw.times)[::20],
+        positions=raw.positions[::20],
+        quaternions=np.asarray(raw.quaternions)[::20],
+    )
+    motion = only(slow, replace(AS_RECORDED, cutoff=10.0))
+    assert "not filtered: 21 samples at 10 Hz" in texts(motion)
+
+
+def test_equal_steps_from_zero() -> None:
+    times = only(door(), replace(AS_RECORDED, rate=50.0)).demonstration.times
+    assert_allclose(times, np.arange(101) / 50.0, atol=1e-12)
+
+
+# ------------------------------------------------------------------ rests, repetitions
+def test_rests_at_the_ends_are_cut() -> None:
+    settings = replace(AS_RECORDED, trim_rests=True)
+    motion = only(door(rest=1.0), settings)
+    span = np.ptp(motion.demonstration.times)
+    assert 1.6 < span < 2.3
+    assert "cut" in texts(motion)
+
+
+def back_and_forth(rest: float = 1.0) -> RawRecording:
+    """A door opened, closed and opened again, resting in between."""
+    once = door(rest=0.5 * rest)
+    back = changed(
+        once,
+        positions=once.positions[::-1],
+        quaternions=np.asarray(once.quaternions)[::-1],
+    )
+    times = np.asarray(once.times)
+    step = times[-1] + 1.0 / RATE
+    return changed(
+        once,
+        times=np.concatenate([times, times + step, times + 2.0 * step]),
+        positions=np.concatenate([one.positions for one in (once, back, once)]),
+        quaternions=np.concatenate(
+            [np.asarray(one.quaternions) for one in (once, back, once)]
+        ),
+    )
+
+
+def test_repetitions_lie_between_rests_and_motions_back_are_left_out() -> None:
+    motions = prepare([back_and_forth()], Preparation(segments="rests"))
+    assert [one.name for one in motions] == ["door.csv #1", "door.csv #2"]
+    assert "2 repetitions between rests, 1 motions back left out" in texts(motions[0])
+    first, second = (one.demonstration.poses for one in motions)
+    assert_allclose(first[-1], second[-1], atol=5e-3)
+    assert_allclose(first[-1, :3], relative_end(), atol=5e-3)
+
+
+def relative_end() -> Any:
+    raw = door()
+    rotations = Rotation.from_quat(np.asarray(raw.quaternions), scalar_first=True)
+    return rotations[0].inv().apply(raw.positions[-1] - raw.positions[0])
+
+
+def test_repetitions_at_given_times() -> None:
+    settings = replace(AS_RECORDED, segments=((0.2, 2.8), (6.2, 8.8)))
+    first, second = prepare([back_and_forth()], settings)
+    assert first.demonstration.times[0] >= 0.2
+    assert second.demonstration.times[-1] <= 8.8
+    with pytest.raises(ValueError, match=r"no samples from 50 to 60 s .* lasts 9\.0"):
+        prepare([back_and_forth()], replace(AS_RECORDED, segments=((50, 60),)))
+
+
+# ------------------------------------------------------------------ frames
+def test_the_first_pose_becomes_zero() -> None:
+    recorded = only(door()).demonstration.poses
+    relative = only(door(), replace(AS_RECORDED, frame="first-pose")).demonstration
+    assert_allclose(relative.poses, relative_poses(recorded, recorded[0]), atol=1e-12)
+
+
+def test_a_given_pose_is_composed_and_not_subtracted() -> None:
+    quaternion = TURN.as_quat(scalar_first=True)
+    frame = (*START.tolist(), *quaternion.tolist())
+    poses = only(door(), replace(AS_RECORDED, frame=frame)).demonstration.poses
+    angles = 1.2 * minimum_jerk(np.asarray(door().times) / 2.0)
+    expected = handle_pose_on_arc(0.6, angles)
+    assert_allclose(poses[:, :3], expected[:, :3], atol=1e-12)
+
+
+@pytest.mark.parametrize(("angle", "radius"), [(1.2, 0.6), (0.5, 0.35), (-1.0, 0.9)])
+def test_a_hinge_is_found_and_gives_the_doors_task_frame(
+    angle: float, radius: float
+) -> None:
+    motion = only(door(angle=angle, radius=radius), replace(AS_RECORDED, frame="hinge"))
+    assert motion.radius == pytest.approx(radius, abs=1e-9)
+    # However it stood in the world, it is a door that is pulled open about +y.
+    angles = abs(angle) * minimum_jerk(np.asarray(door().times) / 2.0)
+    expected = handle_pose_on_arc(radius, angles)
+    assert_allclose(motion.demonstration.poses, expected, atol=1e-7)
+    assert f"hinge at {radius:.3f} m, opened to" in texts(motion)
+
+
+def test_a_hand_without_orientations_turns_with_the_door() -> None:
+    raw = changed(door(), quaternions=None)
+    motion = only(raw, replace(AS_RECORDED, frame="hinge"))
+    angles = 1.2 * minimum_jerk(np.asarray(raw.times) / 2.0)
+    assert_allclose(
+        motion.demonstration.poses, handle_pose_on_arc(0.6, angles), atol=1e-7
+    )
+    assert "the hand is taken to turn with the door" in texts(motion)
+
+
+def test_a_hinge_is_found_in_noise() -> None:
+    raw = door(radius=0.55)
+    noise = np.random.default_rng(0).normal(scale=1e-3, size=raw.positions.shape)
+    hinge = find_hinge(raw.positions + noise)
+    assert hinge.radius == pytest.approx(0.55, abs=2e-3)
+    assert hinge.residual < 3e-3
+
+
+def test_what_is_about_no_hinge_is_refused() -> None:
+    line = np.linspace(0.0, 1.0, 100)
+    straight = np.column_stack([line, 0.01 * line**2, 0.0 * line])
+    with pytest.raises(ValueError, match="no hinge can be found from an arc of"):
+        find_hinge(straight)
+    bent = np.column_stack([np.sin(9.0 * line), line, np.cos(4.0 * line)])
+    with pytest.raises(ValueError, match=r"off a circle .* so it is about no hinge"):
+        find_hinge(bent)
+
+
+def test_an_offset_is_in_the_hands_frame() -> None:
+    raw = door()
+    offset = (0.1, 0.0, 0.02, 1.0, 0.0, 0.0, 0.0)
+    poses = only(raw, replace(AS_RECORDED, offset=offset)).demonstration.poses
+    rotations = Rotation.from_quat(np.asarray(raw.quaternions), scalar_first=True)
+    expected = raw.positions + rotations.apply([0.1, 0.0, 0.02])
+    assert_allclose(poses[:, :3], expected, atol=1e-12)
+    with pytest.raises(ValueError, match="has no orientations, which an offset needs"):
+        only(changed(raw, quaternions=None), replace(AS_RECORDED, offset=offset))
+
+
+def test_positions_alone_are_enough() -> None:
+    raw = changed(door(), quaternions=None)
+    motion = only(raw, Preparation())
+    assert_array_equal(motion.demonstration.poses[:, 3:], 0.0)
+
+
+def test_forces_stay_with_the_motion() -> None:
+    raw = door(rest=1.0)
+    force = np.tile(np.asarray(raw.times)[:, None], 6)
+    motion = only(changed(raw, signals={"force": force}), Preparation(cutoff=None))
+    times = motion.demonstration.times
+    assert_allclose(np.diff(motion.signals["force"][:, 0]), np.diff(times), atol=1e-9)
+    assert "peak force [N]" in report([motion], Preparation())
+
+
+# ------------------------------------------------------------------ settings
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"cutoff": 0.0}, "cutoff = 0 must be a positive number to 100000"),
+        ({"rate": math.inf}, "rate = inf must be"),
+        ({"frame": "world"}, "must be one of first-pose, recorded, hinge"),
+        ({"frame": (0, 0, 0, 1, 1, 0, 0)}, "and a unit quaternion"),
+        ({"segments": "fast"}, "must be none, rests, or times"),
+        ({"segments": ((2.0, 1.0),)}, "from 2.0 to 1.0 s ends too early"),
+    ],
+)
+def test_settings_that_make_no_sense(settings: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Preparation(**settings)

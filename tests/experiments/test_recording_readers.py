@@ -1,0 +1,606 @@
+"""Every kind of recording is read as it was written, or refused with one clear message.
+
+First files of every kind, written by the libraries that usually write them or by the
+format's description; then round trips, refusals, and damage.
+"""
+
+import contextlib
+import json
+import os
+import struct
+import tracemalloc
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import ezc3d
+import h5py
+import numpy as np
+import pyarrow
+import pyarrow.parquet
+import pytest
+import scipy.io
+from numpy.testing import assert_allclose, assert_array_equal
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+
+from experiments.datasets.npz import save_demonstrations
+from experiments.datasets.preparation import prepare
+from experiments.datasets.preparation.settings import Preparation
+from experiments.datasets.raw import METRES, RawRecording
+from experiments.datasets.readers import READERS, read_recordings
+from experiments.datasets.readers.selection import Selection
+from policies.demonstrations import Demonstration
+
+VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "200"))
+"""Damaged files of every kind."""
+N = 60
+RATE = 64.0
+TIMES = np.arange(N) / RATE
+PHASE = np.linspace(0.0, 1.0, N)
+POSITIONS = np.column_stack([0.3 + 0.5 * PHASE, np.sin(3.0 * PHASE), PHASE**2])
+ROTATIONS = Rotation.from_rotvec(np.column_stack([PHASE, 0.5 - PHASE, 2.0 * PHASE]))
+WXYZ = ROTATIONS.as_quat(scalar_first=True)
+XYZW = ROTATIONS.as_quat()
+FORCE = np.column_stack([10.0 * PHASE, PHASE, -PHASE, 0.1 * PHASE, PHASE, PHASE])
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+
+
+# ------------------------------------------------------------------ files of every kind
+def write_csv(path: Path) -> None:
+    heads = "time [s],x [m],y [m],z [m],qw,qx,qy,qz,comment"
+    rows = np.column_stack([TIMES, POSITIONS, WXYZ, np.zeros(N)]).tolist()
+    lines = [",".join(map(repr, row)) for row in rows]
+    path.write_text("# recorded by hand\n" + "\n".join([heads, *lines]) + "\n")
+
+
+def write_npz(path: Path) -> None:
+    np.savez(path, times=TIMES, positions=POSITIONS, quaternions_xyzw=XYZW)
+
+
+def write_npy(path: Path) -> None:
+    np.save(path, np.column_stack([TIMES, POSITIONS, WXYZ]))
+
+
+def write_mat(path: Path) -> None:
+    arrays = {"t": TIMES, "p": 1e3 * POSITIONS, "q": WXYZ, "forces": FORCE}
+    scipy.io.savemat(path, arrays, do_compression=True)
+
+
+def write_mvnx(path: Path) -> None:
+    def frame(kind: str, index: str, place: int) -> str:
+        own = POSITIONS[place].tolist(), WXYZ[place].tolist()
+        position, orientation = (
+            " ".join(map(repr, [*other, *numbers]))
+            for other, numbers in zip(([9.0] * 3, [1.0, 0, 0, 0]), own, strict=True)
+        )
+        return (
+            f'<frame time="{int(place * 1000 / RATE)}" {index} type="{kind}">'
+            f"<orientation>{orientation}</orientation>"
+            f"<position>{position}</position></frame>"
+        )
+
+    frames = [
+        frame("tpose", "", 5),
+        *(frame("normal", f'index="{i}"', i) for i in range(N)),
+    ]
+    path.write_text(
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        '<mvnx version="4" xmlns="http://www.xsens.com/mvn/mvnx">\n'
+        f'<subject label="a" frameRate="{RATE:g}" segmentCount="2">\n'
+        '<segments><segment label="Pelvis" id="1"/><segment label="RightHand" id="2"/>'
+        "</segments>\n<frames>\n" + "\n".join(frames) + "\n</frames></subject></mvnx>\n"
+    )
+
+
+def write_bvh(path: Path) -> None:
+    # The root moves by the positions, the hand sits in it without offset.
+    angles = ROTATIONS.as_euler("ZXY", degrees=True)
+    frames = np.column_stack([100.0 * POSITIONS, angles])
+    lines = [" ".join(map(repr, row)) for row in frames.tolist()]
+    path.write_text(
+        "HIERARCHY\nROOT Hips\n{\n OFFSET 0 0 0\n CHANNELS 6 Xposition Yposition "
+        "Zposition Zrotation Xrotation Yrotation\n JOINT RightHand\n {\n  OFFSET "
+        "0 0 0\n  CHANNELS 0\n  End Site\n  {\n   OFFSET 0 1 0\n  }\n }\n}\n"
+        f"MOTION\nFrames: {N}\nFrame Time: {1 / RATE!r}\n" + "\n".join(lines) + "\n"
+    )
+
+
+SHAPE = np.array([[0.1, 0.0, 0.0], [-0.1, 0.1, 0.0], [0.0, -0.1, 0.1]])
+SHAPE = SHAPE - SHAPE.mean(axis=0)
+
+
+def write_c3d(path: Path) -> None:
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [RATE]
+    file["parameters"]["POINT"]["UNITS"]["value"] = ("mm",)
+    file["parameters"]["POINT"]["LABELS"]["value"] = ("A", "B", "C")
+    points = np.ones((4, 3, N))
+    for place, arm in enumerate(SHAPE):
+        points[:3, place] = 1e3 * (POSITIONS + ROTATIONS.apply(arm)).T
+    file["data"]["points"] = points
+    file.write(str(path))
+
+
+def header(stamp: float) -> Any:
+    ns = round(stamp * 1e9)
+    time = STORE.types["builtin_interfaces/msg/Time"](
+        sec=100 + ns // 10**9, nanosec=ns % 10**9
+    )
+    return STORE.types["std_msgs/msg/Header"](stamp=time, frame_id="base")
+
+
+def vector(kind: str, numbers: Any) -> Any:
+    return STORE.types[f"geometry_msgs/msg/{kind}"](*map(float, numbers))
+
+
+def pose(place: int) -> Any:
+    return STORE.types["geometry_msgs/msg/Pose"](
+        vector("Point", POSITIONS[place]), vector("Quaternion", XYZW[place])
+    )
+
+
+def pose_stamped(place: int) -> Any:
+    return STORE.types["geometry_msgs/msg/PoseStamped"](
+        header(TIMES[place]), pose(place)
+    )
+
+
+def transform_stamped(place: int) -> Any:
+    types = STORE.types
+    transform = types["geometry_msgs/msg/Transform"](
+        vector("Vector3", POSITIONS[place]), vector("Quaternion", XYZW[place])
+    )
+    return types["geometry_msgs/msg/TransformStamped"](
+        header(TIMES[place]), "hand", transform
+    )
+
+
+def transforms(place: int) -> Any:
+    return STORE.types["tf2_msgs/msg/TFMessage"]([transform_stamped(place)])
+
+
+def odometry(place: int) -> Any:
+    types = STORE.types
+    posed = types["geometry_msgs/msg/PoseWithCovariance"](pose(place), np.zeros(36))
+    twist = types["geometry_msgs/msg/Twist"](
+        vector("Vector3", [0, 0, 0]), vector("Vector3", [0, 0, 0])
+    )
+    moving = types["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36))
+    return types["nav_msgs/msg/Odometry"](header(TIMES[place]), "hand", posed, moving)
+
+
+def wrench(place: int) -> Any:
+    types = STORE.types
+    inner = types["geometry_msgs/msg/Wrench"](
+        vector("Vector3", FORCE[place, :3]), vector("Vector3", FORCE[place, 3:])
+    )
+    return types["geometry_msgs/msg/WrenchStamped"](header(TIMES[place]), inner)
+
+
+def joints(place: int) -> Any:
+    return STORE.types["sensor_msgs/msg/JointState"](
+        header(TIMES[place]),
+        ["slide", "turn"],
+        np.array([PHASE[place], 2.0 * PHASE[place]]),
+        np.zeros(0),
+        np.zeros(0),
+    )
+
+
+POSE_STAMPED = {"/hand": ("geometry_msgs/msg/PoseStamped", pose_stamped)}
+WRENCHES = {"/wrench": ("geometry_msgs/msg/WrenchStamped", wrench)}
+
+
+def write_bag(path: Path, topics: Any, storage: Any = StoragePlugin.MCAP) -> None:
+    with Writer(path, version=9, storage_plugin=storage) as writer:
+        for topic, (kind, message) in topics.items():
+            connection = writer.add_connection(topic, kind, typestore=STORE)
+            for place in range(N):
+                content = STORE.serialize_cdr(message(place), kind)
+                writer.write(connection, round((100 + TIMES[place]) * 1e9), content)
+
+
+def write_mcap(path: Path) -> None:
+    folder = path.with_suffix("")
+    write_bag(folder, POSE_STAMPED | WRENCHES)
+    next(folder.glob("*.mcap")).rename(path)
+
+
+def write_db3(path: Path) -> None:
+    folder = path.with_suffix("")
+    write_bag(folder, POSE_STAMPED | WRENCHES, StoragePlugin.SQLITE3)
+    next(folder.glob("*.db3")).rename(path)
+
+
+def write_robomimic(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        data = file.create_group("data")
+        data.attrs["env_args"] = json.dumps({"env_kwargs": {"control_freq": RATE}})
+        for name in ("demo_10", "demo_2"):
+            obs = data.create_group(f"{name}/obs")
+            obs["robot0_eef_pos"] = POSITIONS
+            obs["robot0_eef_quat"] = XYZW
+            obs["robot0_gripper_qpos"] = FORCE[:, :2]
+
+
+def write_lerobot(path: Path, columns: Any = None) -> None:
+    (path / "meta").mkdir(parents=True)
+    (path / "data/chunk-000").mkdir(parents=True)
+    names = ["x", "y", "z", "qx", "qy", "qz", "qw"]
+    state = {"dtype": "float64", "shape": [7], "names": names}
+    info = {
+        "codebase_version": "v3.0",
+        "fps": int(RATE),
+        "features": {"observation.state": state},
+    }
+    (path / "meta/info.json").write_text(json.dumps(info))
+    table = {
+        "observation.state": list(np.tile(np.hstack([POSITIONS, XYZW]), (2, 1))),
+        "episode_index": np.repeat([0, 1], N),
+        "frame_index": np.tile(np.arange(N), 2),
+    }
+    pyarrow.parquet.write_table(
+        pyarrow.table(columns or table), path / "data/chunk-000/file-000.parquet"
+    )
+
+
+def write_set(path: Path) -> None:
+    poses = np.hstack([POSITIONS, ROTATIONS.as_rotvec()])
+    save_demonstrations(path, [Demonstration(times=TIMES, poses=poses)])
+
+
+ANY = Selection()
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How files of a kind are written, read, and where in them damage goes."""
+
+    write: Callable[[Path], None]
+    name: str
+    selection: Selection = ANY
+    damaged: str = ""
+    text: bool = False
+
+
+COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
+KINDS = {
+    "csv": Kind(write_csv, "a.csv", text=True),
+    "npz": Kind(write_npz, "a.npz"),
+    "npy": Kind(write_npy, "a.npy", Selection(columns=COLUMNS, units="m")),
+    "mat": Kind(write_mat, "a.mat", Selection(quaternions="wxyz", units="mm")),
+    "mvnx": Kind(write_mvnx, "a.mvnx", text=True),
+    "bvh": Kind(write_bvh, "a.bvh", Selection(units="cm"), text=True),
+    "c3d": Kind(write_c3d, "a.c3d", Selection(body="A,B,C")),
+    "mcap": Kind(write_mcap, "a.mcap"),
+    "db3": Kind(write_db3, "a.db3"),
+    "robomimic": Kind(write_robomimic, "a.hdf5"),
+    "lerobot": Kind(write_lerobot, "set", damaged="data/chunk-000/file-000.parquet"),
+    "lerobot-info": Kind(write_lerobot, "set", damaged="meta/info.json", text=True),
+    "own": Kind(write_set, "b.npz"),
+}
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def written(request: Any, tmp_path_factory: Any) -> tuple[Kind, Path]:
+    kind = KINDS[request.param]
+    path = tmp_path_factory.mktemp(request.param) / kind.name
+    kind.write(path)
+    return kind, path
+
+
+# ------------------------------------------------------------------ round trips
+def test_reads_what_was_written(written: tuple[Kind, Path]) -> None:
+    kind, path = written
+    float32 = path.suffix == ".c3d"
+    for one in read_recordings(path, kind.selection):
+        metres = METRES[one.unit or kind.selection.units or "m"]
+        assert_allclose(
+            metres * one.positions, POSITIONS, rtol=0, atol=1e-6 if float32 else 1e-9
+        )
+        assert one.times is not None
+        if path.suffix in (".mcap", ".db3"):
+            # Whole nanoseconds since an epoch, read as seconds since the first.
+            assert_allclose(one.times, TIMES, rtol=0, atol=1e-15)
+        else:
+            assert_array_equal(one.times, TIMES)
+        assert one.quaternions is not None
+        # Markers of a body tell its orientation relative to its first.
+        expected = ROTATIONS * ROTATIONS[0].inv() if float32 else ROTATIONS
+        found = Rotation.from_quat(one.quaternions, scalar_first=True)
+        apart = (found * expected.inv()).magnitude().max()
+        assert apart < (1e-5 if float32 else 1e-9)
+
+
+def test_bags_hold_forces_and_robomimic_grippers(tmp_path: Path) -> None:
+    write_mcap(tmp_path / "a.mcap")
+    (bag,) = read_recordings(tmp_path / "a.mcap", Selection())
+    assert_allclose(bag.signals["force"], FORCE, atol=1e-12)
+    write_robomimic(tmp_path / "a.hdf5")
+    first, second = read_recordings(tmp_path / "a.hdf5", Selection())
+    assert first.name.endswith("demo_2")
+    assert second.name.endswith("demo_10")
+    assert_array_equal(first.signals["gripper"], FORCE[:, :2])
+
+
+@pytest.mark.parametrize(
+    ("topic", "kind", "message"),
+    [
+        ("/t", "geometry_msgs/msg/TransformStamped", transform_stamped),
+        ("/o", "nav_msgs/msg/Odometry", odometry),
+        ("/tf:hand", "tf2_msgs/msg/TFMessage", transforms),
+    ],
+)
+def test_reads_every_message_with_a_pose(
+    tmp_path: Path, topic: str, kind: str, message: Any
+) -> None:
+    write_bag(tmp_path / "bag", {topic.split(":")[0]: (kind, message)} | POSE_STAMPED)
+    (one,) = read_recordings(tmp_path / "bag", Selection(body=topic))
+    assert_allclose(one.positions, POSITIONS, atol=1e-12)
+    assert one.quaternions is not None
+    assert_allclose(one.quaternions, WXYZ, atol=1e-12)
+    with pytest.raises(ValueError, match=r"has 2 topics; choose with --body: /"):
+        read_recordings(tmp_path / "bag", Selection())
+
+
+URDF = """<robot name="r"><link name="base"/><link name="arm"/><link name="hand"/>
+<joint name="slide" type="prismatic"><parent link="base"/><child link="arm"/>
+<axis xyz="1 0 0"/><limit lower="-9" upper="9" effort="1" velocity="1"/></joint>
+<joint name="turn" type="revolute"><parent link="arm"/><child link="hand"/>
+<origin xyz="0 0.2 0"/><axis xyz="0 0 1"/>
+<limit lower="-9" upper="9" effort="1" velocity="1"/></joint></robot>"""
+
+
+def test_joint_states_become_the_hands_pose(tmp_path: Path) -> None:
+    write_bag(tmp_path / "bag", {"/joints": ("sensor_msgs/msg/JointState", joints)})
+    with pytest.raises(ValueError, match="--urdf FILE --link NAME"):
+        read_recordings(tmp_path / "bag", Selection())
+    (tmp_path / "r.urdf").write_text(URDF)
+    robot = Selection(urdf=tmp_path / "r.urdf", link="hand")
+    (one,) = read_recordings(tmp_path / "bag", robot)
+    straight = np.column_stack([PHASE, np.full(N, 0.2), np.zeros(N)])
+    assert_allclose(one.positions, straight, atol=1e-12)
+    assert one.quaternions is not None
+    turned = Rotation.from_quat(one.quaternions, scalar_first=True).as_rotvec()
+    assert_allclose(turned[:, 2], 2.0 * PHASE, atol=1e-12)
+    with pytest.raises(ValueError, match=r"no link 'claw'; it has base, arm, hand"):
+        read_recordings(
+            tmp_path / "bag", Selection(urdf=tmp_path / "r.urdf", link="claw")
+        )
+
+
+def test_c3d_agrees_with_ezc3d_on_lost_markers_and_integers(tmp_path: Path) -> None:
+    path = tmp_path / "a.c3d"
+    write_c3d(path)
+    (marker,) = read_recordings(path, Selection(body="B"))
+    oracle = ezc3d.c3d(str(path))["data"]["points"][:3, 1].T
+    assert_array_equal(marker.positions, oracle)
+    assert marker.quaternions is None
+    # The same file with integer coordinates, and marker B lost in frame 3.
+    content = bytearray(path.read_bytes())
+    start = 512 * (struct.unpack_from("<H", content, 16)[0] - 1)
+    floats = np.frombuffer(content[start : start + 48 * N], "<f4").reshape(N, 3, 4)
+    integers = np.round(floats * 4.0).astype("<i2")
+    integers[..., 3], integers[3, 1, 3] = 0, -1
+    struct.pack_into("<f", content, 12, 0.25)
+    content[start:] = integers.tobytes()
+    (tmp_path / "b.c3d").write_bytes(content)
+    (whole,) = read_recordings(tmp_path / "b.c3d", Selection(body="B"))
+    lost = np.isnan(whole.positions).any(axis=1)
+    assert_array_equal(np.flatnonzero(lost), [3])
+    assert_allclose(whole.positions[~lost], oracle[~lost], atol=0.126)
+
+
+def test_bvh_follows_the_chain_of_joints(tmp_path: Path) -> None:
+    # A hand at the end of an arm of 2 that the root turns by 90° about z.
+    (tmp_path / "a.bvh").write_text(
+        "HIERARCHY\nROOT Hips\n{\nOFFSET 1 0 0\nCHANNELS 3 Zrotation Xrotation "
+        "Yrotation\nJOINT RightHand\n{\nOFFSET 2 0 0\nCHANNELS 3 Zrotation "
+        "Xrotation Yrotation\n"
+        "End Site\n{\nOFFSET 0 0 0\n}\n}\n}\nMOTION\nFrames: 2\nFrame Time: 0.5\n"
+        "0 0 0 0 0 0\n90 0 0 0 90 0\n"
+    )
+    (one,) = read_recordings(tmp_path / "a.bvh", Selection())
+    assert_allclose(one.positions, [[3, 0, 0], [1, 2, 0]], atol=1e-12)
+    expected = Rotation.from_euler("Z", 90, degrees=True) * Rotation.from_euler(
+        "X", 90, degrees=True
+    )
+    assert one.quaternions is not None
+    found = Rotation.from_quat(one.quaternions[1], scalar_first=True)
+    assert (found * expected.inv()).magnitude() < 1e-12
+    assert one.unit is None
+
+
+# ------------------------------------------------------------------ tables of people
+def table(tmp_path: Path, text: str, **options: Any) -> RawRecording:
+    (tmp_path / "a.csv").write_text(text)
+    (one,) = read_recordings(tmp_path / "a.csv", Selection(**options))
+    return one
+
+
+def test_heads_say_units_and_places(tmp_path: Path) -> None:
+    text = (
+        "y (cm);x_cm;Time [ms];rz [deg];rx [deg];ry [deg]\n1,5;2;0;90;0;0\n1;2;4;90;0;0"
+    )
+    one = table(tmp_path, text)
+    assert one.unit == "cm"
+    assert_array_equal(one.positions, [[2, 1.5, 0], [2, 1, 0]])
+    assert_array_equal(one.times, [0, 0.004])
+    assert one.quaternions is not None
+    assert_allclose(one.quaternions[0], [0.5**0.5, 0, 0, 0.5**0.5], atol=1e-15)
+
+
+def test_given_columns_replace_heads_and_name_what_is_left_out(tmp_path: Path) -> None:
+    one = table(tmp_path, "a b c d\n1 9 2 3\n4 9 5 6\n", columns=("x", "-", "y", "z"))
+    assert_array_equal(one.positions, [[1, 2, 3], [4, 5, 6]])
+    assert one.times is None
+
+
+def test_rotation_vectors_of_many_turns_are_noticed(tmp_path: Path) -> None:
+    one = table(tmp_path, "x,y,z,rx,ry,rz\n0,0,0,0,0,45\n0,0,1,0,0,90\n")
+    assert "are they degrees? say --angles deg" in one.notes[0]
+    assert not table(tmp_path, "x,y,rx,ry,rz\n0,0,0,0,1\n0,1,0,0,2\n").notes
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        ("", {}, "it is empty"),
+        ("1,2,3\n4,5,6", {}, r"3 columns have no names; .* --columns t,x,y,z"),
+        ("x,y,z\n1,2,3\n1,2\n", {}, "line 3 has 2 columns, and 3 are named: x, y, z"),
+        ("x,y,z\n1,2,3\n1,q,3\n", {}, r"line 3, column 2 \(y\): 'q' is no number"),
+        ("a,b,c\n1,2,3\n", {}, "no column x and no y: it has a, b, c"),
+        ("x,y,x\n1,2,3\n", {}, "two columns for x"),
+        ("x,y,qw,qx,qy\n1,2,3,4,5", {}, "no column qz"),
+        ("x [m],y [cm]\n1,2\n3,4", {}, "x, y, z are in cm and m; they must share"),
+        ("x,y,z\n1,2,3\n", {}, "has 1 samples; a motion needs at least two"),
+        ("x\0y\n", {}, "line 1 holds a zero byte"),
+        ("1,2\n3,4", {"columns": ("x", "y", "z")}, "line 1 has 2 columns, and 3 are"),
+    ],
+)
+def test_a_table_that_is_not_understood(
+    tmp_path: Path, text: str, options: Any, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message) as caught:
+        table(tmp_path, text, **options)
+    assert "a.csv cannot be read as a table in a text file" in str(caught.value)
+
+
+# ------------------------------------------------------------------ refusals
+def test_a_file_of_no_known_kind(tmp_path: Path) -> None:
+    (tmp_path / "a.mvnxx").write_text("")
+    with pytest.raises(
+        ValueError, match=r"\(did you mean '.mvnx'\?\); readable are .csv"
+    ):
+        read_recordings(tmp_path / "a.mvnxx", Selection())
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(ValueError, match=r"unknown folder; .* folders with metadata"):
+        read_recordings(tmp_path / "folder", Selection())
+    with pytest.raises(FileNotFoundError, match="there is no file"):
+        read_recordings(tmp_path / "nothing.csv", Selection())
+
+
+def test_quaternions_without_an_order_are_asked_for(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", positions=POSITIONS, quat=WXYZ)
+    with pytest.raises(ValueError, match="--quaternions wxyz or --quaternions xyzw"):
+        read_recordings(tmp_path / "a.npz", Selection())
+
+
+def test_entities_in_xml_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.mvnx").write_text(
+        '<!DOCTYPE m [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><m>&b;</m>'
+    )
+    with pytest.raises(ValueError, match=r"line 1: it declares an entity, 'a'"):
+        read_recordings(tmp_path / "a.mvnx", Selection())
+
+
+def test_a_segment_that_is_not_there(tmp_path: Path) -> None:
+    write_mvnx(tmp_path / "a.mvnx")
+    with pytest.raises(ValueError, match=r"no segment 'LeftHand'.*Pelvis, RightHand"):
+        read_recordings(tmp_path / "a.mvnx", Selection(body="LeftHand"))
+
+
+def test_other_versions_are_named_with_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file" + bytes(600))
+    with pytest.raises(
+        ValueError, match=r"version 7.3; save it again: save\(..., '-v7'"
+    ):
+        read_recordings(tmp_path / "a.mat", Selection())
+    scipy.io.savemat(tmp_path / "b.mat", {"s": {"t": TIMES}})
+    with pytest.raises(ValueError, match=r"s \(struct\); save the fields"):
+        read_recordings(tmp_path / "b.mat", Selection())
+    write_lerobot(tmp_path / "set")
+    info = tmp_path / "set/meta/info.json"
+    info.write_text(info.read_text().replace("v3.0", "v2.1"))
+    with pytest.raises(ValueError, match=r"of version v2.1, read is v3"):
+        read_recordings(tmp_path / "set", Selection())
+
+
+def test_every_reader_is_tested() -> None:
+    modules = {reader.module for reader in READERS.values()}
+    tested = {"csv_tables", "arrays", "matlab", "mvnx", "bvh", "c3d", "bags"}
+    assert modules == tested | {"robomimic", "lerobot", "minari_episodes"}
+
+
+# ------------------------------------------------------------------ damage
+TOKENS = (b"", b"0", b"-1", b"nan", b"1e999", b"9" * 400, b"null", b"[]", b"\xff\xfe")
+
+
+def damaged(content: bytes, rng: np.random.Generator, text: bool) -> bytes:
+    """Cut, flip, overwrite, remove, repeat; or replace a number by something else."""
+    # Half of the damage goes where files say what they hold.
+    near = min(len(content), 2048) if rng.random() < 0.5 else len(content)
+    start = int(rng.integers(near))
+    end = start + int(2 ** rng.uniform(0, np.log2(len(content) - start + 1)))
+    head, run, tail = content[:start], content[start:end], content[end:]
+    match rng.integers(7 if text else 6):
+        case 0:
+            return head
+        case 1:
+            return (
+                head
+                + bytes([content[start] ^ (1 << int(rng.integers(8)))])
+                + (content[start + 1 :])
+            )
+        case 2:
+            return head + bytes([int(rng.choice([0, 255]))]) * len(run) + tail
+        case 3:
+            return head + tail
+        case 4:
+            return head + run + run + tail
+        case 5:
+            number = rng.choice([0, 1, 2**15, 2**31 - 1, 2**32 - 1, 2**62])
+            claim = struct.pack("<Q", number)[: int(rng.choice([2, 4, 8]))]
+            return head + claim + content[start + len(claim) :]
+        case _:
+            words = content.split(b" ")
+            words[int(rng.integers(len(words)))] = TOKENS[
+                int(rng.integers(len(TOKENS)))
+            ]
+            return b" ".join(words)
+
+
+USUAL = Preparation(segments="rests", frame="hinge")
+
+
+def refusal(path: Path, selection: Selection, *, prepared: bool) -> str | None:
+    """The message about a file; None if it was read, and perhaps prepared."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            recordings = read_recordings(path, selection)
+        except ValueError as error:
+            return str(error)
+        # What was read may be anything, and is prepared or refused.
+        if prepared:
+            with contextlib.suppress(ValueError):
+                prepare(recordings[:1], USUAL, recorded_rate=RATE)
+    return None
+
+
+def test_damaged_files_are_read_or_refused(written: tuple[Kind, Path]) -> None:
+    kind, path = written
+    file = path / kind.damaged if kind.damaged else path
+    original = file.read_bytes()
+    rng = np.random.default_rng(20)
+    messages = []
+    tracemalloc.start()
+    try:
+        for number in range(VARIANTS):
+            file.write_bytes(damaged(original, rng, kind.text))
+            tracemalloc.reset_peak()
+            prepared = number % 8 == 0
+            messages.append(refusal(path, kind.selection, prepared=prepared))
+            peak = tracemalloc.get_traced_memory()[1]
+            assert peak < 2 * len(original) + 200 * 2**20
+    finally:
+        tracemalloc.stop()
+        file.write_bytes(original)
+    refused = [message for message in messages if message is not None]
+    assert len(refused) > VARIANTS // 10
+    assert all(str(path) in message for message in refused)
+    assert max(map(len, refused)) < 1000

@@ -1,0 +1,221 @@
+"""`gplfd skill`: recordings left out in turn, and what is said of them."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments import cli
+from experiments.datasets.npz import hash_of, load_demonstrations, save_demonstrations
+from experiments.learning_tests.recorded import recorded_metrics
+from experiments.report.recorded import _advice
+from experiments.results.reading import read_results
+from experiments.results.records import RecordedResult
+from experiments.study.jobs import run_job
+from experiments.study.plan import recorded_tasks
+from experiments.study.tasks import RecordedTask, task_from
+from experiments.teacher import Teacher
+from gplfd_env.task import handle_pose_on_arc
+from policies import POLICIES
+from policies.demonstrations import Demonstration
+from policies.method import Method
+
+
+def arcs(radii: tuple[float, ...] = (0.40, 0.45, 0.50, 0.55)) -> list[Demonstration]:
+    """Doors opened without noise at one pace: a family of one number."""
+    times = np.linspace(0.0, 4.0, 161)
+    turned = np.radians(60.0) * (1.0 - np.cos(np.pi * times / 4.0)) / 2.0
+    return [
+        Demonstration(times=times, poses=handle_pose_on_arc(radius, turned))
+        for radius in radii
+    ]
+
+
+def method(name: str) -> Method:
+    found = POLICIES[name].method
+    assert found is not None
+    return found
+
+
+def test_the_one_left_out_is_not_learned_from() -> None:
+    shown = Teacher().standard_demonstrations(seed=0)
+    other = Teacher().standard_demonstrations(seed=1)
+    changed = [*shown[:2], other[2], *shown[3:]]
+    same = ("log_dimensionless_jerk", "spread_followed")
+    before, after = (
+        recorded_metrics(method("gp"), each, 2) for each in (shown, changed)
+    )
+    assert [before[name] for name in same] == [after[name] for name in same]
+    assert before["rmse_position_m"] != after["rmse_position_m"]
+
+
+def test_errors_are_those_of_a_family_that_is_known() -> None:
+    # 0.45 is left out of 0.40, 0.50 and 0.55, whose mean is 0.4833 everywhere. The
+    # phase is the share of the path, so that the mean is the arc of that radius.
+    found = recorded_metrics(method("gp"), arcs(), 1)
+    turned = np.radians(np.linspace(0.0, 60.0, 161))
+    apart = handle_pose_on_arc(0.4833, turned) - handle_pose_on_arc(0.45, turned)
+    largest = np.linalg.norm(apart[:, :3], axis=1).max()
+    assert 0.4 * largest < found["rmse_position_m"] < largest
+    assert found["rmse_rotation_rad"] < 1e-3
+    # Once a part of it is seen, the rest of a family of one number is known.
+    errors = [found[f"forecast_{share}_position_m"] for share in (10, 25, 50)]
+    assert errors[0] < found["rmse_position_m"]
+    assert errors[2] < 0.2 * found["rmse_position_m"]
+
+
+def test_methods_without_via_points_forecast_what_they_learned() -> None:
+    found = recorded_metrics(method("dmp"), arcs(), 1)
+    assert found["via_error_position_m"] is None
+    assert found["forecast_25_nlpd"] is None
+    assert found["forecast_25_position_m"] > 0.5 * found["rmse_position_m"]
+
+
+def test_uneven_steps_of_time_do_not_weigh_more() -> None:
+    even = arcs()
+    times = even[1].times
+    # Samples crowd at the end, where the door is open.
+    crowded = np.union1d(times, np.linspace(3.5, 4.0, 400))
+    poses = [np.interp(crowded, times, output) for output in even[1].poses.T]
+    one = Demonstration(times=crowded, poses=np.column_stack(poses))
+    uneven = [even[0], one, *even[2:]]
+    first, second = (
+        recorded_metrics(method("gp"), each, 1)["rmse_position_m"]
+        for each in (even, uneven)
+    )
+    assert second == pytest.approx(first, rel=0.02)
+
+
+def test_a_task_is_named_by_what_it_learns_from() -> None:
+    shown = arcs()
+    tasks = recorded_tasks(("gp", "promp"), shown)
+    assert [(one.seed, one.policy) for one in tasks[:3]] == [
+        (0, "gp"),
+        (0, "promp"),
+        (1, "gp"),
+    ]
+    assert len({one.key for one in tasks}) == len(tasks) == 8
+    assert all(task_from(json.loads(json.dumps(t.definition))) == t for t in tasks)
+    (other, *_) = recorded_tasks(("gp",), [*shown[:3], arcs((0.6,))[0]])
+    assert other.key != tasks[0].key
+    assert tasks[0].recordings == hash_of(shown)
+
+
+def test_a_worker_measures_what_it_is_sent() -> None:
+    shown = Teacher().standard_demonstrations(seed=0)
+    task = recorded_tasks(("promp",), shown)[1]
+    (result,) = run_job((task,), recordings=tuple(shown))
+    direct = recorded_metrics(method("promp"), shown, 1)
+    numbers = {name for name in direct if not name.startswith("cpu_")}
+    assert {name: result["metrics"][name] for name in numbers} == {
+        name: direct[name] for name in numbers
+    }
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    save_demonstrations("demos.npz", Teacher().standard_demonstrations(seed=0))
+    return tmp_path
+
+
+def test_the_command_reports_and_goes_on(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["skill", "demos.npz", "--out", "out", "--engine", "serial"]
+    assert cli.main([*command, "--policies", "gp", "dmp", "--quiet"]) == 0
+    said = capsys.readouterr().out
+    assert "gplfd view out/skill.rrd" in said
+    assert said.index("gp ") < said.index("dmp ")
+    names = {path.name for path in Path("out").iterdir()}
+    assert names == {
+        "figures", "report.html", "report.md", "skill.rrd", "study.json", "tasks"
+    }  # fmt: skip
+    page = Path("out/report.md").read_text()
+    assert "12 recordings left out of 2 policies" in page
+    assert "6 recordings)" in page
+    assert "What to make of it" in page
+    assert "Doors opened" not in page
+    # Another method is added; what is there is kept.
+    before = {path: path.stat().st_mtime_ns for path in Path("out/tasks").iterdir()}
+    assert cli.main([*command, "--policies", "gp", "gmr"]) == 0
+    assert "12 tasks, 6 of them done already" in capsys.readouterr().err
+    assert all(path.stat().st_mtime_ns == then for path, then in before.items())
+    results = read_results(Path("out")).recorded
+    assert {one.policy for one in results} == {"gp", "dmp", "gmr"}
+    # The report of a folder is also to be had from its own command.
+    assert cli.main(["report", "out", "--out", "again"]) == 0
+    again = Path("again/report.md").read_text()
+    assert "18 recordings left out of 3 policies" in again
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["none.npz"], "there is no file none.npz"),
+        (["two.npz"], "holds 2 demonstration(s)"),
+        (["demos.npz", "--policies", "oracle"], "'oracle' learns no movement"),
+        (["demos.npz", "--policies", "gp", "gp"], "gp is given twice"),
+        (["demos.npz", "--policies", "promp"], "--reference gp is not among"),
+        (["demos.npz", "--policies", "gq"], "unknown policy 'gq'"),
+    ],
+)
+def test_what_is_wrong_is_said_and_nothing_written(
+    folder: Path,
+    arguments: list[str],
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    shown = load_demonstrations("demos.npz").demonstrations
+    save_demonstrations("two.npz", shown[:2])
+    assert cli.main(["skill", *arguments, "--out", "out"]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert message in said
+    assert not Path("out").exists()
+
+
+def results(nlpd: list[float], coverage: float, missed: float) -> list[RecordedResult]:
+    return [
+        RecordedResult(
+            task=RecordedTask(policy="gp", seed=number, recordings="x"),
+            pair="",
+            metrics={
+                "nlpd": value,
+                "coverage_95": coverage,
+                "via_error_position_m": missed,
+            },
+            error="",
+            code="",
+            machine="",
+            policy_source="",
+        )
+        for number, value in enumerate(nlpd)
+    ]
+
+
+ALIKE = [-2.0, -2.1, -1.9, -2.05, -1.95]
+
+
+@pytest.mark.parametrize(
+    ("own", "said"),
+    [
+        (results(ALIKE, 0.95, 1e-3), "Nothing of `gp` stands out"),
+        (results(ALIKE, 0.80, 1e-3), "too sure: its 95 % intervals hold 0.80"),
+        (results(ALIKE, 1.00, 1e-3), "too unsure"),
+        (results(ALIKE, 0.95, 9e-3), "by 9.0 mm"),
+        (results([*ALIKE, 3.0], 0.95, 1e-3), "Recording 5 is unlike the others"),
+    ],
+)
+def test_bad_values_come_with_advice(own: list[RecordedResult], said: str) -> None:
+    (text,) = _advice(own, "gp")
+    assert said in text
+
+
+def test_an_error_is_no_advice_and_no_number() -> None:
+    own: list[Any] = results(ALIKE, 0.95, 1e-3)
+    failed = dataclasses.replace(own[0], metrics={}, error="too few")
+    (text,) = _advice([failed, *own[1:]], "gp")
+    assert "Nothing of `gp` stands out" in text
