@@ -10,12 +10,12 @@ import itertools
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final
 
 import gymnasium as gym
 import numpy as np
 import tyro
-from loky import get_reusable_executor
 
 from experiments.episodes.agents import learned
 from experiments.episodes.metrics import EpisodeMetrics, episode_metrics
@@ -108,22 +108,23 @@ def opened(case: Case) -> tuple[EpisodeMetrics, ...]:
     return tuple(episode_metrics(log) for log in logs)
 
 
-def compare(sets: int) -> Measurement:
+def compare(rates: Sequence[float], noises: Sequence[float], sets: int) -> Measurement:
     """Open doors after every kind of recording.
 
     Args:
+        rates: Samples per second.
+        noises: Of positions [m].
         sets: Seeds of each.
     """
     cases = [
         Case(method=method, rest=rest, rate=rate, noise=noise, seed=seed)
         for seed, method, rate, noise, rest in itertools.product(
-            range(sets), METHODS, RATES, NOISES, RESTS
+            range(sets), METHODS, rates, noises, RESTS
         )
     ]
     found: dict[Case, tuple[EpisodeMetrics, ...]] = {}
-    results = get_reusable_executor().map(opened, cases)
-    for number, (case, metrics) in enumerate(zip(cases, results, strict=True), 1):
-        found[case] = metrics
+    for number, case in enumerate(cases, 1):
+        found[case] = opened(case)
         if number % 27 == 0:
             LOG.info("%d of %d sets", number, len(cases))
     rows: dict[str, dict[str, Value]] = {
@@ -131,7 +132,7 @@ def compare(sets: int) -> Measurement:
         for method, rest in itertools.product(METHODS, RESTS)
     }
     return Measurement(
-        title=f"{sets} sets of each of {len(RATES)} rates and {len(NOISES)} noises",
+        title=f"{sets} sets of each of {len(rates)} rates and {len(noises)} noises",
         rows=rows,
         targets=tuple(
             target
@@ -181,13 +182,19 @@ def _number(value: Value) -> float:
     return value
 
 
-def main(sets: int = 5) -> None:
-    """Measure what rests do.
+def main(
+    sets: int = 5,
+    rates: tuple[float, ...] = RATES,
+    noises: tuple[float, ...] = NOISES,
+) -> None:
+    """Measure what rests do; a quarter of an hour.
 
     Args:
         sets: Sets of recordings of each kind.
+        rates: Samples per second.
+        noises: Of positions [m]; rotations have four times the number [rad].
     """
-    measure_all({"rests": compare}, sets)
+    measure_all({"rests": partial(compare, rates, noises)}, sets)
 
 
 if __name__ == "__main__":

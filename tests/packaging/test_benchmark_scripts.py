@@ -35,6 +35,7 @@ def script(name: str) -> ModuleType:
     person_limit,
     recorded,
     renderings,
+    rests,
     scaling,
     unseen_doors,
 ) = map(
@@ -47,6 +48,7 @@ def script(name: str) -> ModuleType:
         "person_limit",
         "recorded",
         "renderings",
+        "rests",
         "scaling",
         "unseen_doors",
     ),
@@ -58,6 +60,7 @@ SMALL = {
     door_forecasts: ["--draws", "1", "--every", "80"],
     person_limit: ["--seeds", "1"],
     renderings: ["--seeds", "1", "--trials"],
+    rests: ["--sets", "1", "--rates", "60", "--noises", "3e-4"],
     scaling: ["--repeats", "1", "--counts", "2", "3", "--samples", "20", "40"],
     unseen_doors: ["--draws", "1"],
 }
@@ -67,6 +70,7 @@ SAYS = {
     door_forecasts: "2 of 3 radii, process",
     person_limit: "command follows the hand",
     renderings: "ordinary, hard: gp-impedance",
+    rests: "promp, 2 s: sets within 1.5 x the same",
     scaling: "scaling: fit of (3, 40) / fit of (3, 40)",
     unseen_doors: "synthetic human, own-clock",
 }
