@@ -1,25 +1,51 @@
 """Which door: its geometry, its hinge, and the presets by name."""
 
-import dataclasses
-import difflib
+import math
 import numbers
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Literal, get_args
 
-from gplfd_env.fields import allowed_range, check_quantities, quantity
+from gplfd_env.fields import (
+    allowed_range,
+    check_choice,
+    check_quantities,
+    quantity,
+)
+from gplfd_env.named import preset
+
+
+Handle = Literal["bar", "lever", "knob"]
+"""What the hand holds: a vertical bar that is fixed, a horizontal arm or a round knob
+that turns about an axis normal to the leaf."""
+
+Latch = Literal["none", "spring"]
+"""Whether a sprung bolt holds the closed door until the handle is turned."""
+
+Swing = Literal["pull", "push"]
+"""Which way the door opens, for the robot."""
+
+HingeSide = Literal["right", "left"]
+"""Where the hinge is, for the robot."""
+
+OVERHANG: Final = 0.01
+"""The leaf ends this far beyond the hinge's axis where no width is given [m]."""
+
+_DISAGREEMENT: Final = 0.02
+"""How far width, backset and radius of a leaf may disagree [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DoorConfig:
-    """A hinged door with a vertical bar handle, hinge on the robot's right.
+    """A hinged door.
 
-    The hinge axis lies in the bar's plane, so the handle moves on a circle of
-    ``radius`` about it and its first motion is along the pulling direction.
+    The hinge axis lies in the handle's plane, so the handle moves on a circle of
+    ``radius`` about it and its first motion is straight out of the frame, or into it.
+    `gplfd_env.hardware` gives fields by the standards.
 
     Raises:
-        ValueError: A field is not finite or outside its range.
+        ValueError: A field is not finite or outside its range, or fields disagree.
         TypeError: A field is not a number.
     """
 
@@ -49,10 +75,167 @@ class DoorConfig:
     """Height of the grasped point above the floor."""
 
     handle_standoff: float = quantity(0.07, unit="m", low=0.06, high=0.12)
-    """Distance between the bar's axis and the leaf's mid-plane."""
+    """Distance between the handle's axis and the leaf's mid-plane."""
+
+    handle: Handle = "bar"
+    """What the hand holds."""
+
+    latch: Latch = "none"
+    """What holds the closed door."""
+
+    swing: Swing = "pull"
+    """Which way it opens."""
+
+    hinge_side: HingeSide = "right"
+    """Where its hinge is."""
+
+    leaf_width: float | None = quantity(None, unit="m", low=0.30, high=1.10)
+    """Width of the leaf; None: 1 cm more than `radius` and `backset`."""
+
+    backset: float = quantity(0.08, unit="m", low=0.04, high=0.13)
+    """From the leaf's free edge to the handle's axis."""
+
+    leaf_thickness: float = quantity(0.04, unit="m", low=0.015, high=0.08)
+    """Thickness of the leaf."""
+
+    stop_angle: float = quantity(
+        math.radians(100.0), unit="rad", low=math.radians(30.0), high=math.pi
+    )
+    """Angle at which the leaf meets its stop."""
+
+    stiction: float = quantity(0.0, unit="N m", low=0.0, high=50.0)
+    """Torque that keeps the door closed; faded when it is open by 0.5°."""
+
+    seal: float = quantity(0.0, unit="N m", low=0.0, high=20.0)
+    """Closing torque of the seal at the closed door."""
+
+    seal_angle: float = quantity(
+        math.radians(4.0), unit="rad", low=math.radians(0.5), high=math.radians(15.0)
+    )
+    """Where the seal's torque has faded to nothing, linearly."""
+
+    closer_boost: float = quantity(0.0, unit="N m", low=0.0, high=50.0)
+    """Door closer: additional closing torque at the closed door (latch boost)."""
+
+    closer_boost_angle: float = quantity(
+        math.radians(30.0), unit="rad", low=math.radians(5.0), high=math.radians(90.0)
+    )
+    """Where that has faded to nothing, linearly."""
+
+    closer_friction: float = quantity(0.0, unit="N m", low=0.0, high=30.0)
+    """Door closer: half of opening minus closing moment."""
+
+    opening_damping: float = quantity(0.0, unit="N m s/rad", low=0.0, high=50.0)
+    """Door closer: damping while the door opens."""
+
+    closing_damping: float = quantity(0.0, unit="N m s/rad", low=0.0, high=200.0)
+    """Door closer: damping while the door closes; not below `opening_damping`."""
+
+    backcheck_damping: float = quantity(0.0, unit="N m s/rad", low=0.0, high=200.0)
+    """Door closer: additional damping while the door opens beyond `backcheck_angle`."""
+
+    backcheck_angle: float = quantity(
+        math.radians(70.0), unit="rad", low=math.radians(30.0), high=math.pi
+    )
+    """Where that begins."""
+
+    handle_length: float = quantity(0.12, unit="m", low=0.10, high=0.15)
+    """Lever: from the axis about which it turns to its end."""
+
+    handle_preload: float = quantity(0.5, unit="N m", low=0.0, high=2.0)
+    """Lever, knob: torque of the return spring at rest."""
+
+    handle_stiffness: float = quantity(1.2, unit="N m/rad", low=0.1, high=5.0)
+    """Lever, knob: what the return spring adds per angle."""
+
+    handle_travel: float = quantity(0.80, unit="rad", low=0.3, high=1.2)
+    """Lever, knob: angle at which it meets its stop."""
+
+    dead_travel: float = quantity(0.06, unit="rad", low=0.0, high=0.2)
+    """Lever, knob: angle at which it begins to retract the bolt."""
+
+    bolt_throw: float = quantity(0.0127, unit="m", low=0.010, high=0.020)
+    """Latch: how far the bolt stands out; the whole travel of the handle retracts it."""
+
+    bolt_preload: float = quantity(4.0, unit="N", low=1.0, high=20.0)
+    """Latch: force of the bolt's spring where it stands out."""
+
+    bolt_stiffness: float = quantity(300.0, unit="N/m", low=50.0, high=2000.0)
+    """Latch: what the bolt's spring adds per length."""
 
     def __post_init__(self) -> None:
+        for name, allowed in _CHOICES.items():
+            check_choice(f"DoorConfig.{name}", getattr(self, name), get_args(allowed))
         check_quantities(self)
+        problem = _disagreement(self)
+        if problem:
+            raise ValueError(f"no such door: {problem}")
+
+    @property
+    def grip(self) -> float:
+        """How far towards the hinge from the handle's axis the hand holds it [m]."""
+        return self.handle_length - 0.03 if self.handle == "lever" else 0.0
+
+    @property
+    def hand_radius(self) -> float:
+        """Distance from hinge axis to hand [m]."""
+        return self.radius - self.grip
+
+    @property
+    def side(self) -> float:
+        """1 if the hinge is on the right, -1 if on the left."""
+        return 1.0 if self.hinge_side == "right" else -1.0
+
+    @property
+    def way(self) -> float:
+        """1 if the handle begins to move along x, -1 if against it."""
+        return 1.0 if self.swing == "pull" else -1.0
+
+    @property
+    def overhang(self) -> float:
+        """How far the leaf ends beyond the hinge's axis [m]."""
+        if self.leaf_width is None:
+            return OVERHANG
+        return self.leaf_width - self.backset - self.radius
+
+    @property
+    def friction(self) -> float:
+        """Coulomb friction of hinge and closer [N m]."""
+        return self.hinge_friction + self.closer_friction
+
+
+_CHOICES: Final = {
+    "handle": Handle,
+    "latch": Latch,
+    "swing": Swing,
+    "hinge_side": HingeSide,
+}
+
+
+def _disagreement(door: DoorConfig) -> str:
+    """Return which fields contradict each other; "" if none do."""
+    if door.latch == "spring" and door.handle == "bar":
+        return (
+            "latch = 'spring' with handle = 'bar', which does not turn and could not "
+            "retract the bolt; choose handle = 'lever' or 'knob'"
+        )
+    if abs(door.overhang) > _DISAGREEMENT:
+        return (
+            f"leaf_width = {door.leaf_width:g} minus backset = {door.backset:g} is not "
+            f"radius = {door.radius:g} within {_DISAGREEMENT:g} m; leave leaf_width "
+            "None to have it follow"
+        )
+    if door.closing_damping < door.opening_damping:
+        return (
+            f"closing_damping = {door.closing_damping:g} is below opening_damping = "
+            f"{door.opening_damping:g}; a closer damps closing at least as much"
+        )
+    if door.dead_travel > 0.5 * door.handle_travel:
+        return (
+            f"dead_travel = {door.dead_travel:g} is more than half of handle_travel = "
+            f"{door.handle_travel:g}"
+        )
+    return ""
 
 
 _RADII: Final = allowed_range(DoorConfig, "radius")
@@ -97,70 +280,3 @@ def door_config(door: DoorSpec) -> DoorConfig:
         "door must be a preset's name, a radius in metres, a mapping of DoorConfig "
         f"fields or a DoorConfig, got {door!r} ({type(door).__name__})"
     )
-
-
-Record = TypeVar("Record")
-
-
-def preset(
-    spec: str | Mapping[str, Any],
-    presets: Mapping[str, Record],
-    start: str,
-    what: str,
-    otherwise: str,
-) -> Record:
-    """Return the preset of a name, or one with other fields.
-
-    Args:
-        spec: A name, or a mapping of fields with an optional ``"preset"``.
-        presets: Records by name.
-        start: The preset that a mapping starts from if it names none.
-        what: What messages call such a record.
-        otherwise: What may be given in place of a name, for messages.
-
-    Raises:
-        ValueError: An unknown preset or field, or a value that the record refuses.
-    """
-    fields = {"preset": spec} if isinstance(spec, str) else dict(spec)
-    name = fields.pop("preset", start)
-    if not isinstance(name, str) or name not in presets:
-        raise ValueError(
-            f"unknown {what} {name!r}{nearest_name(name, presets)}; presets: "
-            f"{', '.join(presets)}; or give {otherwise}"
-        )
-    return with_fields(presets[name], fields, what, other_keys=("preset",))
-
-
-def with_fields(
-    record: Record,
-    fields: Mapping[str, Any],
-    what: str,
-    other_keys: Sequence[str] = (),
-) -> Record:
-    """Return a record with some fields changed.
-
-    Args:
-        record: A frozen dataclass.
-        fields: New values by name.
-        what: What messages call such a record.
-        other_keys: What else a caller may write beside fields, for messages.
-
-    Raises:
-        ValueError: An unknown field, or a value that the record refuses.
-    """
-    given: Any = record
-    known = [field.name for field in dataclasses.fields(given)]
-    for field in fields:
-        if field not in known:
-            raise ValueError(
-                f"unknown {what} field {field!r}{nearest_name(field, known)}; fields: "
-                f"{', '.join([*known, *other_keys])}"
-            )
-    changed: Record = dataclasses.replace(given, **fields) if fields else record
-    return changed
-
-
-def nearest_name(name: object, known: Iterable[str]) -> str:
-    """Return a hint at the known name that was probably meant; "" if none is near."""
-    match = difflib.get_close_matches(str(name), list(known), n=1)
-    return f" (did you mean {match[0]!r}?)" if match else ""

@@ -16,7 +16,7 @@ from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
-from gplfd_env.config import preset, with_fields
+from gplfd_env.named import preset, with_fields
 from gplfd_env.fields import check_choice, check_ranges, draw_ranges, quantity
 
 Number = Any

@@ -33,7 +33,7 @@ Info = dict[str, Any]
 
 
 class DoorOpeningEnv(gym.Env[Observation, Array]):
-    """A TIAGo-like arm, its hand closed on the bar handle of a hinged door.
+    """A TIAGo-like arm, its hand closed on the handle of a hinged door.
 
     Action, (6,): the commanded pose of the hand in the task frame, position [m] and
     rotation vector [rad] relative to the closed grasp. A stiff Cartesian servo
@@ -48,7 +48,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     ``is_success``, ``grasped``, ``slip`` [m], ``force_tangential``,
     ``force_radial``, ``force_vertical`` [N, hand on handle], ``push_force``,
     ``person_force`` [N], ``person_energy`` [J], ``base_shift`` [m], ``stop_force``
-    [N, of the door at the handle's radius], ``failure``,
+    [N, of the door at the handle's radius], ``handle_angle`` [rad], ``bolt`` [m],
+    ``closer_torque`` [N m], ``failure``,
     ``simulation_error``, ``reward_terms``. Never blurred by sensor noise.
 
     The episode terminates in success (60° held for 0.5 s, handle grasped) or when
@@ -109,22 +110,24 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._door = door_config(door)
         self._randomization = door_randomization(randomization)
         self._disturbance = disturbance_named(disturbance)
-        self._reader = Reader.of(grasp, self.command.control)
+        self._grasp: Grasp = grasp
         self._simulation = DoorSimulation(self._door, grasp, self.command)
         self._camera = Camera(self.model, width, height, camera_name, effects=effects)
-        self._sensed = np.empty_like(self._simulation.sensordata)
+        self._sensed = np.empty(0)
+        self._reader = self._reader_now()
         self._episode: Episode | None = None
         self.observation_space = observation_space()
         self.action_space: spaces.Space[Any] = self.command.space
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The scene; it stays the same object when the door changes."""
+        """The scene; it stays the same object when the door changes, unless the new
+        one has another handle, latch or kind of closer."""
         return self._simulation.model
 
     @property
     def data(self) -> mujoco.MjData:
-        """The scene's state; it stays the same object, too."""
+        """The scene's state; it stays the same object as long."""
         return self._simulation.data
 
     @property
@@ -162,6 +165,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._door, self._randomization, self._disturbance = chosen
         drawn = draw_episode(*chosen, self.np_random)
         self._simulation.restart(drawn.variation)
+        self._reader = self._reader_now()
         episode = Episode(drawn, self._reader, self._reward, self._sense())
         self._episode = episode
         if self.render_mode == "human":
@@ -236,9 +240,12 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             disturbance_named(given.get("disturbance", self._disturbance)),
         )
 
+    def _reader_now(self) -> Reader:
+        return Reader.of(self._grasp, self.command.control, self.door.handle)
+
     def _sense(self) -> list[float]:
         """Take the sensors' values; a diverged simulation leaves the last good ones."""
-        self._sensed[:] = self._simulation.sensordata
+        self._sensed = self._simulation.sensordata.copy()
         values: list[float] = self._sensed.tolist()
         return values
 

@@ -6,6 +6,8 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gplfd_env.closer import closer_torque
+from gplfd_env.config import DoorConfig
 from gplfd_env.draw import Drawn
 from gplfd_env.intervention import Intervention, Loads, Vector
 from gplfd_env.observation import DoorReading, Observation, Reader
@@ -114,7 +116,8 @@ class Episode:
     def _sense(self, values: list[float]) -> None:
         self.time = self.steps * CONTROL_PERIOD
         self.wrench = self._reader.wrench(values)
-        self._reading: DoorReading = self._reader.door_reading(values)
+        door = self.variation.door
+        self._reading: DoorReading = self._reader.door_reading(values, door)
         self._blur = None if self._noise is None else self._noise.draw()
 
     @property
@@ -160,24 +163,26 @@ class Episode:
     def row(self) -> tuple[float, ...]:
         """The info in numbers: `NUMBERS`, the handle's pose (6), and `FLAGS`."""
         reading, monitor, outside = self._reading, self._monitor, self._outside
+        door = self.variation.door
         tangential, vertical, radial = reading.forces
         x, y, z = reading.handle_position
         *measured, (dx, dy, dz) = outside
         return (
             reading.angle,
             reading.velocity,
-            self.variation.door.radius,
+            door.radius,
             _distance(reading.hand_on_handle, self._grasp_point),
             tangential,
             radial,
             vertical,
             *measured,
+            reading.handle_angle,
+            reading.bolt,
+            closer_torque(door, reading.angle, reading.velocity),
             x - dx,
             y - dy,
             z - dz,
-            0.0,
-            reading.angle,
-            0.0,
+            *_handle_rotation(door, reading),
             monitor.success,
             monitor.success,
             reading.grasped,
@@ -198,6 +203,9 @@ NUMBERS: Final = (
     "person_energy",
     "base_shift",
     "stop_force",
+    "handle_angle",
+    "bolt",
+    "closer_torque",
 )
 """Numbers of an info, in the order of `Episode.row`."""
 
@@ -213,3 +221,19 @@ def _distance(
 ) -> float:
     x, y, z = first[0] - second[0], first[1] - second[1], first[2] - second[2]
     return math.sqrt(x * x + y * y + z * z)
+
+
+def _handle_rotation(door: DoorConfig, reading: DoorReading) -> Vector:
+    """Return the handle's rotation vector: about the hinge, and before that about its
+    own axis, which is normal to the closed leaf [rad]."""
+    about_up = door.side * door.way * reading.angle
+    if reading.handle_angle == 0.0:
+        return 0.0, about_up, 0.0
+    turn = -door.side * reading.handle_angle
+    # The quaternion of a turn about y times that of one about x.
+    cy, sy = math.cos(0.5 * about_up), math.sin(0.5 * about_up)
+    cx, sx = math.cos(0.5 * turn), math.sin(0.5 * turn)
+    x, y, z = cy * sx, sy * cx, -sy * sx
+    length = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 * math.atan2(length, cy * cx) / length if length > 0.0 else 2.0
+    return scale * x, scale * y, scale * z

@@ -7,6 +7,7 @@ Every number is sampled by MuJoCo's sensors in the last physics step, 2 ms befor
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Final, NamedTuple
 
 import mujoco
@@ -14,7 +15,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from gplfd_env.config import DoorConfig
+from gplfd_env.config import DoorConfig, Handle
 from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.robot import HAND_BODIES, WRENCH_LIMITS, Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene
@@ -66,7 +67,8 @@ class Reader:
         joint_pos: The arm's joint positions.
         joint_vel: The arm's joint velocities.
         wrist: Wrist force, torque, and the sensor's three axes.
-        door: From the hinge's angle to the torque at its stop.
+        door: From the hinge's angle to the torque at its stop; handle and bolt follow
+            where there are any.
     """
 
     hand_weight: float
@@ -80,13 +82,14 @@ class Reader:
     door: slice
 
     @classmethod
-    def of(cls, grasp: Grasp, control: Control) -> Reader:
-        """Resolve sensor addresses and the hand's weight, once per robot.
+    @cache
+    def of(cls, grasp: Grasp, control: Control, handle: Handle) -> Reader:
+        """Resolve sensor addresses and the hand's weight, once per kind of handle.
 
-        The hand holds the same bar in every scene, so one scene serves for all; the
+        The hand holds the same handle in every scene, so one scene serves for all; the
         same for all, since settled fingers differ by a micrometre.
         """
-        model = build_scene(DoorConfig(), grasp, control=control)
+        model = build_scene(DoorConfig(handle=handle), grasp, control=control)
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
         mujoco.mj_forward(model, data)
@@ -104,7 +107,7 @@ class Reader:
             joint_pos=_span(model, f"{ARM_JOINTS[0]}_pos", 7),
             joint_vel=_span(model, f"{ARM_JOINTS[0]}_vel", 7),
             wrist=_span(model, "wrist_force", 15),
-            door=_span(model, "hinge_angle", 23),
+            door=slice(int(model.sensor("hinge_angle").adr[0]), None),
         )
 
     def observation(self, sensordata: Array, wrench: Array, time: Array) -> Observation:
@@ -162,30 +165,39 @@ class Reader:
             torque_z - (arm_x * force_y - arm_y * force_x),
         )
 
-    def door_reading(self, values: list[float]) -> DoorReading:
+    def door_reading(self, values: list[float], door: DoorConfig) -> DoorReading:
         """Return the privileged readings of door and grasp.
 
         Args:
             values: One simulation's sensor array as a list.
+            door: What it stands before.
         """
         reading = values[self.door]
         angle, velocity, hx, hy, hz, ox, oy, oz = reading[:8]
         tx, ty, tz, ux, uy, uz, rx, ry, rz = reading[8:17]
-        right, left, fx, fy, fz, limit = reading[17:]
+        right, left, fx, fy, fz, limit = reading[17:23]
+        handle_angle, bolt = (*reading[23:], 0.0, 0.0)[:2]
+        way, side = door.way, door.side
         return DoorReading(
             angle=angle,
             velocity=velocity,
             handle_position=(hx, hy, hz),
             hand_on_handle=(ox, oy, oz),
             forces=(
-                tx * fx + ty * fy + tz * fz,
+                way * (tx * fx + ty * fy + tz * fz),
                 ux * fx + uy * fy + uz * fz,
-                rx * fx + ry * fy + rz * fz,
+                side * (rx * fx + ry * fy + rz * fz),
             ),
             grasped=right > 0.0 and left > 0.0,
-            axes=((tx, ty, tz), (ux, uy, uz), (rx, ry, rz)),
+            axes=(
+                (way * tx, way * ty, way * tz),
+                (ux, uy, uz),
+                (side * rx, side * ry, side * rz),
+            ),
             # A closed door rests at the other end of the hinge's range.
             stop_torque=limit if angle > 0.0 else 0.0,
+            handle_angle=handle_angle,
+            bolt=bolt,
         )
 
 
@@ -202,6 +214,8 @@ class DoorReading(NamedTuple):
         grasped: Both finger pads touch the bar.
         axes: World frame: along the opening motion, upwards, away from the hinge.
         stop_torque: Of the leaf against a stop [N m].
+        handle_angle: How far a lever or knob is turned [rad]; else 0.
+        bolt: How far the bolt is drawn in [m]; 0 without a latch.
     """
 
     angle: float
@@ -212,6 +226,8 @@ class DoorReading(NamedTuple):
     grasped: bool
     axes: tuple[tuple[float, float, float], ...]
     stop_torque: float
+    handle_angle: float
+    bolt: float
 
 
 def _span(model: mujoco.MjModel, first: str, size: int) -> slice:

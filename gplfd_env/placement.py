@@ -2,8 +2,8 @@
 
 Frames: *world* = the robot's ``base_footprint`` (x forward, y left, z up); *task* =
 origin at the closed handle, x = pulling direction, y = up, z = x × y (to the left of
-someone facing the door). The hinge is on the robot's right, at z = -radius: the arm's
-joint ranges are asymmetric, and the mirrored door is out of its reach.
+someone facing the door). A hinge on the robot's right is at z = -radius; one on its left
+at z = radius, where the arm, whose joint ranges are asymmetric, reaches less.
 """
 
 import math
@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_env.config import DoorConfig
+from gplfd_env.config import DoorConfig, Handle
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.variation import Placement, Variation
 
@@ -31,7 +31,12 @@ TORSO_BELOW_HANDLE: Final = 0.50
 """Height of the grasped point minus torso lift [m]."""
 
 CLOSED_POSTURE: Final = (2.183, -0.730, -2.699, 0.803, 0.995, 0.034, 0.900)
-"""Arm joints that hold the closed handle, to 1 mrad [rad]; refined at build time."""
+"""Arm joints that hold a closed door's vertical bar, to 1 mrad [rad]; refined at build
+time."""
+
+ROLL: Final = math.radians(-90.0)
+"""Turn of the wrist about the approach between a bar and a lever or knob, whose fingers
+close from above and below [rad]."""
 
 ARM_JOINTS: Final = tuple(f"arm_{i}_joint" for i in range(1, 8))
 
@@ -61,16 +66,19 @@ def task_rotation_w(yaw: float = 0.0) -> Matrix:
     return np.column_stack([pull, up, np.cross(pull, up)])
 
 
-def gripper_rotation_w() -> Matrix:
+def gripper_rotation_w(handle: Handle) -> Matrix:
     """Return ``gripper_link``'s axes at the closed grasp in the world frame, (3, 3).
 
-    The gripper approaches along its -z axis; its fingers close along x, and y runs
-    along the bar (downwards: the wrist rolled so that arm_7's x axis points down).
+    The gripper approaches along its -z axis; its fingers close along x. On a bar y runs
+    along it (downwards: the wrist rolled so that arm_7's x axis points down); a lever
+    or knob is held with the wrist rolled by `ROLL`, x downwards.
     """
     yaw = DOOR_YAW + GRASP_YAW
     approach = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     arm_7_x = np.array([0.0, 0.0, -1.0])
     arm_7_y = np.cross(approach, arm_7_x)
+    if handle != "bar":
+        arm_7_x, arm_7_y = -arm_7_y, arm_7_x
     return np.column_stack([-arm_7_y, -arm_7_x, -approach])
 
 
@@ -81,31 +89,47 @@ def quaternion(rotation: Matrix) -> Matrix:
     return result
 
 
-def grasp_in_door_frame(placement: Placement) -> tuple[Matrix, Matrix]:
+def grasp_in_door_frame(
+    door: DoorConfig, placement: Placement
+) -> tuple[Matrix, Matrix]:
     """Return the task frame in the door frame: position (3,) [m], quaternion (4,).
 
     It is where the hand takes hold, in the heading that the robot believes in.
     """
-    position, rotation = _task_in_door_frame(placement)
+    position, rotation = _task_in_door_frame(door, placement)
     return position, quaternion(rotation)
 
 
 def door_geometry(variation: Variation) -> DoorGeometry:
-    """Return where the hinge of an episode's door is in its task frame."""
-    position, rotation = _task_in_door_frame(variation.placement)
-    hinge = np.array([0.0, 0.0, -variation.door.radius])
+    """Return where the hinge and the handle's axis are in an episode's task frame."""
+    door = variation.door
+    position, rotation = _task_in_door_frame(door, variation.placement)
+    hinge = np.array([0.0, 0.0, -door.side * door.hand_radius])
+    spindle = np.array([0.0, 0.0, door.side * door.grip])
+    turns = door.handle != "bar"
     return DoorGeometry(
         hinge=rotation.T @ (hinge - position),
-        axis=rotation.T @ np.array([0.0, 1.0, 0.0]),
+        axis=rotation.T @ np.array([0.0, door.side * door.way, 0.0]),
+        spindle=rotation.T @ (spindle - position) if turns else None,
+        turn=rotation.T @ np.array([-door.side, 0.0, 0.0]) if turns else None,
     )
 
 
-def _task_in_door_frame(placement: Placement) -> tuple[Matrix, Matrix]:
+def grasp_height(door: DoorConfig, placement: Placement) -> float:
+    """Return how far above the handle's middle the hand holds it [m]: on a lever or
+    knob not at all, for the fingers close from above and below."""
+    return placement.grasp_height if door.handle == "bar" else 0.0
+
+
+def _task_in_door_frame(
+    door: DoorConfig, placement: Placement
+) -> tuple[Matrix, Matrix]:
     """Return the task frame in the door frame: position (3,) [m], axes (3, 3)."""
-    back = gripper_rotation_w() @ np.array([0.0, 0.0, placement.grasp_depth])
-    door = task_rotation_w(placement.base_yaw)
-    position = door.T @ back + np.array([0.0, placement.grasp_height, 0.0])
-    return position, door.T @ task_rotation_w()
+    depth = np.array([0.0, 0.0, placement.grasp_depth])
+    back = gripper_rotation_w(door.handle) @ depth
+    axes = task_rotation_w(placement.base_yaw)
+    height = np.array([0.0, grasp_height(door, placement), 0.0])
+    return axes.T @ back + height, axes.T @ task_rotation_w()
 
 
 def solve_closed_posture(
@@ -135,10 +159,11 @@ def solve_closed_posture(
     """
     mujoco.mj_resetData(model, data)
     arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
-    lift = door.handle_height + placement.grasp_height - TORSO_BELOW_HANDLE
+    lift = door.handle_height + grasp_height(door, placement) - TORSO_BELOW_HANDLE
     lowest, highest = model.joint("torso_lift_joint").range
     data.joint("torso_lift_joint").qpos = min(max(lift, lowest), highest)
     data.qpos[arm] = CLOSED_POSTURE
+    data.qpos[arm[-1]] += ROLL if door.handle != "bar" else 0.0
     hand, target = model.site("hand").id, model.site("task_frame").id
     jacobian = np.zeros((6, model.nv))
     for _ in range(20):

@@ -14,13 +14,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from gplfd_env.config import DoorConfig, preset
+from gplfd_env.config import DoorConfig
 from gplfd_env.fields import (
     allowed_range,
     check_quantities,
     checked_number,
     quantity,
 )
+from gplfd_env.named import preset
 from gplfd_env.variation import Placement, SensorNoise, Variation
 
 Pair = tuple[float, float]

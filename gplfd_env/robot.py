@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from gplfd_env._paths import asset_path
+from gplfd_env.config import Handle
 from gplfd_env.placement import (
     ARM_JOINTS,
     gripper_rotation_w,
@@ -57,7 +58,7 @@ Grasp = Literal["contact", "weld"]
 """Friction between the finger pads and the bar, or a rigid joint."""
 
 
-def load_robot(control: Control = "pose") -> mujoco.MjSpec:
+def load_robot(control: Control = "pose", handle: Handle = "bar") -> mujoco.MjSpec:
     """Read the arm's URDF and add gravity compensation, servo and sensor sites.
 
     The hand site's axes coincide with the task frame when the door is closed, so the
@@ -66,6 +67,7 @@ def load_robot(control: Control = "pose") -> mujoco.MjSpec:
     Args:
         control: ``"pose"`` turns the hand by one servo on the whole orientation;
             ``"impedance"`` by one per axis of θu, so that each can have its stiffness.
+        handle: What the hand closes on.
 
     Returns:
         A specification that compiles once a ``task_frame`` site has been added.
@@ -73,7 +75,7 @@ def load_robot(control: Control = "pose") -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_file(str(asset_path("tiago_like.urdf")))
     spec.modelname = "gplfd door opening"
     _set_joints(spec)
-    _add_sites(spec)
+    _add_sites(spec, handle)
     _add_cameras(spec)
     _add_axis_servos(spec, TRANSLATION_SERVOS, first=0)
     if control == "pose":
@@ -100,8 +102,8 @@ def _set_joints(spec: mujoco.MjSpec) -> None:
     coupling.name = "finger_coupling"
 
 
-def _add_sites(spec: mujoco.MjSpec) -> None:
-    gripper_to_task = gripper_rotation_w().T @ task_rotation_w()
+def _add_sites(spec: mujoco.MjSpec, handle: Handle) -> None:
+    gripper_to_task = gripper_rotation_w(handle).T @ task_rotation_w()
     spec.body("gripper_link").add_site(
         name="hand",
         pos=[0, 0, -HAND_BEYOND_GRIPPER],

@@ -16,8 +16,15 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.door import BAR_RADIUS, NOMINAL_MASS, add_door, set_door_physics
+from gplfd_env.config import DoorConfig, Latch
+from gplfd_env.door import (
+    NOMINAL_MASS,
+    Structure,
+    add_door,
+    set_door_physics,
+    structure_of,
+)
+from gplfd_env.handle import held_radius
 from gplfd_env.placement import ARM_JOINTS, solve_closed_posture
 from gplfd_env.robot import Grasp, load_robot
 from gplfd_env.room import add_room
@@ -32,9 +39,10 @@ SCENE_FIELDS: Final = (
     "actuator_acc0", "actuator_length0", "body_inertia", "body_invweight0",
     "body_ipos", "body_iquat", "body_mass", "body_pos", "body_quat",
     "body_subtreemass", "bvh_aabb", "cam_pos0", "cam_poscom0", "cam_mat0",
-    "dof_M0", "dof_invweight0", "dof_length", "geom_aabb", "geom_pos", "geom_rbound",
-    "geom_size", "key_ctrl", "key_qpos", "light_pos0", "light_poscom0",
-    "qpos_spring", "site_pos", "site_quat",
+    "dof_M0", "dof_invweight0", "dof_length", "geom_aabb", "geom_pos", "geom_quat",
+    "geom_rbound", "geom_size", "jnt_axis", "jnt_range", "key_ctrl", "key_qpos",
+    "light_pos0", "light_poscom0", "qpos_spring", "site_pos", "site_quat",
+    "tendon_invweight0", "tendon_length0", "tendon_range", "wrap_prm",
 )  # fmt: skip
 """Fields of the model in which the geometry of two scenes can differ."""
 
@@ -42,8 +50,21 @@ _SETTLING_TIME: Final = 0.4
 _BAR_INDENTATION: Final = 7.3e-5
 """How deep the fingers' 16 N press into the bar's soft contact [m]."""
 
-_NOMINAL: Final = DoorConfig(panel_mass=NOMINAL_MASS)
-"""Mass, hinge and closer of every compiled scene."""
+_WRITTEN: Final = (
+    "hinge_friction", "hinge_damping", "panel_mass", "stiction", "seal", "seal_angle",
+    "closer_stiffness", "closer_preload", "closer_boost", "closer_boost_angle",
+    "closer_friction", "opening_damping", "closing_damping", "backcheck_damping",
+    "backcheck_angle", "handle_preload", "handle_stiffness", "bolt_preload",
+    "bolt_stiffness",
+)  # fmt: skip
+"""Fields of a door that `set_door_physics` writes; all others are its geometry."""
+
+_NOMINAL: Final = {
+    field.name: NOMINAL_MASS if field.name == "panel_mass" else field.default
+    for field in dataclasses.fields(DoorConfig)
+    if field.name in _WRITTEN
+}
+"""What they are in a compiled scene."""
 
 Array = NDArray[np.float64]
 
@@ -54,6 +75,7 @@ def build_spec(
     *,
     placement: Placement | None = None,
     control: Control = "pose",
+    structure: Structure | None = None,
 ) -> mujoco.MjSpec:
     """Assemble room, robot, door and sensors without compiling them.
 
@@ -63,11 +85,13 @@ def build_spec(
             ``"weld"`` adds a rigid joint between hand and bar.
         placement: Where the robot stands and grasps; without error by default.
         control: See `gplfd_env.robot.load_robot`.
+        structure: Of the scene; by default the door's.
     """
-    spec = load_robot(control)
+    structure = structure_of(door) if structure is None else structure
+    spec = load_robot(control, door.handle)
     add_room(spec)
-    add_door(spec, door, placement)
-    add_sensors(spec, control)
+    add_door(spec, door, placement, structure)
+    add_sensors(spec, structure, control)
     spec.add_key(name="grasp")
     if grasp == "weld":
         spec.add_equality(
@@ -96,7 +120,7 @@ def build_scene(
     Raises:
         ValueError: The closed handle is out of reach.
     """
-    model = _template(grasp, control).__copy__()
+    model = _template(structure_of(door), grasp, control).__copy__()
     data = mujoco.MjData(model)
     load_scene(model, data, door, grasp, placement=placement, control=control)
     return model
@@ -117,7 +141,8 @@ def load_scene(
     `build_scene`, bit for bit.
 
     Args:
-        model: Made by `build_scene` with the same grasp and control.
+        model: Made by `build_scene` for a door of the same structure, with the same
+            grasp and control.
         data: Of the same model; reset it to the keyframe afterwards.
         door: The new door.
         grasp: As the model was made.
@@ -128,28 +153,35 @@ def load_scene(
         ValueError: The closed handle is out of reach; the model is unchanged.
     """
     placement = Placement() if placement is None else placement
-    geometry = dataclasses.replace(
-        _NOMINAL,
-        radius=door.radius,
-        handle_height=door.handle_height,
-        handle_standoff=door.handle_standoff,
-    )
-    for name, values in _settled(geometry, placement, grasp, control).items():
+    geometry, structure = dataclasses.replace(door, **_NOMINAL), structure_of(door)
+    settled = _settled(geometry, structure, placement, grasp, control)
+    for name, values in settled.items():
         getattr(model, name)[...] = values
     set_door_physics(model, data, door)
 
 
-@lru_cache(maxsize=4)
-def _template(grasp: Grasp, control: Control) -> mujoco.MjModel:
-    return build_spec(_NOMINAL, grasp, control=control).compile()
+@lru_cache(maxsize=32)
+def _template(
+    structure: Structure, grasp: Grasp, control: Control
+) -> mujoco.MjModel:
+    latch: Latch = "spring" if structure.latched else "none"
+    door = DoorConfig(handle=structure.handle, latch=latch, panel_mass=NOMINAL_MASS)
+    spec = build_spec(door, grasp, control=control, structure=structure)
+    return spec.compile()
 
 
 @lru_cache(maxsize=128)
 def _settled(
-    geometry: DoorConfig, placement: Placement, grasp: Grasp, control: Control
+    geometry: DoorConfig,
+    structure: Structure,
+    placement: Placement,
+    grasp: Grasp,
+    control: Control,
 ) -> Mapping[str, Array]:
     """Compile a scene, settle the grasp and return its `SCENE_FIELDS`."""
-    spec = build_spec(geometry, grasp, placement=placement, control=control)
+    spec = build_spec(
+        geometry, grasp, placement=placement, control=control, structure=structure
+    )
     model = spec.compile()
     _settle(model, geometry, placement)
     return MappingProxyType({n: getattr(model, n).copy() for n in SCENE_FIELDS})
@@ -165,7 +197,7 @@ def _settle(model: mujoco.MjModel, door: DoorConfig, placement: Placement) -> No
     model.qpos_spring[arm] = data.qpos[arm]
     for side in ("right", "left"):
         finger = data.joint(f"gripper_{side}_finger_joint")
-        finger.qpos = BAR_RADIUS - _BAR_INDENTATION
+        finger.qpos = held_radius(door) - _BAR_INDENTATION
     data.actuator("torso_hold").ctrl = data.joint("torso_lift_joint").qpos
     mujoco.mj_step(model, data, nstep=round(_SETTLING_TIME / model.opt.timestep))
     model.key_qpos[GRASP_KEY] = data.qpos

@@ -4,6 +4,7 @@ from typing import Final
 
 import mujoco
 
+from gplfd_env.door import Structure
 from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.robot import ROTATION_SERVOS, WRENCH_LIMITS
 from gplfd_env.task import Control
@@ -19,15 +20,19 @@ _CONTACT_FORCE: Final = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
 _NET_FORCE: Final = 3
 
 
-def add_sensors(spec: mujoco.MjSpec, control: Control = "pose") -> None:
+def add_sensors(
+    spec: mujoco.MjSpec, structure: Structure, control: Control = "pose"
+) -> None:
     """Add every sensor, in the order in which `gplfd_env.observation` reads them.
 
     Poses and twists of the hand are measured in the task frame; wrist force and
-    torque in the sensor site's frame (the hand's axes); the handle's axes and the
-    contact force on the bar in the world frame.
+    torque in the sensor site's frame (the hand's axes); the leaf's axes and the
+    contact force on the handle in the world frame. Handle and bolt come last, where
+    there are any.
 
     Args:
         spec: The scene with robot and door; edited in place.
+        structure: What the door consists of.
         control: What the robot was loaded with.
     """
     for axis in ("x", "y", "z"):
@@ -55,13 +60,19 @@ def add_sensors(spec: mujoco.MjSpec, control: Control = "pose") -> None:
     _add(spec, "hinge_velocity", _SENSOR.mjSENS_JOINTVEL, _JOINT, "hinge")
     _add(spec, "handle_pos", _SENSOR.mjSENS_FRAMEPOS, _SITE, "handle", "task_frame")
     _add(spec, "hand_on_handle", _SENSOR.mjSENS_FRAMEPOS, _SITE, "hand", "handle")
+    turning = structure.handle != "bar"
+    axes = "leaf_axes" if turning else "handle"
     for axis in ("X", "Y", "Z"):
         kind = getattr(_SENSOR, f"mjSENS_FRAME{axis}AXIS")
-        _add(spec, f"handle_{axis.lower()}axis", kind, _SITE, "handle")
+        _add(spec, f"handle_{axis.lower()}axis", kind, _SITE, axes)
     for side in ("right", "left"):
         _add_contact(spec, f"{side}_pad_contact", f"{side}_finger_pad", _CONTACT_FOUND)
     _add_contact(spec, "bar_force", None, _CONTACT_FORCE)
     _add(spec, "hinge_stop", _SENSOR.mjSENS_JOINTLIMITFRC, _JOINT, "hinge")
+    if turning:
+        _add(spec, "handle_angle", _SENSOR.mjSENS_JOINTPOS, _JOINT, "handle")
+    if structure.latched:
+        _add(spec, "bolt", _SENSOR.mjSENS_JOINTPOS, _JOINT, "bolt")
 
 
 def _add(

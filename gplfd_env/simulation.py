@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gplfd_env.command import Command, ServoGains
 from gplfd_env.config import DoorConfig
-from gplfd_env.door import HINGE_RANGE, set_hinge
+from gplfd_env.door import set_hinge, structure_of
 from gplfd_env.intervention import Loads
 from gplfd_env.robot import FOREARM, GRIPPER, Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
@@ -39,7 +39,8 @@ class DoorSimulation:
         command: The meaning of an action.
 
     Attributes:
-        model: The scene; the same object whatever door it is brought to.
+        model: The scene; the same object whatever door of the same structure it is
+            brought to.
         data: Its state.
         sensordata: MuJoCo's sensor array; live.
         variation: The door and what is around it.
@@ -71,7 +72,9 @@ class DoorSimulation:
             ValueError: The handle is out of reach; nothing has changed.
         """
         now = self.variation
-        if (variation.door, variation.placement) != (now.door, now.placement):
+        if structure_of(variation.door) != structure_of(now.door):
+            self._rebuild(variation)
+        elif (variation.door, variation.placement) != (now.door, now.placement):
             load_scene(
                 self.model,
                 self.data,
@@ -81,13 +84,24 @@ class DoorSimulation:
                 control=self._command.control,
             )
         if not now.disturbance.idle:
-            set_hinge(self.model, HINGE_RANGE, variation.door.hinge_friction)
+            set_hinge(self.model, variation.door.stop_angle, variation.door.friction)
         self.variation = variation
         mujoco.mj_resetDataKeyframe(self.model, self.data, GRASP_KEY)
         # Before the forward pass: the first observation must not depend on the gains
         # that the last episode ended with.
         self._apply(self._command.rest)
         mujoco.mj_forward(self.model, self.data)
+
+    def _rebuild(self, variation: Variation) -> None:
+        """Take another model, for a door of another structure."""
+        self.model = build_scene(
+            variation.door,
+            self._grasp,
+            placement=variation.placement,
+            control=self._command.control,
+        )
+        self.data = mujoco.MjData(self.model)
+        self._bind()
 
     def advance(self, command: Array, loads: Loads | None = None) -> bool:
         """Go on by one control period; return whether MuJoCo reports divergence.

@@ -10,7 +10,7 @@ from experiments.study.tasks import EpisodeTask
 from experiments.teacher import standard_teacher
 from experiments.trials.protocol import PARTS, TRIALS, TUNED, Part
 from experiments.trials.records import Level, Trial
-from gplfd_env.config import nearest_name
+from gplfd_env.named import nearest_name
 
 
 def named_trials(names: Sequence[str]) -> dict[str, Trial]:
