@@ -1,5 +1,6 @@
 """Which door: its geometry, its hinge, and the presets by name."""
 
+import dataclasses
 import math
 import numbers
 from collections.abc import Mapping
@@ -14,7 +15,6 @@ from gplfd_env.fields import (
     quantity,
 )
 from gplfd_env.named import preset
-
 
 Handle = Literal["bar", "lever", "knob"]
 """What the hand holds: a vertical bar that is fixed, a horizontal arm or a round knob
@@ -50,7 +50,7 @@ class DoorConfig:
     """
 
     radius: float = quantity(
-        0.50, unit="m", low=0.30, high=0.65, reason="the radii the arm can open"
+        0.50, unit="m", low=0.30, high=0.95, reason="the radii the arm can open"
     )
     """Distance from hinge axis to handle axis."""
 
@@ -182,6 +182,11 @@ class DoorConfig:
         return self.radius - self.grip
 
     @property
+    def kind(self) -> dict[str, str]:
+        """What tells doors apart that are opened by another motion."""
+        return {name: getattr(self, name) for name in _CHOICES}
+
+    @property
     def side(self) -> float:
         """1 if the hinge is on the right, -1 if on the left."""
         return 1.0 if self.hinge_side == "right" else -1.0
@@ -210,6 +215,25 @@ _CHOICES: Final = {
     "swing": Swing,
     "hinge_side": HingeSide,
 }
+
+
+_ALWAYS: Final = (
+    *("radius", "hinge_friction", "hinge_damping", "closer_stiffness"),
+    *("closer_preload", "panel_mass", "handle_height", "handle_standoff"),
+)
+
+
+def door_fields(door: DoorConfig) -> dict[str, Any]:
+    """Return what describes a door in files.
+
+    Eight fields always, the others where they are not those of a furniture door.
+    """
+    return {
+        field.name: value
+        for field in dataclasses.fields(door)
+        if (value := getattr(door, field.name)) != field.default
+        or field.name in _ALWAYS
+    }
 
 
 def _disagreement(door: DoorConfig) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gplfd_env.config import HingeSide, Swing
+from gplfd_env.config import DoorConfig, HingeSide, Swing
 from gplfd_env.se3 import compose_rotvecs
 
 Array = NDArray[np.float64]
@@ -64,7 +64,9 @@ class DoorGeometry:
         pull = np.cross(hinge, axis) / radius
         vectors = {"hinge": hinge, "axis": axis, "pull": pull}
         if self.spindle is not None and self.turn is not None:
-            spindle, turn = (np.array(each, float) for each in (self.spindle, self.turn))
+            spindle, turn = (
+                np.array(each, float) for each in (self.spindle, self.turn)
+            )
             turn = turn / math.sqrt(turn @ turn)
             vectors |= {"spindle": spindle, "turn": turn}
         for name, vector in vectors.items():
@@ -88,6 +90,17 @@ class DoorGeometry:
         return cls(
             hinge=np.array([0.0, 0.0, -side * radius]),
             axis=np.array([0.0, side * way, 0.0]),
+        )
+
+    @classmethod
+    def of(cls, door: DoorConfig) -> DoorGeometry:
+        """Return a door before a robot that stands and grasps right."""
+        side, turns = door.side, door.handle != "bar"
+        return cls(
+            hinge=np.array([0.0, 0.0, -side * door.hand_radius]),
+            axis=np.array([0.0, side * door.way, 0.0]),
+            spindle=np.array([0.0, 0.0, side * door.grip]) if turns else None,
+            turn=np.array([-side, 0.0, 0.0]) if turns else None,
         )
 
     def hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:

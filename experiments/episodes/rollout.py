@@ -1,6 +1,5 @@
 """The one loop in which an agent acts on a door."""
 
-import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
+from gplfd_env.config import door_fields
 from gplfd_env.placement import door_geometry
 from policies.agent import Agent, as_agent
 from policies.steps import AgentStep
@@ -80,7 +80,7 @@ def rollout(
                 truncated=truncated,
                 policy=policy,
                 door=door,
-                door_config=dataclasses.asdict(inner.door),
+                door_config=door_fields(inner.door),
                 seed=seed,
             )
 

@@ -1,6 +1,5 @@
 """Many episodes in lockstep: one vector environment, one batch of agents."""
 
-import dataclasses
 import time
 from collections.abc import Sequence
 from functools import partial
@@ -10,6 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
+from gplfd_env.config import door_fields
 from gplfd_env.placement import door_geometry
 from gplfd_env.vector import DoorOpeningVectorEnv
 from policies.lockstep import AgentBatch
@@ -89,7 +89,7 @@ def rollouts(
             truncated=bool(truncated[row]),
             policy=policy,
             door=door,
-            door_config=dataclasses.asdict(envs.variations[row].door),
+            door_config=door_fields(envs.variations[row].door),
             seed=seed,
         )
         for row, (door, seed) in enumerate(zip(doors, seeds, strict=True))

@@ -44,12 +44,13 @@ _LEARNING_TEST: Final[Mapping[str, Any]] = {
 _EPISODE: Final = {
     **_LEARNING_TEST,
     "door": str,
-    "door_config": dict[str, float],
+    "door_config": dict[str, Any],
     "randomization": str | dict[str, Any],
 }
 _SELDOM: Final = {
     "disturbance": str | dict[str, Any],
     "demonstrated_radii": tuple[float, ...],
+    "demonstrated_kind": dict[str, str] | None,
     "habits": dict[str, float] | None,
     "prior_radius": float | None,
     "trial": str,

@@ -24,6 +24,7 @@ from experiments.study.sources import NO_FILES, Files, policy_of
 from experiments.study.tasks import EpisodeTask, Job, Result, SkillTask, Task
 from experiments.teacher import Habits, Teacher, TeacherConfig
 from gplfd_env import ENVIRONMENT_IDS
+from gplfd_env.config import DoorConfig
 from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
 from policies.agent import Agent
 from policies.demonstrations import Demonstration
@@ -182,7 +183,10 @@ def _demonstrated(shown: str) -> tuple[Demonstration, ...]:
         TeacherConfig(**fields["teacher"]), Habits(**(fields["habits"] or {}))
     )
     return teacher.demonstrate_doors(
-        fields["demonstrated_radii"],
+        [
+            DoorConfig(radius=radius, **(fields["demonstrated_kind"] or {}))
+            for radius in fields["demonstrated_radii"]
+        ],
         fields["demonstrations_per_door"],
         rng=np.random.default_rng(fields["seed"]),
     )

@@ -5,7 +5,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Any, Final
 
 from experiments.arguments import check_circumstances
 from experiments.episodes.doors import named_doors
@@ -18,7 +18,8 @@ from experiments.study.settings import (
 )
 from experiments.study.sources import chosen, source_of
 from experiments.study.tasks import EpisodeTask, SkillTask, Task
-from experiments.teacher import standard_teacher
+from experiments.teacher import doors_like, standard_teacher
+from gplfd_env.config import DoorConfig, door_fields
 from policies.built_in import TABLE_1
 
 _NOISY: Final = (
@@ -117,13 +118,22 @@ def episodes(
             policy=policy,
             policy_source=source_of(chosen(policy)),
             door=door,
-            door_config=dataclasses.asdict(doors[door]),
+            door_config=door_fields(doors[door]),
             seed=seed,
             demonstrations_per_door=condition.demonstrations_per_door,
             teacher=teacher,
+            **_demonstrated_like(doors[door]),
             randomization=condition.randomization,
             disturbance=condition.disturbance,
         )
+
+
+def _demonstrated_like(door: DoorConfig) -> dict[str, Any]:
+    """Return the fields of a task that say which doors its policy learns from."""
+    if door.kind == DoorConfig().kind:
+        return {}
+    radii = tuple(one.radius for one in doors_like(door))
+    return {"demonstrated_radii": radii, "demonstrated_kind": door.kind}
 
 
 def learning_tests(settings: StudySettings, seed: int) -> Iterator[SkillTask]:

@@ -86,14 +86,16 @@ class EpisodeTask(Task):
 
     door: str
     """Name of the door."""
-    door_config: Mapping[str, float]
-    """Fields of `gplfd_env.config.DoorConfig`."""
+    door_config: Mapping[str, Any]
+    """Of the door, `gplfd_env.config.door_fields`."""
     randomization: str | Mapping[str, Any] = "none"
     """What `gplfd_env.randomization.door_randomization` takes."""
     disturbance: str | Mapping[str, Any] = _seldom("none")
     """What `gplfd_env.disturbance.disturbance_named` takes."""
     demonstrated_radii: Sequence[float] = _seldom(DEMONSTRATED_RADII)
-    """Doors that the teacher opens [m]."""
+    """Radii of the doors that the teacher opens [m]."""
+    demonstrated_kind: Mapping[str, str] | None = _seldom(None)
+    """`DoorConfig.kind` of those; None for furniture doors with a bar."""
     habits: Mapping[str, Any] | None = _seldom(None)
     """Fields of `experiments.teacher.Habits`; None for a tidy teacher."""
     prior_radius: float | None = _seldom(None)
@@ -138,6 +140,7 @@ _DEMONSTRATED_BY: Final = (
     "demonstrations_per_door",
     "teacher",
     "demonstrated_radii",
+    "demonstrated_kind",
     "habits",
 )
 """Fields of an episode that say what is demonstrated."""

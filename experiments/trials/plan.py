@@ -10,6 +10,7 @@ from experiments.study.tasks import EpisodeTask
 from experiments.teacher import standard_teacher
 from experiments.trials.protocol import PARTS, TRIALS, TUNED, Part
 from experiments.trials.records import Level, Trial
+from gplfd_env.config import door_fields
 from gplfd_env.named import nearest_name
 
 
@@ -88,6 +89,6 @@ def _takes_prior_mean(policy: str) -> bool:
 
 def _doors(level: Level) -> dict[str, dict[str, float]]:
     return {
-        name: dataclasses.asdict(dataclasses.replace(config, **level.door))
+        name: door_fields(dataclasses.replace(config, **level.door))
         for name, config in named_doors(level.doors).items()
     }
