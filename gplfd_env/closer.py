@@ -49,7 +49,7 @@ def fading_torques(door: DoorConfig) -> tuple[tuple[float, float], ...]:
 
 def has_tendons(door: DoorConfig) -> bool:
     """Return whether a door's closer is more than preload, stiffness and friction."""
-    one_way = door.closing_damping - door.opening_damping + door.backcheck_damping
+    one_way = door.closing_damping + door.backcheck_damping
     return one_way > 0.0 or any(torque > 0.0 for torque, _ in fading_torques(door))
 
 
@@ -67,7 +67,9 @@ def closer_torque(door: DoorConfig, angle: float, velocity: float) -> float:
     torque = door.closer_preload + door.closer_stiffness * opened
     for closed, faded in fading_torques(door):
         torque += closed * max(1.0 - opened / faded, 0.0)
-    damping = door.opening_damping if velocity > 0.0 else door.closing_damping
+    damping = door.closer_damping
+    if velocity < 0.0:
+        damping += door.closing_damping
     if velocity > 0.0 and angle > door.backcheck_angle:
         damping += door.backcheck_damping
     if abs(velocity) > _SPEED:
@@ -75,11 +77,13 @@ def closer_torque(door: DoorConfig, angle: float, velocity: float) -> float:
     return torque + damping * velocity
 
 
-def add_closer(spec: mujoco.MjSpec, *, tendons: bool) -> None:
+def add_closer(spec: mujoco.MjSpec, door: DoorConfig, *, tendons: bool) -> None:
     """Add the actuator ``door_closer`` to the joint ``hinge``, and its tendons.
 
     Args:
-        spec: The scene; edited in place. `set_closer` gives it its numbers.
+        spec: The scene; edited in place.
+        door: Its numbers; those of one-way dampers need the compiled leaf's inertia and
+            are left to `set_closer`.
         tendons: Whether there are any.
     """
     # A pure bias force, -(preload + stiffness * angle): a spring's reference angle
@@ -90,11 +94,12 @@ def add_closer(spec: mujoco.MjSpec, *, tendons: bool) -> None:
     closer.gaintype = mujoco.mjtGain.mjGAIN_FIXED
     closer.gainprm[0] = 0.0
     closer.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    closer.biasprm[:2] = _bias(door)
     if not tendons:
         return
-    for name in _FADING:
-        tendon = spec.add_tendon(name=name, springlength=[-_ANYWHERE, _ANYWHERE])
-        tendon.stiffness[0] = 0.0
+    for name, (torque, faded) in zip(_FADING, fading_torques(door), strict=True):
+        tendon = spec.add_tendon(name=name, springlength=[-_ANYWHERE, faded])
+        tendon.stiffness[0] = torque / faded
         tendon.wrap_joint("hinge", 1.0)
     for name, limits in (
         (_CLOSING, (_ANYWHERE, 2.0 * _ANYWHERE)),
@@ -117,16 +122,13 @@ def set_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
         model: The scene; edited in place.
         door: With `has_tendons` as the scene was compiled.
     """
-    preload, stiffness = door.closer_preload, door.closer_stiffness
     if has_tendons(door):
         for name, (torque, faded) in zip(_FADING, fading_torques(door), strict=True):
             tendon = model.tendon(name).id
             model.tendon_stiffness[tendon] = torque / faded
             model.tendon_lengthspring[tendon] = -_ANYWHERE, faded
-            preload += torque
-            stiffness -= torque / faded
         for name, damping in (
-            (_CLOSING, door.closing_damping - door.opening_damping),
+            (_CLOSING, door.closing_damping),
             (_BACKCHECK, door.backcheck_damping),
         ):
             tendon = model.tendon(name).id
@@ -135,4 +137,13 @@ def set_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
             model.tendon_solref_lim[tendon] = 0.0, -damping * weight
         model.tendon_range[model.tendon(_BACKCHECK).id, 1] = door.backcheck_angle
     actuator = model.actuator("door_closer").id
-    model.actuator_biasprm[actuator, :2] = -preload, -stiffness
+    model.actuator_biasprm[actuator, :2] = _bias(door)
+
+
+def _bias(door: DoorConfig) -> tuple[float, float]:
+    """Return what the actuator adds, constant [N m] and per angle [N m/rad]."""
+    preload, stiffness = door.closer_preload, door.closer_stiffness
+    for torque, faded in fading_torques(door):
+        preload += torque
+        stiffness -= torque / faded
+    return -preload, -stiffness

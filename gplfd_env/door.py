@@ -1,4 +1,4 @@
-"""The door as MuJoCo bodies: frame, leaf and hinge; handle, latch and closer on them."""
+"""The door as MuJoCo bodies: frame, leaf, hinge, and what is mounted on them."""
 
 from typing import Final, NamedTuple
 
@@ -78,7 +78,7 @@ def add_door(
     frame = spec.worldbody.add_body(
         name="door_frame",
         pos=handle_position_w(door, placement),
-        quat=quaternion(task_rotation_w(placement.base_yaw)),
+        quat=quaternion(task_rotation_w(door.handle, placement.base_yaw)),
     )
     grasp, turn = grasp_in_door_frame(door, placement)
     frame.add_site(name="task_frame", pos=grasp, quat=turn, **UNDRAWN)
@@ -90,8 +90,8 @@ def add_door(
         axis=[0, door.side * door.way, 0],
         range=[0.0, door.stop_angle],
         limited=True,
-        damping=[door.hinge_damping, 0, 0],
-        frictionloss=door.hinge_friction,
+        damping=[door.hinge_damping + door.closer_damping, 0, 0],
+        frictionloss=door.friction,
         # With MuJoCo's soft defaults a hinge creeps at loads below its friction.
         solref_friction=[0.004, 1.0],
         solimp_friction=[0.999, 0.999, 0.001, 0.5, 2.0],
@@ -105,7 +105,7 @@ def add_door(
         add_turning_handle(leaf, door, foot)
     if structure.latched:
         add_latch(spec, frame, leaf, door, _edges_in_frame(door)[1])
-    add_closer(spec, tendons=structure.closer)
+    add_closer(spec, door, tendons=structure.closer)
 
 
 def _add_frame(frame: mujoco.MjsBody, door: DoorConfig) -> None:
@@ -139,8 +139,10 @@ def _add_frame(frame: mujoco.MjsBody, door: DoorConfig) -> None:
 
 
 def _edges(door: DoorConfig) -> tuple[float, float]:
-    """Return where the leaf ends towards hinge and lock, from the handle's axis and
-    away from the hinge [m]."""
+    """Return where the leaf ends towards hinge and lock [m].
+
+    Counted from the handle's axis, away from the hinge.
+    """
     return -door.radius - door.overhang, door.backset
 
 
@@ -160,9 +162,7 @@ def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
             _LEAF_HEIGHT / 2 - door.handle_height,
             door.side * ((hinge_edge + lock_edge) / 2 + door.radius),
         ],
-        size=[
-            door.leaf_thickness / 2, _LEAF_HEIGHT / 2, (lock_edge - hinge_edge) / 2
-        ],
+        size=[door.leaf_thickness / 2, _LEAF_HEIGHT / 2, (lock_edge - hinge_edge) / 2],
         rgba=_WOOD,
         mass=door.panel_mass,
         **INTANGIBLE,
@@ -217,7 +217,7 @@ def set_door_physics(
     """
     hinge = int(model.joint("hinge").dofadr[0])
     model.dof_frictionloss[hinge] = door.friction
-    model.dof_damping[hinge] = door.hinge_damping + door.opening_damping
+    model.dof_damping[hinge] = door.hinge_damping + door.closer_damping
     if door.handle != "bar":
         set_handle(model, door)
     if door.latch == "spring":

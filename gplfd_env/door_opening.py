@@ -121,8 +121,11 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The scene; it stays the same object when the door changes, unless the new
-        one has another handle, latch or kind of closer."""
+        """The scene.
+
+        It stays the same object when the door changes, unless the new one has another
+        handle, latch or kind of closer.
+        """
         return self._simulation.model
 
     @property

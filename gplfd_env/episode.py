@@ -36,6 +36,7 @@ class Episode:
 
     Attributes:
         variation: The door and what is around it.
+        reader: What reads its sensors.
         steps: Control periods so far.
         terms: Of the last step's reward.
         time: Of the last readings, since the reset [s].
@@ -47,7 +48,7 @@ class Episode:
         self, drawn: Drawn, reader: Reader, reward: Reward, values: list[float]
     ) -> None:
         self.variation, self._noise, self._delay = drawn
-        self._reader, self._terms = reader, REWARDS[reward]
+        self.reader, self._terms = reader, REWARDS[reward]
         disturbed = not self.variation.disturbance.idle
         self._intervention = Intervention(self.variation) if disturbed else None
         self.steps = 0
@@ -115,9 +116,9 @@ class Episode:
 
     def _sense(self, values: list[float]) -> None:
         self.time = self.steps * CONTROL_PERIOD
-        self.wrench = self._reader.wrench(values)
+        self.wrench = self.reader.wrench(values)
         door = self.variation.door
-        self._reading: DoorReading = self._reader.door_reading(values, door)
+        self._reading: DoorReading = self.reader.door_reading(values, door)
         self._blur = None if self._noise is None else self._noise.draw()
 
     @property
@@ -224,8 +225,10 @@ def _distance(
 
 
 def _handle_rotation(door: DoorConfig, reading: DoorReading) -> Vector:
-    """Return the handle's rotation vector: about the hinge, and before that about its
-    own axis, which is normal to the closed leaf [rad]."""
+    """Return the handle's rotation vector [rad].
+
+    Turned about its own axis, normal to the closed leaf, and then about the hinge.
+    """
     about_up = door.side * door.way * reading.angle
     if reading.handle_angle == 0.0:
         return 0.0, about_up, 0.0

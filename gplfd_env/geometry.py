@@ -64,9 +64,7 @@ class DoorGeometry:
         pull = np.cross(hinge, axis) / radius
         vectors = {"hinge": hinge, "axis": axis, "pull": pull}
         if self.spindle is not None and self.turn is not None:
-            spindle, turn = (
-                np.array(each, float) for each in (self.spindle, self.turn)
-            )
+            spindle, turn = np.array(self.spindle, float), np.array(self.turn, float)
             turn = turn / math.sqrt(turn @ turn)
             vectors |= {"spindle": spindle, "turn": turn}
         for name, vector in vectors.items():

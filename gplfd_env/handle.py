@@ -37,9 +37,7 @@ def held_radius(door: DoorConfig) -> float:
     return KNOB_RADIUS if door.handle == "knob" else BAR_RADIUS
 
 
-def add_bar(
-    leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float
-) -> None:
+def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) -> None:
     """Add a vertical bar: the geom ``handle_bar`` and the site ``handle``.
 
     Args:
@@ -80,7 +78,7 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
 
     Args:
         leaf: The leaf's body, its origin on the hinge's axis.
-        door: Geometry; `set_handle` gives the spring its numbers.
+        door: Geometry and spring.
         foot: Where the leaf's surface is along x [m].
     """
     reach, grip = door.side * door.radius, door.side * door.grip
@@ -91,6 +89,8 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
         axis=[-door.side, 0, 0],
         range=[0.0, door.handle_travel],
         limited=True,
+        stiffness=[door.handle_stiffness, 0, 0],
+        springref=-door.handle_preload / door.handle_stiffness,
         damping=[0.02, 0, 0],
         armature=1e-3,
     )

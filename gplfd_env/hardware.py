@@ -75,8 +75,8 @@ def en1154(size: int, efficiency: float | None = None) -> dict[str, float]:
 
     The closing moment M near the frame is the middle of the standard's range. With
     the efficiency η the opening moment there is M / η, so the spring gives their mean
-    and friction half their difference. At 90° the closing moment is a quarter above
-    the least allowed.
+    and friction half their difference. Beyond 30° the closing moment is half of M,
+    which at 90° is more than the least allowed.
 
     Args:
         size: Power size, 1 to 4.
@@ -96,27 +96,30 @@ def en1154(size: int, efficiency: float | None = None) -> dict[str, float]:
             f"[{row.efficiency:g}, 1] (EN 1154, table 1)"
         )
     friction = closing * (1.0 / share - 1.0) / 2.0
-    preload = 1.25 * row.closing_open + friction
+    preload = 0.5 * closing + friction
     return {
         "closer_preload": preload,
         "closer_boost": closing + friction - preload,
         "closer_boost_angle": _FADED,
         "closer_friction": friction,
-        "opening_damping": 4.0 + 2.0 * size,
-        "closing_damping": 25.0 + 20.0 * size,
+        "closer_damping": 4.0 + 2.0 * size,
+        "closing_damping": 26.0 + 8.0 * size,
         "backcheck_damping": 40.0 + 20.0 * size,
     }
 
 
 def spring_hinge(moment: float = 6.0) -> dict[str, float]:
-    """Return the fields of a spring hinge: a moment [N m] at the closed door that
-    doubles over 90°, without a damper."""
+    """Return the fields of a spring hinge without a damper.
+
+    Args:
+        moment: Closing moment at the closed door [N m]; it doubles over 90°.
+    """
     return {
         "closer_preload": moment,
         "closer_stiffness": moment / math.radians(90.0),
         "closer_boost": 0.0,
         "closer_friction": 0.0,
-        "opening_damping": 0.0,
+        "closer_damping": 0.0,
         "closing_damping": 0.0,
         "backcheck_damping": 0.0,
     }

@@ -47,14 +47,16 @@ def add_latch(
     door: DoorConfig,
     lock_edge: float,
 ) -> None:
-    """Add the joint ``bolt``, the geoms ``bolt_nose`` and ``strike``, and the tendon
+    """Add bolt and strike, and what draws the bolt in.
+
+    Adds the joint ``bolt``, the geoms ``bolt_nose`` and ``strike``, and the tendon
     ``retraction`` between the joints ``handle`` and ``bolt``.
 
     Args:
         spec: The scene; edited in place.
         frame: The door's frame.
         leaf: The leaf's body, its origin on the hinge's axis.
-        door: Geometry; `set_latch` gives the spring its numbers.
+        door: Geometry and spring.
         lock_edge: Where the leaf's free edge is in the frame, task-frame z [m].
     """
     _add_bolt(leaf, door)
@@ -87,6 +89,8 @@ def _add_bolt(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
         range=[0.0, door.bolt_throw],
         limited=True,
         solref_limit=[0.005, 1.0],
+        stiffness=[door.bolt_stiffness, 0, 0],
+        springref=-door.bolt_preload / door.bolt_stiffness,
         damping=[2.0, 0, 0],
     )
     tip = door.side * (door.bolt_throw - _NOSE)
@@ -105,7 +109,12 @@ def _add_strike(
     spec: mujoco.MjSpec, frame: mujoco.MjsBody, door: DoorConfig, lock_edge: float
 ) -> None:
     """Add the wedge: right-angled in the plane of the leaf's motion."""
-    corners = [(0.0, 0.0), (0.0, 1.5 * _BEVEL), (_BEVEL, _BEVEL), (_BEVEL, 1.5 * _BEVEL)]
+    corners = [
+        (0.0, 0.0),
+        (0.0, 1.5 * _BEVEL),
+        (_BEVEL, _BEVEL),
+        (_BEVEL, 1.5 * _BEVEL),
+    ]
     mesh = spec.add_mesh(name="strike")
     mesh.uservert = np.array(
         [(x, y, z) for y in (-_HALF_HEIGHT, _HALF_HEIGHT) for x, z in corners]

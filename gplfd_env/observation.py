@@ -83,7 +83,7 @@ class Reader:
 
     @classmethod
     @cache
-    def of(cls, grasp: Grasp, control: Control, handle: Handle) -> Reader:
+    def of(cls, grasp: Grasp, control: Control, handle: Handle = "bar") -> Reader:
         """Resolve sensor addresses and the hand's weight, once per kind of handle.
 
         The hand holds the same handle in every scene, so one scene serves for all; the

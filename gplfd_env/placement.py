@@ -2,8 +2,8 @@
 
 Frames: *world* = the robot's ``base_footprint`` (x forward, y left, z up); *task* =
 origin at the closed handle, x = pulling direction, y = up, z = x × y (to the left of
-someone facing the door). A hinge on the robot's right is at z = -radius; one on its left
-at z = radius, where the arm, whose joint ranges are asymmetric, reaches less.
+someone facing the door). A hinge on the robot's right is at z = -radius; one on its
+left at z = radius, where the arm, whose joint ranges are asymmetric, reaches less.
 """
 
 import math
@@ -22,10 +22,13 @@ HANDLE_XY_W: Final = (0.7345, 0.7004)
 assets/README.md tells how it was found."""
 
 DOOR_YAW: Final = math.radians(26.05)
-"""Heading of "straight into the closed door" in the base frame [rad]."""
+"""Heading of "straight into the closed door" in the base frame [rad], of a door with a
+bar."""
 
 GRASP_YAW: Final = math.radians(25.4)
-"""Constant yaw of the hand on the round bar, counter-clockwise from above [rad]."""
+"""Constant yaw of the hand on the round bar, counter-clockwise from above [rad]. The
+axis of a lever or knob is the hand's: it would turn a wrist that is nearly stretched
+about another, so the robot stands before such a door turned by this angle instead."""
 
 TORSO_BELOW_HANDLE: Final = 0.50
 """Height of the grasped point minus torso lift [m]."""
@@ -53,13 +56,18 @@ def handle_position_w(door: DoorConfig, placement: Placement) -> Matrix:
     return np.array([cosine * x + sine * y, cosine * y - sine * x, door.handle_height])
 
 
-def task_rotation_w(yaw: float = 0.0) -> Matrix:
+def _door_yaw(handle: Handle) -> float:
+    return DOOR_YAW if handle == "bar" else DOOR_YAW + GRASP_YAW
+
+
+def task_rotation_w(handle: Handle = "bar", yaw: float = 0.0) -> Matrix:
     """Return the task frame's axes as columns in the world frame, (3, 3).
 
     Args:
+        handle: Decides how the robot stands.
         yaw: Heading error of the base [rad]: with it, the axes of the true door.
     """
-    heading = DOOR_YAW - yaw
+    heading = _door_yaw(handle) - yaw
     into_door = np.array([math.cos(heading), math.sin(heading), 0.0])
     up = np.array([0.0, 0.0, 1.0])
     pull = -into_door
@@ -78,7 +86,8 @@ def gripper_rotation_w(handle: Handle) -> Matrix:
     arm_7_x = np.array([0.0, 0.0, -1.0])
     arm_7_y = np.cross(approach, arm_7_x)
     if handle != "bar":
-        arm_7_x, arm_7_y = -arm_7_y, arm_7_x
+        quarter = math.copysign(1.0, ROLL)
+        arm_7_x, arm_7_y = quarter * arm_7_y, -quarter * arm_7_x
     return np.column_stack([-arm_7_y, -arm_7_x, -approach])
 
 
@@ -116,8 +125,10 @@ def door_geometry(variation: Variation) -> DoorGeometry:
 
 
 def grasp_height(door: DoorConfig, placement: Placement) -> float:
-    """Return how far above the handle's middle the hand holds it [m]: on a lever or
-    knob not at all, for the fingers close from above and below."""
+    """Return how far above the handle's middle the hand holds it [m].
+
+    On a lever or knob not at all: the fingers close from above and below.
+    """
     return placement.grasp_height if door.handle == "bar" else 0.0
 
 
@@ -127,9 +138,9 @@ def _task_in_door_frame(
     """Return the task frame in the door frame: position (3,) [m], axes (3, 3)."""
     depth = np.array([0.0, 0.0, placement.grasp_depth])
     back = gripper_rotation_w(door.handle) @ depth
-    axes = task_rotation_w(placement.base_yaw)
+    axes = task_rotation_w(door.handle, placement.base_yaw)
     height = np.array([0.0, grasp_height(door, placement), 0.0])
-    return axes.T @ back + height, axes.T @ task_rotation_w()
+    return axes.T @ back + height, axes.T @ task_rotation_w(door.handle)
 
 
 def solve_closed_posture(

@@ -103,7 +103,7 @@ def _set_joints(spec: mujoco.MjSpec) -> None:
 
 
 def _add_sites(spec: mujoco.MjSpec, handle: Handle) -> None:
-    gripper_to_task = gripper_rotation_w(handle).T @ task_rotation_w()
+    gripper_to_task = gripper_rotation_w(handle).T @ task_rotation_w(handle)
     spec.body("gripper_link").add_site(
         name="hand",
         pos=[0, 0, -HAND_BEYOND_GRIPPER],

@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Mapping
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -53,13 +53,13 @@ _BAR_INDENTATION: Final = 7.3e-5
 _WRITTEN: Final = (
     "hinge_friction", "hinge_damping", "panel_mass", "stiction", "seal", "seal_angle",
     "closer_stiffness", "closer_preload", "closer_boost", "closer_boost_angle",
-    "closer_friction", "opening_damping", "closing_damping", "backcheck_damping",
+    "closer_friction", "closer_damping", "closing_damping", "backcheck_damping",
     "backcheck_angle", "handle_preload", "handle_stiffness", "bolt_preload",
     "bolt_stiffness",
 )  # fmt: skip
 """Fields of a door that `set_door_physics` writes; all others are its geometry."""
 
-_NOMINAL: Final = {
+_NOMINAL: Final[dict[str, Any]] = {
     field.name: NOMINAL_MASS if field.name == "panel_mass" else field.default
     for field in dataclasses.fields(DoorConfig)
     if field.name in _WRITTEN
@@ -161,9 +161,7 @@ def load_scene(
 
 
 @lru_cache(maxsize=32)
-def _template(
-    structure: Structure, grasp: Grasp, control: Control
-) -> mujoco.MjModel:
+def _template(structure: Structure, grasp: Grasp, control: Control) -> mujoco.MjModel:
     latch: Latch = "spring" if structure.latched else "none"
     door = DoorConfig(handle=structure.handle, latch=latch, panel_mass=NOMINAL_MASS)
     spec = build_spec(door, grasp, control=control, structure=structure)

@@ -124,17 +124,18 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             name: each(name, one, num_envs, resolve)
             for (name, resolve), one in zip(_RESOLVE.items(), given, strict=True)
         }
-        self._reader = Reader.of(grasp, self.command.control)
+        self._grasp: Grasp = grasp
         self._reward: Reward = reward
         self._episodes: list[Episode] = []
-        self._batch = DoorBatch(num_envs, grasp, self.command, num_threads)
+        begin = [Variation(door=one) for one in self._sources["door"]]
+        self._batch = DoorBatch(begin, grasp, self.command, num_threads)
         self._camera = Camera(
             self.models[0], width, height, camera_name, effects=effects
         )
         self._random: list[tuple[np.random.Generator, int]] = []
         self._everyone = np.ones(num_envs, dtype=bool)
         self._ended = np.zeros(num_envs, dtype=bool)
-        self._sensed = np.zeros_like(self._batch.sensordata)
+        self._sensed = self._batch.read(None)
 
     @property
     def variations(self) -> tuple[Variation, ...]:
@@ -148,8 +149,15 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     @property
     def qpos(self) -> Array:
-        """Joint positions of every simulation, (n, nq) [m, rad]; a copy."""
-        return np.array(self._batch.qpos)
+        """Joint positions of every simulation, (n, nq) [m, rad]; a copy.
+
+        With zeros at the end where its door has fewer joints.
+        """
+        own = [self._batch.qpos_of(row) for row in range(self.num_envs)]
+        positions = np.zeros((self.num_envs, max(map(len, own))))
+        for row, values in enumerate(own):
+            positions[row, : len(values)] = values
+        return positions
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -271,14 +279,19 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         for row in chosen:
             self._batch.load(row, drawn[row].variation)
         self._batch.restart(chosen)
-        self._sensed[rows] = self._batch.sensordata[rows]
+        self._sensed = self._batch.read(chosen, self._sensed)
         self._episodes = [
-            Episode(drawn[row], self._reader, self._reward, self._sensed[row].tolist())
+            self._begun(drawn[row], self._sensed[row])
             if row in drawn
             else self._episodes[row]
             for row in range(self.num_envs)
         ]
         self._ended = self._ended & ~rows
+
+    def _begun(self, drawn: Drawn, sensed: Array) -> Episode:
+        handle = drawn.variation.door.handle
+        reader = Reader.of(self._grasp, self.command.control, handle)
+        return Episode(drawn, reader, self._reward, sensed.tolist())
 
     def _advance(self, commands: Array, resting: Mask | None) -> None:
         """Step what does not rest by one control period."""
@@ -303,17 +316,16 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             for row in np.flatnonzero(diverged).tolist():
                 episodes[row].break_off()
             stepped = [row for row in stepped if not diverged[row]]
-        if len(stepped) == self.num_envs:
-            self._sensed[:] = self._batch.sensordata
-        else:
-            self._sensed[stepped] = self._batch.sensordata[stepped]
+        everyone = len(stepped) == self.num_envs
+        self._sensed = self._batch.read(None if everyone else stepped, self._sensed)
         values = self._sensed.tolist()
         for row in stepped:
             episodes[row].advance(values[row])
 
     def _observation(self) -> Observation:
         episodes = self._episodes
-        observation = self._reader.observation(
+        # What the observation takes lies alike in all sensor arrays.
+        observation = episodes[0].reader.observation(
             self._sensed,
             np.array([one.wrench for one in episodes]),
             np.array([[one.time] for one in episodes]),

@@ -11,10 +11,11 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.config import RADIUS_RANGE, DoorConfig
-from gplfd_env.door import HINGE_RANGE
 from gplfd_env.observation import Reader
 from gplfd_env.scene import GRASP_KEY, build_scene
 from gplfd_env.task import handle_pose_on_arc
+
+STOP_ANGLE = DoorConfig().stop_angle
 
 READER = Reader.of("contact", "pose")
 
@@ -37,7 +38,7 @@ def hinge_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 
 
 @settings(max_examples=30)
-@given(radius=st.floats(*RADIUS_RANGE), angle=st.floats(0.0, HINGE_RANGE))
+@given(radius=st.floats(*RADIUS_RANGE), angle=st.floats(0.0, STOP_ANGLE))
 def test_handle_moves_on_the_closed_form_arc(radius: float, angle: float) -> None:
     model, data = door_alone(radius=radius)
     data.joint("hinge").qpos = angle
@@ -51,7 +52,7 @@ def test_handle_moves_on_the_closed_form_arc(radius: float, angle: float) -> Non
     assert_allclose(
         rotation, Rotation.from_rotvec(expected[3:]).as_matrix(), atol=1e-12
     )
-    reading = READER.door_reading(data.sensordata.tolist())
+    reading = READER.door_reading(data.sensordata.tolist(), DoorConfig())
     assert_allclose(reading.handle_position, expected[:3], atol=1e-12)
     assert reading.angle == angle
 
@@ -160,7 +161,7 @@ def test_a_frictionless_closer_turns_its_work_into_kinetic_energy() -> None:
 def test_hinge_stops_at_its_range() -> None:
     model, data = door_alone(hinge_friction=0.0, hinge_damping=1.0)
     dof = model.joint("hinge").dofadr[0]
-    for torque, stop in ((5.0, HINGE_RANGE), (-5.0, 0.0)):
+    for torque, stop in ((5.0, STOP_ANGLE), (-5.0, 0.0)):
         data.qfrc_applied[dof] = torque
         mujoco.mj_step(model, data, nstep=4000)
         assert data.joint("hinge").qpos == pytest.approx(stop, abs=0.01)
@@ -193,7 +194,7 @@ def test_work_at_the_handle_is_what_the_door_takes(
             mujoco.mj_step(env.model, data)
             values = data.sensordata.tolist()
             moment = -READER.wrench(values)[4]
-            tangential, _, _ = READER.door_reading(values).forces
+            tangential, _, _ = READER.door_reading(values, env.door).forces
             torque.append(radius * tangential + moment)
             speed.append(data.joint("hinge").qvel[0])
             angle.append(data.joint("hinge").qpos[0])

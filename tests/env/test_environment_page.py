@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 import gplfd_env
 from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.disturbance import CAUSES, DISTURBANCES
-from gplfd_env.door import HINGE_RANGE
 from gplfd_env.door_opening import DoorOpeningEnv
 from gplfd_env.fields import allowed_range
 from gplfd_env.randomization import RANDOMIZATIONS, DoorRandomization
@@ -95,7 +94,7 @@ def test_info_table_is_the_info(make_env: Callable) -> None:
         shape = f"{value.shape} array" if isinstance(value, np.ndarray) else None
         assert rows[key]["type"] == (shape or type(value).__name__)
     assert bounds(rows["door_angle"]["range"])[1] == pytest.approx(
-        HINGE_RANGE, abs=1e-3
+        DoorConfig().stop_angle, abs=1e-3
     )
 
 

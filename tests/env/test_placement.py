@@ -1,5 +1,6 @@
 """Where the robot stands and grasps: what it sees of the door, and what it does not."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any
@@ -63,10 +64,10 @@ def test_the_arc_is_turned_by_minus_the_yaw(
     The arc begins where the bar really is at the closed grasp.
     """
     model, data = at_rest(placement, radius)
-    closed = READER.door_reading(data.sensordata.tolist()).handle_position
+    closed = READER.door_reading(data.sensordata.tolist(), DoorConfig()).handle_position
     data.joint("hinge").qpos = angle
     mujoco.mj_forward(model, data)
-    reading = READER.door_reading(data.sensordata.tolist())
+    reading = READER.door_reading(data.sensordata.tolist(), DoorConfig())
     arc = handle_pose_on_arc(radius, angle)[:3]
     expected = turned(arc, placement.base_yaw)
     assert_allclose(np.subtract(reading.handle_position, closed), expected, atol=1e-6)
@@ -212,4 +213,5 @@ def test_variation_names_every_number() -> None:
     assert numbers["force_noise"] == 1.5
     assert numbers["delay"] == 2
     assert {"radius", "base_yaw", "grasp_depth", "torque_noise"} <= numbers.keys()
-    assert len(numbers) == 8 + 5 + 4 + 1
+    fields = len(dataclasses.fields(DoorConfig))
+    assert len(numbers) == fields + 5 + 4 + 1

@@ -178,7 +178,7 @@ def test_a_diverged_simulation_ends_alone_and_starts_anew(
     ends = []
     for step in range(12):
         if step in (3, 7):
-            ours._batch.qpos[1] = value
+            ours._batch.qpos_of(1)[:] = value
             model.envs[1].unwrapped.data.qpos[:] = value
         actions = 0.02 * drawn_actions(ours, rng)
         result = ours.step(actions)
