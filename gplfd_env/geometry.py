@@ -39,6 +39,9 @@ class DoorGeometry:
     """That axis's direction, (3,), a unit vector; given with any length. A positive
     turn about it draws the bolt."""
 
+    travel: float = 0.0
+    """How far the handle can be turned [rad]; 0 if it does not turn."""
+
     radius: float = field(init=False)
     """Distance of the hand from the hinge axis [m]."""
 
@@ -99,6 +102,7 @@ class DoorGeometry:
             axis=np.array([0.0, side * door.way, 0.0]),
             spindle=np.array([0.0, 0.0, side * door.grip]) if turns else None,
             turn=np.array([-side, 0.0, 0.0]) if turns else None,
+            travel=door.handle_travel if turns else 0.0,
         )
 
     def hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:

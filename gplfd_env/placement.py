@@ -121,6 +121,7 @@ def door_geometry(variation: Variation) -> DoorGeometry:
         axis=rotation.T @ np.array([0.0, door.side * door.way, 0.0]),
         spindle=rotation.T @ (spindle - position) if turns else None,
         turn=rotation.T @ np.array([-door.side, 0.0, 0.0]) if turns else None,
+        travel=door.handle_travel if turns else 0.0,
     )
 
 
