@@ -17,8 +17,9 @@ _LET_BACK = (math.radians(8.0), math.radians(25.0))
 
 
 class OracleAgent:
-    """Turns the handle, and commands the hand's true arc with minimum-jerk timing,
-    without compliance; the handle is let go back while the door opens.
+    """Turns the handle and follows the true arc with minimum-jerk timing, not yielding.
+
+    The handle is let go back while the door opens.
     """
 
     def __init__(self) -> None:
