@@ -86,7 +86,7 @@ class EpisodeTask(Task):
 
     door: str
     """Name of the door."""
-    door_config: Mapping[str, float]
+    door_config: Mapping[str, Any]
     """Fields of `gplfd_env.config.DoorConfig`."""
     randomization: str | Mapping[str, Any] = "none"
     """What `gplfd_env.randomization.door_randomization` takes."""
