@@ -4,7 +4,7 @@ from typing import Any, Final
 
 import mujoco
 
-from gplfd_env.config import DoorConfig
+from gplfd_env.config import DoorConfig, Handle
 from gplfd_env.room import INTANGIBLE, UNDRAWN
 
 BAR_RADIUS: Final = 0.011
@@ -12,7 +12,6 @@ BAR_RADIUS: Final = 0.011
 
 BAR_HALF_LENGTH: Final = 0.10
 KNOB_RADIUS: Final = 0.026
-_KNOB_HALF_LENGTH: Final = 0.015
 
 STEEL: Final = (0.55, 0.57, 0.60, 1.0)
 
@@ -32,9 +31,9 @@ time constant keeps the creep of a sustained pull below a millimetre; it must st
 two physics steps."""
 
 
-def held_radius(door: DoorConfig) -> float:
-    """Return half of the distance between fingers that hold the handle [m]."""
-    return KNOB_RADIUS if door.handle == "knob" else BAR_RADIUS
+def held_radius(handle: Handle) -> float:
+    """Return half of the distance between fingers that hold a handle [m]."""
+    return KNOB_RADIUS if handle == "knob" else BAR_RADIUS
 
 
 def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) -> None:
@@ -100,8 +99,8 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
             fromto=[0, 0, 0, 0, 0, -end], size=[BAR_RADIUS, 0, 0], mass=0.2, **_HELD
         )
     else:
-        ends = [-_KNOB_HALF_LENGTH, 0, 0, _KNOB_HALF_LENGTH, 0, 0]
-        body.add_geom(fromto=ends, size=[KNOB_RADIUS, 0, 0], mass=0.3, **_HELD)
+        ball = {**_HELD, "type": mujoco.mjtGeom.mjGEOM_SPHERE}
+        body.add_geom(size=[KNOB_RADIUS, 0, 0], mass=0.3, **ball)
     body.add_geom(
         name="handle_neck",
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,

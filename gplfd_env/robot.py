@@ -9,6 +9,7 @@ import numpy as np
 
 from gplfd_env._paths import asset_path
 from gplfd_env.config import Handle
+from gplfd_env.handle import held_radius
 from gplfd_env.placement import (
     ARM_JOINTS,
     gripper_rotation_w,
@@ -54,6 +55,12 @@ _POSTURE_STIFFNESS: Final = 0.1
 _FINGER_STIFFNESS: Final = 2000.0
 _TORSO_STIFFNESS: Final = (5.0e4, 2.0e3)
 
+_RIDGE_HEIGHT: Final = 0.008
+_RIDGE_HALF_WIDTH: Final = 0.010
+_RIDGE_HALF_THICKNESS: Final = 0.002
+_RIDGE_PLAY: Final = 0.002
+_RUBBER: Final = (0.22, 0.22, 0.23, 1.0)
+
 Grasp = Literal["contact", "weld"]
 """Friction between the finger pads and the bar, or a rigid joint."""
 
@@ -85,6 +92,8 @@ def load_robot(control: Control = "pose", handle: Handle = "bar") -> mujoco.MjSp
         _add_axis_servos(spec, ROTATION_SERVOS, first=3)
     _add_torso_servo(spec)
     _add_grip(spec)
+    if handle != "bar":
+        _add_hooks(spec, held_radius(handle))
     return spec
 
 
@@ -150,6 +159,32 @@ def _hand_servo(spec: mujoco.MjSpec, name: str, limit: float) -> mujoco.MjsActua
     )
 
 
+def _add_hooks(spec: mujoco.MjSpec, radius: float) -> None:
+    """Add ridges to the pads, before and behind a round handle that they hold.
+
+    They carry a lever or knob by its shape, with 2 mm of play along the approach.
+
+    Args:
+        spec: The robot; edited in place.
+        radius: Of the handle [m].
+    """
+    waist = radius - _RIDGE_HEIGHT
+    reach = math.sqrt(radius**2 - waist**2) + _RIDGE_PLAY / 2 + _RIDGE_HALF_THICKNESS
+    for side, inwards in (("right", -1.0), ("left", 1.0)):
+        finger = spec.body(f"gripper_{side}_finger_link")
+        for place, along in (("tip", -reach), ("palm", reach)):
+            finger.add_geom(
+                name=f"{side}_finger_ridge_{place}",
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                pos=[inwards * _RIDGE_HEIGHT / 2, 0.0, along - HAND_BEYOND_GRIPPER],
+                size=[_RIDGE_HEIGHT / 2, _RIDGE_HALF_WIDTH, _RIDGE_HALF_THICKNESS],
+                rgba=_RUBBER,
+                mass=0.0,
+                contype=1,
+                conaffinity=0,
+            )
+
+
 def _add_torso_servo(spec: mujoco.MjSpec) -> None:
     torso = spec.add_actuator(
         name="torso_hold",
@@ -168,5 +203,5 @@ def _add_grip(spec: mujoco.MjSpec) -> None:
         )
         finger.set_to_position(kp=_FINGER_STIFFNESS)
         pad = spec.geom(f"{side}_finger_pad")
-        pad.rgba = [0.22, 0.22, 0.23, 1.0]
+        pad.rgba = _RUBBER
         pad.contype, pad.conaffinity = 1, 0

@@ -195,7 +195,7 @@ def _settle(model: mujoco.MjModel, door: DoorConfig, placement: Placement) -> No
     model.qpos_spring[arm] = data.qpos[arm]
     for side in ("right", "left"):
         finger = data.joint(f"gripper_{side}_finger_joint")
-        finger.qpos = held_radius(door) - _BAR_INDENTATION
+        finger.qpos = held_radius(door.handle) - _BAR_INDENTATION
     data.actuator("torso_hold").ctrl = data.joint("torso_lift_joint").qpos
     mujoco.mj_step(model, data, nstep=round(_SETTLING_TIME / model.opt.timestep))
     model.key_qpos[GRASP_KEY] = data.qpos

@@ -66,7 +66,10 @@ def add_sensors(
         kind = getattr(_SENSOR, f"mjSENS_FRAME{axis}AXIS")
         _add(spec, f"handle_{axis.lower()}axis", kind, _SITE, axes)
     for side in ("right", "left"):
-        _add_contact(spec, f"{side}_pad_contact", f"{side}_finger_pad", _CONTACT_FOUND)
+        pad = _GEOM, f"{side}_finger_pad"
+        finger = mujoco.mjtObj.mjOBJ_BODY, f"gripper_{side}_finger_link"
+        touching = finger if turning else pad
+        _add_contact(spec, f"{side}_pad_contact", touching, _CONTACT_FOUND)
     _add_contact(spec, "bar_force", None, _CONTACT_FORCE)
     _add(spec, "hinge_stop", _SENSOR.mjSENS_JOINTLIMITFRC, _JOINT, "hinge")
     if turning:
@@ -90,14 +93,19 @@ def _add(
     return sensor
 
 
-def _add_contact(spec: mujoco.MjSpec, name: str, pad: str | None, fields: int) -> None:
-    """Add a contact sensor of the bar: with one pad, or the sum of all its contacts."""
+def _add_contact(
+    spec: mujoco.MjSpec,
+    name: str,
+    other: tuple[mujoco.mjtObj, str] | None,
+    fields: int,
+) -> None:
+    """Add a contact sensor of the handle: with a pad or finger, or with all at once."""
     sensor = spec.add_sensor(
         name=name,
         type=_SENSOR.mjSENS_CONTACT,
-        objtype=_GEOM if pad else mujoco.mjtObj.mjOBJ_UNKNOWN,
-        objname=pad or "",
+        objtype=other[0] if other else mujoco.mjtObj.mjOBJ_UNKNOWN,
+        objname=other[1] if other else "",
         reftype=_GEOM,
         refname="handle_bar",
     )
-    sensor.intprm[:3] = [fields, _NET_FORCE if pad is None else 0, 1]
+    sensor.intprm[:3] = [fields, _NET_FORCE if other is None else 0, 1]

@@ -87,7 +87,7 @@ def _takes_prior_mean(policy: str) -> bool:
     return method is not None and method.accepts_prior_mean
 
 
-def _doors(level: Level) -> dict[str, dict[str, float]]:
+def _doors(level: Level) -> dict[str, dict[str, Any]]:
     return {
         name: door_fields(dataclasses.replace(config, **level.door))
         for name, config in named_doors(level.doors).items()

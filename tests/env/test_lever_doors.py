@@ -98,7 +98,7 @@ def test_many_doors_of_different_structure_are_single_ones(make_env: Callable) -
             actions = 0.02 * envs.action_space.sample()
             many, *_, infos = envs.step(actions)
             ones = [env.step(a) for env, a in zip(alone, actions, strict=True)]
-    assert envs.get_wrapper_attr("qpos").shape[0] == n
+    assert envs.qpos.shape[0] == n
     envs.close()
 
 
