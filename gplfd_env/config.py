@@ -1,5 +1,6 @@
 """Which door: its geometry, its hinge, and the presets by name."""
 
+import dataclasses
 import math
 import numbers
 from collections.abc import Mapping
@@ -171,6 +172,13 @@ class DoorConfig:
         problem = _disagreement(self)
         if problem:
             raise ValueError(f"no such door: {problem}")
+
+    def replaced(self, fields: Mapping[str, float]) -> "DoorConfig":
+        """Return the door with other numbers; with another radius its leaf follows."""
+        changed: dict[str, Any] = dict(fields)
+        if "radius" in changed:
+            changed.setdefault("leaf_width", None)
+        return dataclasses.replace(self, **changed)
 
     @property
     def grip(self) -> float:
