@@ -173,6 +173,13 @@ class DoorConfig:
         if problem:
             raise ValueError(f"no such door: {problem}")
 
+    def replaced(self, fields: Mapping[str, float]) -> "DoorConfig":
+        """Return the door with other numbers; with another radius its leaf follows."""
+        changed: dict[str, Any] = dict(fields)
+        if "radius" in changed:
+            changed.setdefault("leaf_width", None)
+        return dataclasses.replace(self, **changed)
+
     @property
     def grip(self) -> float:
         """How far towards the hinge from the handle's axis the hand holds it [m]."""

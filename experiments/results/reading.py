@@ -241,7 +241,8 @@ def _episode(task: EpisodeTask, shared: Mapping[str, Any]) -> EpisodeResult:
     if not shared["error"]:
         metrics = shared["metrics"]
         _check(metrics, _EPISODE_METRICS)
-        drawn = dataclasses.replace(planned, radius=metrics["radius"])
+        if metrics["radius"] != planned.radius:
+            drawn = planned.replaced({"radius": metrics["radius"]})
         if len(metrics["forecast_progress"]) != len(metrics["forecast_error_mm"]):
             raise ValueError("forecast_progress and forecast_error_mm differ in length")
     if dataclasses.replace(planned, radius=DoorConfig().radius) != DoorConfig():

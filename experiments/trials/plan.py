@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from experiments.episodes.doors import named_doors
 from experiments.study.sources import chosen, source_of
