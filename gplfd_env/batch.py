@@ -13,9 +13,10 @@ from gplfd_env.door import HINGE_RANGE, set_hinge
 from gplfd_env.intervention import Loads
 from gplfd_env.robot import Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
-from gplfd_env.simulation import BAD_STATE, loaded_bodies
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.simulation import BAD_STATE, driven, loaded_bodies
+from gplfd_env.task import CONTROL_PERIOD, Base
 from gplfd_env.variation import Variation
+from gplfd_env.whole_body import Planar
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -35,6 +36,7 @@ class DoorBatch:
         grasp: See `gplfd_env.scene.build_spec`.
         command: The meaning of an action.
         num_threads: Threads that step the simulations; 0 for one per core.
+        base: Whether it drives.
 
     Attributes:
         models: One per simulation.
@@ -43,11 +45,12 @@ class DoorBatch:
     """
 
     def __init__(
-        self, n: int, grasp: Grasp, command: Command, num_threads: int
+        self, n: int, grasp: Grasp, command: Command, num_threads: int, base: Base
     ) -> None:
-        self._grasp, self._command, self._threads = grasp, command, num_threads
+        self._grasp, self._command, self._base = grasp, command, base
+        self._threads = num_threads
         begin = Variation()
-        scene = build_scene(begin.door, grasp, control=command.control)
+        scene = build_scene(begin.door, grasp, control=command.control, base=base)
         self._loaded = [begin] * n
         self.models = tuple(scene.__copy__() for _ in range(n))
         self._bind()
@@ -65,6 +68,7 @@ class DoorBatch:
         self.sensordata: Array = self._batch.bind("sensordata")
         self._applied: Array = self._batch.bind("xfrc_applied")
         self._bodies = loaded_bodies(scene)
+        self._driven = driven(scene, self._base)
         self._counts = self._batch.warning[:, BAD_STATE, _COUNT]
         self._seen = self._counts.copy()
         self._substeps = round(CONTROL_PERIOD / scene.opt.timestep)
@@ -84,6 +88,7 @@ class DoorBatch:
                 self._grasp,
                 placement=variation.placement,
                 control=self._command.control,
+                base=self._base,
             )
         if not now.disturbance.idle:
             set_hinge(self.models[row], HINGE_RANGE, variation.door.hinge_friction)
@@ -99,7 +104,11 @@ class DoorBatch:
         self._seen = self._counts.copy()
 
     def advance(
-        self, commands: Array, rows: Rows | None, loads: Mapping[int, Loads]
+        self,
+        commands: Array,
+        rows: Rows | None,
+        loads: Mapping[int, Loads],
+        drives: Mapping[int, Planar],
     ) -> Mask | None:
         """Command simulations for one control period.
 
@@ -107,6 +116,7 @@ class DoorBatch:
             commands: Of all simulations, (n, ...).
             rows: Which to step; None for all.
             loads: What acts from outside meanwhile, by row, where there is anything.
+            drives: Rates of bases, by row, where they move.
 
         Returns:
             Which ones MuJoCo reports as diverged, (n,); None if none.
@@ -115,6 +125,8 @@ class DoorBatch:
             self._ctrl[:, :6] = commands[:, :6]
         else:
             self._ctrl[rows, :6] = commands[rows, :6]
+        for row, rate in drives.items():
+            self._ctrl[row, self._driven] = rate
         changed = bool(self._gains)
         for row, load in loads.items():
             self._applied[row, self._bodies] = load.wrenches
@@ -143,12 +155,12 @@ class DoorBatch:
         return state
 
     def __getstate__(self) -> tuple[Any, ...]:
-        settings = self._grasp, self._command, self._threads
+        settings = self._grasp, self._command, self._threads, self._base
         return settings, self._loaded, self.models, self._batch.state.copy()
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
         settings, self._loaded, self.models, states = state
-        self._grasp, self._command, self._threads = settings
+        self._grasp, self._command, self._threads, self._base = settings
         # Neither the batch nor what is bound to it can be copied.
         self._bind()
         self._batch.state[:] = states

@@ -24,9 +24,9 @@ class DoorConfig:
     """
 
     radius: float = quantity(
-        0.50, unit="m", low=0.30, high=0.65, reason="the radii the arm can open"
+        0.50, unit="m", low=0.30, high=0.95, reason="the radii the robot can open"
     )
-    """Distance from hinge axis to handle axis."""
+    """Distance from hinge axis to handle axis; beyond 0.65 m the base has to move."""
 
     hinge_friction: float = quantity(0.5, unit="N m", low=0.0, high=50.0)
     """Coulomb friction of the hinge."""
@@ -44,9 +44,10 @@ class DoorConfig:
     """Mass of the door leaf."""
 
     handle_height: float = quantity(
-        0.85, unit="m", low=0.50, high=0.85, reason="what the torso's lift can serve"
+        0.85, unit="m", low=0.50, high=1.22, reason="what torso and arm can serve"
     )
-    """Height of the grasped point above the floor."""
+    """Height of the grasped point above the floor; beyond 0.90 m the base has to
+    move."""
 
     handle_standoff: float = quantity(0.07, unit="m", low=0.06, high=0.12)
     """Distance between the bar's axis and the leaf's mid-plane."""
@@ -58,7 +59,7 @@ class DoorConfig:
 _RADII: Final = allowed_range(DoorConfig, "radius")
 
 RADIUS_RANGE: Final = (_RADII.low, _RADII.high)
-"""Handle-to-hinge distances [m] that the arm opens to the task's angle."""
+"""Handle-to-hinge distances [m] that the robot opens to the task's angle."""
 
 DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
     {

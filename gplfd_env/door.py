@@ -15,6 +15,7 @@ from gplfd_env.placement import (
     task_rotation_w,
 )
 from gplfd_env.room import INTANGIBLE, UNDRAWN
+from gplfd_env.task import Base
 from gplfd_env.variation import Placement
 
 BAR_RADIUS: Final = 0.011
@@ -41,7 +42,10 @@ _CYLINDER: Final = mujoco.mjtGeom.mjGEOM_CYLINDER
 
 
 def add_door(
-    spec: mujoco.MjSpec, door: DoorConfig, placement: Placement | None = None
+    spec: mujoco.MjSpec,
+    door: DoorConfig,
+    placement: Placement | None = None,
+    base: Base = "fixed",
 ) -> None:
     """Add a door to a scene.
 
@@ -55,11 +59,12 @@ def add_door(
         spec: The scene, with the robot in it; edited in place.
         door: Geometry and hinge.
         placement: Where the robot stands and grasps; without error by default.
+        base: Whose stance before the door it is.
     """
     placement = Placement() if placement is None else placement
     frame = spec.worldbody.add_body(
         name="door_frame",
-        pos=handle_position_w(door, placement),
+        pos=handle_position_w(door, placement, base),
         quat=quaternion(task_rotation_w(placement.base_yaw)),
     )
     grasp, turn = grasp_in_door_frame(placement)

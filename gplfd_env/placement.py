@@ -1,12 +1,15 @@
 """Where the robot stands before the door, and the posture that holds the handle.
 
-Frames: *world* = the robot's ``base_footprint`` (x forward, y left, z up); *task* =
-origin at the closed handle, x = pulling direction, y = up, z = x × y (to the left of
-someone facing the door). The hinge is on the robot's right, at z = -radius: the arm's
-joint ranges are asymmetric, and the mirrored door is out of its reach.
+Frames: *world* = the robot's ``base_footprint`` at the reset (x forward, y left, z up);
+*task* = origin at the closed handle, x = pulling direction, y = up, z = x × y (to the
+left of someone facing the door). The hinge is on the robot's right, at z = -radius: the
+arm's joint ranges are asymmetric, and the mirrored door is out of its reach.
 """
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Final
 
 import mujoco
@@ -15,11 +18,8 @@ from numpy.typing import NDArray
 
 from gplfd_env.config import DoorConfig
 from gplfd_env.geometry import DoorGeometry
+from gplfd_env.task import Base
 from gplfd_env.variation import Placement, Variation
-
-HANDLE_XY_W: Final = (0.7345, 0.7004)
-"""Closed handle in the base frame where the base stands as it should [m];
-assets/README.md tells how it was found."""
 
 DOOR_YAW: Final = math.radians(26.05)
 """Heading of "straight into the closed door" in the base frame [rad]."""
@@ -27,23 +27,92 @@ DOOR_YAW: Final = math.radians(26.05)
 GRASP_YAW: Final = math.radians(25.4)
 """Constant yaw of the hand on the round bar, counter-clockwise from above [rad]."""
 
-TORSO_BELOW_HANDLE: Final = 0.50
-"""Height of the grasped point minus torso lift [m]."""
-
-CLOSED_POSTURE: Final = (2.183, -0.730, -2.699, 0.803, 0.995, 0.034, 0.900)
-"""Arm joints that hold the closed handle, to 1 mrad [rad]; refined at build time."""
-
 ARM_JOINTS: Final = tuple(f"arm_{i}_joint" for i in range(1, 8))
 
 Matrix = NDArray[np.float64]
 
 
-def handle_position_w(door: DoorConfig, placement: Placement) -> Matrix:
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Stance:
+    """Where a robot stands before a closed door, and how its arm holds the handle.
+
+    assets/README.md tells how the two were found.
+    """
+
+    handle_xy_w: tuple[float, float]
+    """Closed handle in the base frame where the base stands as it should [m]."""
+
+    torso_below_handle: float
+    """Height of the grasped point minus torso lift [m]."""
+
+    closed_posture: tuple[float, ...]
+    """Arm joints that hold the closed handle, to 1 mrad [rad]; refined at build
+    time."""
+
+    radius: float
+    """Greatest handle-to-hinge distance that is opened to the task's angle [m]."""
+
+    height: float
+    """Greatest height at which the handle can be held all the way [m]."""
+
+
+STANCES: Final[Mapping[Base, Stance]] = MappingProxyType(
+    {
+        "fixed": Stance(
+            handle_xy_w=(0.7345, 0.7004),
+            torso_below_handle=0.50,
+            closed_posture=(2.183, -0.730, -2.699, 0.803, 0.995, 0.034, 0.900),
+            radius=0.65,
+            height=0.90,
+        ),
+        "mobile": Stance(
+            handle_xy_w=(0.814, 0.340),
+            torso_below_handle=0.78,
+            closed_posture=(1.119, 0.225, -1.569, 1.569, -1.352, -0.219, -1.564),
+            radius=0.95,
+            height=1.22,
+        ),
+    }
+)
+"""By base: one that stands still has to reach everything with its arm; one that drives
+keeps its arm where it is strong."""
+
+
+def check_reach(door: DoorConfig, base: Base) -> DoorConfig:
+    """Return a door that a robot can open.
+
+    Raises:
+        ValueError: Its handle is too far from the hinge, or too high.
+    """
+    stance = STANCES[base]
+    for name, limit in (("radius", stance.radius), ("handle_height", stance.height)):
+        if getattr(door, name) > limit:
+            advice = '; give base="mobile"' if base == "fixed" else ""
+            raise ValueError(
+                f"DoorConfig.{name} = {getattr(door, name)!r} is out of reach with "
+                f"base={base!r}, at most {limit:g} m{advice}"
+            )
+    return door
+
+
+def hand_position_w(door: DoorConfig, placement: Placement, base: Base) -> Matrix:
+    """Return where the hand takes hold in the world frame, (3,) [m]."""
+    position, _ = _task_in_door_frame(placement)
+    middle = handle_position_w(door, placement, base)
+    held: Matrix = middle + task_rotation_w(placement.base_yaw) @ position
+    return held
+
+
+def handle_position_w(
+    door: DoorConfig, placement: Placement, base: Base = "fixed"
+) -> Matrix:
     """Return the middle of the closed handle's bar in the world frame, (3,) [m].
 
-    The world frame is the base's, so an error of the base displaces the door.
+    The world frame is the base's at the reset, so an error of the base displaces the
+    door.
     """
-    x, y = HANDLE_XY_W[0] - placement.base_x, HANDLE_XY_W[1] - placement.base_y
+    nominal_x, nominal_y = STANCES[base].handle_xy_w
+    x, y = nominal_x - placement.base_x, nominal_y - placement.base_y
     cosine, sine = math.cos(placement.base_yaw), math.sin(placement.base_yaw)
     return np.array([cosine * x + sine * y, cosine * y - sine * x, door.handle_height])
 
@@ -113,12 +182,14 @@ def solve_closed_posture(
     data: mujoco.MjData,
     door: DoorConfig,
     placement: Placement,
+    base: Base = "fixed",
 ) -> Matrix:
     """Return the configuration in which the hand site holds the closed handle.
 
     Newton's method on the 6-D pose error between the sites ``hand`` and
     ``task_frame`` with the pseudo-inverse of the arm's Jacobian, started at
-    `CLOSED_POSTURE` (so it ends at the nearest posture of the arm's self-motion).
+    `Stance.closed_posture` (so it ends at the nearest posture of the arm's
+    self-motion).
 
     Args:
         model: The compiled scene.
@@ -126,19 +197,21 @@ def solve_closed_posture(
         door: Its handle height and
         placement: its height of the grasp set the torso's lift, as far as that goes;
             the rest is left to the arm.
+        base: Whose stance it is.
 
     Returns:
-        All joint positions, ``(nq,)`` [m, rad]; fingers and hinge at zero.
+        All joint positions, ``(nq,)`` [m, rad]; fingers, hinge and base at zero.
 
     Raises:
         ValueError: The pose is out of reach.
     """
     mujoco.mj_resetData(model, data)
     arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
-    lift = door.handle_height + placement.grasp_height - TORSO_BELOW_HANDLE
+    stance = STANCES[base]
+    lift = door.handle_height + placement.grasp_height - stance.torso_below_handle
     lowest, highest = model.joint("torso_lift_joint").range
     data.joint("torso_lift_joint").qpos = min(max(lift, lowest), highest)
-    data.qpos[arm] = CLOSED_POSTURE
+    data.qpos[arm] = stance.closed_posture
     hand, target = model.site("hand").id, model.site("task_frame").id
     jacobian = np.zeros((6, model.nv))
     for _ in range(20):

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from gplfd_env._paths import asset_path
+from gplfd_env.mobile_base import add_mobile_base
 from gplfd_env.placement import (
     ARM_JOINTS,
     gripper_rotation_w,
@@ -15,7 +16,7 @@ from gplfd_env.placement import (
     task_rotation_w,
 )
 from gplfd_env.room import UNDRAWN
-from gplfd_env.task import Control
+from gplfd_env.task import Base, Control
 
 HAND_BODIES: Final = (
     "wrist_ft_link",
@@ -57,7 +58,7 @@ Grasp = Literal["contact", "weld"]
 """Friction between the finger pads and the bar, or a rigid joint."""
 
 
-def load_robot(control: Control = "pose") -> mujoco.MjSpec:
+def load_robot(control: Control = "pose", base: Base = "fixed") -> mujoco.MjSpec:
     """Read the arm's URDF and add gravity compensation, servo and sensor sites.
 
     The hand site's axes coincide with the task frame when the door is closed, so the
@@ -66,6 +67,7 @@ def load_robot(control: Control = "pose") -> mujoco.MjSpec:
     Args:
         control: ``"pose"`` turns the hand by one servo on the whole orientation;
             ``"impedance"`` by one per axis of θu, so that each can have its stiffness.
+        base: Whether it drives.
 
     Returns:
         A specification that compiles once a ``task_frame`` site has been added.
@@ -83,6 +85,8 @@ def load_robot(control: Control = "pose") -> mujoco.MjSpec:
         _add_axis_servos(spec, ROTATION_SERVOS, first=3)
     _add_torso_servo(spec)
     _add_grip(spec)
+    if base == "mobile":
+        add_mobile_base(spec)
     return spec
 
 

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from gplfd_env.config import DoorConfig
 from gplfd_env.door import BAR_RADIUS, NOMINAL_MASS, add_door, set_door_physics
-from gplfd_env.placement import ARM_JOINTS, solve_closed_posture
+from gplfd_env.placement import ARM_JOINTS, check_reach, solve_closed_posture
 from gplfd_env.robot import Grasp, load_robot
 from gplfd_env.room import add_room
 from gplfd_env.sensors import add_sensors
-from gplfd_env.task import Control
+from gplfd_env.task import Base, Control
 from gplfd_env.variation import Placement
 
 GRASP_KEY: Final = 0
@@ -54,6 +54,7 @@ def build_spec(
     *,
     placement: Placement | None = None,
     control: Control = "pose",
+    base: Base = "fixed",
 ) -> mujoco.MjSpec:
     """Assemble room, robot, door and sensors without compiling them.
 
@@ -63,11 +64,12 @@ def build_spec(
             ``"weld"`` adds a rigid joint between hand and bar.
         placement: Where the robot stands and grasps; without error by default.
         control: See `gplfd_env.robot.load_robot`.
+        base: Whether it drives.
     """
-    spec = load_robot(control)
+    spec = load_robot(control, base)
     add_room(spec)
-    add_door(spec, door, placement)
-    add_sensors(spec, control)
+    add_door(spec, door, placement, base)
+    add_sensors(spec, control, base)
     spec.add_key(name="grasp")
     if grasp == "weld":
         spec.add_equality(
@@ -87,6 +89,7 @@ def build_scene(
     *,
     placement: Placement | None = None,
     control: Control = "pose",
+    base: Base = "fixed",
 ) -> mujoco.MjModel:
     """Return a model of a scene with a settled grasp, which callers may edit.
 
@@ -96,9 +99,11 @@ def build_scene(
     Raises:
         ValueError: The closed handle is out of reach.
     """
-    model = _template(grasp, control).__copy__()
+    model = _template(grasp, control, base).__copy__()
     data = mujoco.MjData(model)
-    load_scene(model, data, door, grasp, placement=placement, control=control)
+    load_scene(
+        model, data, door, grasp, placement=placement, control=control, base=base
+    )
     return model
 
 
@@ -110,6 +115,7 @@ def load_scene(
     *,
     placement: Placement | None = None,
     control: Control = "pose",
+    base: Base = "fixed",
 ) -> None:
     """Bring a scene's model to another door, in place.
 
@@ -117,16 +123,18 @@ def load_scene(
     `build_scene`, bit for bit.
 
     Args:
-        model: Made by `build_scene` with the same grasp and control.
+        model: Made by `build_scene` with the same grasp, control and base.
         data: Of the same model; reset it to the keyframe afterwards.
         door: The new door.
         grasp: As the model was made.
         placement: Where the robot stands and grasps; without error by default.
         control: As the model was made.
+        base: As the model was made.
 
     Raises:
         ValueError: The closed handle is out of reach; the model is unchanged.
     """
+    check_reach(door, base)
     placement = Placement() if placement is None else placement
     geometry = dataclasses.replace(
         _NOMINAL,
@@ -134,31 +142,37 @@ def load_scene(
         handle_height=door.handle_height,
         handle_standoff=door.handle_standoff,
     )
-    for name, values in _settled(geometry, placement, grasp, control).items():
+    for name, values in _settled(geometry, placement, grasp, control, base).items():
         getattr(model, name)[...] = values
     set_door_physics(model, data, door)
 
 
-@lru_cache(maxsize=4)
-def _template(grasp: Grasp, control: Control) -> mujoco.MjModel:
-    return build_spec(_NOMINAL, grasp, control=control).compile()
+@lru_cache(maxsize=8)
+def _template(grasp: Grasp, control: Control, base: Base) -> mujoco.MjModel:
+    return build_spec(_NOMINAL, grasp, control=control, base=base).compile()
 
 
 @lru_cache(maxsize=128)
 def _settled(
-    geometry: DoorConfig, placement: Placement, grasp: Grasp, control: Control
+    geometry: DoorConfig,
+    placement: Placement,
+    grasp: Grasp,
+    control: Control,
+    base: Base,
 ) -> Mapping[str, Array]:
     """Compile a scene, settle the grasp and return its `SCENE_FIELDS`."""
-    spec = build_spec(geometry, grasp, placement=placement, control=control)
+    spec = build_spec(geometry, grasp, placement=placement, control=control, base=base)
     model = spec.compile()
-    _settle(model, geometry, placement)
+    _settle(model, geometry, placement, base)
     return MappingProxyType({n: getattr(model, n).copy() for n in SCENE_FIELDS})
 
 
-def _settle(model: mujoco.MjModel, door: DoorConfig, placement: Placement) -> None:
+def _settle(
+    model: mujoco.MjModel, door: DoorConfig, placement: Placement, base: Base
+) -> None:
     """Close the fingers on the bar and store the state at rest as the keyframe."""
     data = mujoco.MjData(model)
-    configuration = solve_closed_posture(model, data, door, placement)
+    configuration = solve_closed_posture(model, data, door, placement, base)
     mujoco.mj_resetData(model, data)
     data.qpos[:] = configuration
     arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]

@@ -4,9 +4,10 @@ from typing import Final
 
 import mujoco
 
+from gplfd_env.mobile_base import BASE_JOINTS
 from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.robot import ROTATION_SERVOS, WRENCH_LIMITS
-from gplfd_env.task import Control
+from gplfd_env.task import Base, Control
 
 _SENSOR: Final = mujoco.mjtSensor
 _SITE: Final = mujoco.mjtObj.mjOBJ_SITE
@@ -19,7 +20,9 @@ _CONTACT_FORCE: Final = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
 _NET_FORCE: Final = 3
 
 
-def add_sensors(spec: mujoco.MjSpec, control: Control = "pose") -> None:
+def add_sensors(
+    spec: mujoco.MjSpec, control: Control = "pose", base: Base = "fixed"
+) -> None:
     """Add every sensor, in the order in which `gplfd_env.observation` reads them.
 
     Poses and twists of the hand are measured in the task frame; wrist force and
@@ -29,6 +32,7 @@ def add_sensors(spec: mujoco.MjSpec, control: Control = "pose") -> None:
     Args:
         spec: The scene with robot and door; edited in place.
         control: What the robot was loaded with.
+        base: The same.
     """
     for axis in ("x", "y", "z"):
         _add(
@@ -62,6 +66,11 @@ def add_sensors(spec: mujoco.MjSpec, control: Control = "pose") -> None:
         _add_contact(spec, f"{side}_pad_contact", f"{side}_finger_pad", _CONTACT_FOUND)
     _add_contact(spec, "bar_force", None, _CONTACT_FORCE)
     _add(spec, "hinge_stop", _SENSOR.mjSENS_JOINTLIMITFRC, _JOINT, "hinge")
+    if base == "mobile":
+        for name in BASE_JOINTS:
+            _add(spec, f"{name}_pos", _SENSOR.mjSENS_JOINTPOS, _JOINT, name)
+        for name in BASE_JOINTS:
+            _add(spec, f"{name}_vel", _SENSOR.mjSENS_JOINTVEL, _JOINT, name)
 
 
 def _add(
