@@ -58,9 +58,6 @@ class DoorConfig:
 
 _RADII: Final = allowed_range(DoorConfig, "radius")
 
-RADIUS_RANGE: Final = (_RADII.low, _RADII.high)
-"""Handle-to-hinge distances [m] that the robot opens to the task's angle."""
-
 DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
     {
         "small": DoorConfig(radius=0.35),

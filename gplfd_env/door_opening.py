@@ -27,7 +27,6 @@ from gplfd_env.episode import (
 )
 from gplfd_env.fields import check_choice
 from gplfd_env.observation import Observation, Reader, observation_space
-from gplfd_env.placement import check_reach
 from gplfd_env.randomization import (
     DoorRandomization,
     RandomizationSpec,
@@ -35,6 +34,7 @@ from gplfd_env.randomization import (
 )
 from gplfd_env.robot import Grasp
 from gplfd_env.simulation import DoorSimulation
+from gplfd_env.stance import check_reach
 from gplfd_env.task import CONTROL_PERIOD, Base
 from gplfd_env.variation import Variation
 
@@ -122,8 +122,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self.render_mode = render_mode
         self._reward: Reward = reward
         self._base: Base = base
-        self._door = check_reach(door_config(door), base)
+        self._door = door_config(door)
         self._randomization = door_randomization(randomization)
+        check_reach(self._randomization.outermost(self._door), base)
         self._disturbance = disturbance_named(disturbance)
         tells = self.command.drives
         self._reader = Reader.of(grasp, self.command.control, base, tells_base=tells)
@@ -250,11 +251,11 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
                 "disturbance": "name, mapping or Disturbance",
             },
         )
-        return (
-            check_reach(door_config(given.get("door", self._door)), self._base),
-            door_randomization(given.get("randomization", self._randomization)),
-            disturbance_named(given.get("disturbance", self._disturbance)),
-        )
+        door = door_config(given.get("door", self._door))
+        drawn = door_randomization(given.get("randomization", self._randomization))
+        check_reach(drawn.outermost(door), self._base)
+        happening = disturbance_named(given.get("disturbance", self._disturbance))
+        return door, drawn, happening
 
     def _sense(self) -> list[float]:
         """Take the sensors' values; a diverged simulation leaves the last good ones."""

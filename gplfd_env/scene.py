@@ -16,12 +16,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from gplfd_env.collision import add_collisions
 from gplfd_env.config import DoorConfig
 from gplfd_env.door import BAR_RADIUS, NOMINAL_MASS, add_door, set_door_physics
-from gplfd_env.placement import ARM_JOINTS, check_reach, solve_closed_posture
+from gplfd_env.placement import ARM_JOINTS, solve_closed_posture
 from gplfd_env.robot import Grasp, load_robot
 from gplfd_env.room import add_room
 from gplfd_env.sensors import add_sensors
+from gplfd_env.stance import check_reach
 from gplfd_env.task import Base, Control
 from gplfd_env.variation import Placement
 
@@ -70,6 +72,8 @@ def build_spec(
     add_room(spec)
     add_door(spec, door, placement, base)
     add_sensors(spec, control, base)
+    if base == "mobile":
+        add_collisions(spec)
     spec.add_key(name="grasp")
     if grasp == "weld":
         spec.add_equality(

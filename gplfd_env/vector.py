@@ -38,9 +38,9 @@ from gplfd_env.episode import (
 )
 from gplfd_env.fields import Range, check_choice, checked_count
 from gplfd_env.observation import Observation, Reader, observation_space
-from gplfd_env.placement import check_reach
 from gplfd_env.randomization import RandomizationSpec, door_randomization
 from gplfd_env.robot import Grasp
+from gplfd_env.stance import check_reach
 from gplfd_env.task import CONTROL_PERIOD, Base
 from gplfd_env.variation import Variation
 
@@ -134,10 +134,12 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         given = door, randomization, disturbance
         self._base: Base = base
-        self._sources: dict[str, list[Any]] = {
-            name: self._each(name, one)
-            for name, one in zip(_RESOLVE, given, strict=True)
-        }
+        self._sources = self._in_reach(
+            {
+                name: each(name, one, num_envs, resolve)
+                for (name, resolve), one in zip(_RESOLVE.items(), given, strict=True)
+            }
+        )
         self._reader = Reader.of(grasp, self.command.control, base, tells_base=tells)
         self._reward: Reward = reward
         self._episodes: list[Episode] = []
@@ -262,20 +264,21 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         )
         n = self.num_envs
         rows = chosen_rows(given.get("reset_mask"), n, begun=bool(self._episodes))
-        changed = {
-            name: self._each(name, given[name]) for name in _RESOLVE if name in given
-        }
-        for name, values in changed.items():
-            for row in np.flatnonzero(rows):
-                self._sources[name][row] = values[row]
+        sources = {name: list(values) for name, values in self._sources.items()}
+        for name, resolve in _RESOLVE.items():
+            if name in given:
+                values = each(name, given[name], n, resolve)
+                for row in np.flatnonzero(rows):
+                    sources[name][row] = values[row]
+        self._sources = self._in_reach(sources)
         return rows
 
-    def _each(self, name: str, given: Any) -> list[Any]:
-        """Return one source of every simulation's episodes."""
-        found = each(name, given, self.num_envs, _RESOLVE[name])
-        if name == "door":
-            found = [check_reach(door, self._base) for door in found]
-        return found
+    def _in_reach(self, sources: dict[str, list[Any]]) -> dict[str, list[Any]]:
+        """Return what episodes are drawn from, all of which the robot can reach."""
+        pairs = zip(sources["door"], sources["randomization"], strict=True)
+        for door, randomization in set(pairs):
+            check_reach(randomization.outermost(door), self._base)
+        return sources
 
     def _draw(self, row: int) -> Drawn:
         door, randomization, disturbance = (

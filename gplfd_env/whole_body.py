@@ -8,8 +8,9 @@ vector about the vertical), the base that stood at the origin is led to
 
     b = h₀ + d - R(ψ) h₀,    yaw ψ.
 
-It heads there with the time constant `LAG`, outside a dead band in which the arm alone
-does what is small and quick, and never faster than it could brake. The hand's servo
+The hand drags that pose along with some `PLAY`, so that the arm alone does what is
+small and quick; the base moves at the dragged pose's rate and makes up for its distance
+from it with the time constant `LAG`, never faster than it could brake. The hand's servo
 acts in the world's task frame: what the base does, the arm compensates.
 
 The arithmetic is of single numbers: one simulation and many give the same bits.
@@ -31,9 +32,9 @@ ACCELERATION: Final = (1.0, 2.09)
 """Greatest acceleration of the base [m/s², rad/s²]."""
 
 LAG: Final = 0.3
-"""Time constant with which the base follows the hand [s]."""
+"""Time constant with which the base makes up for its distance [s]."""
 
-DEAD_BAND: Final = (0.02, 0.035)
+PLAY: Final = (0.04, 0.07)
 """How far the base may be from where it is led without moving [m, rad]."""
 
 _BLOCKED_SPEED: Final = (0.05, 0.1)
@@ -55,6 +56,7 @@ class BaseDrive:
 
     def __init__(self, hand: tuple[float, float]) -> None:
         self._hand = hand
+        self._dragged: Planar = (0.0, 0.0, 0.0)
         self.rate: Planar = (0.0, 0.0, 0.0)
         self._slowed = 0.0
 
@@ -65,12 +67,19 @@ class BaseDrive:
             hand: Commanded pose, task frame, (6,) [m, rad].
             base: Pose of the base [m, rad].
         """
-        x, y, yaw = led_by(hand, self._hand)
+        last = self._dragged
+        x, y, yaw = self._dragged = _dragged(last, led_by(hand, self._hand))
         dx, dy, turn = x - base[0], y - base[1], yaw - base[2]
         away = math.hypot(dx, dy)
-        share = _approach(away, 0) / away if away > 0.0 else 0.0
-        turning = math.copysign(_approach(abs(turn), 1), turn)
-        self._accelerate((share * dx, share * dy, turning))
+        share = _approach(away, ACCELERATION[0]) / away if away > 0.0 else 0.0
+        turning = math.copysign(_approach(abs(turn), ACCELERATION[1]), turn)
+        self._accelerate(
+            (
+                (x - last[0]) / CONTROL_PERIOD + share * dx,
+                (y - last[1]) / CONTROL_PERIOD + share * dy,
+                (yaw - last[2]) / CONTROL_PERIOD + turning,
+            )
+        )
 
     def obey(self, twist: list[float], base: Planar) -> None:
         """Command by a twist in the base's own axes.
@@ -145,16 +154,22 @@ def _twist_about_y(x: float, y: float, z: float) -> float:
     return 2.0 * math.atan2(math.sin(half) * y / angle, math.cos(half))
 
 
-def _approach(away: float, kind: int) -> float:
-    """Return the speed towards something [m/s or rad/s].
+def _dragged(pose: Planar, by: Planar) -> Planar:
+    """Return a pose after another has dragged it along, with play."""
+    dx, dy = by[0] - pose[0], by[1] - pose[1]
+    away = math.hypot(dx, dy)
+    share = (away - PLAY[0]) / away if away > PLAY[0] else 0.0
+    turn = by[2] - pose[2]
+    rest = min(max(turn, -PLAY[1]), PLAY[1])
+    return pose[0] + share * dx, pose[1] + share * dy, pose[2] + (turn - rest)
 
-    Args:
-        away: Its distance [m or rad].
-        kind: 0 for a translation, 1 for a turn.
+
+def _approach(away: float, acceleration: float) -> float:
+    """Return the speed towards something at a distance: v = s/T, at most √(a s).
+
+    It could just brake from √(2 a s); half of a leaves room for what moves on.
     """
-    beyond = max(away - DEAD_BAND[kind], 0.0)
-    # By sqrt(2 a s) it could just brake; half of a leaves room for a moving target.
-    return min(beyond / LAG, math.sqrt(ACCELERATION[kind] * beyond))
+    return min(away / LAG, math.sqrt(acceleration * away))
 
 
 def _shortened(x: float, y: float, most: float) -> tuple[float, float]:

@@ -19,13 +19,13 @@ from gplfd_env.randomization import (
 
 # Field: the widest range allowed, stated by hand; None where it replaces nothing.
 DOOR_FIELDS = {
-    "radius": (0.30, 0.65),
+    "radius": (0.30, 0.95),
     "hinge_friction": (0.0, 50.0),
     "hinge_damping": (0.0, 50.0),
     "closer_stiffness": (0.0, 50.0),
     "closer_preload": (0.0, 50.0),
     "panel_mass": (1.0, 100.0),
-    "handle_height": (0.50, 0.85),
+    "handle_height": (0.50, 1.22),
 }
 WIDTHS = {
     "base_position": 0.05,
@@ -195,7 +195,7 @@ def r(**fields: Any) -> Callable[[], Any]:
         (
             r(radius=(math.nan, 0.5)),
             ValueError,
-            [".radius = nan is outside [0.3, 0.65] m"],
+            [".radius = nan is outside [0.3, 0.95] m"],
         ),
         (r(pose_noise=0.1), ValueError, [".pose_noise = 0.1 must be a pair"]),
         (r(wrench_noise=None), ValueError, [".wrench_noise = None must be a pair"]),
