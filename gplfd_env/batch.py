@@ -13,9 +13,10 @@ from gplfd_env.door import Structure, set_hinge, structure_of
 from gplfd_env.intervention import Loads
 from gplfd_env.robot import Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
-from gplfd_env.simulation import BAD_STATE, loaded_bodies
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.simulation import BAD_STATE, driven, loaded_bodies
+from gplfd_env.task import CONTROL_PERIOD, Base
 from gplfd_env.variation import Variation
+from gplfd_env.whole_body import Planar
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -34,14 +35,26 @@ class _Alike:
         grasp: See `gplfd_env.scene.build_spec`.
         command: The meaning of an action.
         num_threads: Threads that step the simulations; 0 for one per core.
+        base: Whether it drives.
     """
 
     def __init__(
-        self, n: int, begin: Variation, grasp: Grasp, command: Command, num_threads: int
+        self,
+        n: int,
+        begin: Variation,
+        grasp: Grasp,
+        command: Command,
+        num_threads: int,
+        base: Base,
     ) -> None:
-        self._grasp, self._command, self._threads = grasp, command, num_threads
+        self._grasp, self._command, self._base = grasp, command, base
+        self._threads = num_threads
         scene = build_scene(
-            begin.door, grasp, placement=begin.placement, control=command.control
+            begin.door,
+            grasp,
+            placement=begin.placement,
+            control=command.control,
+            base=base,
         )
         self.loaded = [begin] * n
         self.models = [scene.__copy__() for _ in range(n)]
@@ -60,6 +73,7 @@ class _Alike:
         self.sensordata: Array = self._batch.bind("sensordata")
         self._applied: Array = self._batch.bind("xfrc_applied")
         self._bodies = loaded_bodies(scene)
+        self._driven = driven(scene, self._base)
         self._counts = self._batch.warning[:, BAD_STATE, _COUNT]
         self._seen = self._counts.copy()
         self._substeps = round(CONTROL_PERIOD / scene.opt.timestep)
@@ -75,6 +89,7 @@ class _Alike:
                 self._grasp,
                 placement=variation.placement,
                 control=self._command.control,
+                base=self._base,
             )
         if not now.disturbance.idle:
             door = variation.door
@@ -91,13 +106,19 @@ class _Alike:
         self._seen = self._counts.copy()
 
     def advance(
-        self, commands: Array, rows: Rows | None, loads: Mapping[int, Loads]
+        self,
+        commands: Array,
+        rows: Rows | None,
+        loads: Mapping[int, Loads],
+        drives: Mapping[int, Planar],
     ) -> Mask | None:
         """See `DoorBatch.advance`."""
         if rows is None:
             self._ctrl[:, :6] = commands[:, :6]
         else:
             self._ctrl[rows, :6] = commands[rows, :6]
+        for row, rate in drives.items():
+            self._ctrl[row, self._driven] = rate
         changed = bool(self._gains)
         for row, load in loads.items():
             self._applied[row, self._bodies] = load.wrenches
@@ -126,12 +147,12 @@ class _Alike:
         return state
 
     def __getstate__(self) -> tuple[Any, ...]:
-        settings = self._grasp, self._command, self._threads
+        settings = self._grasp, self._command, self._threads, self._base
         return settings, self.loaded, self.models, self._batch.state.copy()
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
         settings, self.loaded, self.models, states = state
-        self._grasp, self._command, self._threads = settings
+        self._grasp, self._command, self._threads, self._base = settings
         # Neither the batch nor what is bound to it can be copied.
         self._bind()
         self._batch.state[:] = states
@@ -149,6 +170,7 @@ class DoorBatch:
         grasp: See `gplfd_env.scene.build_spec`.
         command: The meaning of an action.
         num_threads: Threads that step the simulations; 0 for one per core.
+        base: Whether the robot drives.
     """
 
     def __init__(
@@ -157,8 +179,9 @@ class DoorBatch:
         grasp: Grasp,
         command: Command,
         num_threads: int,
+        base: Base,
     ) -> None:
-        self._robot = grasp, command, num_threads
+        self._robot = grasp, command, num_threads, base
         self._alike: dict[Structure, _Alike] = {}
         self._structure = [structure_of(variation.door) for variation in begin]
         for row, variation in enumerate(begin):
@@ -196,7 +219,11 @@ class DoorBatch:
             self._alike[structure].restart(own)
 
     def advance(
-        self, commands: Array, rows: Rows | None, loads: Mapping[int, Loads]
+        self,
+        commands: Array,
+        rows: Rows | None,
+        loads: Mapping[int, Loads],
+        drives: Mapping[int, Planar],
     ) -> Mask | None:
         """Command simulations for one control period.
 
@@ -204,18 +231,20 @@ class DoorBatch:
             commands: Of all simulations, (n, ...).
             rows: Which to step; None for all.
             loads: What acts from outside meanwhile, by row, where there is anything.
+            drives: Rates of bases, by row, where they move.
 
         Returns:
             Which ones MuJoCo reports as diverged, (n,); None if none.
         """
         if len(self._alike) == 1:
             (alike,) = self._alike.values()
-            return alike.advance(commands, rows, loads)
+            return alike.advance(commands, rows, loads, drives)
         diverged: Mask | None = None
         everyone = range(len(self._structure))
         for structure, own in self._shares(everyone if rows is None else rows):
             acting = {row: loads[row] for row in own if row in loads}
-            found = self._alike[structure].advance(commands, own, acting)
+            driving = {row: drives[row] for row in own if row in drives}
+            found = self._alike[structure].advance(commands, own, acting, driving)
             if found is not None:
                 diverged = found if diverged is None else diverged | found
         return diverged

@@ -268,10 +268,6 @@ def _disagreement(door: DoorConfig) -> str:
 
 _RADII: Final = allowed_range(DoorConfig, "radius")
 
-RADIUS_RANGE: Final = (_RADII.low, 0.65)
-"""Handle-to-hinge distances [m] that the arm opens to the task's angle where the base
-stands still."""
-
 
 def _room(
     width: float, construction: str = "tubular-strips", **more: Any

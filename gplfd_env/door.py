@@ -17,6 +17,7 @@ from gplfd_env.placement import (
     task_rotation_w,
 )
 from gplfd_env.room import INTANGIBLE, UNDRAWN
+from gplfd_env.task import Base
 from gplfd_env.variation import Placement
 
 NOMINAL_MASS: Final = 12.0
@@ -57,6 +58,7 @@ def add_door(
     door: DoorConfig,
     placement: Placement | None = None,
     structure: Structure | None = None,
+    base: Base = "fixed",
 ) -> None:
     """Add a door to a scene.
 
@@ -72,12 +74,13 @@ def add_door(
         door: Geometry and hinge.
         placement: Where the robot stands and grasps; without error by default.
         structure: What to add; by default what the door consists of.
+        base: Whose stance before the door it is.
     """
     structure = structure_of(door) if structure is None else structure
     placement = Placement() if placement is None else placement
     frame = spec.worldbody.add_body(
         name="door_frame",
-        pos=handle_position_w(door, placement),
+        pos=handle_position_w(door, placement, base),
         quat=quaternion(task_rotation_w(door.handle, placement.base_yaw)),
     )
     grasp, turn = grasp_in_door_frame(door, placement)

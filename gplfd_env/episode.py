@@ -11,12 +11,14 @@ from gplfd_env.config import DoorConfig
 from gplfd_env.draw import Drawn
 from gplfd_env.intervention import Intervention, Loads, Vector
 from gplfd_env.observation import DoorReading, Observation, Reader
+from gplfd_env.placement import hand_position_w
 from gplfd_env.task import (
     CONTROL_PERIOD,
     OpeningMonitor,
     reward_terms,
     sparse_reward_terms,
 )
+from gplfd_env.whole_body import BaseDrive, Planar
 
 Array = NDArray[np.float64]
 Reward = Literal["dense", "sparse"]
@@ -51,6 +53,11 @@ class Episode:
         self.reader, self._terms = reader, REWARDS[reward]
         disturbed = not self.variation.disturbance.idle
         self._intervention = Intervention(self.variation) if disturbed else None
+        self._drive: BaseDrive | None = None
+        if reader.odometry is not None:
+            door, placement = self.variation.door, self.variation.placement
+            x, y, _ = hand_position_w(door, placement, "mobile").tolist()
+            self._drive = BaseDrive((x, y), door.handle)
         self.steps = 0
         self.simulation_error = False
         self._sense(values)
@@ -80,13 +87,32 @@ class Episode:
             command[:3] += self._intervention.base_shift
         return command
 
+    def drive(self, command: Array, *, obeys: bool) -> Planar | None:
+        """Return the rate of the base in the next period; None if it does not move.
+
+        Args:
+            command: What `due` gave.
+            obeys: Whether its last three entries are the base's twist.
+        """
+        if self._drive is None:
+            return None
+        pose, _ = self._base
+        if obeys:
+            self._drive.obey(command[-3:].tolist(), pose)
+        else:
+            self._drive.follow(command[:6].tolist(), pose)
+        return self._drive.rate
+
     def advance(self, values: list[float]) -> None:
         """Take in the sensor array after one control period."""
         self.steps += 1
         before = self._reading.angle
         self._sense(values)
-        reading = self._reading
-        self._monitor.update(reading.angle, reading.grasped)
+        reading, drive = self._reading, self._drive
+        if drive is not None:
+            drive.note(self._base[1])
+        blocked = drive is not None and drive.blocked
+        self._monitor.update(reading.angle, reading.grasped, blocked)
         gain = reading.angle - before
         self.terms = self._terms(gain, reading.forces[2], self._monitor.success)
 
@@ -119,6 +145,7 @@ class Episode:
         self.wrench = self.reader.wrench(values)
         door = self.variation.door
         self._reading: DoorReading = self.reader.door_reading(values, door)
+        self._base = self.reader.base_state(values)
         self._blur = None if self._noise is None else self._noise.draw()
 
     @property
@@ -151,7 +178,7 @@ class Episode:
 
     @property
     def failure(self) -> str:
-        """``""``, ``"grasp_lost"``, ``"stalled"`` or ``"simulation_error"``."""
+        """What has gone wrong: see `OpeningMonitor`; or ``"simulation_error"``."""
         return "simulation_error" if self.simulation_error else self._monitor.failure
 
     @property
@@ -162,7 +189,10 @@ class Episode:
 
     @property
     def row(self) -> tuple[float, ...]:
-        """The info in numbers: `NUMBERS`, the handle's pose (6), and `FLAGS`."""
+        """The info in numbers.
+
+        `NUMBERS`, the handle's pose (6), the base's pose and rate (3 each), `FLAGS`.
+        """
         reading, monitor, outside = self._reading, self._monitor, self._outside
         door = self.variation.door
         tangential, vertical, radial = reading.forces
@@ -184,6 +214,8 @@ class Episode:
             y - dy,
             z - dz,
             *_handle_rotation(door, reading),
+            *self._base[0],
+            *self._base[1],
             monitor.success,
             monitor.success,
             reading.grasped,
@@ -212,6 +244,10 @@ NUMBERS: Final = (
 
 POSE: Final = slice(len(NUMBERS), len(NUMBERS) + 6)
 """Where in a row the handle's pose is."""
+
+BASE_POSE: Final = slice(POSE.stop, POSE.stop + 3)
+BASE_RATE: Final = slice(BASE_POSE.stop, BASE_POSE.stop + 3)
+"""Where in a row pose and rate of the base are."""
 
 FLAGS: Final = ("success", "is_success", "grasped", "simulation_error")
 """Flags of an info, the last entries of a row."""

@@ -16,10 +16,12 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from gplfd_env.config import DoorConfig, Handle
+from gplfd_env.mobile_base import BASE_JOINTS
 from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.robot import HAND_BODIES, WRENCH_LIMITS, Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene
-from gplfd_env.task import Control
+from gplfd_env.task import Base, Control
+from gplfd_env.whole_body import Planar
 
 Array = NDArray[np.float64]
 Observation = dict[str, Array]
@@ -29,10 +31,16 @@ _POSE_LIMIT: Final = (3.0, np.pi)
 _TWIST_LIMIT: Final = (1.0e4, 1.0e4)
 _JOINT_LIMITS: Final = (10.0, 1.0e4)
 _TIME_LIMIT: Final = 1.0e6
+_BASE_LIMITS: Final = (100.0, 1.0e3, 1.0e4)
+_AT_REST: Final[tuple[Planar, Planar]] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def observation_space() -> spaces.Space[Observation]:
-    """Return the observation space; units and frames in docs/environment.md."""
+def observation_space(*, tells_base: bool = False) -> spaces.Space[Observation]:
+    """Return the observation space; units and frames in docs/environment.md.
+
+    Args:
+        tells_base: Whether pose and rate of the base are observed, too.
+    """
 
     def box(*blocks: tuple[float, int]) -> spaces.Box:
         high = np.concatenate([np.full(size, limit) for limit, size in blocks])
@@ -41,16 +49,20 @@ def observation_space() -> spaces.Space[Observation]:
     # The wrist sensor saturates per sensor axis, and its weight compensation and the
     # shift of the moment to the hand add to that.
     force, torque = 2 * WRENCH_LIMITS[0], 2 * WRENCH_LIMITS[0] + 2 * WRENCH_LIMITS[1]
-    space: spaces.Space[Any] = spaces.Dict(
-        {
-            "ee_pose": box((_POSE_LIMIT[0], 3), (_POSE_LIMIT[1], 3)),
-            "ee_twist": box((_TWIST_LIMIT[0], 3), (_TWIST_LIMIT[1], 3)),
-            "wrench": box((force, 3), (torque, 3)),
-            "joint_pos": box((_JOINT_LIMITS[0], 7)),
-            "joint_vel": box((_JOINT_LIMITS[1], 7)),
-            "time": spaces.Box(0.0, _TIME_LIMIT, shape=(1,), dtype=np.float64),
-        }
-    )
+    place, turn, rate = _BASE_LIMITS
+    base: dict[str, spaces.Space[Any]] = {
+        "base_pose": box((place, 2), (turn, 1)),
+        "base_velocity": box((rate, 3)),
+    }
+    hand: dict[str, spaces.Space[Any]] = {
+        "ee_pose": box((_POSE_LIMIT[0], 3), (_POSE_LIMIT[1], 3)),
+        "ee_twist": box((_TWIST_LIMIT[0], 3), (_TWIST_LIMIT[1], 3)),
+        "wrench": box((force, 3), (torque, 3)),
+        "joint_pos": box((_JOINT_LIMITS[0], 7)),
+        "joint_vel": box((_JOINT_LIMITS[1], 7)),
+        "time": spaces.Box(0.0, _TIME_LIMIT, shape=(1,), dtype=np.float64),
+    }
+    space: spaces.Space[Any] = spaces.Dict(hand | (base if tells_base else {}))
     return space
 
 
@@ -69,6 +81,8 @@ class Reader:
         wrist: Wrist force, torque, and the sensor's three axes.
         door: From the hinge's angle to the torque at its stop; handle and bolt follow
             where there are any.
+        odometry: Pose and rate of a base that moves.
+        tells_base: Whether observations do, too.
     """
 
     hand_weight: float
@@ -80,16 +94,28 @@ class Reader:
     joint_vel: slice
     wrist: slice
     door: slice
+    odometry: slice | None
+    tells_base: bool
 
     @classmethod
     @cache
-    def of(cls, grasp: Grasp, control: Control, handle: Handle = "bar") -> Reader:
-        """Resolve sensor addresses and the hand's weight, once per kind of handle.
+    def of(
+        cls,
+        grasp: Grasp,
+        control: Control,
+        base: Base = "fixed",
+        handle: Handle = "bar",
+        *,
+        tells_base: bool = False,
+    ) -> Reader:
+        """Resolve sensor addresses and the hand's weight, once per robot and handle.
 
         The hand holds the same handle in every scene, so one scene serves for all; the
         same for all, since settled fingers differ by a micrometre.
         """
-        model = build_scene(DoorConfig(handle=handle), grasp, control=control)
+        model = build_scene(
+            DoorConfig(handle=handle), grasp, control=control, base=base
+        )
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
         mujoco.mj_forward(model, data)
@@ -108,6 +134,10 @@ class Reader:
             joint_vel=_span(model, f"{ARM_JOINTS[0]}_vel", 7),
             wrist=_span(model, "wrist_force", 15),
             door=slice(int(model.sensor("hinge_angle").adr[0]), None),
+            odometry=(
+                _span(model, f"{BASE_JOINTS[0]}_pos", 6) if base == "mobile" else None
+            ),
+            tells_base=tells_base,
         )
 
     def observation(self, sensordata: Array, wrench: Array, time: Array) -> Observation:
@@ -118,7 +148,7 @@ class Reader:
             wrench: What `wrench` gave, (..., 6).
             time: Since the reset, (..., 1) [s].
         """
-        return {
+        observation = {
             "ee_pose": sensordata[..., self.ee_pose].copy(),
             "ee_twist": sensordata[..., self.ee_twist].copy(),
             "wrench": wrench,
@@ -126,6 +156,22 @@ class Reader:
             "joint_vel": sensordata[..., self.joint_vel].copy(),
             "time": time,
         }
+        if self.tells_base and self.odometry is not None:
+            base = sensordata[..., self.odometry]
+            observation["base_pose"] = base[..., :3].copy()
+            observation["base_velocity"] = base[..., 3:].copy()
+        return observation
+
+    def base_state(self, values: list[float]) -> tuple[Planar, Planar]:
+        """Return pose and rate of the base; zeros if it does not move.
+
+        Args:
+            values: One simulation's sensor array as a list.
+        """
+        if self.odometry is None:
+            return _AT_REST
+        x, y, yaw, *rate = values[self.odometry]
+        return (x, y, yaw), (rate[0], rate[1], rate[2])
 
     def wrench(self, values: list[float]) -> Wrench:
         """Return the wrench of the environment on the hand [N, N m].

@@ -1,9 +1,9 @@
 """Where the robot stands before the door, and the posture that holds the handle.
 
-Frames: *world* = the robot's ``base_footprint`` (x forward, y left, z up); *task* =
-origin at the closed handle, x = pulling direction, y = up, z = x × y (to the left of
-someone facing the door). A hinge on the robot's right is at z = -radius; one on its
-left at z = radius, where the arm, whose joint ranges are asymmetric, reaches less.
+Frames: *world* = the robot's ``base_footprint`` at the reset (x forward, y left, z up);
+*task* = origin at the closed handle, x = pulling direction, y = up, z = x × y (to the
+left of someone facing the door). A hinge on the robot's right is at z = -radius; one on
+its left at z = radius, where an arm on a base that stands still reaches less.
 """
 
 import math
@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 
 from gplfd_env.config import DoorConfig, Handle
 from gplfd_env.geometry import DoorGeometry
+from gplfd_env.stance import STANCES
+from gplfd_env.task import Base
 from gplfd_env.variation import Placement, Variation
-
-HANDLE_XY_W: Final = (0.7345, 0.7004)
-"""Closed handle in the base frame where the base stands as it should [m];
-assets/README.md tells how it was found."""
 
 DOOR_YAW: Final = math.radians(26.05)
 """Heading of "straight into the closed door" in the base frame [rad], of a door with a
@@ -30,28 +28,30 @@ GRASP_YAW: Final = math.radians(25.4)
 axis of a lever or knob is the hand's: it would turn a wrist that is nearly stretched
 about another, so the robot stands before such a door turned by this angle instead."""
 
-TORSO_BELOW_HANDLE: Final = 0.50
-"""Height of the grasped point minus torso lift [m]."""
-
-CLOSED_POSTURE: Final = (2.183, -0.730, -2.699, 0.803, 0.995, 0.034, 0.900)
-"""Arm joints that hold a closed door's vertical bar, to 1 mrad [rad]; refined at build
-time."""
-
-ROLL: Final = math.radians(-90.0)
-"""Turn of the wrist about the approach between a bar and a lever or knob, whose fingers
-close from above and below [rad]."""
-
 ARM_JOINTS: Final = tuple(f"arm_{i}_joint" for i in range(1, 8))
 
 Matrix = NDArray[np.float64]
 
 
-def handle_position_w(door: DoorConfig, placement: Placement) -> Matrix:
+def hand_position_w(door: DoorConfig, placement: Placement, base: Base) -> Matrix:
+    """Return where the hand takes hold in the world frame, (3,) [m]."""
+    position, _ = _task_in_door_frame(door, placement)
+    middle = handle_position_w(door, placement, base)
+    axes = task_rotation_w(door.handle, placement.base_yaw)
+    held: Matrix = middle + axes @ position
+    return held
+
+
+def handle_position_w(
+    door: DoorConfig, placement: Placement, base: Base = "fixed"
+) -> Matrix:
     """Return the middle of the closed handle's bar in the world frame, (3,) [m].
 
-    The world frame is the base's, so an error of the base displaces the door.
+    The world frame is the base's at the reset, so an error of the base displaces the
+    door.
     """
-    x, y = HANDLE_XY_W[0] - placement.base_x, HANDLE_XY_W[1] - placement.base_y
+    nominal_x, nominal_y = STANCES[base].handle_xy_w
+    x, y = nominal_x - placement.base_x, nominal_y - placement.base_y
     cosine, sine = math.cos(placement.base_yaw), math.sin(placement.base_yaw)
     return np.array([cosine * x + sine * y, cosine * y - sine * x, door.handle_height])
 
@@ -74,19 +74,19 @@ def task_rotation_w(handle: Handle = "bar", yaw: float = 0.0) -> Matrix:
     return np.column_stack([pull, up, np.cross(pull, up)])
 
 
-def gripper_rotation_w(handle: Handle) -> Matrix:
+def gripper_rotation_w(handle: Handle, base: Base = "fixed") -> Matrix:
     """Return ``gripper_link``'s axes at the closed grasp in the world frame, (3, 3).
 
     The gripper approaches along its -z axis; its fingers close along x. On a bar y runs
     along it (downwards: the wrist rolled so that arm_7's x axis points down); a lever
-    or knob is held with the wrist rolled by `ROLL`, x downwards.
+    or knob is held with the wrist rolled by a quarter, `Stance.roll`.
     """
     yaw = DOOR_YAW + GRASP_YAW
     approach = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     arm_7_x = np.array([0.0, 0.0, -1.0])
     arm_7_y = np.cross(approach, arm_7_x)
     if handle != "bar":
-        quarter = math.copysign(1.0, ROLL)
+        quarter = math.copysign(1.0, STANCES[base].roll)
         arm_7_x, arm_7_y = quarter * arm_7_y, -quarter * arm_7_x
     return np.column_stack([-arm_7_y, -arm_7_x, -approach])
 
@@ -149,12 +149,14 @@ def solve_closed_posture(
     data: mujoco.MjData,
     door: DoorConfig,
     placement: Placement,
+    base: Base = "fixed",
 ) -> Matrix:
     """Return the configuration in which the hand site holds the closed handle.
 
     Newton's method on the 6-D pose error between the sites ``hand`` and
     ``task_frame`` with the pseudo-inverse of the arm's Jacobian, started at
-    `CLOSED_POSTURE` (so it ends at the nearest posture of the arm's self-motion).
+    `Stance.closed_posture` (so it ends at the nearest posture of the arm's
+    self-motion).
 
     Args:
         model: The compiled scene.
@@ -162,20 +164,23 @@ def solve_closed_posture(
         door: Its handle height and
         placement: its height of the grasp set the torso's lift, as far as that goes;
             the rest is left to the arm.
+        base: Whose stance it is.
 
     Returns:
-        All joint positions, ``(nq,)`` [m, rad]; fingers and hinge at zero.
+        All joint positions, ``(nq,)`` [m, rad]; fingers, hinge and base at zero.
 
     Raises:
         ValueError: The pose is out of reach.
     """
     mujoco.mj_resetData(model, data)
     arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
-    lift = door.handle_height + grasp_height(door, placement) - TORSO_BELOW_HANDLE
+    stance = STANCES[base]
+    height = door.handle_height + grasp_height(door, placement)
     lowest, highest = model.joint("torso_lift_joint").range
-    data.joint("torso_lift_joint").qpos = min(max(lift, lowest), highest)
-    data.qpos[arm] = CLOSED_POSTURE
-    data.qpos[arm[-1]] += ROLL if door.handle != "bar" else 0.0
+    lift = min(max(height - stance.torso_below_handle, lowest), highest)
+    data.joint("torso_lift_joint").qpos = lift
+    data.qpos[arm] = stance.closed_posture
+    data.qpos[arm[-1]] += stance.roll if door.handle != "bar" else 0.0
     hand, target = model.site("hand").id, model.site("task_frame").id
     jacobian = np.zeros((6, model.nv))
     for _ in range(20):

@@ -146,6 +146,14 @@ class DoorRandomization:
         """Whether nothing is varied."""
         return self == DoorRandomization()
 
+    def outermost(self, door: DoorConfig) -> DoorConfig:
+        """Return the door with the highest handle farthest from the hinge."""
+        drawn = {"radius": self.radius, "handle_height": self.handle_height}
+        ends: dict[str, Any] = {
+            name: pair[1] for name, pair in drawn.items() if pair is not None
+        }
+        return dataclasses.replace(door, **ends)
+
     def sample(self, door: DoorConfig, rng: np.random.Generator) -> Variation:
         """Draw one episode.
 

@@ -10,6 +10,7 @@ import numpy as np
 from gplfd_env._paths import asset_path
 from gplfd_env.config import Handle
 from gplfd_env.handle import held_radius
+from gplfd_env.mobile_base import add_mobile_base
 from gplfd_env.placement import (
     ARM_JOINTS,
     gripper_rotation_w,
@@ -17,7 +18,7 @@ from gplfd_env.placement import (
     task_rotation_w,
 )
 from gplfd_env.room import UNDRAWN
-from gplfd_env.task import Control
+from gplfd_env.task import Base, Control
 
 HAND_BODIES: Final = (
     "wrist_ft_link",
@@ -65,7 +66,9 @@ Grasp = Literal["contact", "weld"]
 """Friction between the finger pads and the bar, or a rigid joint."""
 
 
-def load_robot(control: Control = "pose", handle: Handle = "bar") -> mujoco.MjSpec:
+def load_robot(
+    control: Control = "pose", handle: Handle = "bar", base: Base = "fixed"
+) -> mujoco.MjSpec:
     """Read the arm's URDF and add gravity compensation, servo and sensor sites.
 
     The hand site's axes coincide with the task frame when the door is closed, so the
@@ -75,6 +78,7 @@ def load_robot(control: Control = "pose", handle: Handle = "bar") -> mujoco.MjSp
         control: ``"pose"`` turns the hand by one servo on the whole orientation;
             ``"impedance"`` by one per axis of θu, so that each can have its stiffness.
         handle: What the hand closes on.
+        base: Whether it drives.
 
     Returns:
         A specification that compiles once a ``task_frame`` site has been added.
@@ -82,7 +86,7 @@ def load_robot(control: Control = "pose", handle: Handle = "bar") -> mujoco.MjSp
     spec = mujoco.MjSpec.from_file(str(asset_path("tiago_like.urdf")))
     spec.modelname = "gplfd door opening"
     _set_joints(spec)
-    _add_sites(spec, handle)
+    _add_sites(spec, handle, base)
     _add_cameras(spec)
     _add_axis_servos(spec, TRANSLATION_SERVOS, first=0)
     if control == "pose":
@@ -94,6 +98,8 @@ def load_robot(control: Control = "pose", handle: Handle = "bar") -> mujoco.MjSp
     _add_grip(spec)
     if handle != "bar":
         _add_hooks(spec, held_radius(handle))
+    if base == "mobile":
+        add_mobile_base(spec)
     return spec
 
 
@@ -111,8 +117,8 @@ def _set_joints(spec: mujoco.MjSpec) -> None:
     coupling.name = "finger_coupling"
 
 
-def _add_sites(spec: mujoco.MjSpec, handle: Handle) -> None:
-    gripper_to_task = gripper_rotation_w(handle).T @ task_rotation_w(handle)
+def _add_sites(spec: mujoco.MjSpec, handle: Handle, base: Base) -> None:
+    gripper_to_task = gripper_rotation_w(handle, base).T @ task_rotation_w(handle)
     spec.body("gripper_link").add_site(
         name="hand",
         pos=[0, 0, -HAND_BEYOND_GRIPPER],

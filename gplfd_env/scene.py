@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from gplfd_env.collision import add_collisions
 from gplfd_env.config import DoorConfig, Latch
 from gplfd_env.door import (
     NOMINAL_MASS,
@@ -29,7 +30,8 @@ from gplfd_env.placement import ARM_JOINTS, solve_closed_posture
 from gplfd_env.robot import Grasp, load_robot
 from gplfd_env.room import add_room
 from gplfd_env.sensors import add_sensors
-from gplfd_env.task import Control
+from gplfd_env.stance import check_reach
+from gplfd_env.task import Base, Control
 from gplfd_env.variation import Placement
 
 GRASP_KEY: Final = 0
@@ -76,6 +78,7 @@ def build_spec(
     placement: Placement | None = None,
     control: Control = "pose",
     structure: Structure | None = None,
+    base: Base = "fixed",
 ) -> mujoco.MjSpec:
     """Assemble room, robot, door and sensors without compiling them.
 
@@ -86,12 +89,15 @@ def build_spec(
         placement: Where the robot stands and grasps; without error by default.
         control: See `gplfd_env.robot.load_robot`.
         structure: Of the scene; by default the door's.
+        base: Whether it drives.
     """
     structure = structure_of(door) if structure is None else structure
-    spec = load_robot(control, door.handle)
+    spec = load_robot(control, door.handle, base)
     add_room(spec)
-    add_door(spec, door, placement, structure)
-    add_sensors(spec, structure, control)
+    add_door(spec, door, placement, structure, base)
+    add_sensors(spec, structure, control, base)
+    if base == "mobile":
+        add_collisions(spec)
     spec.add_key(name="grasp")
     if grasp == "weld":
         spec.add_equality(
@@ -111,6 +117,7 @@ def build_scene(
     *,
     placement: Placement | None = None,
     control: Control = "pose",
+    base: Base = "fixed",
 ) -> mujoco.MjModel:
     """Return a model of a scene with a settled grasp, which callers may edit.
 
@@ -120,9 +127,11 @@ def build_scene(
     Raises:
         ValueError: The closed handle is out of reach.
     """
-    model = _template(structure_of(door), grasp, control).__copy__()
+    model = _template(structure_of(door), grasp, control, base).__copy__()
     data = mujoco.MjData(model)
-    load_scene(model, data, door, grasp, placement=placement, control=control)
+    load_scene(
+        model, data, door, grasp, placement=placement, control=control, base=base
+    )
     return model
 
 
@@ -134,6 +143,7 @@ def load_scene(
     *,
     placement: Placement | None = None,
     control: Control = "pose",
+    base: Base = "fixed",
 ) -> None:
     """Bring a scene's model to another door, in place.
 
@@ -142,29 +152,33 @@ def load_scene(
 
     Args:
         model: Made by `build_scene` for a door of the same structure, with the same
-            grasp and control.
+            grasp, control and base.
         data: Of the same model; reset it to the keyframe afterwards.
         door: The new door.
         grasp: As the model was made.
         placement: Where the robot stands and grasps; without error by default.
         control: As the model was made.
+        base: As the model was made.
 
     Raises:
         ValueError: The closed handle is out of reach; the model is unchanged.
     """
+    check_reach(door, base)
     placement = Placement() if placement is None else placement
     geometry, structure = dataclasses.replace(door, **_NOMINAL), structure_of(door)
-    settled = _settled(geometry, structure, placement, grasp, control)
+    settled = _settled(geometry, structure, placement, grasp, control, base)
     for name, values in settled.items():
         getattr(model, name)[...] = values
     set_door_physics(model, data, door)
 
 
 @lru_cache(maxsize=32)
-def _template(structure: Structure, grasp: Grasp, control: Control) -> mujoco.MjModel:
+def _template(
+    structure: Structure, grasp: Grasp, control: Control, base: Base
+) -> mujoco.MjModel:
     latch: Latch = "spring" if structure.latched else "none"
     door = DoorConfig(handle=structure.handle, latch=latch, panel_mass=NOMINAL_MASS)
-    spec = build_spec(door, grasp, control=control, structure=structure)
+    spec = build_spec(door, grasp, control=control, structure=structure, base=base)
     return spec.compile()
 
 
@@ -175,20 +189,28 @@ def _settled(
     placement: Placement,
     grasp: Grasp,
     control: Control,
+    base: Base,
 ) -> Mapping[str, Array]:
     """Compile a scene, settle the grasp and return its `SCENE_FIELDS`."""
     spec = build_spec(
-        geometry, grasp, placement=placement, control=control, structure=structure
+        geometry,
+        grasp,
+        placement=placement,
+        control=control,
+        structure=structure,
+        base=base,
     )
     model = spec.compile()
-    _settle(model, geometry, placement)
+    _settle(model, geometry, placement, base)
     return MappingProxyType({n: getattr(model, n).copy() for n in SCENE_FIELDS})
 
 
-def _settle(model: mujoco.MjModel, door: DoorConfig, placement: Placement) -> None:
+def _settle(
+    model: mujoco.MjModel, door: DoorConfig, placement: Placement, base: Base
+) -> None:
     """Close the fingers on the bar and store the state at rest as the keyframe."""
     data = mujoco.MjData(model)
-    configuration = solve_closed_posture(model, data, door, placement)
+    configuration = solve_closed_posture(model, data, door, placement, base)
     mujoco.mj_resetData(model, data)
     data.qpos[:] = configuration
     arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]

@@ -5,9 +5,10 @@ from typing import Final
 import mujoco
 
 from gplfd_env.door import Structure
+from gplfd_env.mobile_base import BASE_JOINTS
 from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.robot import ROTATION_SERVOS, WRENCH_LIMITS
-from gplfd_env.task import Control
+from gplfd_env.task import Base, Control
 
 _SENSOR: Final = mujoco.mjtSensor
 _SITE: Final = mujoco.mjtObj.mjOBJ_SITE
@@ -21,7 +22,10 @@ _NET_FORCE: Final = 3
 
 
 def add_sensors(
-    spec: mujoco.MjSpec, structure: Structure, control: Control = "pose"
+    spec: mujoco.MjSpec,
+    structure: Structure,
+    control: Control = "pose",
+    base: Base = "fixed",
 ) -> None:
     """Add every sensor, in the order in which `gplfd_env.observation` reads them.
 
@@ -34,6 +38,7 @@ def add_sensors(
         spec: The scene with robot and door; edited in place.
         structure: What the door consists of.
         control: What the robot was loaded with.
+        base: The same.
     """
     for axis in ("x", "y", "z"):
         _add(
@@ -56,6 +61,10 @@ def add_sensors(
     for axis in ("X", "Y", "Z"):
         kind = getattr(_SENSOR, f"mjSENS_FRAME{axis}AXIS")
         _add(spec, f"wrist_{axis.lower()}axis", kind, _SITE, "wrist_ft", "task_frame")
+    for name in BASE_JOINTS if base == "mobile" else ():
+        _add(spec, f"{name}_pos", _SENSOR.mjSENS_JOINTPOS, _JOINT, name)
+    for name in BASE_JOINTS if base == "mobile" else ():
+        _add(spec, f"{name}_vel", _SENSOR.mjSENS_JOINTVEL, _JOINT, name)
     _add(spec, "hinge_angle", _SENSOR.mjSENS_JOINTPOS, _JOINT, "hinge")
     _add(spec, "hinge_velocity", _SENSOR.mjSENS_JOINTVEL, _JOINT, "hinge")
     _add(spec, "handle_pos", _SENSOR.mjSENS_FRAMEPOS, _SITE, "handle", "task_frame")

@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 Control = Literal["pose", "impedance"]
 """What commands the servo: poses, or poses and stiffnesses."""
 
+Base = Literal["fixed", "mobile"]
+"""Whether the robot's base stands still or drives."""
+
 CONTROL_PERIOD: Final = 0.01
 """Time between two commands [s]."""
 
@@ -64,7 +67,8 @@ class OpeningMonitor:
         dt: Control period [s].
         success: The success angle has been held for `HOLD_TIME` with the handle
             grasped.
-        failure: ``""``, ``"grasp_lost"`` (final) or ``"stalled"`` (while it lasts).
+        failure: ``""``, ``"grasp_lost"`` (final), ``"base_blocked"`` or ``"stalled"``
+            (while they last).
     """
 
     dt: float
@@ -75,12 +79,13 @@ class OpeningMonitor:
     _best_angle: float = -math.inf
     _since_gain: float = 0.0
 
-    def update(self, angle: float, grasped: bool) -> None:
+    def update(self, angle: float, grasped: bool, blocked: bool = False) -> None:
         """Take in the state after one control step.
 
         Args:
             angle: Opening angle [rad].
             grasped: Both finger pads touch the bar.
+            blocked: Something holds the base.
         """
         self._held = self._held + self.dt if self._is_open(angle, grasped) else 0.0
         self.success = self.success or self._held >= HOLD_TIME - 1e-9
@@ -89,17 +94,19 @@ class OpeningMonitor:
             self._best_angle, self._since_gain = angle, 0.0
         else:
             self._since_gain += self.dt
-        self.failure = self._diagnose()
+        self.failure = self._diagnose(blocked)
 
     @staticmethod
     def _is_open(angle: float, grasped: bool) -> bool:
         return grasped and angle >= SUCCESS_ANGLE
 
-    def _diagnose(self) -> str:
+    def _diagnose(self, blocked: bool) -> str:
         if self.success:
             return ""
         if self.failure == "grasp_lost" or self._released >= GRASP_LOST_TIME - 1e-9:
             return "grasp_lost"
+        if blocked:
+            return "base_blocked"
         return "stalled" if self._since_gain >= STALL_TIME - 1e-9 else ""
 
 

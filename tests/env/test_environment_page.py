@@ -23,7 +23,11 @@ from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
 from gplfd_env.vector import DoorOpeningVectorEnv
 
 PAGE = (Path(__file__).parents[2] / "docs" / "environment.md").read_text("utf-8")
-IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
+IDS = (
+    gplfd_env.ENVIRONMENT_ID,
+    gplfd_env.IMPEDANCE_ENVIRONMENT_ID,
+    gplfd_env.MOBILE_ENVIRONMENT_ID,
+)
 
 Rows = list[dict[str, str]]
 
@@ -73,14 +77,18 @@ def test_action_table_is_the_action_space(
 ) -> None:
     rows = table("Action", number)
     assert_rows_are(rows, make_env(id=id).action_space)
-    units = ["m"] * 3 + ["rad"] * 3 + ["N/m"] * 3 + ["N m/rad"] * 3
-    assert [row["unit"] for row in rows] == units[: len(rows)]
+    stiffness = ["N/m"] * 3 + ["N m/rad"] * 3
+    further = [[], stiffness, ["m/s", "m/s", "rad/s"]][number]
+    assert [row["unit"] for row in rows] == ["m"] * 3 + ["rad"] * 3 + further
 
 
-def test_observation_table_is_the_observation_space(make_env: Callable) -> None:
-    space = make_env().observation_space
+@pytest.mark.parametrize(("id", "tables"), [(IDS[0], 1), (IDS[1], 1), (IDS[2], 2)])
+def test_observation_table_is_the_observation_space(
+    id: str, tables: int, make_env: Callable
+) -> None:
+    space = make_env(id=id).observation_space
     assert isinstance(space, gym.spaces.Dict)
-    rows = table("Observation")
+    rows = [row for number in range(tables) for row in table("Observation", number)]
     assert {row["key"] for row in rows} == set(space.spaces)
     for key, box in space.spaces.items():
         assert_rows_are([row for row in rows if row["key"] == key], box)

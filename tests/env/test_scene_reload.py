@@ -55,16 +55,20 @@ def fields(model: mujoco.MjModel) -> dict[str, Any]:
 
 
 @settings(max_examples=10)
+@pytest.mark.parametrize("base", ["fixed", "mobile"])
 @given(first=scenes, second=scenes)
 @example(first=ODD, second=PLAIN)
 @example(first=PLAIN, second=ODD)
-def test_a_scene_does_not_remember_the_one_before(first: Any, second: Any) -> None:
-    model = build_scene(first[0], placement=first[1])
+def test_a_scene_does_not_remember_the_one_before(
+    base: Any, first: Any, second: Any
+) -> None:
+    model = build_scene(first[0], placement=first[1], base=base)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
     mujoco.mj_step(model, data, nstep=3)
-    load_scene(model, data, second[0], placement=second[1])
-    loaded, built = fields(model), fields(build_scene(second[0], placement=second[1]))
+    load_scene(model, data, second[0], placement=second[1], base=base)
+    direct = build_scene(second[0], placement=second[1], base=base)
+    loaded, built = fields(model), fields(direct)
     for name in built:
         assert_array_equal(loaded[name], built[name], err_msg=name)
 

@@ -18,7 +18,11 @@ import gplfd_env
 
 pytestmark = pytest.mark.bits
 
-IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
+IDS = (
+    gplfd_env.ENVIRONMENT_ID,
+    gplfd_env.IMPEDANCE_ENVIRONMENT_ID,
+    gplfd_env.MOBILE_ENVIRONMENT_ID,
+)
 DOORS = ["small", 0.42, {"preset": "heavy", "panel_mass": 20.0}, "large"]
 LIMIT = 45
 EVERYTHING = {
