@@ -32,6 +32,7 @@ from experiments.teacher import Teacher, doors_like
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DoorConfig, door_fields
 from gplfd_env.scene import build_scene
+from gplfd_env.stance import base_for
 from policies.agent import Agent
 from policies.demonstrations import Demonstration
 from policies.method import TrainingInput
@@ -259,6 +260,7 @@ def _open(run: _Run, door: str) -> EpisodeMetrics:
         door=run.configs[door],
         randomization=run.randomization,
         disturbance=run.disturbance,
+        base=base_for(run.configs[door]),
     )
     with contextlib.closing(env):
         with reported_errors(run.name, run.policy):

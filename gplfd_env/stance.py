@@ -62,6 +62,17 @@ STANCES: Final[Mapping[Base, Stance]] = MappingProxyType(
 keeps its arm where it is strong."""
 
 
+def base_for(door: DoorConfig) -> Base:
+    """Return which robot opens a door: one that stands still, or one that has to drive.
+
+    Standing still it opens furniture: bars that are pulled, hinge on the right, as far
+    as its arm reaches.
+    """
+    stance, furniture = STANCES["fixed"], DoorConfig().kind
+    within = door.radius <= stance.radius and door.handle_height <= stance.height
+    return "fixed" if within and door.kind == furniture else "mobile"
+
+
 def check_reach(door: DoorConfig, base: Base) -> None:
     """Refuse a door that is out of a robot's reach.
 

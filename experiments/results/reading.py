@@ -51,6 +51,7 @@ _SELDOM: Final = {
     "disturbance": str | dict[str, Any],
     "demonstrated_radii": tuple[float, ...],
     "demonstrated_kind": dict[str, str] | None,
+    "base": str,
     "habits": dict[str, float] | None,
     "prior_radius": float | None,
     "trial": str,

@@ -233,6 +233,7 @@ def _open(
         door=[dict(task.door_config) for task in tasks],
         randomization=[task.randomization for task in tasks],
         disturbance=[task.disturbance for task in tasks],
+        base=tasks[0].base,
         autoreset_mode="Disabled",
         num_threads=1,
     )

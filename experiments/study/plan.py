@@ -20,6 +20,7 @@ from experiments.study.sources import chosen, source_of
 from experiments.study.tasks import EpisodeTask, SkillTask, Task
 from experiments.teacher import doors_like, standard_teacher
 from gplfd_env.config import DoorConfig, door_fields
+from gplfd_env.stance import base_for
 from policies.built_in import TABLE_1
 
 _NOISY: Final = (
@@ -123,6 +124,7 @@ def episodes(
             demonstrations_per_door=condition.demonstrations_per_door,
             teacher=teacher,
             **_demonstrated_like(doors[door]),
+            base=base_for(doors[door]),
             randomization=condition.randomization,
             disturbance=condition.disturbance,
         )

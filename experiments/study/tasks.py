@@ -14,6 +14,7 @@ from typing import Any, Final, Literal
 from experiments.episodes.doors import reset_seed
 from experiments.learning_tests.folds import HeldOut
 from experiments.teacher import DEMONSTRATED_RADII, standard_teacher
+from gplfd_env.task import Base
 
 Result = dict[str, Any]
 """What a task came to: ``task``, the ``versions`` and ``git`` of the code that made it,
@@ -96,6 +97,8 @@ class EpisodeTask(Task):
     """Radii of the doors that the teacher opens [m]."""
     demonstrated_kind: Mapping[str, str] | None = _seldom(None)
     """`DoorConfig.kind` of those; None for furniture doors with a bar."""
+    base: Base = _seldom("fixed")
+    """Whether the robot drives."""
     habits: Mapping[str, Any] | None = _seldom(None)
     """Fields of `experiments.teacher.Habits`; None for a tidy teacher."""
     prior_radius: float | None = _seldom(None)
