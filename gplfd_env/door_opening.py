@@ -244,7 +244,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         )
 
     def _reader_now(self) -> Reader:
-        return Reader.of(self._grasp, self.command.control, self.door.handle)
+        door, control = self.door, self.command.control
+        return Reader.of(self._grasp, control, door.handle, door.swing)
 
     def _sense(self) -> list[float]:
         """Take the sensors' values; a diverged simulation leaves the last good ones."""

@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from gplfd_env.config import DoorConfig, Handle
+from gplfd_env.config import DoorConfig, Handle, Swing
 from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.robot import HAND_BODIES, WRENCH_LIMITS, Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene
@@ -83,13 +83,21 @@ class Reader:
 
     @classmethod
     @cache
-    def of(cls, grasp: Grasp, control: Control, handle: Handle = "bar") -> Reader:
-        """Resolve sensor addresses and the hand's weight, once per kind of handle.
+    def of(
+        cls,
+        grasp: Grasp,
+        control: Control,
+        handle: Handle = "bar",
+        swing: Swing = "pull",
+    ) -> Reader:
+        """Resolve sensor addresses and the hand's weight, once per kind of grasp.
 
         The hand holds the same handle in every scene, so one scene serves for all; the
         same for all, since settled fingers differ by a micrometre.
         """
-        model = build_scene(DoorConfig(handle=handle), grasp, control=control)
+        model = build_scene(
+            DoorConfig(handle=handle, swing=swing), grasp, control=control
+        )
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
         mujoco.mj_forward(model, data)

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from gplfd_env._paths import asset_path
-from gplfd_env.config import Handle
+from gplfd_env.config import DoorConfig
 from gplfd_env.handle import held_radius
 from gplfd_env.placement import (
     ARM_JOINTS,
@@ -65,7 +65,9 @@ Grasp = Literal["contact", "weld"]
 """Friction between the finger pads and the bar, or a rigid joint."""
 
 
-def load_robot(control: Control = "pose", handle: Handle = "bar") -> mujoco.MjSpec:
+def load_robot(
+    control: Control = "pose", door: DoorConfig | None = None
+) -> mujoco.MjSpec:
     """Read the arm's URDF and add gravity compensation, servo and sensor sites.
 
     The hand site's axes coincide with the task frame when the door is closed, so the
@@ -74,15 +76,16 @@ def load_robot(control: Control = "pose", handle: Handle = "bar") -> mujoco.MjSp
     Args:
         control: ``"pose"`` turns the hand by one servo on the whole orientation;
             ``"impedance"`` by one per axis of θu, so that each can have its stiffness.
-        handle: What the hand closes on.
+        door: What the hand holds; by default one with a bar that is pulled.
 
     Returns:
         A specification that compiles once a ``task_frame`` site has been added.
     """
+    door = DoorConfig() if door is None else door
     spec = mujoco.MjSpec.from_file(str(asset_path("tiago_like.urdf")))
     spec.modelname = "gplfd door opening"
     _set_joints(spec)
-    _add_sites(spec, handle)
+    _add_sites(spec, door)
     _add_cameras(spec)
     _add_axis_servos(spec, TRANSLATION_SERVOS, first=0)
     if control == "pose":
@@ -92,8 +95,8 @@ def load_robot(control: Control = "pose", handle: Handle = "bar") -> mujoco.MjSp
         _add_axis_servos(spec, ROTATION_SERVOS, first=3)
     _add_torso_servo(spec)
     _add_grip(spec)
-    if handle != "bar":
-        _add_hooks(spec, held_radius(handle))
+    if door.handle != "bar":
+        _add_hooks(spec, held_radius(door.handle))
     return spec
 
 
@@ -111,8 +114,8 @@ def _set_joints(spec: mujoco.MjSpec) -> None:
     coupling.name = "finger_coupling"
 
 
-def _add_sites(spec: mujoco.MjSpec, handle: Handle) -> None:
-    gripper_to_task = gripper_rotation_w(handle).T @ task_rotation_w(handle)
+def _add_sites(spec: mujoco.MjSpec, door: DoorConfig) -> None:
+    gripper_to_task = gripper_rotation_w(door).T @ task_rotation_w(door)
     spec.body("gripper_link").add_site(
         name="hand",
         pos=[0, 0, -HAND_BEYOND_GRIPPER],

@@ -88,7 +88,7 @@ def build_spec(
         structure: Of the scene; by default the door's.
     """
     structure = structure_of(door) if structure is None else structure
-    spec = load_robot(control, door.handle)
+    spec = load_robot(control, door)
     add_room(spec)
     add_door(spec, door, placement, structure)
     add_sensors(spec, structure, control)

@@ -289,8 +289,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self._ended = self._ended & ~rows
 
     def _begun(self, drawn: Drawn, sensed: Array) -> Episode:
-        handle = drawn.variation.door.handle
-        reader = Reader.of(self._grasp, self.command.control, handle)
+        door = drawn.variation.door
+        control = self.command.control
+        reader = Reader.of(self._grasp, control, door.handle, door.swing)
         return Episode(drawn, reader, self._reward, sensed.tolist())
 
     def _advance(self, commands: Array, resting: Mask | None) -> None:
