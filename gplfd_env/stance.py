@@ -65,4 +65,4 @@ STANCES: Final[Mapping[Swing, Stance]] = MappingProxyType(
         ),
     }
 )
-"""By which way the door opens: a hand that pulls begins far off, one that pushes near."""
+"""By which way the door opens: who pulls begins far off, who pushes begins near."""
