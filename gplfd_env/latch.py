@@ -73,6 +73,7 @@ def add_latch(
         name="retraction",
         limited=True,
         range=[-ratio * door.dead_travel, 1.0],
+        springlength=[0.0, 0.0],
         solref_limit=[0.005, 1.0],
     )
     retraction.wrap_joint("bolt", 1.0)
