@@ -10,6 +10,7 @@ from gplfd_env.closer import closer_torque
 from gplfd_env.config import DoorConfig
 from gplfd_env.draw import Drawn
 from gplfd_env.intervention import Intervention, Loads, Vector
+from gplfd_env.latch import latch_holds
 from gplfd_env.observation import DoorReading, Observation, Reader
 from gplfd_env.task import (
     CONTROL_PERIOD,
@@ -86,7 +87,12 @@ class Episode:
         before = self._reading.angle
         self._sense(values)
         reading = self._reading
-        self._monitor.update(reading.angle, reading.grasped)
+        self._monitor.update(
+            reading.angle,
+            reading.grasped,
+            reading.handle_angle,
+            latch_holds(self.variation.door, reading.angle, reading.bolt),
+        )
         gain = reading.angle - before
         self.terms = self._terms(gain, reading.forces[2], self._monitor.success)
 
@@ -151,7 +157,7 @@ class Episode:
 
     @property
     def failure(self) -> str:
-        """``""``, ``"grasp_lost"``, ``"stalled"`` or ``"simulation_error"``."""
+        """As `OpeningMonitor.failure` has it, or ``"simulation_error"``."""
         return "simulation_error" if self.simulation_error else self._monitor.failure
 
     @property

@@ -72,6 +72,10 @@ def test_a_pull_alone_does_not_open(make_env: Callable) -> None:
     for pose in unlatching(env, 35.0, turn=0.0)[:300]:
         *_, info = env.step(pose)
         assert info["door_angle"] < math.radians(0.5)
+    assert info["failure"] == ""
+    for _ in range(60):
+        *_, info = env.step(pose)
+    assert info["failure"] == "latched"
 
 
 @pytest.mark.bits
