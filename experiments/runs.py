@@ -1,7 +1,6 @@
 """A run: learn once, open some doors, and keep numbers and recordings in a folder."""
 
 import contextlib
-import dataclasses
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -225,7 +224,7 @@ def _write_inputs(
         "demonstrations_sha256": content_hash(given),
         "skill_sha256": None if skill is None else content_hash(skill),
         "door_configs": {
-            door: dataclasses.asdict(config) for door, config in run.configs.items()
+            door: config.as_dict() for door, config in run.configs.items()
         },
     }
     write_json(run.folder / CONFIGURATION, provenance(record))

@@ -173,6 +173,17 @@ class DoorConfig:
         if problem:
             raise ValueError(f"no such door: {problem}")
 
+    def as_dict(self) -> dict[str, float | str | None]:
+        """Return the first eight fields, and of the others those that have no default.
+
+        So a record of a plain door stays what it was before there were others.
+        """
+        return {
+            field.name: getattr(self, field.name)
+            for index, field in enumerate(dataclasses.fields(self))
+            if index < _ALWAYS or getattr(self, field.name) != field.default
+        }
+
     def replaced(self, fields: Mapping[str, float]) -> "DoorConfig":
         """Return the door with other numbers; with another radius its leaf follows."""
         changed: dict[str, Any] = dict(fields)
@@ -212,6 +223,9 @@ class DoorConfig:
         """Coulomb friction of hinge and closer [N m]."""
         return self.hinge_friction + self.closer_friction
 
+
+_ALWAYS: Final = 8
+"""Fields that every record of a door has."""
 
 _CHOICES: Final = {
     "handle": Handle,

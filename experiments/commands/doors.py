@@ -1,6 +1,5 @@
 """``gplfd doors import``: a door of another collection as door parameters."""
 
-import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -34,7 +33,7 @@ class Doors:
 
         found = read_doorbench(self.file)
         path = self.out or Path(f"{file_name(found.name)}.json")
-        write_json(path, dataclasses.asdict(found.door))
+        write_json(path, found.door.as_dict())
         print(f"{found.name} is in {path}")
         for line in found.lost:
             print(f"not represented: {line}")

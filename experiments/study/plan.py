@@ -117,7 +117,7 @@ def episodes(
             policy=policy,
             policy_source=source_of(chosen(policy)),
             door=door,
-            door_config=dataclasses.asdict(doors[door]),
+            door_config=doors[door].as_dict(),
             seed=seed,
             demonstrations_per_door=condition.demonstrations_per_door,
             teacher=teacher,

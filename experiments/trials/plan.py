@@ -89,6 +89,6 @@ def _takes_prior_mean(policy: str) -> bool:
 
 def _doors(level: Level) -> dict[str, dict[str, Any]]:
     return {
-        name: dataclasses.asdict(dataclasses.replace(config, **level.door))
+        name: dataclasses.replace(config, **level.door).as_dict()
         for name, config in named_doors(level.doors).items()
     }
