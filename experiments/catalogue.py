@@ -40,6 +40,7 @@ def catalogue() -> str:
             "none": "every episode the same door",
             "mild": "what a careful laboratory leaves over",
             "hard": "another door every time, also of another radius",
+            "standard": "a door of a building every time: handle, way, side, closer",
         },
         "disturbances (what happens from outside while the door is opened)": {
             "none": "nothing",

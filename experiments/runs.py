@@ -30,7 +30,7 @@ from experiments.skills import skill_method
 from experiments.study.sources import source_of
 from experiments.teacher import Teacher, doors_like
 from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.config import DoorConfig, door_fields
+from gplfd_env.config import DoorConfig
 from gplfd_env.scene import build_scene
 from gplfd_env.stance import base_for
 from policies.agent import Agent
@@ -246,7 +246,7 @@ def _write_inputs(
         "demonstrations_sha256": content_hash(given),
         "skill_sha256": None if skill is None else content_hash(skill),
         "door_configs": {
-            door: door_fields(config) for door, config in run.configs.items()
+            door: config.as_dict() for door, config in run.configs.items()
         },
     }
     write_json(run.folder / CONFIGURATION, provenance(record))

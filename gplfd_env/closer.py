@@ -109,6 +109,7 @@ def add_closer(spec: mujoco.MjSpec, door: DoorConfig, *, tendons: bool) -> None:
             name=name,
             limited=True,
             range=limits,
+            springlength=[0.0, 0.0],
             solref_limit=[0.0, 0.0],
             solimp_limit=[_SOFT, _SOFT, 0.001, 0.5, 2.0],
         )

@@ -173,6 +173,17 @@ class DoorConfig:
         if problem:
             raise ValueError(f"no such door: {problem}")
 
+    def as_dict(self) -> dict[str, float | str | None]:
+        """Return the first eight fields, and of the others those that have no default.
+
+        So a record of a plain door stays what it was before there were others.
+        """
+        return {
+            field.name: getattr(self, field.name)
+            for index, field in enumerate(dataclasses.fields(self))
+            if index < _ALWAYS or getattr(self, field.name) != field.default
+        }
+
     def replaced(self, fields: Mapping[str, float]) -> "DoorConfig":
         """Return the door with other numbers; with another radius its leaf follows."""
         changed: dict[str, Any] = dict(fields)
@@ -218,31 +229,15 @@ class DoorConfig:
         return self.hinge_friction + self.closer_friction
 
 
+_ALWAYS: Final = 8
+"""Fields that every record of a door has."""
+
 _CHOICES: Final = {
     "handle": Handle,
     "latch": Latch,
     "swing": Swing,
     "hinge_side": HingeSide,
 }
-
-
-_ALWAYS: Final = (
-    *("radius", "hinge_friction", "hinge_damping", "closer_stiffness"),
-    *("closer_preload", "panel_mass", "handle_height", "handle_standoff"),
-)
-
-
-def door_fields(door: DoorConfig) -> dict[str, Any]:
-    """Return what describes a door in files.
-
-    Eight fields always, the others where they are not those of a furniture door.
-    """
-    return {
-        field.name: value
-        for field in dataclasses.fields(door)
-        if (value := getattr(door, field.name)) != field.default
-        or field.name in _ALWAYS
-    }
 
 
 def _disagreement(door: DoorConfig) -> str:

@@ -81,7 +81,7 @@ def add_door(
     frame = spec.worldbody.add_body(
         name="door_frame",
         pos=handle_position_w(door, placement, base),
-        quat=quaternion(task_rotation_w(door.handle, placement.base_yaw)),
+        quat=quaternion(task_rotation_w(door, placement.base_yaw, base)),
     )
     grasp, turn = grasp_in_door_frame(door, placement)
     frame.add_site(name="task_frame", pos=grasp, quat=turn, **UNDRAWN)

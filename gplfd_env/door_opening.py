@@ -269,6 +269,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             self.command.control,
             self._base,
             self.door.handle,
+            self.door.swing,
             tells_base=self.command.drives,
         )
 

@@ -10,6 +10,7 @@ from gplfd_env.closer import closer_torque
 from gplfd_env.config import DoorConfig
 from gplfd_env.draw import Drawn
 from gplfd_env.intervention import Intervention, Loads, Vector
+from gplfd_env.latch import latch_holds
 from gplfd_env.observation import DoorReading, Observation, Reader
 from gplfd_env.placement import hand_position_w
 from gplfd_env.task import (
@@ -111,8 +112,13 @@ class Episode:
         reading, drive = self._reading, self._drive
         if drive is not None:
             drive.note(self._base[1])
-        blocked = drive is not None and drive.blocked
-        self._monitor.update(reading.angle, reading.grasped, blocked)
+        self._monitor.update(
+            reading.angle,
+            reading.grasped,
+            reading.handle_angle,
+            latched=latch_holds(self.variation.door, reading.angle, reading.bolt),
+            blocked=drive is not None and drive.blocked,
+        )
         gain = reading.angle - before
         self.terms = self._terms(gain, reading.forces[2], self._monitor.success)
 

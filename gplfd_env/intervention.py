@@ -7,7 +7,7 @@ its beginning. So one simulation and many are treated by the same arithmetic.
 import math
 from typing import Final, NamedTuple
 
-from gplfd_env.config import Handle
+from gplfd_env.config import DoorConfig
 from gplfd_env.disturbance import Bump, Disturbance, Person, Push, Stop
 from gplfd_env.observation import DoorReading
 from gplfd_env.placement import task_rotation_w
@@ -72,7 +72,7 @@ class Intervention:
             disturbance.person, door.radius
         )
         self._stop = disturbance.stop and _StopInTime(disturbance.stop)
-        self._bump = disturbance.bump and _BumpInTime(disturbance.bump, door.handle)
+        self._bump = disturbance.bump and _BumpInTime(disturbance.bump, door)
         self.push_force = 0.0
         """Of the last period's push [N]."""
 
@@ -267,12 +267,12 @@ class _StopInTime:
 
 
 class _BumpInTime:
-    def __init__(self, bump: Bump, handle: Handle) -> None:
+    def __init__(self, bump: Bump, door: DoorConfig) -> None:
         self._bump = bump
         self._start = _Start(bump.start_angle, bump.start_time)
         base = (bump.forward, bump.left, 0.0)
         # The world frame is the base's.
-        self._whole = tuple((task_rotation_w(handle).T @ base).tolist())
+        self._whole = tuple((task_rotation_w(door).T @ base).tolist())
         self.shift = self.velocity = _NOTHING
 
     def move(self, time: float, angle: float) -> None:

@@ -6,6 +6,7 @@ tendon's limit draws the bolt in with the handle beyond its dead travel, and let
 handle go back alone.
 """
 
+import math
 from typing import Final
 
 import mujoco
@@ -38,6 +39,21 @@ _MIRRORED: Final = {
 """Half-turns that do to the strike, alike above and below, what mirrors would do."""
 
 _BOLT_MASS: Final = 0.1
+
+
+_PLAY: Final = math.radians(1.0)
+"""A latched door is open by less than this [rad]."""
+
+
+def latch_holds(door: DoorConfig, angle: float, bolt: float) -> bool:
+    """Return whether the bolt stands before the strike.
+
+    Args:
+        door: Its latch and throw.
+        angle: Opening angle [rad].
+        bolt: How far the bolt is drawn in [m].
+    """
+    return door.latch == "spring" and angle < _PLAY and bolt < door.bolt_throw - _GAP
 
 
 def add_latch(
@@ -73,6 +89,7 @@ def add_latch(
         name="retraction",
         limited=True,
         range=[-ratio * door.dead_travel, 1.0],
+        springlength=[0.0, 0.0],
         solref_limit=[0.005, 1.0],
     )
     retraction.wrap_joint("bolt", 1.0)

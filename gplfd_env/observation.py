@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from gplfd_env.config import DoorConfig, Handle
+from gplfd_env.config import DoorConfig, Handle, Swing
 from gplfd_env.mobile_base import BASE_JOINTS
 from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.robot import HAND_BODIES, WRENCH_LIMITS, Grasp
@@ -105,16 +105,17 @@ class Reader:
         control: Control,
         base: Base = "fixed",
         handle: Handle = "bar",
+        swing: Swing = "pull",
         *,
         tells_base: bool = False,
     ) -> Reader:
-        """Resolve sensor addresses and the hand's weight, once per robot and handle.
+        """Resolve sensor addresses and the hand's weight, once per robot and grasp.
 
         The hand holds the same handle in every scene, so one scene serves for all; the
         same for all, since settled fingers differ by a micrometre.
         """
         model = build_scene(
-            DoorConfig(handle=handle), grasp, control=control, base=base
+            DoorConfig(handle=handle, swing=swing), grasp, control=control, base=base
         )
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)

@@ -13,20 +13,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_env.config import DoorConfig, Handle
+from gplfd_env.config import DoorConfig
 from gplfd_env.geometry import DoorGeometry
-from gplfd_env.stance import STANCES
 from gplfd_env.task import Base
 from gplfd_env.variation import Placement, Variation
-
-DOOR_YAW: Final = math.radians(26.05)
-"""Heading of "straight into the closed door" in the base frame [rad], of a door with a
-bar."""
-
-GRASP_YAW: Final = math.radians(25.4)
-"""Constant yaw of the hand on the round bar, counter-clockwise from above [rad]. The
-axis of a lever or knob is the hand's: it would turn a wrist that is nearly stretched
-about another, so the robot stands before such a door turned by this angle instead."""
 
 ARM_JOINTS: Final = tuple(f"arm_{i}_joint" for i in range(1, 8))
 
@@ -35,9 +25,9 @@ Matrix = NDArray[np.float64]
 
 def hand_position_w(door: DoorConfig, placement: Placement, base: Base) -> Matrix:
     """Return where the hand takes hold in the world frame, (3,) [m]."""
-    position, _ = _task_in_door_frame(door, placement)
+    position, _ = _task_in_door_frame(door, placement, base)
     middle = handle_position_w(door, placement, base)
-    axes = task_rotation_w(door.handle, placement.base_yaw)
+    axes = task_rotation_w(door, placement.base_yaw, base)
     held: Matrix = middle + axes @ position
     return held
 
@@ -45,48 +35,49 @@ def hand_position_w(door: DoorConfig, placement: Placement, base: Base) -> Matri
 def handle_position_w(
     door: DoorConfig, placement: Placement, base: Base = "fixed"
 ) -> Matrix:
-    """Return the middle of the closed handle's bar in the world frame, (3,) [m].
+    """Return the middle of the closed handle in the world frame, (3,) [m].
 
     The world frame is the base's at the reset, so an error of the base displaces the
     door.
     """
-    nominal_x, nominal_y = STANCES[base].handle_xy_w
-    x, y = nominal_x - placement.base_x, nominal_y - placement.base_y
+    handle = stance_of(door, base).handle_xy_w
+    x, y = handle[0] - placement.base_x, handle[1] - placement.base_y
     cosine, sine = math.cos(placement.base_yaw), math.sin(placement.base_yaw)
     return np.array([cosine * x + sine * y, cosine * y - sine * x, door.handle_height])
 
 
-def _door_yaw(handle: Handle) -> float:
-    return DOOR_YAW if handle == "bar" else DOOR_YAW + GRASP_YAW
-
-
-def task_rotation_w(handle: Handle = "bar", yaw: float = 0.0) -> Matrix:
+def task_rotation_w(
+    door: DoorConfig | None = None, yaw: float = 0.0, base: Base = "fixed"
+) -> Matrix:
     """Return the task frame's axes as columns in the world frame, (3, 3).
 
     Args:
-        handle: Decides how the robot stands.
+        door: Decides how the robot stands; by default one with a bar that is pulled.
         yaw: Heading error of the base [rad]: with it, the axes of the true door.
+        base: Whose stance it is.
     """
-    heading = _door_yaw(handle) - yaw
+    door = DoorConfig() if door is None else door
+    heading = stance_of(door, base).yaws(door)[0] - yaw
     into_door = np.array([math.cos(heading), math.sin(heading), 0.0])
     up = np.array([0.0, 0.0, 1.0])
     pull = -into_door
     return np.column_stack([pull, up, np.cross(pull, up)])
 
 
-def gripper_rotation_w(handle: Handle, base: Base = "fixed") -> Matrix:
+def gripper_rotation_w(door: DoorConfig, base: Base = "fixed") -> Matrix:
     """Return ``gripper_link``'s axes at the closed grasp in the world frame, (3, 3).
 
     The gripper approaches along its -z axis; its fingers close along x. On a bar y runs
     along it (downwards: the wrist rolled so that arm_7's x axis points down); a lever
-    or knob is held with the wrist rolled by a quarter, `Stance.roll`.
+    or knob is held with the wrist rolled by a quarter, x upright.
     """
-    yaw = DOOR_YAW + GRASP_YAW
+    stance = stance_of(door, base)
+    yaw = sum(stance.yaws(door))
     approach = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     arm_7_x = np.array([0.0, 0.0, -1.0])
     arm_7_y = np.cross(approach, arm_7_x)
-    if handle != "bar":
-        quarter = math.copysign(1.0, STANCES[base].roll)
+    if door.handle != "bar":
+        quarter = math.copysign(1.0, stance.roll)
         arm_7_x, arm_7_y = quarter * arm_7_y, -quarter * arm_7_x
     return np.column_stack([-arm_7_y, -arm_7_x, -approach])
 
@@ -99,20 +90,20 @@ def quaternion(rotation: Matrix) -> Matrix:
 
 
 def grasp_in_door_frame(
-    door: DoorConfig, placement: Placement
+    door: DoorConfig, placement: Placement, base: Base = "fixed"
 ) -> tuple[Matrix, Matrix]:
     """Return the task frame in the door frame: position (3,) [m], quaternion (4,).
 
     It is where the hand takes hold, in the heading that the robot believes in.
     """
-    position, rotation = _task_in_door_frame(door, placement)
+    position, rotation = _task_in_door_frame(door, placement, base)
     return position, quaternion(rotation)
 
 
-def door_geometry(variation: Variation) -> DoorGeometry:
+def door_geometry(variation: Variation, base: Base = "fixed") -> DoorGeometry:
     """Return where the hinge and the handle's axis are in an episode's task frame."""
     door = variation.door
-    position, rotation = _task_in_door_frame(door, variation.placement)
+    position, rotation = _task_in_door_frame(door, variation.placement, base)
     hinge = np.array([0.0, 0.0, -door.side * door.hand_radius])
     spindle = np.array([0.0, 0.0, door.side * door.grip])
     turns = door.handle != "bar"
@@ -134,14 +125,14 @@ def grasp_height(door: DoorConfig, placement: Placement) -> float:
 
 
 def _task_in_door_frame(
-    door: DoorConfig, placement: Placement
+    door: DoorConfig, placement: Placement, base: Base
 ) -> tuple[Matrix, Matrix]:
     """Return the task frame in the door frame: position (3,) [m], axes (3, 3)."""
     depth = np.array([0.0, 0.0, placement.grasp_depth])
-    back = gripper_rotation_w(door.handle) @ depth
-    axes = task_rotation_w(door.handle, placement.base_yaw)
+    back = gripper_rotation_w(door, base) @ depth
+    axes = task_rotation_w(door, placement.base_yaw)
     height = np.array([0.0, grasp_height(door, placement), 0.0])
-    return axes.T @ back + height, axes.T @ task_rotation_w(door.handle)
+    return axes.T @ back + height, axes.T @ task_rotation_w(door)
 
 
 def solve_closed_posture(
@@ -155,8 +146,7 @@ def solve_closed_posture(
 
     Newton's method on the 6-D pose error between the sites ``hand`` and
     ``task_frame`` with the pseudo-inverse of the arm's Jacobian, started at
-    `Stance.closed_posture` (so it ends at the nearest posture of the arm's
-    self-motion).
+    the stance's posture (so it ends at the nearest posture of the arm's self-motion).
 
     Args:
         model: The compiled scene.
@@ -174,11 +164,11 @@ def solve_closed_posture(
     """
     mujoco.mj_resetData(model, data)
     arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
-    stance = STANCES[base]
+    stance = stance_of(door, base)
     height = door.handle_height + grasp_height(door, placement)
+    lift = height - stance.torso_below_handle
     lowest, highest = model.joint("torso_lift_joint").range
-    lift = min(max(height - stance.torso_below_handle, lowest), highest)
-    data.joint("torso_lift_joint").qpos = lift
+    data.joint("torso_lift_joint").qpos = min(max(lift, lowest), highest)
     data.qpos[arm] = stance.closed_posture
     data.qpos[arm[-1]] += stance.roll if door.handle != "bar" else 0.0
     hand, target = model.site("hand").id, model.site("task_frame").id

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from gplfd_env._paths import asset_path
-from gplfd_env.config import Handle
+from gplfd_env.config import DoorConfig
 from gplfd_env.handle import held_radius
 from gplfd_env.mobile_base import add_mobile_base
 from gplfd_env.placement import (
@@ -67,7 +67,7 @@ Grasp = Literal["contact", "weld"]
 
 
 def load_robot(
-    control: Control = "pose", handle: Handle = "bar", base: Base = "fixed"
+    control: Control = "pose", door: DoorConfig | None = None, base: Base = "fixed"
 ) -> mujoco.MjSpec:
     """Read the arm's URDF and add gravity compensation, servo and sensor sites.
 
@@ -77,16 +77,17 @@ def load_robot(
     Args:
         control: ``"pose"`` turns the hand by one servo on the whole orientation;
             ``"impedance"`` by one per axis of θu, so that each can have its stiffness.
-        handle: What the hand closes on.
+        door: What the hand holds; by default one with a bar that is pulled.
         base: Whether it drives.
 
     Returns:
         A specification that compiles once a ``task_frame`` site has been added.
     """
+    door = DoorConfig() if door is None else door
     spec = mujoco.MjSpec.from_file(str(asset_path("tiago_like.urdf")))
     spec.modelname = "gplfd door opening"
     _set_joints(spec)
-    _add_sites(spec, handle, base)
+    _add_sites(spec, door, base)
     _add_cameras(spec)
     _add_axis_servos(spec, TRANSLATION_SERVOS, first=0)
     if control == "pose":
@@ -96,8 +97,8 @@ def load_robot(
         _add_axis_servos(spec, ROTATION_SERVOS, first=3)
     _add_torso_servo(spec)
     _add_grip(spec)
-    if handle != "bar":
-        _add_hooks(spec, held_radius(handle))
+    if door.handle != "bar":
+        _add_hooks(spec, held_radius(door.handle))
     if base == "mobile":
         add_mobile_base(spec)
     return spec
@@ -117,8 +118,10 @@ def _set_joints(spec: mujoco.MjSpec) -> None:
     coupling.name = "finger_coupling"
 
 
-def _add_sites(spec: mujoco.MjSpec, handle: Handle, base: Base) -> None:
-    gripper_to_task = gripper_rotation_w(handle, base).T @ task_rotation_w(handle)
+def _add_sites(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
+    gripper_to_task = gripper_rotation_w(door, base).T @ task_rotation_w(
+        door, base=base
+    )
     spec.body("gripper_link").add_site(
         name="hand",
         pos=[0, 0, -HAND_BEYOND_GRIPPER],

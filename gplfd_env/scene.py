@@ -92,7 +92,7 @@ def build_spec(
         base: Whether it drives.
     """
     structure = structure_of(door) if structure is None else structure
-    spec = load_robot(control, door.handle, base)
+    spec = load_robot(control, door, base)
     add_room(spec)
     add_door(spec, door, placement, structure, base)
     add_sensors(spec, structure, control, base)

@@ -311,12 +311,13 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self._ended = self._ended & ~rows
 
     def _begun(self, drawn: Drawn, sensed: Array) -> Episode:
-        handle = drawn.variation.door.handle
+        door = drawn.variation.door
         reader = Reader.of(
             self._grasp,
             self.command.control,
             self._base,
-            handle,
+            door.handle,
+            door.swing,
             tells_base=self.command.drives,
         )
         return Episode(drawn, reader, self._reward, sensed.tolist())

@@ -19,7 +19,7 @@ The arithmetic is of single numbers: one simulation and many give the same bits.
 import math
 from typing import Final, get_args
 
-from gplfd_env.config import Handle
+from gplfd_env.config import DoorConfig, Handle
 from gplfd_env.placement import task_rotation_w
 from gplfd_env.task import CONTROL_PERIOD
 
@@ -188,6 +188,7 @@ def _shortened(x: float, y: float, most: float) -> tuple[float, float]:
 
 
 _AXES: Final[dict[Handle, list[list[float]]]] = {
-    handle: task_rotation_w(handle).T.tolist() for handle in get_args(Handle)
+    handle: task_rotation_w(DoorConfig(handle=handle), base="mobile").T.tolist()
+    for handle in get_args(Handle)
 }
 """The task frame's axes in the world frame."""

@@ -17,7 +17,7 @@ from experiments.episodes.doors import named_doors
 from experiments.progress import LOG, progress_bar
 from experiments.teacher import Teacher
 from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.config import DoorConfig, door_fields
+from gplfd_env.config import DoorConfig
 from gplfd_env.placement import door_geometry
 from policies.agent import Agent
 from policies.method import TrainingInput
@@ -76,7 +76,7 @@ def record_dataset(
         for number in range(episodes)
     ]
     # The environment of the first door, to which resets bring the others.
-    arguments: dict[str, Any] = {"door": door_fields(plan[0][1])}
+    arguments: dict[str, Any] = {"door": plan[0][1].as_dict()}
     if randomization != "none":
         arguments["randomization"] = randomization
     if max_steps is not None:
@@ -129,7 +129,7 @@ def _act(agent: Agent, env: Recorder, door: DoorConfig, seed: int) -> None:
     inner: Any = env.unwrapped
     # Small matrices: more threads only cost time, and change the order of sums.
     with threadpool_limits(limits=1, user_api="blas"):
-        options = {"door": door_fields(door)}
+        options = {"door": door.as_dict()}
         observation, _ = env.reset(seed=seed, options=options)
         agent.inform(door_geometry(inner.variation))
         agent.reset(observation)

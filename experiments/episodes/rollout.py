@@ -10,7 +10,6 @@ from threadpoolctl import threadpool_limits
 
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
-from gplfd_env.config import door_fields
 from gplfd_env.placement import door_geometry
 from policies.agent import Agent, as_agent
 from policies.steps import AgentStep
@@ -80,7 +79,7 @@ def rollout(
                 truncated=truncated,
                 policy=policy,
                 door=door,
-                door_config=door_fields(inner.door),
+                door_config=inner.door.as_dict(),
                 seed=seed,
             )
 

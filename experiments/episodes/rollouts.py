@@ -9,7 +9,6 @@ from threadpoolctl import threadpool_limits
 
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
-from gplfd_env.config import door_fields
 from gplfd_env.placement import door_geometry
 from gplfd_env.vector import DoorOpeningVectorEnv
 from policies.lockstep import AgentBatch
@@ -89,7 +88,7 @@ def rollouts(
             truncated=bool(truncated[row]),
             policy=policy,
             door=door,
-            door_config=door_fields(envs.variations[row].door),
+            door_config=envs.variations[row].door.as_dict(),
             seed=seed,
         )
         for row, (door, seed) in enumerate(zip(doors, seeds, strict=True))

@@ -19,7 +19,7 @@ from experiments.study.settings import (
 from experiments.study.sources import chosen, source_of
 from experiments.study.tasks import EpisodeTask, SkillTask, Task
 from experiments.teacher import doors_like, standard_teacher
-from gplfd_env.config import DoorConfig, door_fields
+from gplfd_env.config import DoorConfig
 from gplfd_env.stance import base_for
 from policies.built_in import TABLE_1
 
@@ -119,7 +119,7 @@ def episodes(
             policy=policy,
             policy_source=source_of(chosen(policy)),
             door=door,
-            door_config=door_fields(doors[door]),
+            door_config=doors[door].as_dict(),
             seed=seed,
             demonstrations_per_door=condition.demonstrations_per_door,
             teacher=teacher,

@@ -88,7 +88,7 @@ class EpisodeTask(Task):
     door: str
     """Name of the door."""
     door_config: Mapping[str, Any]
-    """Of the door, `gplfd_env.config.door_fields`."""
+    """Of the door, `gplfd_env.config.DoorConfig.as_dict`."""
     randomization: str | Mapping[str, Any] = "none"
     """What `gplfd_env.randomization.door_randomization` takes."""
     disturbance: str | Mapping[str, Any] = _seldom("none")

@@ -11,7 +11,6 @@ from experiments.study.tasks import EpisodeTask
 from experiments.teacher import standard_teacher
 from experiments.trials.protocol import PARTS, TRIALS, TUNED, Part
 from experiments.trials.records import Level, Trial
-from gplfd_env.config import door_fields
 from gplfd_env.named import nearest_name
 
 
@@ -90,6 +89,6 @@ def _takes_prior_mean(policy: str) -> bool:
 
 def _doors(level: Level) -> dict[str, dict[str, Any]]:
     return {
-        name: door_fields(dataclasses.replace(config, **level.door))
+        name: dataclasses.replace(config, **level.door).as_dict()
         for name, config in named_doors(level.doors).items()
     }

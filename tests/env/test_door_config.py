@@ -204,3 +204,16 @@ def test_configuration_is_a_frozen_hashable_record() -> None:
     assert hash(door) == hash(DoorConfig())
     with pytest.raises(TypeError):
         DoorConfig(0.4)  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("name", DOORS)
+def test_a_door_s_dictionary_is_the_door(name: str) -> None:
+    assert DoorConfig(**DOORS[name].as_dict()) == DOORS[name]
+
+
+def test_a_plain_door_s_dictionary_is_what_it_always_was() -> None:
+    """Hashes of tasks are made of it: results of before are still found."""
+    assert list(DOORS["heavy"].as_dict()) == [
+        *("radius", "hinge_friction", "hinge_damping", "closer_stiffness"),
+        *("closer_preload", "panel_mass", "handle_height", "handle_standoff"),
+    ]

@@ -15,7 +15,7 @@ from experiments.teacher.handle_motion import (
     let_back,
     worked,
 )
-from gplfd_env.config import DoorConfig, door_fields
+from gplfd_env.config import DoorConfig
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.se3 import compose_rotvecs
 
@@ -126,9 +126,9 @@ def test_doors_of_a_kind_are_demonstrated() -> None:
 
 @pytest.mark.parametrize("door", [DoorConfig(), *KINDS[:3]])
 def test_a_door_is_known_again_by_its_fields(door: DoorConfig) -> None:
-    fields = door_fields(door)
+    fields = door.as_dict()
     assert DoorConfig(**fields) == door
-    assert len(door_fields(DoorConfig())) == 8
+    assert len(DoorConfig().as_dict()) == 8
 
 
 def test_a_run_opens_doors_of_one_kind(
