@@ -104,6 +104,7 @@ def test_a_commanded_twist_is_driven_while_the_hand_stays(make_env: Callable) ->
     assert -0.055 < info["base_pose"][1] < -0.04
     assert info["base_pose"][2] == pytest.approx(0.05, abs=0.005)
     assert np.abs(observation["ee_pose"][:3]).max() < 1e-3
+    assert_array_equal(observation["base_velocity"], info["base_velocity"])
     assert np.degrees(info["door_angle"]) < 0.2
 
 

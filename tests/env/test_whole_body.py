@@ -121,9 +121,9 @@ def test_a_base_follows_a_steady_hand_without_lag() -> None:
 def test_a_twist_is_meant_in_the_base_s_own_axes(heading: float) -> None:
     drive = BaseDrive(HAND)
     for _ in range(100):
-        drive.obey([0.3, 0.0, -0.2], (5.0, 5.0, heading))
-    expected = 0.3 * math.cos(heading), 0.3 * math.sin(heading), -0.2
-    assert drive.rate == pytest.approx(expected)
+        drive.obey([0.3, 0.1, -0.2], (5.0, 5.0, heading))
+    turned = Rotation.from_rotvec([0.0, 0.0, heading]).apply([0.3, 0.1, 0.0])
+    assert drive.rate == pytest.approx((*turned[:2], -0.2))
     for _ in range(500):
         drive.obey([9.0, 9.0, 9.0], (0.0, 0.0, heading))
     assert math.hypot(*drive.rate[:2]) == pytest.approx(SPEED[0])
@@ -142,6 +142,17 @@ def test_a_base_is_blocked_once_it_has_been_slow_for_a_while() -> None:
     assert drive.blocked
     drive.note((0.3, 0.0, 0.0))
     assert not drive.blocked
+
+
+def test_a_base_that_cannot_turn_is_blocked() -> None:
+    drive = BaseDrive(HAND)
+    for _ in range(100):
+        drive.obey([0.0, 0.0, -0.5], (0.0, 0.0, 0.0))
+        drive.note((0.0, 0.0, -0.4))
+    assert not drive.blocked
+    for _ in range(round(BLOCKED_TIME / CONTROL_PERIOD)):
+        drive.note((0.0, 0.0, -0.2))
+    assert drive.blocked
 
 
 def test_a_base_that_is_not_commanded_is_not_blocked() -> None:
