@@ -69,7 +69,7 @@ def build_spec(
         base: Whether it drives.
     """
     spec = load_robot(control, base)
-    add_room(spec)
+    add_room(spec, base)
     add_door(spec, door, placement, base)
     add_sensors(spec, control, base)
     if base == "mobile":
