@@ -9,14 +9,17 @@ from gplfd_env import (
 )
 from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.fields import allowed_range
-from gplfd_env.stance import STANCES
+from gplfd_env.stance import stance_of
 from policies.registry import POLICIES
 from policies.user_policies import packaged_policies
 
 
 def catalogue() -> str:
     """Return doors, policies, environments, and what can happen, a line about each."""
-    low, high = allowed_range(DoorConfig, "radius").low, STANCES["fixed"].radius
+    low, high = (
+        allowed_range(DoorConfig, "radius").low,
+        stance_of(DoorConfig(), "fixed").radius,
+    )
     sections = {
         f"doors (or any radius from {low:g} to {high:g} m)": {
             name: _door(config) for name, config in DOORS.items()

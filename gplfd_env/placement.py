@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gplfd_env.config import DoorConfig
 from gplfd_env.geometry import DoorGeometry
+from gplfd_env.stance import stance_of
 from gplfd_env.task import Base
 from gplfd_env.variation import Placement, Variation
 

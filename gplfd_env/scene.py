@@ -93,7 +93,7 @@ def build_spec(
     """
     structure = structure_of(door) if structure is None else structure
     spec = load_robot(control, door, base)
-    add_room(spec)
+    add_room(spec, base)
     add_door(spec, door, placement, structure, base)
     add_sensors(spec, structure, control, base)
     if base == "mobile":

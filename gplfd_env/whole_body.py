@@ -2,11 +2,16 @@
 
 The arm is strong and far from its limits in the posture in which it holds the closed
 handle, so the base goes where the arm keeps it: it is led by the *commanded* pose of
-the hand as if it were rigidly fixed to it in the plane. With the hand's closed position
+the hand as if it were fixed to it in the plane. With the hand's closed position
 h₀, its commanded displacement d and its commanded yaw ψ (the twist of the rotation
 vector about the vertical), the base that stood at the origin is led to
 
-    b = h₀ + d - R(ψ) h₀,    yaw ψ.
+    b = h₀ + d - R(c ψ) h₀,    yaw c ψ.
+
+A hand that comes pulls a door open: c = 1, the base is fixed to it rigidly. A hand that
+goes away pushes a door through its frame, and a base rigidly behind it would swing into
+the wall beside the lock: c = 0.3, the base goes after the hand, which turns before it.
+Within 5 cm of the closed door c changes linearly from one to the other.
 
 The hand drags that pose along with some `PLAY`, so that the arm alone does what is
 small and quick; the base moves at the dragged pose's rate and makes up for its distance
@@ -37,6 +42,12 @@ LAG: Final = 0.3
 
 PLAY: Final = (0.04, 0.07)
 """How far the base may be from where it is led without moving [m, rad]."""
+
+TURN: Final = (0.3, 1.0)
+"""c: share of the hand's yaw that the base takes, if the hand goes and if it comes."""
+
+_COMING: Final = 0.05
+"""The hand comes, or goes, by this much: then c is constant [m]."""
 
 _BLOCKED_SPEED: Final = (0.05, 0.1)
 """Least command of a base that can count as blocked [m/s, rad/s]."""
@@ -131,7 +142,8 @@ class BaseDrive:
 def led_by(
     hand: list[float], closed: tuple[float, float], handle: Handle = "bar"
 ) -> Planar:
-    """Return where a hand leads a base that is rigidly fixed to it in the plane.
+    """Return where a hand leads a base.
+
 
     Args:
         hand: Pose of the hand, task frame, (6,) [m, rad].
@@ -142,7 +154,9 @@ def led_by(
         Pose of the base, world frame, from where it stood then [m, rad].
     """
     x, y, z, *rotation = hand
-    yaw = _twist_about_y(*rotation)
+    coming = min(max(x / _COMING, -1.0), 1.0)
+    share = 0.5 * (TURN[0] + TURN[1] + coming * (TURN[1] - TURN[0]))
+    yaw = share * _twist_about_y(*rotation)
     cosine, sine = math.cos(yaw), math.sin(yaw)
     hx, hy = closed
     pull, up, left = _AXES[handle]

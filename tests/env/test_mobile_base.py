@@ -62,6 +62,26 @@ def test_it_opens_to_a_right_angle_with_its_arm_as_it_was(
     assert info["base_pose"][2] == pytest.approx(np.pi / 2, abs=0.08)
 
 
+@pytest.mark.parametrize("radius", [0.35, 0.65, 0.9])
+def test_it_goes_after_a_hand_that_pushes_through_the_frame(
+    radius: float, make_env: Callable, arc_commands: Callable
+) -> None:
+    """To 60° along a pushed handle's arc, whose leaf is not there."""
+    env = make_env(radius, base="mobile")
+    env.reset(seed=0)
+    for geom in ("handle_bar", "leaf"):
+        env.model.geom(geom).conaffinity = 0
+    pushed = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, 1.0])
+    for command in pushed * arc_commands(radius, degrees=60.0, duration=6.0)[:700]:
+        observation, *_, info = env.step(command)
+        assert info["failure"] in ("", "grasp_lost", "stalled")
+    assert_allclose(observation["ee_pose"], command, atol=0.02)
+    arm = [env.model.joint(name).id for name in ARM_JOINTS]
+    low, high = env.model.jnt_range[arm].T
+    arm_at = env.data.qpos[env.model.jnt_qposadr[arm]]
+    assert np.minimum(arm_at - low, high - arm_at).min() > 0.05
+
+
 def test_small_motions_are_left_to_the_arm(make_env: Callable) -> None:
     env = make_env(base="mobile", grasp="weld")
     env.reset(seed=0)
@@ -104,6 +124,7 @@ def test_a_commanded_twist_is_driven_while_the_hand_stays(make_env: Callable) ->
     assert -0.055 < info["base_pose"][1] < -0.04
     assert info["base_pose"][2] == pytest.approx(0.05, abs=0.005)
     assert np.abs(observation["ee_pose"][:3]).max() < 1e-3
+    assert_array_equal(observation["base_velocity"], info["base_velocity"])
     assert np.degrees(info["door_angle"]) < 0.2
 
 

@@ -45,17 +45,38 @@ def away(first: tuple[float, ...], second: tuple[float, ...]) -> tuple[float, fl
     return math.hypot(dx, dy), abs(turn)
 
 
-@given(x=numbers, y=numbers, z=numbers, yaw=st.floats(-1.5, 1.5))
+@given(
+    way=st.floats(0.05, 1.0),
+    comes=st.booleans(),
+    y=numbers,
+    z=numbers,
+    yaw=st.floats(-1.5, 1.5),
+)
 def test_the_base_is_led_as_if_fixed_to_the_hand(
-    x: float, y: float, z: float, yaw: float
+    way: float, comes: bool, y: float, z: float, yaw: float
 ) -> None:
-    """Seen from the base, the hand stays at the same place in the same direction."""
+    """Seen from the base, the hand stays at the same place.
+
+    A hand that comes also stays in the same direction; one that goes turns by seven
+    tenths of its yaw.
+    """
+    x = way if comes else -way
     bx, by, turn = led_by([x, y, z, 0.0, yaw, 0.0], HAND)
     moved = task_rotation_w() @ [x, y, z]
     back = Rotation.from_rotvec([0.0, 0.0, -turn])
     hand = back.apply([HAND[0] + moved[0] - bx, HAND[1] + moved[1] - by, 0.0])
     assert_allclose(hand[:2], HAND, atol=1e-12)
-    assert turn == pytest.approx(yaw)
+    assert turn == pytest.approx(yaw if comes else 0.3 * yaw)
+
+
+@given(x=st.floats(-0.06, 0.06), yaw=st.floats(-1.5, 1.5))
+def test_where_the_base_is_led_does_not_jump_at_the_closed_door(
+    x: float, yaw: float
+) -> None:
+    """A millimetre and a milliradian of the hand lead it by a few of both."""
+    here = led_by([x, 0.0, 0.0, 0.0, yaw, 0.0], HAND)
+    there = led_by([x + 1e-3, 0.0, 0.0, 0.0, yaw + 1e-3, 0.0], HAND)
+    assert np.abs(np.subtract(here, there)).max() < 0.02
 
 
 @given(x=numbers, y=st.floats(-1.5, 1.5), z=numbers)
@@ -63,7 +84,7 @@ def test_of_a_rotation_the_base_takes_the_twist_about_the_vertical(
     x: float, y: float, z: float
 ) -> None:
     """Swing and twist: what is left when the twist is undone has no vertical part."""
-    _, _, turn = led_by([0.0, 0.0, 0.0, x, y, z], HAND)
+    _, _, turn = led_by([0.1, 0.0, 0.0, x, y, z], HAND)
     whole = Rotation.from_rotvec([x, y, z])
     swing = whole * Rotation.from_rotvec([0.0, turn, 0.0]).inv()
     assert swing.as_quat()[1] == pytest.approx(0.0, abs=1e-12)
@@ -121,9 +142,9 @@ def test_a_base_follows_a_steady_hand_without_lag() -> None:
 def test_a_twist_is_meant_in_the_base_s_own_axes(heading: float) -> None:
     drive = BaseDrive(HAND)
     for _ in range(100):
-        drive.obey([0.3, 0.0, -0.2], (5.0, 5.0, heading))
-    expected = 0.3 * math.cos(heading), 0.3 * math.sin(heading), -0.2
-    assert drive.rate == pytest.approx(expected)
+        drive.obey([0.3, 0.1, -0.2], (5.0, 5.0, heading))
+    turned = Rotation.from_rotvec([0.0, 0.0, heading]).apply([0.3, 0.1, 0.0])
+    assert drive.rate == pytest.approx((*turned[:2], -0.2))
     for _ in range(500):
         drive.obey([9.0, 9.0, 9.0], (0.0, 0.0, heading))
     assert math.hypot(*drive.rate[:2]) == pytest.approx(SPEED[0])
@@ -142,6 +163,17 @@ def test_a_base_is_blocked_once_it_has_been_slow_for_a_while() -> None:
     assert drive.blocked
     drive.note((0.3, 0.0, 0.0))
     assert not drive.blocked
+
+
+def test_a_base_that_cannot_turn_is_blocked() -> None:
+    drive = BaseDrive(HAND)
+    for _ in range(100):
+        drive.obey([0.0, 0.0, -0.5], (0.0, 0.0, 0.0))
+        drive.note((0.0, 0.0, -0.4))
+    assert not drive.blocked
+    for _ in range(round(BLOCKED_TIME / CONTROL_PERIOD)):
+        drive.note((0.0, 0.0, -0.2))
+    assert drive.blocked
 
 
 def test_a_base_that_is_not_commanded_is_not_blocked() -> None:
