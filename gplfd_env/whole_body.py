@@ -144,7 +144,6 @@ def led_by(
 ) -> Planar:
     """Return where a hand leads a base.
 
-
     Args:
         hand: Pose of the hand, task frame, (6,) [m, rad].
         closed: Its position at the closed grasp, world frame [m].
