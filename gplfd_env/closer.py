@@ -53,28 +53,47 @@ def has_tendons(door: DoorConfig) -> bool:
     return one_way > 0.0 or any(torque > 0.0 for torque, _ in fading_torques(door))
 
 
-def closer_torque(door: DoorConfig, angle: float, velocity: float) -> float:
-    """Return the closing torque of closer, seal and stiction [N m].
+class CloserLaw:
+    """The closing torque of a door's closer, seal and stiction.
 
     Friction counts while the door moves.
 
     Args:
         door: Its fields.
-        angle: Opening angle φ [rad].
-        velocity: Its rate [rad/s].
     """
-    opened = max(angle, 0.0)
-    torque = door.closer_preload + door.closer_stiffness * opened
-    for closed, faded in fading_torques(door):
-        torque += closed * max(1.0 - opened / faded, 0.0)
-    damping = door.closer_damping
-    if velocity < 0.0:
-        damping += door.closing_damping
-    if velocity > 0.0 and angle > door.backcheck_angle:
-        damping += door.backcheck_damping
-    if abs(velocity) > _SPEED:
-        torque += math.copysign(door.closer_friction, velocity)
-    return torque + damping * velocity
+
+    def __init__(self, door: DoorConfig) -> None:
+        self._preload, self._stiffness = door.closer_preload, door.closer_stiffness
+        self._fading = [each for each in fading_torques(door) if each[0] > 0.0]
+        self._friction, self._damping = door.closer_friction, door.closer_damping
+        self._closing = door.closing_damping
+        self._backcheck = door.backcheck_damping, door.backcheck_angle
+        # Most doors have none of it, and this is asked for in every control period.
+        self._springs_alone = not (
+            self._fading or self._friction or self._damping or has_tendons(door)
+        )
+
+    def torque(self, angle: float, velocity: float) -> float:
+        """Return it [N m].
+
+        Args:
+            angle: Opening angle φ [rad].
+            velocity: Its rate [rad/s].
+        """
+        opened = angle if angle > 0.0 else 0.0
+        torque = self._preload + self._stiffness * opened
+        if self._springs_alone:
+            return torque
+        for closed, faded in self._fading:
+            torque += closed * max(1.0 - opened / faded, 0.0)
+        damping, (backcheck, beyond) = self._damping, self._backcheck
+        if velocity < 0.0:
+            damping += self._closing
+        elif angle > beyond:
+            damping += backcheck
+        if abs(velocity) > _SPEED:
+            torque += math.copysign(self._friction, velocity)
+        return torque + damping * velocity
 
 
 def add_closer(spec: mujoco.MjSpec, door: DoorConfig, *, tendons: bool) -> None:

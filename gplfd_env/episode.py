@@ -6,8 +6,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_env.closer import closer_torque
-from gplfd_env.config import DoorConfig
+from gplfd_env.closer import CloserLaw
 from gplfd_env.draw import Drawn
 from gplfd_env.intervention import Intervention, Loads, Vector
 from gplfd_env.latch import latch_holds
@@ -54,9 +53,10 @@ class Episode:
         self.reader, self._terms = reader, REWARDS[reward]
         disturbed = not self.variation.disturbance.idle
         self._intervention = Intervention(self.variation) if disturbed else None
+        door, placement = self.variation.door, self.variation.placement
+        self._signs, self._closer = (door.way, door.side), CloserLaw(door)
         self._drive: BaseDrive | None = None
         if reader.odometry is not None:
-            door, placement = self.variation.door, self.variation.placement
             x, y, _ = hand_position_w(door, placement, "mobile").tolist()
             self._drive = BaseDrive((x, y), door.handle)
         self.steps = 0
@@ -149,8 +149,7 @@ class Episode:
     def _sense(self, values: list[float]) -> None:
         self.time = self.steps * CONTROL_PERIOD
         self.wrench = self.reader.wrench(values)
-        door = self.variation.door
-        self._reading: DoorReading = self.reader.door_reading(values, door)
+        self._reading: DoorReading = self.reader.door_reading(values, *self._signs)
         self._base = self.reader.base_state(values)
         self._blur = None if self._noise is None else self._noise.draw()
 
@@ -200,14 +199,13 @@ class Episode:
         `NUMBERS`, the handle's pose (6), the base's pose and rate (3 each), `FLAGS`.
         """
         reading, monitor, outside = self._reading, self._monitor, self._outside
-        door = self.variation.door
         tangential, vertical, radial = reading.forces
         x, y, z = reading.handle_position
         *measured, (dx, dy, dz) = outside
         return (
             reading.angle,
             reading.velocity,
-            door.radius,
+            self.variation.door.radius,
             _distance(reading.hand_on_handle, self._grasp_point),
             tangential,
             radial,
@@ -215,11 +213,11 @@ class Episode:
             *measured,
             reading.handle_angle,
             reading.bolt,
-            closer_torque(door, reading.angle, reading.velocity),
+            self._closer.torque(reading.angle, reading.velocity),
             x - dx,
             y - dy,
             z - dz,
-            *_handle_rotation(door, reading),
+            *_handle_rotation(*self._signs, reading),
             *self._base[0],
             *self._base[1],
             monitor.success,
@@ -266,15 +264,15 @@ def _distance(
     return math.sqrt(x * x + y * y + z * z)
 
 
-def _handle_rotation(door: DoorConfig, reading: DoorReading) -> Vector:
+def _handle_rotation(way: float, side: float, reading: DoorReading) -> Vector:
     """Return the handle's rotation vector [rad].
 
     Turned about its own axis, normal to the closed leaf, and then about the hinge.
     """
-    about_up = door.side * door.way * reading.angle
+    about_up = side * way * reading.angle
     if reading.handle_angle == 0.0:
         return 0.0, about_up, 0.0
-    turn = -door.side * reading.handle_angle
+    turn = -side * reading.handle_angle
     # The quaternion of a turn about y times that of one about x.
     cy, sy = math.cos(0.5 * about_up), math.sin(0.5 * about_up)
     cx, sx = math.cos(0.5 * turn), math.sin(0.5 * turn)

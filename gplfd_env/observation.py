@@ -212,19 +212,21 @@ class Reader:
             torque_z - (arm_x * force_y - arm_y * force_x),
         )
 
-    def door_reading(self, values: list[float], door: DoorConfig) -> DoorReading:
+    def door_reading(
+        self, values: list[float], way: float = 1.0, side: float = 1.0
+    ) -> DoorReading:
         """Return the privileged readings of door and grasp.
 
         Args:
             values: One simulation's sensor array as a list.
-            door: What it stands before.
+            way: `DoorConfig.way` of the door that it stands before.
+            side: `DoorConfig.side`.
         """
         reading = values[self.door]
         angle, velocity, hx, hy, hz, ox, oy, oz = reading[:8]
         tx, ty, tz, ux, uy, uz, rx, ry, rz = reading[8:17]
         right, left, fx, fy, fz, limit = reading[17:23]
         handle_angle, bolt = (*reading[23:], 0.0, 0.0)[:2]
-        way, side = door.way, door.side
         return DoorReading(
             angle=angle,
             velocity=velocity,

@@ -44,7 +44,7 @@ _LEARNING_TEST: Final[Mapping[str, Any]] = {
 _EPISODE: Final = {
     **_LEARNING_TEST,
     "door": str,
-    "door_config": dict[str, float | str],
+    "door_config": dict[str, float | str | None],
     "randomization": str | dict[str, Any],
 }
 _SELDOM: Final = {

@@ -52,7 +52,7 @@ def test_handle_moves_on_the_closed_form_arc(radius: float, angle: float) -> Non
     assert_allclose(
         rotation, Rotation.from_rotvec(expected[3:]).as_matrix(), atol=1e-12
     )
-    reading = READER.door_reading(data.sensordata.tolist(), DoorConfig())
+    reading = READER.door_reading(data.sensordata.tolist())
     assert_allclose(reading.handle_position, expected[:3], atol=1e-12)
     assert reading.angle == angle
 
@@ -194,7 +194,7 @@ def test_work_at_the_handle_is_what_the_door_takes(
             mujoco.mj_step(env.model, data)
             values = data.sensordata.tolist()
             moment = -READER.wrench(values)[4]
-            tangential, _, _ = READER.door_reading(values, env.door).forces
+            tangential, _, _ = READER.door_reading(values).forces
             torque.append(radius * tangential + moment)
             speed.append(data.joint("hinge").qvel[0])
             angle.append(data.joint("hinge").qpos[0])

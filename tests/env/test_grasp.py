@@ -206,5 +206,5 @@ def test_grasped_means_both_pads(right: int, left: int, make_env: Callable) -> N
     env.data.sensor("right_pad_contact").data[:] = right
     env.data.sensor("left_pad_contact").data[:] = left
     reader = Reader.of("contact", "pose")
-    reading = reader.door_reading(env.data.sensordata.tolist(), env.door)
+    reading = reader.door_reading(env.data.sensordata.tolist())
     assert reading.grasped is (right == left == 1)

@@ -64,10 +64,10 @@ def test_the_arc_is_turned_by_minus_the_yaw(
     The arc begins where the bar really is at the closed grasp.
     """
     model, data = at_rest(placement, radius)
-    closed = READER.door_reading(data.sensordata.tolist(), DoorConfig()).handle_position
+    closed = READER.door_reading(data.sensordata.tolist()).handle_position
     data.joint("hinge").qpos = angle
     mujoco.mj_forward(model, data)
-    reading = READER.door_reading(data.sensordata.tolist(), DoorConfig())
+    reading = READER.door_reading(data.sensordata.tolist())
     arc = handle_pose_on_arc(radius, angle)[:3]
     expected = turned(arc, placement.base_yaw)
     assert_allclose(np.subtract(reading.handle_position, closed), expected, atol=1e-6)
