@@ -83,8 +83,8 @@ def test_many_doors_of_different_structure_are_single_ones(make_env: Callable) -
     """Bit for bit, and after each has become another door."""
     doors = [LEVER, "small", KNOB, "office-closer-2", {**LEVER, "swing": "push"}]
     n = len(doors)
-    envs = gym.make_vec(gplfd_env.ENVIRONMENT_ID, n, door=doors)
-    alone = [make_env(door) for door in doors]
+    envs = gym.make_vec(gplfd_env.ENVIRONMENT_ID, n, door=doors, base="mobile")
+    alone = [make_env(door, base="mobile") for door in doors]
     for shift in range(3):
         turned = doors[shift:] + doors[:shift]
         many, infos = envs.reset(seed=3, options={"door": turned})

@@ -201,7 +201,7 @@ def test_a_base_that_stands_refuses_what_it_cannot_reach(
 
 
 def test_the_record_ends_where_the_driving_robot_s_reach_does() -> None:
-    most = {"radius": STANCES["mobile"].radius, "handle_height": 1.22}
+    most = {"radius": STANCES["mobile", "pull"].radius, "handle_height": 1.22}
     check_reach(DoorConfig(**most), "mobile")
     for field, value in most.items():
         with pytest.raises(ValueError, match=f"{field} = "):

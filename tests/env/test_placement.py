@@ -113,7 +113,7 @@ def test_an_error_of_the_base_moves_the_door_the_other_way(
     pull = data.body("door_frame").xmat.reshape(3, 3)[:2, 0]
     into_door = -turn @ pull
     assert math.atan2(into_door[1], into_door[0]) == pytest.approx(
-        STANCES["pull"].door_yaw
+        STANCES["fixed", "pull"].door_yaw
     )
 
 

@@ -57,7 +57,7 @@ def test_a_door_closes_by_itself_against_its_friction() -> None:
 
 
 def test_doors_change_with_the_seed_alone(make_env: Callable) -> None:
-    env = make_env(randomization="standard")
+    env = make_env(base="mobile", randomization="standard")
     seen = []
     for seed in (1, 2, 3, 4, 1):
         env.reset(seed=seed)
@@ -78,7 +78,7 @@ def test_ranges_apply_to_drawn_doors_too() -> None:
 @pytest.mark.parametrize("seed", range(12))
 def test_random_commands_before_standard_doors(seed: int, make_env: Callable) -> None:
     """Finite numbers, and a latch that is not drawn is never passed through."""
-    env = make_env(randomization="standard")
+    env = make_env(base="mobile", randomization="standard")
     observation, info = env.reset(seed=seed)
     rng, drawn = np.random.default_rng(seed), 0.0
     pose = np.zeros(6)
