@@ -158,12 +158,14 @@ class LoadLearner:
         self._expected = np.full(shape, rule.limit)
         self._known = np.zeros(shape)
         self._mark = np.full((*shape, 3), np.nan)  # NaN: none yet
+        self._most = np.zeros(shape)
 
     def reset(self, members: Members = EVERY_MEMBER) -> None:
         """Expect nothing but the limit of these members' next doors."""
         self._expected[members] = self._rule.limit
         self._known[members] = 0.0
         self._mark[members] = np.nan
+        self._most[members] = 0.0
 
     def meet(self, encounter: Encounter, members: Members = EVERY_MEMBER) -> Response:
         """Return what these members do, and learn how heavy their doors are."""
@@ -198,13 +200,15 @@ class LoadLearner:
         moved = _along(encounter.direction, position - mark)
         weight = np.where(moved >= _STEP, -np.expm1(-moved / rule.stretch), 0.0)
         before = self._expected[members]
-        met = np.minimum(np.maximum(resistance, rule.least), rule.limit)
+        most = np.maximum(self._most[members], resistance)
+        met = np.minimum(np.maximum(most, rule.least), rule.limit)
         expected = before + weight * (met - before)
         self._expected[members] = expected
         known = self._known[members]
         self._known[members] = known + weight * (1.0 - known)
         # A hand that is led back has to come forward again before it learns.
         away = np.abs(moved) >= _STEP
+        self._most[members] = np.where(away, 0.0, most)
         self._mark[members] = np.where(away[..., None], position, mark)
         return np.asarray(expected)
 
