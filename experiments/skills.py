@@ -16,7 +16,7 @@ from experiments.progress import LOG
 from experiments.recording.learned import record_learned
 from experiments.report.page import write_report
 from experiments.report.recorded import overview
-from experiments.results.reading import read_results
+from experiments.results.reading import TASKS, read_files, read_results
 from experiments.study.engines import Engine
 from experiments.study.plan import recorded_tasks
 from experiments.study.session import carry_out
@@ -78,6 +78,16 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     return movement
 
 
+def _check_same_recordings(folder: Path, recordings: str) -> None:
+    """Raise ValueError if a folder has results of other recordings."""
+    found, _ = read_files((folder / TASKS).glob("[!.]*.json"))
+    if any(getattr(one.task, "recordings", "") != recordings for one in found):
+        raise ValueError(
+            f"{folder} has results of something else than these recordings, which one "
+            "page would mix; choose another --out"
+        )
+
+
 def judge(
     recordings: Path,
     folder: Path,
@@ -116,6 +126,7 @@ def judge(
         raise ValueError(
             f"--reference {reference} is not among the judged: {', '.join(names)}"
         )
+    _check_same_recordings(folder, tasks[0].recordings)
     errors = carry_out(tasks, options, folder, engine, given)
     write_report(folder, None, reference)
     print(overview(read_results(folder).recorded))

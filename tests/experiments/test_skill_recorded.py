@@ -152,6 +152,19 @@ def test_the_command_reports_and_goes_on(
     assert "18 recordings left out of 3 policies" in again
 
 
+def test_other_recordings_are_not_mixed_into_a_page(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["--policies", "dmp", "--reference", "dmp", "--engine", "serial"]
+    assert cli.main(["skill", "demos.npz", *command, "--out", "out", "--quiet"]) == 0
+    before = sorted(Path("out/tasks").iterdir())
+    save_demonstrations("other.npz", Teacher().standard_demonstrations(seed=1))
+    capsys.readouterr()
+    assert cli.main(["skill", "other.npz", *command, "--out", "out"]) == 2
+    assert "choose another --out" in capsys.readouterr().err
+    assert sorted(Path("out/tasks").iterdir()) == before
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
