@@ -103,9 +103,11 @@ class LearnedLoad:
     is not where the policy has it, so σ'² = σ² + (g u)² sets the stiffness. Held fast
     the hand becomes soft; free again it becomes stiff, as fast as the governor lets it.
 
-    r̂ is `limit` at first, for a door that nobody has moved yet, and then follows the
-    resistance with which the hand *moves*, over `stretch` metres of path. Standing
-    still teaches nothing: somebody who holds the hand is not the door's weight.
+    r̂ is `limit` at first, for a door that nobody has moved yet, and then follows, over
+    `stretch` metres of path, what it took to move the hand on: the most in a step of
+    5 mm, for a leaf that sticks and slips resists less where it moves than where it is
+    to be moved. Standing still teaches nothing: somebody who holds the hand is not the
+    door's weight.
 
     The clock goes on while the hand gives way, slower and slower, and waits at `lag`:
     of the give itself and, as far as the door is known (from 0 to 1 over the same way
@@ -158,12 +160,14 @@ class LoadLearner:
         self._expected = np.full(shape, rule.limit)
         self._known = np.zeros(shape)
         self._mark = np.full((*shape, 3), np.nan)  # NaN: none yet
+        self._most = np.zeros(shape)  # resistance since the mark
 
     def reset(self, members: Members = EVERY_MEMBER) -> None:
         """Expect nothing but the limit of these members' next doors."""
         self._expected[members] = self._rule.limit
         self._known[members] = 0.0
         self._mark[members] = np.nan
+        self._most[members] = 0.0
 
     def meet(self, encounter: Encounter, members: Members = EVERY_MEMBER) -> Response:
         """Return what these members do, and learn how heavy their doors are."""
@@ -191,20 +195,22 @@ class LoadLearner:
     def _learn(
         self, resistance: Amount, encounter: Encounter, members: Members
     ) -> Amount:
-        """Let r̂ follow the resistance of members that have moved on; return it."""
+        """Let r̂ follow what it took members to move on; return it."""
         rule, position = self._rule, encounter.position
         mark = self._mark[members]
         mark = np.where(np.isnan(mark), position, mark)
         moved = _along(encounter.direction, position - mark)
         weight = np.where(moved >= _STEP, -np.expm1(-moved / rule.stretch), 0.0)
         before = self._expected[members]
-        met = np.minimum(np.maximum(resistance, rule.least), rule.limit)
+        most = np.maximum(self._most[members], resistance)
+        met = np.minimum(np.maximum(most, rule.least), rule.limit)
         expected = before + weight * (met - before)
         self._expected[members] = expected
         known = self._known[members]
         self._known[members] = known + weight * (1.0 - known)
         # A hand that is led back has to come forward again before it learns.
         away = np.abs(moved) >= _STEP
+        self._most[members] = np.where(away, 0.0, most)
         self._mark[members] = np.where(away[..., None], position, mark)
         return np.asarray(expected)
 

@@ -100,6 +100,19 @@ def test_a_door_is_expected_to_be_as_heavy_as_it_was():
     np.testing.assert_allclose(held.wrench, wrench(x=held.carried - 20.0))
 
 
+def test_a_door_that_sticks_and_slips_is_as_heavy_as_where_it_sticks():
+    """15 N start it every 4 mm, 3 N keep it moving; afterwards it is free to move."""
+    load = LearnedLoad(limit=25.0, stretch=0.03).begin(DEFAULT_PROFILE)
+    for step, way in enumerate(np.arange(0.0, 0.3, 1e-3)):
+        resistance = 15.0 if step % 4 == 0 else 3.0
+        load.meet(met(wrench(x=-resistance), position=(way, 0.0, 0.0)))
+    held = load.meet(met(wrench(x=-20.0), position=(0.299, 0.0, 0.0)))
+    assert held.carried == pytest.approx(15.0, abs=0.05)
+    moved(load, 3.0, 0.6, steps=600)
+    held = load.meet(met(wrench(x=-20.0), position=(0.6, 0.0, 0.0)))
+    assert held.carried == pytest.approx(3.0, abs=0.05)
+
+
 def test_a_light_door_is_still_expected_to_weigh_a_little():
     load = LearnedLoad(least=3.0).begin(DEFAULT_PROFILE)
     moved(load, 0.0, 0.5)
