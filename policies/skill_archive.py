@@ -18,7 +18,7 @@ from policies.storage import Members, read_archive, write_archive
 
 KIND: Final = "a gplfd skill"
 """What the file says it holds."""
-VERSION: Final = 2
+VERSION: Final = 3
 """Version of its layout."""
 
 Parts = tuple[AlignedDemonstrations, MultiOutputGP, tuple[DeviationProcess, ...]]
@@ -61,6 +61,7 @@ def write_skill(
         "length_scale": [output.kernel.length_scale for output in outputs],
         "signal_std": [output.kernel.signal_std for output in outputs],
         "noise_level": [output.noise.level for output in outputs],
+        "noise_floor": [output.noise.floor for output in outputs],
         "noise_coefficients": [output.noise.coefficients for output in outputs],
     }
     for name in _DEVIATION:
@@ -96,10 +97,19 @@ def _processes(
 ) -> tuple[HeteroscedasticGP, ...]:
     basis = NoiseProfile.basis_over(aligned.times)
     coefficients = _finite(members, "noise_coefficients", (6, basis.size))
-    names = ("offset", "scale", "length_scale", "signal_std", "noise_level")
+    names = (
+        "offset",
+        "scale",
+        "length_scale",
+        "signal_std",
+        "noise_level",
+        "noise_floor",
+    )
     columns = [_finite(members, name, (6,)) for name in names]
     if not (columns[1] > 0.0).all():
         raise ValueError(f"'scale' must be positive, got {columns[1]}")
+    if not (columns[5] >= 0.0).all():
+        raise ValueError(f"'noise_floor' must not be negative, got {columns[5]}")
     return tuple(
         HeteroscedasticGP(
             offset=offset,
@@ -109,12 +119,20 @@ def _processes(
             ),
             kernel=RBF(length_scale=length_scale, signal_std=signal_std),
             noise=NoiseProfile(
-                level=level, basis=basis, coefficients=coefficients[number]
+                level=level,
+                basis=basis,
+                coefficients=coefficients[number],
+                floor=floor,
             ),
         )
-        for number, (offset, scale, length_scale, signal_std, level) in enumerate(
-            np.transpose(columns).tolist()
-        )
+        for number, (
+            offset,
+            scale,
+            length_scale,
+            signal_std,
+            level,
+            floor,
+        ) in enumerate(np.transpose(columns).tolist())
     )
 
 

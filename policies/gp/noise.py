@@ -29,6 +29,9 @@ from policies.gp.noise_profile import (
 from policies.gp.replicates import Replicates
 from policies.gp.spectral import square_root
 
+LEAST_SPREAD = 3e-3
+"""By default, the least standard deviation of repetitions, relative to that of the
+output over the task (docs/method.md has what it is on real recordings)."""
 _OFFSET_VARIANCE = 1e2
 """Prior variance of the level of z(t): vague, so that the data set it."""
 
@@ -61,10 +64,15 @@ class MapNoise:
     3. With these fixed, Newton's method for the mode of the exact likelihood of the
        sums of squares, SS_i ~ r_i χ²_k:
        Σ_i [k/2 z_i + ½ SS_i exp(−z_i)] + ½ (z − m)ᵀ K_z⁻¹ (z − m), which is convex.
+    4. r(t) = exp z(t) + `least_spread`²: where demonstrations happen to agree, the
+       next one need not, and nothing in them could tell
+       (``test_agreement_by_chance_does_not_ruin_the_likelihood``).
     """
 
     shortest_scale: float = quantity(SHORTEST_SCALE, low=LEAST_SCALE, high=1.0)
     """Shortest length-scale of z(t), as a share of the time span."""
+    least_spread: float = quantity(LEAST_SPREAD, low=0.0, high=1.0)
+    """Least standard deviation of repetitions, relative to that of the output."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -96,7 +104,12 @@ class MapNoise:
         )
         basis = NoiseProfile.basis_over(times)
         coefficients = _gamma_mode(basis, kernel, times, free, pooled, level)
-        return NoiseProfile(level=level, basis=basis, coefficients=coefficients)
+        return NoiseProfile(
+            level=level,
+            basis=basis,
+            coefficients=coefficients,
+            floor=self.least_spread**2,
+        )
 
 
 def _gamma_mode(

@@ -13,7 +13,7 @@ from policies.gp.legendre import LegendreBasis
 from policies.records import short_repr
 
 LEAST_VARIANCE = 1e-10
-"""Smallest noise variance, relative to the variance of the output."""
+"""Smallest observation of exp z(t), relative to the variance of the output."""
 SHORTEST_SCALE = 0.15
 """Shortest length-scale of z(t) by default, as a fraction of the time span."""
 LEAST_SCALE = 0.1
@@ -23,18 +23,20 @@ _BASIS_SIZE = 48
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NoiseProfile:
-    """A noise variance r(t) > 0, smooth in time.
+    """A noise variance r(t) = exp z(t) + floor > 0, smooth in time.
 
     Outside the interval of its basis it keeps the value of the nearer end: a spread
     that was never demonstrated must not shrink.
     """
 
     level: float
-    """Constant part of log r(t)."""
+    """Constant part of z(t)."""
     basis: LegendreBasis
     """Basis of the varying part."""
     coefficients: Float[np.ndarray, " Q"]
-    """Coefficients of the varying part of log r(t)."""
+    """Coefficients of the varying part of z(t)."""
+    floor: float = 0.0
+    """What is added to exp z(t)."""
 
     __repr__ = short_repr
 
@@ -58,7 +60,13 @@ class NoiseProfile:
         )
 
     def log_variance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
-        """Its logarithm z(t) at ``times``."""
+        """Its logarithm at ``times``."""
+        with np.errstate(divide="ignore"):
+            floor = np.log(self.floor)  # -inf for none
+        return np.asarray(np.logaddexp(self._varying(times), floor))
+
+    def _varying(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
+        """z(t) at ``times``."""
         inside = np.clip(times, self.basis.start, self.basis.stop)
         return np.asarray(self.level + self.basis.matrix(inside) @ self.coefficients)
 
@@ -69,10 +77,11 @@ class NoiseProfile:
     def log_variance_rate(
         self, times: Float[np.ndarray, " M"]
     ) -> Float[np.ndarray, " M"]:
-        """dz/dt; zero outside the demonstrated interval."""
+        """Its logarithm's derivative; zero outside the demonstrated interval."""
         inside = np.clip(times, self.basis.start, self.basis.stop)
         slope = self.basis.matrix(inside) @ self.basis.differentiate(self.coefficients)
-        return np.where(inside == times, slope, 0.0)
+        share = np.exp(self._varying(times) - self.log_variance(times))
+        return np.where(inside == times, share * slope, 0.0)
 
 
 @runtime_checkable

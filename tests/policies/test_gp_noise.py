@@ -86,7 +86,7 @@ def test_default_estimate_needs_two_demonstrations():
 def test_default_estimate_is_the_mode_of_the_gamma_likelihood():
     """No small change of z(t) that its own prior allows raises the posterior."""
     data = samples(6, 2)
-    profile = MapNoise().fit(TIMES, data)
+    profile = MapNoise(least_spread=0.0).fit(TIMES, data)
     squares = np.sum((data - data.mean(axis=0)) ** 2, axis=0)
 
     def log_likelihood(z: np.ndarray) -> float:
@@ -101,9 +101,30 @@ def test_default_estimate_is_the_mode_of_the_gamma_likelihood():
 
 def test_equal_demonstrations_have_a_small_positive_spread():
     same = np.tile(np.sin(3.0 * TIMES), (4, 1))
-    variance = MapNoise().fit(TIMES, same).variance(TIMES)
+    variance = MapNoise(least_spread=0.0).fit(TIMES, same).variance(TIMES)
     assert (variance > 0.0).all()
     assert (variance < 1e-8).all()
+
+
+def test_agreement_by_chance_does_not_ruin_the_likelihood():
+    """Six end at exactly one place, the seventh a thousandth of the task beside it."""
+    rng = np.random.default_rng(0)
+    apart = 0.05 * np.minimum(np.maximum(0.9 - TIMES, 0.0) / 0.3, 1.0)
+    data = np.sin(3.0 * TIMES) + apart * rng.normal(size=(6, 1))
+
+    def density(model):
+        variance = model.fit(TIMES, data).variance(TIMES)[TIMES > 0.9]
+        return np.mean(-0.5 * np.log(2.0 * np.pi * variance) - 0.5e-6 / variance)
+
+    assert density(MapNoise(least_spread=0.0)) < -1000.0
+    assert density(MapNoise()) > 3.0
+
+
+@pytest.mark.parametrize("least", [0.0, 0.02])
+def test_the_least_spread_is_added_to_what_was_learned(least):
+    learned = MapNoise(least_spread=0.0).fit(TIMES, samples(6, 0)).variance(TIMES)
+    floored = MapNoise(least_spread=least).fit(TIMES, samples(6, 0)).variance(TIMES)
+    np.testing.assert_allclose(floored, learned + least**2, rtol=1e-12)
 
 
 def test_exact_agreement_at_the_start_keeps_the_rest():
@@ -118,7 +139,7 @@ def test_exact_agreement_at_the_start_keeps_the_rest():
 
 
 def test_profile_rate_equals_finite_differences():
-    profile = MapNoise().fit(TIMES, samples(6, 3))
+    profile = MapNoise(least_spread=0.05).fit(TIMES, samples(6, 3))
     grid, step = np.linspace(0.01, 0.99, 40), 1e-6
     numeric = profile.log_variance(grid + step) - profile.log_variance(grid - step)
     np.testing.assert_allclose(

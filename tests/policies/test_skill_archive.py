@@ -144,7 +144,7 @@ SIGNED = {"poses", "offset", "noise_level", "noise_coefficients"}
         ({"extra": np.zeros(3)}, "it holds 'extra', which does not belong there"),
         (
             {"format_version": np.array(1)},
-            "version 1, and this program reads version 2",
+            "version 1, and this program reads version 3",
         ),
         ({"format": np.array("a gplfd episode log")}, "it holds a gplfd episode log"),
     ],
