@@ -164,11 +164,13 @@ class GaussianTrajectory:
         """Share of the numbers of ``poses`` that are `inside`; arguments as there.
 
         It is ``level`` if the distribution is right, and NaN for a method without
-        standard deviations.
+        standard deviations. A number that is NaN is not asked for.
         """
         if np.isnan(self.std).any():
             return np.nan
-        return float(np.mean(self.inside(poses, level, normal=normal)))
+        return float(
+            np.mean(self.inside(poses, level, normal=normal)[~np.isnan(poses)])
+        )
 
     def nlpd(self, poses: Float[np.ndarray, "*K M 6"]) -> float:
         """Negative log predictive density per number: less is better.
@@ -178,12 +180,13 @@ class GaussianTrajectory:
         method without standard deviations.
 
         Args:
-            poses: observed at `times`, shape (..., M, 6).
+            poses: observed at `times`, shape (..., M, 6). A number that is NaN is not
+                asked for.
         """
         std = np.maximum(self.std, FINEST)
         error = (poses - self.mean) / std
         terms = 0.5 * np.log(2.0 * np.pi) + np.log(std) + 0.5 * error**2
-        return float(np.mean(terms))
+        return float(np.mean(terms[~np.isnan(poses)]))
 
     def _quantile(self, level: float, normal: bool = False) -> float:
         """Half the width of an interval, in standard deviations."""

@@ -58,7 +58,7 @@ def spread_followed(std: FloatArray, poses: FloatArray) -> float | None:
 
 
 def accuracy(
-    predicted: GaussianTrajectory, truth: FloatArray
+    predicted: GaussianTrajectory, truth: FloatArray, scored: FloatArray | None = None
 ) -> Mapping[str, float | None]:
     """Score a prediction.
 
@@ -69,17 +69,20 @@ def accuracy(
     Args:
         predicted: At the phases of the truth.
         truth: Poses that were left out, (M, 6) [m, rad].
+        scored: The same with NaN where densities and intervals are not asked for;
+            None asks for all.
     """
+    scored = truth if scored is None else scored
     stated = None
     if predicted.degrees_of_freedom is not None:
-        stated = predicted.coverage(truth)
+        stated = predicted.coverage(scored)
     return {
         "rmse_position_m": rms_distance(predicted.mean, truth),
         "rmse_rotation_rad": rms_rotation(predicted.mean, truth),
-        "nlpd": known(predicted.nlpd(truth)),
+        "nlpd": known(predicted.nlpd(scored)),
         **{
             f"coverage_{100 * level:.0f}": known(
-                predicted.coverage(truth, level, normal=True)
+                predicted.coverage(scored, level, normal=True)
             )
             for level in _LEVELS
         },

@@ -10,7 +10,7 @@ done as large a part of their own paths.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -101,6 +101,13 @@ class OnPhases:
     """Phase of every sample, strictly increasing, (N,)."""
     poses: FloatArray
     """Its poses, (N, 6) [m, rad]."""
+    moving: NDArray[np.bool_] = field(default_factory=lambda: np.ones(6, dtype=bool))
+    """Which numbers of a pose move in this task at all, (6,): the density of one that
+    never does would say how exactly a method knows a constant."""
+
+    def scored(self, poses: FloatArray) -> FloatArray:
+        """Return poses with NaN for numbers that never move, (M, 6)."""
+        return np.where(self.moving, poses, np.nan)
 
     def thinned(self, count: int) -> "OnPhases":
         """Return the demonstration at equal steps of its own time.
@@ -112,6 +119,7 @@ class OnPhases:
         return OnPhases(
             phases=np.interp(wanted, samples, self.phases),
             poses=_columns(wanted, samples, self.poses),
+            moving=self.moving,
         )
 
     def at(self, phases: FloatArray) -> FloatArray:

@@ -1,7 +1,9 @@
 """What a method learned from recordings, compared with the one it did not see.
 
 The numbers are those of `experiments.learning_tests.scores` for one recording that is
-left out, and besides, once 10, 25 and 50 % of it have been seen as via-points:
+left out; densities and coverage are those of the outputs that move, so that recordings
+of positions alone are judged by positions. Besides, once 10, 25 and 50 % of it have
+been seen as via-points:
 
 ============================= ======================================================
 ``forecast_10_position_m``    root mean square error of the rest
@@ -13,14 +15,17 @@ left out, and besides, once 10, 25 and 50 % of it have been seen as via-points:
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from experiments.learning_tests.folds import aligned_to
 from experiments.learning_tests.methods import learn
 from experiments.learning_tests.scores import of_the_movement, of_the_prediction
 from experiments.learning_tests.via_points import adaptation, forecasts
+from policies.aligned import FINEST
 from policies.demonstrations import Demonstration
 from policies.method import Method
 
@@ -46,7 +51,10 @@ def recorded_metrics(
     """
     given = [*recordings[:number], *recordings[number + 1 :]]
     movement, cpu_s = learn(method, given, number)
-    left_out = aligned_to(_evenly(recordings[number]), movement.aligned)
+    left_out = replace(
+        aligned_to(_evenly(recordings[number]), movement.aligned),
+        moving=_moving(recordings),
+    )
     return {
         **of_the_prediction(movement, left_out),
         **adaptation(method, movement, [left_out]),
@@ -54,6 +62,12 @@ def recorded_metrics(
         **of_the_movement(movement),
         "cpu_fit_s": cpu_s,
     }
+
+
+def _moving(recordings: Sequence[Demonstration]) -> NDArray[np.bool_]:
+    """Return which numbers of a pose move in some recording, (6,)."""
+    every = np.concatenate([one.poses for one in recordings])
+    return np.asarray(np.ptp(every, axis=0) > FINEST)
 
 
 def _evenly(one: Demonstration) -> Demonstration:

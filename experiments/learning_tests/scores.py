@@ -110,7 +110,8 @@ def of_the_prediction(
 ) -> Mapping[str, float | None]:
     """Return how near a movement is to a demonstration that it did not learn from."""
     asked = left_out.thinned(_SAMPLES)
-    return accuracy(movement.predict(asked.phases), asked.poses)
+    predicted = movement.predict(asked.phases)
+    return accuracy(predicted, asked.poses, asked.scored(asked.poses))
 
 
 def of_the_movement(movement: Movement) -> Mapping[str, float | None]:

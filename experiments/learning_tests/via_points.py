@@ -166,11 +166,12 @@ def forecasts(
                 adapted.observe(via_point)
         ahead = share < GRID
         rest, name = adapted.trajectory()[ahead], f"forecast_{100 * share:.0f}"
+        scored = left_out.scored(truth[ahead])
         found |= {
             f"{name}_position_m": rms_distance(rest.mean, truth[ahead]),
             f"{name}_rotation_rad": rms_rotation(rest.mean, truth[ahead]),
-            f"{name}_nlpd": known(rest.nlpd(truth[ahead])),
-            f"{name}_coverage_95": known(rest.coverage(truth[ahead], normal=True)),
+            f"{name}_nlpd": known(rest.nlpd(scored)),
+            f"{name}_coverage_95": known(rest.coverage(scored, normal=True)),
         }
     return found
 

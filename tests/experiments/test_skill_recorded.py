@@ -10,6 +10,8 @@ import pytest
 
 from experiments import cli
 from experiments.datasets.npz import hash_of, load_demonstrations, save_demonstrations
+from experiments.learning_tests.folds import aligned_to
+from experiments.learning_tests.methods import learn
 from experiments.learning_tests.recorded import recorded_metrics
 from experiments.report.recorded import _advice
 from experiments.results.reading import read_results
@@ -65,6 +67,27 @@ def test_errors_are_those_of_a_family_that_is_known() -> None:
     errors = [found[f"forecast_{share}_position_m"] for share in (10, 25, 50)]
     assert errors[0] < found["rmse_position_m"]
     assert errors[2] < 0.2 * found["rmse_position_m"]
+
+
+def test_outputs_that_never_move_are_not_scored() -> None:
+    """How exactly a method knows a constant is not how well it knows the task."""
+    moving = np.array([True, True, False, False, False, False])
+    shown = [
+        Demonstration(times=each.times, poses=np.where(moving, each.poses, 0.25))
+        for each in Teacher().standard_demonstrations(seed=0)
+    ]
+    found = recorded_metrics(method("gp"), shown, 1)
+    movement, _ = learn(method("gp"), [shown[0], *shown[2:]], 1)
+    asked = aligned_to(shown[1], movement.aligned).thinned(200)
+    predicted = movement.predict(asked.phases)
+    error = (asked.poses - predicted.mean)[:, moving]
+    std = predicted.std[:, moving]
+    density = -0.5 * (np.log(2.0 * np.pi) + 2.0 * np.log(std) + (error / std) ** 2)
+    assert found["nlpd"] == pytest.approx(-density.mean())
+    assert found["coverage_95"] == pytest.approx(np.mean(np.abs(error) < 1.96 * std))
+    for share in (10, 25, 50):
+        assert -6.0 < found[f"forecast_{share}_nlpd"] < 0.0
+        assert found[f"forecast_{share}_coverage_95"] < 1.0
 
 
 def test_methods_without_via_points_forecast_what_they_learned() -> None:
