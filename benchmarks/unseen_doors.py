@@ -1,6 +1,6 @@
 """Forecasts of motions by generators that nothing was tuned to, and their limit.
 
-python benchmarks/unseen_doors.py [--recording FILE.npy --unit cm]
+python benchmarks/unseen_doors.py [--recording FILE.npz]
 
 A motion that was not demonstrated is streamed as via-points until 20, 35 and 50 % of it
 are seen; then what follows is predicted. In its own time the phase of an observation is
@@ -17,9 +17,9 @@ from typing import Final
 
 import numpy as np
 import tyro
-from recorded import Unit, load_recordings
 
 from experiments.arrays import FloatArray
+from experiments.datasets.npz import load_demonstrations
 from experiments.episodes.forecast_error import squared_distances
 from experiments.speed.align import resampled
 from experiments.speed.report import Measurement, Target, at_most, between, measure_all
@@ -205,14 +205,13 @@ FORMS: Final[Mapping[str, AdaptationForm]] = {
 
 
 def measure(
-    draws: int, recording: Path | None, unit: Unit, forms: Mapping[str, AdaptationForm]
+    draws: int, recording: Path | None, forms: Mapping[str, AdaptationForm]
 ) -> Measurement:
     """Predict motions of every generator, and of a recording if there is one.
 
     Args:
         draws: Draws of every generator.
-        recording: File to read, see `recorded.load_recordings`.
-        unit: Unit of its positions.
+        recording: File of `experiments.datasets.npz`; see `gplfd demos import`.
         forms: What is compared.
     """
     sets = {
@@ -220,7 +219,7 @@ def measure(
         "synthetic human": [_doors(Teacher().demonstrate, s) for s in range(draws)],
     }
     if recording is not None:
-        recorded = load_recordings(recording, unit)
+        recorded = load_demonstrations(recording).demonstrations
         sets["recorded"] = [_left_out(recorded, one) for one in range(len(recorded))]
     found = {name: judge(forms, tasks) for name, tasks in sets.items()}
     return Measurement(
@@ -248,15 +247,14 @@ def _targets(name: str, scores: Mapping[str, float]) -> list[Target]:
     return wanted
 
 
-def main(draws: int = 4, recording: Path | None = None, unit: Unit = "m") -> None:
+def main(draws: int = 4, recording: Path | None = None) -> None:
     """Forecast motions that were not demonstrated.
 
     Args:
         draws: Draws of every generator.
-        recording: An .npz file of this project, or an .npy array of recordings.
-        unit: Unit of the positions of an .npy array.
+        recording: Also recordings, a file of `gplfd demos import`.
     """
-    measured = partial(measure, recording=recording, unit=unit, forms=FORMS)
+    measured = partial(measure, recording=recording, forms=FORMS)
     measure_all({"unseen": measured}, draws)
 
 

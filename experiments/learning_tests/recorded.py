@@ -21,13 +21,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.learning_tests.folds import aligned_to
+from experiments.learning_tests.folds import OnPhases, aligned_to
 from experiments.learning_tests.methods import learn
 from experiments.learning_tests.scores import of_the_movement, of_the_prediction
 from experiments.learning_tests.via_points import adaptation, forecasts
 from policies.aligned import FINEST
 from policies.demonstrations import Demonstration
 from policies.method import Method
+from policies.movement import Movement
 
 FEWEST: Final = 3
 """Recordings; one is left out, and a spread takes two."""
@@ -49,12 +50,7 @@ def recorded_metrics(
     Raises:
         ValueError: The method cannot learn from the others.
     """
-    given = [*recordings[:number], *recordings[number + 1 :]]
-    movement, cpu_s = learn(method, given, number)
-    left_out = replace(
-        aligned_to(_evenly(recordings[number]), movement.aligned),
-        moving=_moving(recordings),
-    )
+    movement, left_out, cpu_s = without(method, recordings, number)
     return {
         **of_the_prediction(movement, left_out),
         **adaptation(method, movement, [left_out]),
@@ -62,6 +58,28 @@ def recorded_metrics(
         **of_the_movement(movement),
         "cpu_fit_s": cpu_s,
     }
+
+
+def without(
+    method: Method, recordings: Sequence[Demonstration], number: int
+) -> tuple[Movement, OnPhases, float]:
+    """Learn from all recordings but one.
+
+    Args:
+        method: How to learn.
+        recordings: At least `FEWEST`, in one frame.
+        number: Which is left out; also seeds the learning.
+
+    Returns:
+        What was learned, the one that was left out on its phases, and the CPU time [s].
+
+    Raises:
+        ValueError: The method cannot learn from the others.
+    """
+    given = [*recordings[:number], *recordings[number + 1 :]]
+    movement, cpu_s = learn(method, given, number)
+    left_out = aligned_to(_evenly(recordings[number]), movement.aligned)
+    return movement, replace(left_out, moving=_moving(recordings)), cpu_s
 
 
 def _moving(recordings: Sequence[Demonstration]) -> NDArray[np.bool_]:

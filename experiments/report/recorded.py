@@ -66,8 +66,9 @@ def recorded_section(results: Results, reference: str) -> Section:
             text="Each recording is left out in turn, the method learns from the "
             "others, and what it predicts is compared with what was done: at the same "
             "phases, told from how much of its path the hand has covered. Less is "
-            "better; NLPD in natural units of metres and radians, a difference of 0.1 "
-            "per number is ten per cent of a density. Recordings are the independent "
+            "better; NLPD of the outputs that move, in natural units of metres and "
+            "radians: a difference of 0.1 per number is ten per cent of a density. "
+            "Recordings are the independent "
             "trials of the intervals."
         ),
         Items(texts=standings),

@@ -11,7 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 import tyro
-from scipy.spatial.transform import Rotation
+
+from experiments.datasets.npz import save_demonstrations
+from experiments.learning_tests.recorded import recorded_metrics
+from experiments.teacher import Teacher
+from policies import POLICIES
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "benchmarks"
@@ -33,7 +37,7 @@ def script(name: str) -> ModuleType:
     contact_loop,
     door_forecasts,
     person_limit,
-    recorded,
+    recorded_tasks,
     renderings,
     rests,
     scaling,
@@ -46,7 +50,7 @@ def script(name: str) -> ModuleType:
         "contact_loop",
         "door_forecasts",
         "person_limit",
-        "recorded",
+        "recorded_tasks",
         "renderings",
         "rests",
         "scaling",
@@ -78,7 +82,7 @@ SAYS = {
 
 
 def test_every_script_is_known() -> None:
-    known = {module.__name__ for module in (*SMALL, contact_loop, recorded)}
+    known = {module.__name__ for module in (*SMALL, contact_loop, recorded_tasks)}
     assert known == {path.stem for path in FOLDER.glob("*.py")}
 
 
@@ -201,64 +205,59 @@ def test_door_targets_compare_with_the_product_of_the_same_doors() -> None:
 # --- Recorded demonstrations -------------------------------------------------
 
 
-def save_array(path: Path, count: int = 4) -> np.ndarray:
-    """Openings of doors as positions [cm] and quaternions, w first."""
-    rng = np.random.default_rng(0)
-    times = np.linspace(0.0, 1.0, 80)
-    poses = [door_forecasts.door_opening(0.5, times, rng) for _ in range(count)]
-    arrays = []
-    for one in poses:
-        turned = Rotation.from_rotvec(one[:, 3:]).as_quat(scalar_first=True)
-        arrays.append(np.concatenate([100.0 * one[:, :3], turned], axis=1))
-    np.save(path, np.stack(arrays))
-    return np.stack(poses)
+def test_a_task_that_is_lost_shows_however_good_the_mean() -> None:
+    tasks = {
+        "letters": {"gp": -5.0, "kmp": -4.0},
+        "doors": {"gp": -3.0, "kmp": -2.9},
+        "boxes": {"gp": -2.0, "kmp": -2.7},
+    }
+    found = recorded_tasks.compare(tasks, [0.9, 0.95, 0.97])
+    assert found.rows["gp"] == {
+        "mean NLPD": pytest.approx(-10.0 / 3.0),
+        "median": -3.0,
+        "best in": 2,
+        "most behind": pytest.approx(0.7),
+        "where": "boxes",
+    }
+    assert found.rows["kmp"]["where"] == "letters"
+    behind, ahead, held = found.targets
+    assert not behind.met
+    assert (ahead.met, ahead.value) == (True, pytest.approx(-10.0 / 3.0 + 3.2))
+    assert (held.met, held.value) == (True, pytest.approx(0.94))
 
 
-def test_recorded_demonstrations_are_scored(
+def test_sets_are_judged_as_the_command_skill_judges_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    save_array(tmp_path / "demos.npy")
-    tyro.cli(recorded.main, args=[str(tmp_path / "demos.npy"), "--unit", "cm"])
-    assert "aligned by completion" in capsys.readouterr().out
-
-
-def test_arrays_are_read_in_metres_and_one_frame(tmp_path: Path) -> None:
-    poses = save_array(tmp_path / "demos.npy")
-    loaded = recorded.load_recordings(tmp_path / "demos.npy", "cm")
-    assert len(loaded) == 4
-    np.testing.assert_allclose(loaded[0].poses[0], 0.0, atol=1e-12)
-    np.testing.assert_allclose(loaded[2].poses, poses[2], atol=1e-12)
-
-
-def test_every_recording_is_left_out_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    save_array(tmp_path / "demos.npy", count=5)
-    loaded = recorded.load_recordings(tmp_path / "demos.npy", "cm")
-    learned = poses_learned(recorded, monkeypatch)
-    result = recorded.score_recordings(loaded, tmp_path / "demos.npy")
-    assert [len(poses) for poses in learned] == [4] * 10
-    firsts = [poses[0, -1, 0] for poses in learned[:5]]
-    assert len(set(firsts)) == 2  # only the first fold lacks the first recording
-    assert list(result.rows) == ["aligned by completion", "clock as recorded"]
-    assert all(row["worst NLPD"] >= row["NLPD"] for row in result.rows.values())
+    demos = Teacher().standard_demonstrations(seed=0)[:4]
+    save_demonstrations(tmp_path / "demos.npz", demos)
+    tyro.cli(
+        recorded_tasks.main,
+        args=[str(tmp_path / "demos.npz"), "--policies", "gp", "promp"],
+    )
+    printed = capsys.readouterr().out
+    gp = POLICIES["gp"].method
+    assert gp is not None
+    nlpd = np.mean([recorded_metrics(gp, demos, one)["nlpd"] for one in range(4)])
+    assert f"{nlpd:.4g}" in printed
 
 
 @pytest.mark.parametrize(
-    ("array", "message"),
+    ("arguments", "message"),
     [
-        (np.zeros((4, 9, 6)), r"got \(4, 9, 6\)"),
-        (np.zeros((4, 9)), r"shape \(demonstrations, samples, 7\).*got \(4, 9\)"),
-        (None, r"holds 2 demonstration\(s\); leaving one out needs 3 or more"),
+        (["demos.npz"], "demos.npz holds fewer than 3 recordings"),
+        (["demos.npz", "--policies", "gp"], "--policies needs two or more"),
+        (["demos.npz", "--policies", "gp", "oracle"], "oracle learns nothing"),
+        (["none.npz"], "none.npz"),
     ],
 )
-def test_unusable_recordings_are_refused(
-    tmp_path: Path, array: np.ndarray | None, message: str
+def test_what_cannot_be_judged_is_said(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    path = tmp_path / "demos.npy"
-    if array is None:
-        save_array(path, count=2)
-    else:
-        np.save(path, array)
+    monkeypatch.chdir(tmp_path)
+    save_demonstrations("demos.npz", Teacher().standard_demonstrations(seed=0)[:2])
     with pytest.raises(SystemExit, match=message):
-        tyro.cli(recorded.main, args=[str(path)])
+        tyro.cli(recorded_tasks.main, args=arguments)
