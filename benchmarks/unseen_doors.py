@@ -4,8 +4,9 @@ python benchmarks/unseen_doors.py [--recording FILE.npz]
 
 A motion that was not demonstrated is streamed as via-points until 20, 35 and 50 % of it
 are seen; then what follows is predicted. In its own time the phase of an observation is
-its share of the motion's duration; told from the path it is what `PathPhase` finds, and
-the error is the distance of the true path from the predicted one. A circle fitted to
+its share of the motion's duration, and so are these cuts; told from the path the phase
+is what `PathPhase` finds, the cuts are shares of the path, and the error is the
+distance of the true path from the predicted one. A circle fitted to
 the same observations is the limit for somebody who knows that the path is one.
 """
 
@@ -144,7 +145,8 @@ def paths(
         adaptation = begin_adaptation(skill, form, grid)
         seen: list[FloatArray] = []
         last = -1.0
-        for place in range(round(_CUTS[-1] * _SAMPLES)):
+        ends = _shares_of_the_path(truth[:, :3])
+        for place in range(max(ends) + 1):
             pose = truth[place] + _STD * rng.standard_normal(6)
             estimate = rule.update(pose, phase, phase)
             phase, std = estimate.phase, estimate.std
@@ -156,13 +158,20 @@ def paths(
                 adaptation.observe(
                     ViaPoint(phase=last, pose=pose, std=noise, along=along)
                 )
-            if (place + 1) / _SAMPLES in _CUTS:
+            if place in ends:
                 rest = truth[place + 1 :, :3]
                 ahead = adaptation.mean[grid > last - 0.03, :3]
                 yield {
                     RADIAL: float(squared_distances(rest, ahead).mean()),
                     CIRCLE: float(np.mean(_from_circle(rest, np.array(seen)))),
                 }
+
+
+def _shares_of_the_path(path: FloatArray) -> set[int]:
+    """Return where the cuts are, as shares of a path (N, 3): its numbers of samples."""
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    covered = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+    return {int(np.searchsorted(covered, cut)) for cut in _CUTS}
 
 
 def _from_circle(points: FloatArray, seen: FloatArray) -> FloatArray:
