@@ -29,6 +29,7 @@ def script(name: str) -> ModuleType:
 
 (
     agents,
+    alignments,
     calibration,
     contact_loop,
     door_forecasts,
@@ -42,6 +43,7 @@ def script(name: str) -> ModuleType:
     script,
     (
         "agents",
+        "alignments",
         "calibration",
         "contact_loop",
         "door_forecasts",
@@ -56,6 +58,7 @@ def script(name: str) -> ModuleType:
 
 SMALL = {
     agents: ["--repeats", "1", "--counts", "2", "3", "--periods", "4"],
+    alignments: ["--seeds", "1", "--habits", "other starts"],
     calibration: ["--draws", "1"],
     door_forecasts: ["--draws", "1", "--every", "80"],
     person_limit: ["--seeds", "1"],
@@ -66,6 +69,7 @@ SMALL = {
 }
 SAYS = {
     agents: "3 agents in lockstep",
+    alignments: "directions / interpolation, worst habit",
     calibration: "accuracy, 20 smooth: in stated 95 %",
     door_forecasts: "2 of 3 radii, process",
     person_limit: "command follows the hand",
