@@ -6,7 +6,7 @@ al., *Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.0997
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from gplfd_env.se3 import pose_distance
 from policies.aligned import AlignedDemonstrations
 from policies.completion import measure_completion, warn_of_noise
 from policies.demonstrations import Demonstration
+from policies.directions import corrected_completions
 from policies.dynamic_time_warping import dynamic_time_warping
 from policies.rests import Rest, warn_of_rests, without_rests
 
@@ -25,7 +26,7 @@ _TIME_SHARE = 1e-6
 where completion stands still, and moves no other match by more than this."""
 
 
-AlignmentMethod = Literal["interpolation", "dtw", "dtw-euclidean"]
+AlignmentMethod = Literal["interpolation", "directions", "dtw", "dtw-euclidean"]
 """Ways to match demonstrations, see `align`."""
 
 
@@ -53,6 +54,9 @@ def align(
     * ``"interpolation"`` (default) inverts each completion index exactly. The phase at
       a given completion is the mean over the demonstrations of their normalised times
       there, so that the common timing (starting and stopping gently) survives.
+    * ``"directions"`` does the same after completion was corrected so that the hands
+      move in the same directions, see `policies.directions`: for demonstrations from
+      different starts, with stretches done twice, or with parts of other sizes.
     * ``"dtw"`` is the published method: dynamic time warping on |ζ_a - ζ_b| against the
       demonstration with the most samples, matches averaged per sample of it. Where ζ
       rises strictly, it finds the same matches to within half a sample, as a staircase.
@@ -133,15 +137,43 @@ Matched = tuple[Float[np.ndarray, "K M 6"], Float[np.ndarray, "K M"]]
 """Poses of K courses at M phases, and their clocks there."""
 
 
-def _interpolated(
+def _by_completion(
     courses: Sequence[_Course], phases: Float[np.ndarray, " M"], rotation_weight: float
 ) -> Matched:
     """Match equal completion exactly, on the mean clock."""
     del rotation_weight  # already in the completion
-    progress = [
-        (1.0 - _TIME_SHARE) * course.completion + _TIME_SHARE * course.clock
-        for course in courses
+    return _interpolated(courses, phases)
+
+
+def _by_direction(
+    courses: Sequence[_Course], phases: Float[np.ndarray, " M"], rotation_weight: float
+) -> Matched:
+    """Match completion that directions have corrected, on the mean clock."""
+    corrected = corrected_completions(
+        [_rising(course) for course in courses],
+        [course.poses for course in courses],
+        rotation_weight,
+    )
+    courses = [
+        replace(course, completion=completion)
+        for course, completion in zip(courses, corrected, strict=True)
     ]
+    return _interpolated(courses, phases)
+
+
+def _rising(course: _Course) -> Float[np.ndarray, " N"]:
+    """Return the completion, rising also where nothing moves."""
+    rising: np.ndarray = (
+        1.0 - _TIME_SHARE
+    ) * course.completion + _TIME_SHARE * course.clock
+    return rising
+
+
+def _interpolated(
+    courses: Sequence[_Course], phases: Float[np.ndarray, " M"]
+) -> Matched:
+    """Return all courses where their completions are equal."""
+    progress = [_rising(course) for course in courses]
     # Between these knots every clock is linear in progress, so their mean is too, and
     # inverting it by linear interpolation is exact.
     knots = np.unique(np.concatenate(progress))
@@ -233,7 +265,8 @@ def _warped_by_pose(
 
 
 _METHODS = {
-    "interpolation": _interpolated,
+    "interpolation": _by_completion,
+    "directions": _by_direction,
     "dtw": _warped_by_completion,
     "dtw-euclidean": _warped_by_pose,
 }

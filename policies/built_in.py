@@ -166,6 +166,11 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             make=replace(GP, align=partial(align, method="dtw-euclidean")),
             kind="ablation",
         ),
+        "gp-directions": Policy(
+            summary="gp aligned by directions too: other starts, parts done twice",
+            make=replace(GP, align=partial(align, method="directions")),
+            kind="ablation",
+        ),
         "gp-untrimmed": Policy(
             summary="gp that learns the rests of recordings as part of the task",
             make=replace(GP, align=partial(align, trim_rests=False)),

@@ -140,14 +140,15 @@ class Import:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Export:
-    """Write a set of demonstrations in the form of another program.
+    """Write demonstrations or episodes in the form of another program.
 
     robomimic's is one .hdf5 file, LeRobot's (version 3) a folder. An action is the pose
-    at the next sample.
+    at the next sample; in episodes, the last that was commanded before it.
     """
 
     demonstrations: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SET")]
-    """Folder of `gplfd demos import`, or a demonstrations.npz."""
+    """Folder of `gplfd demos import`, or a demonstrations.npz; or episodes, the folder
+    of `gplfd demos record`."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="PATH")]
     """File or folder to write."""
@@ -155,12 +156,29 @@ class Export:
     form: Literal["robomimic", "lerobot"]
     """Whose form."""
 
+    pictures: tuple[str, ...] = ()
+    """Cameras whose pictures of episodes are written, in LeRobot's form: overview, top,
+    head, hand_camera."""
+
+    size: Annotated[tuple[int, int], tyro.conf.arg(metavar="W H")] = (320, 240)
+    """Width and height of the pictures [px]."""
+
+    rate: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Rows per second of episodes; 100 by default, 10 with pictures."""
+
     def execute(self) -> int:
         """Write it, and say where it is."""
         with postponed_interruption():
             from experiments.datasets.writers import export_demonstrations
 
-        number = export_demonstrations(self.demonstrations, self.out, self.form)
+        number = export_demonstrations(
+            self.demonstrations,
+            self.out,
+            self.form,
+            rate=self.rate,
+            cameras=self.pictures,
+            size=self.size,
+        )
         print(f"{number} demonstration{'s' * (number > 1)} in {self.out}")
         return 0
 

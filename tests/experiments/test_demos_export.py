@@ -1,15 +1,21 @@
 """``gplfd demos export``: what is written for others is read back as it was."""
 
+import contextlib
+import io
 import json
 from pathlib import Path
 
+import gymnasium as gym
 import h5py
 import numpy as np
 import pyarrow.parquet
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from experiments import cli
+from experiments.datasets.minari import open_dataset
 from experiments.datasets.npz import save_demonstrations
 from experiments.datasets.preparation.samples import usable
 from experiments.datasets.readers import read_recordings
@@ -113,3 +119,103 @@ def test_uneven_steps_and_what_is_there_are_refused(
     assert exported("lerobot", "b") == 2
     assert not Path("b").exists()
     assert not Path("a.hdf5").exists()
+
+
+# ------------------------------------------------------------------ episodes
+@pytest.fixture(scope="module")
+def episodes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two short episodes as `gplfd demos record` writes them."""
+    folder = tmp_path_factory.mktemp("recorded") / "oracle-v0"
+    record = ["demos", "record", "--policy", "oracle", "--doors", "small", "0.5"]
+    cut = ["--max-steps", "45", "--out", str(folder), "--quiet"]
+    assert cli.main([*record, *cut]) == 0
+    return folder
+
+
+def test_episodes_are_read_back_with_what_was_commanded(episodes: Path) -> None:
+    out = ["--form", "lerobot", "--out", "b", "--rate", "20"]
+    assert cli.main(["demos", "export", str(episodes), *out]) == 0
+    dataset = open_dataset(episodes)
+    again = read_recordings("b", Selection())
+    assert len(again) == 2
+    rows = pyarrow.parquet.read_table("b/data/chunk-000/file-000.parquet").to_pydict()
+    for number, one in enumerate(again):
+        episode = dataset.episode(number)
+        assert one.times is not None
+        assert_allclose(one.times, episode.observations["time"][:-1:5, 0], atol=1e-9)
+        seen = episode.observations["ee_pose"][:-1:5]
+        assert_allclose(one.positions, seen[:, :3], rtol=0, atol=1e-6)
+        own = np.array(rows["episode_index"]) == number
+        commanded = np.array(rows["action"])[own]
+        # What is to be reached by the next row is the last command before it.
+        last = episode.actions[4::5]
+        assert_allclose(commanded[:, :3], last[:, :3], rtol=0, atol=1e-6)
+        turned = Rotation.from_quat(commanded[:, 3:]).as_rotvec()
+        assert rotation_distance(turned, last[:, 3:6]).max() < 1e-6
+        force = np.array(rows["observation.force"])[own]
+        assert_allclose(force, episode.observations["wrench"][:-1:5], rtol=1e-6)
+
+
+@pytest.mark.needs("opengl")
+def test_pictures_show_the_recorded_states(episodes: Path) -> None:
+    out = ["--form", "lerobot", "--out", "b", "--rate", "10", "--size", "64", "48"]
+    pictures = ["--pictures", "overview", "hand_camera"]
+    assert cli.main(["demos", "export", str(episodes), *out, *pictures]) == 0
+    assert len(read_recordings("b", Selection())) == 2
+    info = json.loads(Path("b/meta/info.json").read_text())
+    table = pyarrow.parquet.read_table("b/data/chunk-000/file-000.parquet")
+    assert set(table.column_names) == set(info["features"])
+    column = "observation.images.overview"
+    assert info["features"][column]["dtype"] == "image"
+    assert info["features"][column]["shape"] == [48, 64, 3]
+    drawn = [
+        np.asarray(Image.open(io.BytesIO(one["bytes"])))
+        for one in table[column].to_pylist()
+    ]
+    assert len(drawn) == 10
+    assert {one.shape for one in drawn} == {(48, 64, 3)}
+    stats = json.loads(Path("b/meta/stats.json").read_text())[column]
+    mean = np.mean(drawn, axis=(0, 1, 2)) / 255.0
+    assert_allclose(np.ravel(stats["mean"]), mean, atol=1e-9)
+    # The picture of an episode's state is that of the same episode when it ran.
+    dataset = open_dataset(episodes)
+    episode = dataset.episode(1)
+    env = gym.make(
+        dataset.environment,
+        **dataset.arguments,
+        render_mode="rgb_array",
+        width=64,
+        height=48,
+    )
+    with contextlib.closing(env):
+        env.reset(seed=episode.seed, options=dict(episode.options))
+        for action in episode.actions[:40]:
+            env.step(action)
+        as_it_ran = np.asarray(env.render(), dtype=int)
+    assert np.abs(drawn[-1].astype(int) - as_it_ran).mean() < 0.5
+    assert np.abs(drawn[0].astype(int) - as_it_ran).mean() > 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["SET", "--rate", "30"], "must divide the 100 steps per second"),
+        (
+            ["SET", "--pictures", "side"],
+            "camera_name = 'side' is not one of 'overview'",
+        ),
+        ([".", "--pictures", "top"], "--pictures and --rate are for episodes of"),
+        (["SET", "--form", "robomimic", "--pictures", "top"], "form lerobot alone"),
+    ],
+)
+def test_what_cannot_be_exported_is_said(
+    episodes: Path,
+    arguments: list[str],
+    message: str,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    given = [str(episodes) if word == "SET" else word for word in arguments]
+    form = [] if "--form" in given else ["--form", "lerobot"]
+    assert cli.main(["demos", "export", *given, *form, "--out", "b"]) == 2
+    assert message in caplog.text
+    assert not Path("b").exists()

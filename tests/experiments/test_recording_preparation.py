@@ -356,6 +356,21 @@ def test_a_hinge_is_found_in_noise() -> None:
     assert hinge.residual < 3e-3
 
 
+@pytest.mark.parametrize("angle", [1.2, -1.2])
+def test_a_door_that_is_closed_again_is_noticed(angle: float) -> None:
+    raw = door(angle=angle)
+    turns = {"positions": np.vstack([raw.positions, raw.positions[-2::-1]])}
+    turns["times"] = np.arange(len(turns["positions"])) / RATE
+    assert raw.quaternions is not None
+    turns["quaternions"] = np.vstack([raw.quaternions, raw.quaternions[-2::-1]])
+    motion = only(changed(raw, **turns), replace(AS_RECORDED, frame="hinge"))
+    said = "opened to 69° after 2.00 s, then closed to 0°: to learn to open, cut there"
+    assert f"{said} (--segment 0.00-2.00)" in texts(motion, warnings=True)
+    # It is opened about +y all the same, in whichever direction noise ends.
+    assert_allclose(motion.demonstration.poses[400, 4], 1.2, atol=1e-7)
+    assert not texts(only(raw, replace(AS_RECORDED, frame="hinge")), warnings=True)
+
+
 def test_what_is_about_no_hinge_is_refused() -> None:
     line = np.linspace(0.0, 1.0, 100)
     straight = np.column_stack([line, 0.01 * line**2, 0.0 * line])

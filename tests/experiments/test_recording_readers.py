@@ -32,6 +32,7 @@ from experiments.datasets.preparation import prepare
 from experiments.datasets.preparation.settings import Preparation
 from experiments.datasets.raw import METRES, RawRecording
 from experiments.datasets.readers import READERS, read_recordings
+from experiments.datasets.readers.mat5 import read_arrays
 from experiments.datasets.readers.selection import Selection
 from policies.demonstrations import Demonstration
 
@@ -68,6 +69,14 @@ def write_npy(path: Path) -> None:
 def write_mat(path: Path) -> None:
     arrays = {"t": TIMES, "p": 1e3 * POSITIONS, "q": WXYZ, "forces": FORCE}
     scipy.io.savemat(path, arrays, do_compression=True)
+
+
+def write_mat_cells(path: Path) -> None:
+    """Two recordings as MATLAB users keep them: structures in cells, samples across."""
+    one = {"pos": 100.0 * POSITIONS.T, "t": TIMES, "q": WXYZ.T, "label": "first"}
+    cells = np.empty((1, 2), dtype=object)
+    cells[0, :] = [one, one]
+    scipy.io.savemat(path, {"dt": 1.0 / RATE, "demos": cells}, do_compression=True)
 
 
 def write_mvnx(path: Path) -> None:
@@ -273,6 +282,9 @@ KINDS = {
     "npz": Kind(write_npz, "a.npz"),
     "npy": Kind(write_npy, "a.npy", Selection(columns=COLUMNS, units="m")),
     "mat": Kind(write_mat, "a.mat", Selection(quaternions="wxyz", units="mm")),
+    "mat-cells": Kind(
+        write_mat_cells, "b.mat", Selection(quaternions="wxyz", units="cm")
+    ),
     "mvnx": Kind(write_mvnx, "a.mvnx", text=True),
     "bvh": Kind(write_bvh, "a.bvh", Selection(units="cm"), text=True),
     "c3d": Kind(write_c3d, "a.c3d", Selection(body="A,B,C")),
@@ -343,7 +355,9 @@ def test_reads_every_message_with_a_pose(
     assert_allclose(one.positions, POSITIONS, atol=1e-12)
     assert one.quaternions is not None
     assert_allclose(one.quaternions, WXYZ, atol=1e-12)
-    with pytest.raises(ValueError, match=r"has 2 topics; choose with --body: /"):
+    with pytest.raises(
+        ValueError, match=r"has more than one topic; choose with --body: /"
+    ):
         read_recordings(tmp_path / "bag", Selection())
 
 
@@ -438,6 +452,9 @@ def test_given_columns_replace_heads_and_name_what_is_left_out(tmp_path: Path) -
     one = table(tmp_path, "a b c d\n1 9 2 3\n4 9 5 6\n", columns=("x", "-", "y", "z"))
     assert_array_equal(one.positions, [[1, 2, 3], [4, 5, 6]])
     assert one.times is None
+    (tmp_path / "a.log").write_text("   1.0e-01  2   3\n  -4 5 6\n")
+    (one,) = read_recordings(tmp_path / "a.log", Selection(columns=("x", "y", "z")))
+    assert_array_equal(one.positions, [[0.1, 2, 3], [-4, 5, 6]])
 
 
 def test_rotation_vectors_of_many_turns_are_noticed(tmp_path: Path) -> None:
@@ -468,6 +485,54 @@ def test_a_table_that_is_not_understood(
     with pytest.raises(ValueError, match=message) as caught:
         table(tmp_path, text, **options)
     assert "a.csv cannot be read as a table in a text file" in str(caught.value)
+
+
+def test_matlab_agrees_with_scipy_on_all_that_stands_in_each_other(
+    tmp_path: Path,
+) -> None:
+    rng = np.random.default_rng(0)
+    inner = np.array([(POSITIONS, 3), (PHASE, 4)], dtype=[("a", "O"), ("n", "O")])
+    cells = np.empty((2, 2), dtype=object)
+    cells[:] = [[np.int8([1, -2]), "text"], [inner, rng.random((2, 3, 4)) > 0.5]]
+    plain = {"u": np.uint16([[1, 2], [3, 4]]), "z": 1j * PHASE, "s": {"c": cells}}
+    for packed in (False, True):
+        path = tmp_path / f"{packed}.mat"
+        scipy.io.savemat(path, plain, do_compression=packed)
+        found = read_arrays(path, 10**6)
+        expected = {"u": plain["u"], "s.c{1}": [[1, -2]], "s.c{4}": cells[1, 1]}
+        expected |= {"s.c{2}(1).a": POSITIONS, "s.c{2}(1).n": [[3]]}
+        expected |= {"s.c{2}(2).a": PHASE[None], "s.c{2}(2).n": [[4]]}
+        assert set(found) == set(expected)
+        for name, array in expected.items():
+            assert_array_equal(found[name], array)
+        with pytest.raises(ValueError, match="more"):
+            read_arrays(path, 500)
+
+
+def test_cells_and_structures_of_one_name_are_one_set(tmp_path: Path) -> None:
+    cells = np.empty((3, 1), dtype=object)
+    cells[:, 0] = [np.vstack([POSITIONS[:n].T, TIMES[:n]]) for n in (20, 30, 40)]
+    structures = np.array(
+        [(POSITIONS[:n], TIMES[:n]) for n in (10, 50)], dtype=[("pos", "O"), ("t", "O")]
+    )
+    content = {"data": cells, "best": cells[0, 0], "s": structures, "e": {"pos": PHASE}}
+    scipy.io.savemat(tmp_path / "a.mat", content)
+    columns = ("x", "y", "z", "t")
+    named = Selection(columns=columns, body="data")
+    found = read_recordings(tmp_path / "a.mat", named)
+    assert [one.name for one in found] == [f"a.mat: data{{{n}}}" for n in (1, 2, 3)]
+    for one, samples in zip(found, (20, 30, 40), strict=True):
+        assert_array_equal(one.positions, POSITIONS[:samples])
+        assert_array_equal(one.times, TIMES[:samples])
+    lengths = [
+        len(one.positions)
+        for one in read_recordings(tmp_path / "a.mat", Selection(body="s"))
+    ]
+    assert lengths == [10, 50]
+    with pytest.raises(ValueError, match=r"one array of columns; .* best, da"):
+        read_recordings(tmp_path / "a.mat", Selection(columns=columns))
+    with pytest.raises(ValueError, match=r"more than one set of recordings; .* e, s"):
+        read_recordings(tmp_path / "a.mat", Selection())
 
 
 # ------------------------------------------------------------------ refusals
@@ -511,7 +576,7 @@ def test_other_versions_are_named_with_what_to_do(tmp_path: Path) -> None:
     ):
         read_recordings(tmp_path / "a.mat", Selection())
     scipy.io.savemat(tmp_path / "b.mat", {"s": {"t": TIMES}})
-    with pytest.raises(ValueError, match=r"s \(struct\); save the fields"):
+    with pytest.raises(ValueError, match=r"no array of positions: it has s\.t \(1, 60"):
         read_recordings(tmp_path / "b.mat", Selection())
     write_lerobot(tmp_path / "set")
     info = tmp_path / "set/meta/info.json"

@@ -33,6 +33,7 @@ def script(name: str) -> ModuleType:
 
 (
     agents,
+    alignments,
     calibration,
     contact_loop,
     door_forecasts,
@@ -46,6 +47,7 @@ def script(name: str) -> ModuleType:
     script,
     (
         "agents",
+        "alignments",
         "calibration",
         "contact_loop",
         "door_forecasts",
@@ -60,6 +62,7 @@ def script(name: str) -> ModuleType:
 
 SMALL = {
     agents: ["--repeats", "1", "--counts", "2", "3", "--periods", "4"],
+    alignments: ["--seeds", "1", "--habits", "other starts"],
     calibration: ["--draws", "1"],
     door_forecasts: ["--draws", "1", "--every", "80"],
     person_limit: ["--seeds", "1"],
@@ -70,6 +73,7 @@ SMALL = {
 }
 SAYS = {
     agents: "3 agents in lockstep",
+    alignments: "directions / interpolation, worst habit",
     calibration: "accuracy, 20 smooth: in stated 95 %",
     door_forecasts: "2 of 3 radii, process",
     person_limit: "command follows the hand",

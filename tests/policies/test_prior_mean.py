@@ -28,7 +28,13 @@ FAR = np.array([-40.0, -30.0, 30.0, 40.0])
 TAKES_ONE = (
     *("gp", "gp-paper", "gp-product", "gp-exact", "gp-fixed", "gp-independent-phase"),
     *("gp-homoscedastic", "gp-dtw-euclidean", "gp-clock", "gp-heading-trusting"),
-    *("gp-untrimmed", "gp-position-only", "gp-carried-load", "gp-undamped"),
+    *(
+        "gp-directions",
+        "gp-untrimmed",
+        "gp-position-only",
+        "gp-carried-load",
+        "gp-undamped",
+    ),
     *("gp-one-centimetre", "gp-within-demonstrations", "gp-impedance"),
     *(f"gp-constant-{stiffness}" for stiffness in (100, 200, 330, 500)),
     *("local-gp", "wishart-gp"),

@@ -96,6 +96,7 @@ def parts(name, demonstrations):
             for k in (100, 200, 330)
         ),
         ("gp-dtw-euclidean", {}),
+        ("gp-directions", {}),
         (
             "gp-paper",
             {

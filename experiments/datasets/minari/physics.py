@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.arrays import FloatArray
 
-_STATE: Final = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+STATE: Final = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 """All that a step reads: with it, MuJoCo continues bit for bit."""
 
 _HASHED_STRUCTS: Final = ("opt", "stat")
@@ -18,8 +18,8 @@ _DIGITS: Final = 16
 
 def physics_state(model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
     """Everything that the next step depends on besides the model, (S,) [SI]."""
-    state = np.empty(mujoco.mj_stateSize(model, _STATE))
-    mujoco.mj_getState(model, data, state, _STATE)
+    state = np.empty(mujoco.mj_stateSize(model, STATE))
+    mujoco.mj_getState(model, data, state, STATE)
     return state
 
 
@@ -29,7 +29,7 @@ def state_layout(model: mujoco.MjModel) -> dict[str, int]:
     sizes = {
         name.removeprefix("mjSTATE_").lower(): mujoco.mj_stateSize(model, int(bit))
         for name, bit in sorted(members, key=lambda member: int(member[1]))
-        if int(bit).bit_count() == 1 and int(bit) & _STATE
+        if int(bit).bit_count() == 1 and int(bit) & STATE
     }
     return {name: size for name, size in sizes.items() if size}
 

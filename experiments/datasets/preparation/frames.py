@@ -1,6 +1,7 @@
 """Frames of motions: the hand's offset, and what positions are measured from."""
 
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -9,6 +10,9 @@ from experiments.arrays import FloatArray
 from experiments.datasets.preparation.hinge import find_hinge
 from experiments.datasets.preparation.samples import Note, Notes, Samples
 from experiments.datasets.preparation.settings import FrameName, Transform
+
+_STAYS: Final = 0.75
+"""A door that is opened ends at more than this share of its widest angle."""
 
 
 def offset_by(samples: Samples, offset: Transform | None) -> Samples:
@@ -54,6 +58,7 @@ def in_frame(
             turned = Rotation.from_rotvec(angles)
             text = "no orientations: the hand is taken to turn with the door"
             notes.append(Note(text=text))
+        notes += _closed_again(hinge.angles, samples.times)
         moved = _of_parts(samples, axes.inv().apply(positions - origin), turned)
         text = (
             f"hinge at {hinge.radius:.3f} m, opened to "
@@ -67,6 +72,20 @@ def in_frame(
         samples, axes.inv().apply(positions - origin), axes.inv() * rotations
     )
     return moved, None, ()
+
+
+def _closed_again(angles: FloatArray, times: FloatArray) -> Notes:
+    """Notice that a door does not stay open."""
+    widest = int(np.argmax(angles))
+    if angles[-1] > _STAYS * angles[widest]:
+        return ()
+    start, end = max(times[0], 0.0), times[widest]
+    open_, closed = np.degrees([angles[widest], abs(angles[-1])])
+    text = (
+        f"opened to {open_:.0f}° after {end:.2f} s, then closed to {closed:.0f}°: to "
+        f"learn to open, cut there (--segment {start:.2f}-{end:.2f})"
+    )
+    return (Note(text=text, warning=True),)
 
 
 def _parts(poses: FloatArray) -> tuple[FloatArray, Rotation]:

@@ -73,7 +73,8 @@ def find_hinge(positions: FloatArray) -> Hinge:
     arms = flat - fit[:2]
     angles = np.unwrap(np.arctan2(arms[:, 1], arms[:, 0]))
     angles -= angles[0]
-    if angles[-1] < 0.0:
+    # A door that is closed again ends where it began: the farthest angle is open.
+    if angles[np.argmax(np.abs(angles))] < 0.0:
         angles, normal = -angles, -normal
     # plane[0] × plane[1] may be either normal; angles are positive about this one.
     handed = np.sign(np.cross(plane[0], plane[1]) @ directions[2])

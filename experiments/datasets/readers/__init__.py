@@ -31,7 +31,7 @@ READERS: Final[Mapping[str, Reader]] = MappingProxyType(
     {
         "csv": Reader(
             summary="a table in a text file",
-            suffixes=(".csv", ".tsv", ".txt"),
+            suffixes=(".csv", ".tsv", ".txt", ".log"),
             module="csv_tables",
         ),
         "numpy": Reader(

@@ -2,13 +2,16 @@
 
 Understood are the columns of `readers.tables` as arrays (N,), the arrays of `GROUPS`
 (N, d), a set of `experiments.datasets.npz`, and with ``--columns`` one array (N, C) of
-columns, or (K, N, C) for K recordings.
+columns, or (K, N, C) for K recordings. Samples may also stand in columns, as MATLAB has
+them, where the shape leaves no doubt. An array of a .mat file is named by where it
+stands, ``demos{2}.pos``: cells and structures of one name are recordings of one set.
 """
 
 import itertools
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +32,8 @@ from experiments.datasets.readers.tables import (
 )
 from policies.storage import array_of, read_arrays
 
+_Any = TypeVar("_Any")
+
 GROUPS: Final[Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {
     "times": (("times", "time", "t", "timestamps"), ("t",)),
     "positions": (("positions", "position", "pos", "p", "xyz"), POSITION),
@@ -41,6 +46,7 @@ GROUPS: Final[Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {
 }
 """Arrays that are understood: their names, and the columns that they hold."""
 
+_INDEX: Final = re.compile(r"(\{\d+\}|\(\d+\))")
 _ORDERS: Final = {"wxyz": GROUPS["wxyz"][1], "xyzw": GROUPS["xyzw"][1]}
 
 
@@ -80,13 +86,57 @@ def recordings(
         if np.asarray(array).dtype.kind in "biuf"
     }
     if selection.columns:
-        tables = {key: array for key, array in numbers.items() if array.ndim in (2, 3)}
-        _, table = chosen(selection.body, tables, "array of columns", file=name)
+        tables = _sets({key: a for key, a in numbers.items() if a.ndim in (2, 3)})
+        _, group = chosen(selection.body, tables, "array of columns", file=name)
         return [
-            _from_table(f"{name}{suffix}", one, selection)
+            _from_table(f"{label}{suffix}", one, selection)
+            for label, table in _labelled(name, group)
             for suffix, one in _each(table)
         ]
-    return [_from_arrays(name, numbers, selection)]
+    motions = _motions(numbers)
+    if not motions:
+        raise ValueError(
+            f"it has no array of positions: it has {_listed(numbers)}. Name one "
+            "'positions' (N, 3), with 'times' (N,) and 'quaternions_wxyz' (N, 4); or "
+            "say what the columns of an array are, --body NAME --columns t,x,y,z,... "
+            "with - for one to leave out"
+        )
+    _, group = chosen(selection.body, _sets(motions), "set of recordings", file=name)
+    return [
+        _from_arrays(label, one, selection) for label, one in _labelled(name, group)
+    ]
+
+
+def _sets(named: Mapping[str, _Any]) -> dict[str, dict[str, _Any]]:
+    """Return what stands in cells or structures of one name as one set, in order."""
+    sets: dict[str, dict[str, _Any]] = {}
+    for key, one in named.items():
+        sets.setdefault(_INDEX.sub("", key), {})[key] = one
+    return sets
+
+
+def _labelled(file: str, group: Mapping[str, _Any]) -> Iterator[tuple[str, _Any]]:
+    """Yield the members of a set with names for them."""
+    for key, one in group.items():
+        yield (file if len(group) == 1 else f"{file}: {key}"), one
+
+
+def _motions(arrays: Mapping[str, FloatArray]) -> dict[str, dict[str, FloatArray]]:
+    """Return the arrays of every structure that has positions, or of the whole file."""
+    found: dict[str, dict[str, FloatArray]] = {}
+    for key, array in arrays.items():
+        where, _, field = key.rpartition(".")
+        if array.size > 1:
+            found.setdefault(where, {})[field] = array
+    return {
+        where: fields
+        for where, fields in found.items()
+        if any(_is_position(field) for field in fields)
+    }
+
+
+def _is_position(key: str) -> bool:
+    return understood(key)[0] == "x" or key.lower() in GROUPS["positions"][0]
 
 
 def _each(table: FloatArray) -> Iterator[tuple[str, FloatArray]]:
@@ -99,6 +149,8 @@ def _each(table: FloatArray) -> Iterator[tuple[str, FloatArray]]:
 
 def _from_table(name: str, table: FloatArray, selection: Selection) -> RawRecording:
     heads = selection.columns
+    if table.shape[1] != len(heads) == table.shape[0]:
+        table = table.T
     if table.shape[1] != len(heads):
         raise ValueError(
             f"the array has {table.shape[1]} columns, and --columns names {len(heads)}"
@@ -126,11 +178,7 @@ def _from_arrays(
             columns[column] = values
             units[column] = unit
     if not {"x", "y"} <= set(columns):
-        raise ValueError(
-            f"it has no array of positions: it has {_listed(arrays)}. Name one "
-            "'positions' (N, 3), with 'times' (N,) and 'quaternions_wxyz' (N, 4); or "
-            "say what the columns of an array are, --body ARRAY --columns t,x,y,z,..."
-        )
+        raise ValueError(f"{name} has x and no y: it has {_listed(arrays)}")
     rows = {column: len(values) for column, values in columns.items()}
     if len(set(rows.values())) > 1:
         raise ValueError(f"its arrays differ in length: {rows}")
@@ -157,19 +205,20 @@ def _as_table(name: str, key: str, array: FloatArray, width: int) -> FloatArray:
     """Return an array as rows of samples; MATLAB has vectors as rows or columns."""
     if width == 1 and array.size == max(array.shape, default=0):
         return array.reshape(-1, 1)
-    fewest = {3: 2, 6: 3}.get(width, width)
-    if array.ndim != 2 or not fewest <= array.shape[1] <= width:
-        raise ValueError(
-            f"{key!r} has shape {array.shape}, must be (N, {width})"
-            + (": transpose it" if array.ndim == 2 and array.shape[0] == width else "")
-        )
+    allowed = range({3: 2, 6: 3}.get(width, width), width + 1)
+    if array.ndim == 2 and array.shape[1] not in allowed and array.shape[0] in allowed:
+        array = array.T
+    if array.ndim != 2 or array.shape[1] not in allowed:
+        raise ValueError(f"{key!r} has shape {array.shape}, must be (N, {width})")
     return array
 
 
 def _listed(arrays: Mapping[str, FloatArray]) -> str:
     shown = [
-        f"{key} {array.shape}" for key, array in itertools.islice(arrays.items(), 20)
+        f"{key} {array.shape}" for key, array in itertools.islice(arrays.items(), 12)
     ]
+    if len(arrays) > len(shown):
+        shown.append(f"{len(arrays) - len(shown)} more")
     return ", ".join(shown) or "no array of numbers"
 
 

@@ -72,7 +72,7 @@ def chosen(
     if wanted is None:
         if len(known) > 1:
             raise ValueError(
-                f"{file} has {len(known)} {what}s; choose with --body: {names}"
+                f"{file} has more than one {what}; choose with --body: {names}"
             )
         return next(iter(known.items()))
     if wanted not in known:

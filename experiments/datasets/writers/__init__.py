@@ -1,40 +1,73 @@
-"""Sets of demonstrations in the forms of other programs, complete or not at all."""
+"""Demonstrations and episodes in the forms of other programs, whole or not at all."""
 
 import importlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 from experiments.datasets.npz import load_demonstrations
+from experiments.datasets.readers import READERS
 from experiments.datasets.writers.rows import demonstration_rows
 
 WRITERS: Final = ("robomimic", "lerobot")
 """Every form that is written; each is a module of this package, and of the readers."""
 
 
-def export_demonstrations(source: Path, target: Path, form: str) -> int:
-    """Write a set of demonstrations in another form.
+_FINEST: Final = 100
+_PICTURE_RATE: Final = 10
+
+
+def export_demonstrations(
+    source: Path,
+    target: Path,
+    form: str,
+    *,
+    rate: int | None = None,
+    cameras: Sequence[str] = (),
+    size: tuple[int, int] = (320, 240),
+) -> int:
+    """Write demonstrations in another form.
 
     Args:
-        source: The set, see `experiments.datasets.npz`.
+        source: A set, see `experiments.datasets.npz`, or a data set of episodes, see
+            `experiments.datasets.minari`.
         target: File or folder to write.
         form: One of `WRITERS`.
+        rate: Rows per second of episodes; None for 100, or 10 with pictures.
+        cameras: Whose pictures of episodes are drawn.
+        size: Width and height of the pictures [px].
 
     Returns:
         The number of demonstrations.
 
     Raises:
-        ValueError: The form is unknown, the target is there already, or the set is
-            damaged or not sampled at equal steps.
+        ValueError: The form is unknown, the target is there already, the source is
+            damaged or not sampled at equal steps, or it cannot be drawn.
         OSError: A file cannot be read or written.
         ModuleNotFoundError: The form's library is not installed.
+        RuntimeError: Pictures cannot be drawn on this machine.
     """
     if form not in WRITERS:
         raise ValueError(f"form {form!r} must be one of {', '.join(WRITERS)}")
     if target.exists():
         raise ValueError(f"--out {target} exists; give another")
+    if cameras and form != "lerobot":
+        raise ValueError("--pictures are written in the form lerobot alone")
     # The reader of a form says how to install what both need.
     importlib.import_module(f"experiments.datasets.readers.{form}")
     module = importlib.import_module(f"{__name__}.{form}")
-    rows = demonstration_rows(load_demonstrations(source))
+    if any((source / mark).is_file() for mark in READERS["minari"].marks):
+        from experiments.datasets.minari import open_dataset
+        from experiments.datasets.writers.episodes import episode_rows
+
+        usual = _PICTURE_RATE if cameras else _FINEST
+        rows = episode_rows(open_dataset(source), rate or usual, cameras, size)
+    elif cameras or rate is not None:
+        raise ValueError(
+            f"{source} holds motions alone; --pictures and --rate are for episodes of "
+            "`gplfd demos record`"
+        )
+    else:
+        rows = demonstration_rows(load_demonstrations(source))
     module.write(target, rows)
     return len(rows)

@@ -1,26 +1,63 @@
-"""Demonstrations as a data set of LeRobot, version 3: parquet files, no pictures.
+"""Demonstrations as a data set of LeRobot, version 3: parquet files, no videos.
 
 The layout is that of LeRobot's own writer. ``observation.state`` is position and
-quaternion, ``action`` the same at the next sample, both in float32 as LeRobot's are.
+quaternion, ``action`` what it is to become, both in float32 as LeRobot's are. Pictures
+stand in the table as PNG files, LeRobot's kind "image".
 """
 
+import io
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pyarrow
 import pyarrow.parquet
+from PIL import Image
 
+from experiments.arrays import FloatArray
 from experiments.datasets.readers.lerobot import INFO, STATE
 from experiments.datasets.writers.rows import Rows
 from experiments.files.folders import complete_folder
 from experiments.files.plain_data import write_json
 
-TASK: Final = "recorded motion"
 _NAMES: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_PICTURES: Final = "observation.images."
+_LOOKED_AT: Final = 50
+"""Pictures from which the range of colours is told."""
 _FILE: Final = "chunk-000/file-000.parquet"
+
+
+@dataclass(frozen=True, slots=True)
+class _Pictures:
+    """A column of pictures."""
+
+    files: Sequence[bytes]
+    """PNG files, one per row."""
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def colours(self) -> FloatArray:
+        """Return red, green and blue from 0 to 1 of some of the pictures, (N, 3)."""
+        some = self.files[:: max(1, len(self.files) // _LOOKED_AT)]
+        pixels = [np.asarray(_opened(file)).reshape(-1, 3) for file in some]
+        return np.concatenate(pixels) / 255.0
+
+    def feature(self) -> dict[str, Any]:
+        """Return what LeRobot wants to know of them."""
+        width, height = _opened(self.files[0]).size
+        return {
+            "dtype": "image",
+            "shape": [height, width, 3],
+            "names": ["height", "width", "channels"],
+        }
+
+
+def _opened(file: bytes) -> Image.Image:
+    return Image.open(io.BytesIO(file))
 
 
 def write(path: Path, demonstrations: Sequence[Rows]) -> None:
@@ -42,7 +79,7 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
             (written / folder).mkdir(parents=True)
         _write_table(written / "data" / _FILE, columns)
         _write_table(written / "meta/episodes" / _FILE, _episodes(demonstrations))
-        tasks = {"task_index": np.array([0]), "task": [TASK]}
+        tasks = {"task_index": np.array([0]), "task": [demonstrations[0].task]}
         _write_table(written / "meta/tasks.parquet", tasks, index="task")
         write_json(written / "meta/stats.json", _statistics(columns))
         write_json(written / INFO, _info(demonstrations, columns, rate), indent=4)
@@ -63,6 +100,9 @@ def _columns(demonstrations: Sequence[Rows], rate: int) -> dict[str, Any]:
                 [p for p in parts if p is not None]
             )
     columns = {name: array.astype(np.float32) for name, array in columns.items()}
+    for camera in demonstrations[0].pictures:
+        files = [file for one in demonstrations for file in one.pictures[camera]]
+        columns[f"{_PICTURES}{camera}"] = _Pictures(files)
     return columns | {
         "timestamp": (frames / rate).astype(np.float32),
         "frame_index": frames,
@@ -79,7 +119,7 @@ def _episodes(demonstrations: Sequence[Rows]) -> dict[str, Any]:
     zeros = np.zeros(len(lengths), dtype=np.int64)
     return {
         "episode_index": np.arange(len(lengths)),
-        "tasks": [[TASK]] * len(lengths),
+        "tasks": [[one.task] for one in demonstrations],
         "length": lengths,
         "data/chunk_index": zeros,
         "data/file_index": zeros,
@@ -92,18 +132,23 @@ def _episodes(demonstrations: Sequence[Rows]) -> dict[str, Any]:
 
 def _write_table(path: Path, columns: Mapping[str, Any], index: str = "") -> None:
     """Write a parquet file; the named column is pandas' index."""
-    arrays = {
-        name: pyarrow.FixedSizeListArray.from_arrays(
-            pyarrow.array(np.ascontiguousarray(column).ravel()), column.shape[1]
-        )
-        if getattr(column, "ndim", 1) == 2
-        else pyarrow.array(column)
-        for name, column in columns.items()
-    }
+    arrays = {name: _array(column) for name, column in columns.items()}
     table = pyarrow.table(arrays)
     if index:
         table = table.replace_schema_metadata({"pandas": _indexed_by(index, table)})
     pyarrow.parquet.write_table(table, path)
+
+
+def _array(column: Any) -> Any:
+    """Return a column as Arrow's."""
+    if isinstance(column, _Pictures):
+        kind = pyarrow.struct([("bytes", pyarrow.binary()), ("path", pyarrow.string())])
+        files = [{"bytes": file, "path": None} for file in column.files]
+        return pyarrow.array(files, kind)
+    if getattr(column, "ndim", 1) == 1:
+        return pyarrow.array(column)
+    flat = pyarrow.array(np.ascontiguousarray(column).ravel())
+    return pyarrow.FixedSizeListArray.from_arrays(flat, column.shape[1])
 
 
 def _indexed_by(index: str, table: Any) -> str:
@@ -128,14 +173,14 @@ def _statistics(columns: Mapping[str, Any]) -> dict[str, Any]:
     """Return what LeRobot normalises by."""
     found = {}
     for name, column in columns.items():
-        table = np.asarray(column, dtype=np.float64).reshape(len(column), -1)
+        if isinstance(column, _Pictures):
+            table = column.colours()[:, :, None, None]
+        else:
+            table = np.asarray(column, dtype=np.float64).reshape(len(column), -1)
         found[name] = {
-            "min": table.min(axis=0).tolist(),
-            "max": table.max(axis=0).tolist(),
-            "mean": table.mean(axis=0).tolist(),
-            "std": table.std(axis=0).tolist(),
-            "count": [len(table)],
-        }
+            statistic: getattr(table, statistic)(axis=0).tolist()
+            for statistic in ("min", "max", "mean", "std")
+        } | {"count": [len(column)]}
     return found
 
 
@@ -144,7 +189,9 @@ def _info(
 ) -> dict[str, Any]:
     """Return what describes the data set."""
     features = {
-        name: {
+        name: column.feature()
+        if isinstance(column, _Pictures)
+        else {
             "dtype": str(column.dtype),
             "shape": [column.shape[1] if column.ndim == 2 else 1],
             "names": list(_NAMES) if name in (STATE, "action") else None,

@@ -1,7 +1,7 @@
 """Demonstrations as other programs see them: equal steps, quaternions, and actions."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -27,6 +27,10 @@ class Rows:
     repeated, (N, 7)."""
     signals: Mapping[str, FloatArray]
     """What else was recorded, (N, d) each."""
+    pictures: Mapping[str, Sequence[bytes]] = field(default_factory=dict)
+    """PNG files by the name of their camera, N each, all of one size."""
+    task: str = "recorded motion"
+    """What is done, in words."""
 
 
 def demonstration_rows(labelled: LabelledDemonstrations) -> list[Rows]:
@@ -49,11 +53,7 @@ def demonstration_rows(labelled: LabelledDemonstrations) -> list[Rows]:
                 f"demonstration {number} has {rate:.4g} samples per second, and the "
                 f"first {rows[0].rate:.4g}; import them with --rate 100"
             )
-        rotations = Rotation.from_rotvec(one.poses[:, 3:].copy())
-        states = np.hstack([one.poses[:, :3], rotations.as_quat()])
-        # On the arc of one sign, as `actions` are to be learned from states.
-        flips = np.sum(states[1:, 3:] * states[:-1, 3:], axis=1) < 0.0
-        states[1:, 3:] *= np.cumprod(np.where(flips, -1.0, 1.0))[:, None]
+        states = states_of(one.poses)
         signals = labelled.signals[number] if labelled.signals else {}
         rows.append(
             Rows(
@@ -64,3 +64,13 @@ def demonstration_rows(labelled: LabelledDemonstrations) -> list[Rows]:
             )
         )
     return rows
+
+
+def states_of(poses: FloatArray) -> FloatArray:
+    """Return poses [m, rad], (N, 6), as positions and quaternions, scalar last."""
+    rotations = Rotation.from_rotvec(poses[:, 3:].copy())
+    states = np.hstack([poses[:, :3], rotations.as_quat()])
+    # On the arc of one sign, as `actions` are to be learned from states.
+    flips = np.sum(states[1:, 3:] * states[:-1, 3:], axis=1) < 0.0
+    states[1:, 3:] *= np.cumprod(np.where(flips, -1.0, 1.0))[:, None]
+    return states
