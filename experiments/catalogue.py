@@ -1,5 +1,6 @@
-"""What there is to run, as text."""
+"""What there is to run."""
 
+import re
 from collections.abc import Mapping
 
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
@@ -10,8 +11,21 @@ from policies.user_policies import packaged_policies
 
 def catalogue() -> str:
     """Return doors, policies, environments, and what can happen, a line about each."""
+    return "\n\n".join(_section(*one) for one in _sections().items() if one[1])
+
+
+def catalogue_json() -> dict[str, dict[str, str]]:
+    """Return the same as names and lines; a section goes by its title's first word."""
+    return {
+        re.split(r"\W", title, maxsplit=1)[0]: dict(lines)
+        for title, lines in _sections().items()
+    }
+
+
+def _sections() -> Mapping[str, Mapping[str, str]]:
+    """Return a line about each name, by the titles of the sections."""
     low, high = RADIUS_RANGE
-    sections = {
+    return {
         f"doors (or any radius from {low:g} to {high:g} m)": {
             name: _door(config) for name, config in DOORS.items()
         },
@@ -45,9 +59,6 @@ def catalogue() -> str:
             "breakaway": "the hinge sticks at the start, and a seal holds the leaf",
         },
     }
-    return "\n\n".join(
-        _section(title, lines) for title, lines in sections.items() if lines
-    )
 
 
 def _policies(kind: str) -> dict[str, str]:

@@ -19,6 +19,7 @@ import tyro
 from experiments.commands.benchmark import Benchmark, benchmark_from
 from experiments.commands.catalogue import Catalogue
 from experiments.commands.demos import Demos
+from experiments.commands.doctor import Doctor
 from experiments.commands.figures import Figures
 from experiments.commands.learn import Learn
 from experiments.commands.report import Report
@@ -62,6 +63,7 @@ COMMANDS: Final[dict[str, Callable[..., Command]]] = {
     "view": View,
     "speed": Speed,
     "list": Catalogue,
+    "doctor": Doctor,
 }
 """The subcommands by name."""
 
@@ -95,7 +97,7 @@ def _parsed(arguments: Sequence[str]) -> Command:
         commands,
         prog="gplfd",
         description="Open doors with policies learned from demonstrations. "
-        "`gplfd --version` prints the version.",
+        "`gplfd --version` prints the version, `gplfd doctor` what is missing here.",
         args=arguments,
     )
     # Before NumPy is loaded, unless the user says otherwise. The policies' matrices

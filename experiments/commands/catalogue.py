@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from experiments.commands.options import Json
 from experiments.interruption import postponed_interruption
 
 
@@ -9,10 +10,13 @@ from experiments.interruption import postponed_interruption
 class Catalogue:
     """List doors, policies, environments and randomizations, a line about each."""
 
+    json: Json = False
+
     def execute(self) -> int:
         """Print the catalogue."""
         with postponed_interruption():
-            from experiments.catalogue import catalogue
+            from experiments.catalogue import catalogue, catalogue_json
+            from experiments.files.plain_data import json_text
 
-        print(catalogue())
+        print(json_text(catalogue_json()) if self.json else catalogue())
         return 0

@@ -18,6 +18,12 @@ Quiet = Annotated[
 ]
 """A flag without its opposite."""
 
+Json = Annotated[
+    tyro.conf.FlagCreatePairsOff[bool],
+    tyro.conf.arg(help="Print JSON, and nothing else, on standard output."),
+]
+"""For commands that print a table."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EngineOptions:

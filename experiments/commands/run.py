@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from experiments.commands.options import Quiet, next_command, recorded
+from experiments.commands.options import Json, Quiet, next_command, recorded
 from experiments.interruption import postponed_interruption
 
 
@@ -51,12 +51,15 @@ class Run:
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder to write to; results/POLICY-seedSEED by default."""
 
+    json: Json = False
+
     quiet: Quiet = False
 
     def execute(self) -> int:
-        """Open the doors and print a table."""
+        """Open the doors and print a table, or what metrics.json holds."""
         with postponed_interruption():
             from experiments.files.names import file_name
+            from experiments.files.plain_data import json_text
             from experiments.files.table import text_table
             from experiments.results.table import run_table
             from experiments.runs import open_doors
@@ -78,6 +81,9 @@ class Run:
             looks=self.looks,
             options=recorded(self),
         )
+        if self.json:
+            print(json_text([one.as_json() for one in metrics]))
+            return 0
         print(text_table(run_table(metrics)))
         doors = [one.door for one in metrics]
         shown = "medium" if "medium" in doors else doors[0]

@@ -49,9 +49,14 @@ def write_json(path: str | Path, value: Any, *, indent: int | None = 2) -> None:
         TypeError: The value holds something that JSON cannot express.
         OSError: The file cannot be written.
     """
-    text = json.dumps(value, indent=indent, allow_nan=False) + "\n"
+    text = json_text(value, indent=indent) + "\n"
     with complete_or_absent(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def json_text(value: Any, *, indent: int | None = 2) -> str:
+    """Return ``value`` as JSON; raises what `write_json` raises of a value."""
+    return json.dumps(value, indent=indent, allow_nan=False)
 
 
 def read_json(path: str | Path) -> dict[str, Any]:

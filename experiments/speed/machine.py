@@ -16,7 +16,7 @@ def machine() -> dict[str, Any]:
     with threadpool_limits(1):
         pools = threadpool_info()
     return {
-        "processor": _processor(),
+        "processor": processor(),
         "load": load(),
         "thread_pools": [
             {key: pool.get(key) for key in ("internal_api", "version", "num_threads")}
@@ -42,7 +42,7 @@ def load() -> str:
     return f"load {wanted} on {os.cpu_count()} cores"
 
 
-def _processor() -> str:
+def processor() -> str:
     """Name of the processor; Linux hides it from `platform`."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

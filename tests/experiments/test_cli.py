@@ -16,6 +16,8 @@ from experiments.episodes.doors import named_doors
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import episode_metrics
 from experiments.recording import viewer
+from gplfd_env import DISTURBANCES, DOORS, ENVIRONMENT_IDS, RANDOMIZATIONS
+from policies.registry import POLICIES
 
 Gplfd = Callable[..., int]
 
@@ -242,6 +244,49 @@ def test_list_names_everything(
     printed = capsys.readouterr().out
     for name in ("small", "medium", "large", "gp ", "oracle", "gplfd/DoorOpening-v0"):
         assert name in printed
+
+
+def test_list_as_json_names_what_can_be_given(
+    gplfd: Gplfd, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert gplfd("list", "--json") == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert set(listed["doors"]) == set(DOORS)
+    assert set(listed["environments"]) == set(ENVIRONMENT_IDS.values())
+    assert set(listed["randomizations"]) == set(RANDOMIZATIONS)
+    assert set(listed["disturbances"]) == set(DISTURBANCES)
+    kinds = ("methods", "ablations", "references")
+    assert {name for kind in kinds for name in listed[kind]} == set(POLICIES)
+
+
+def test_run_as_json_prints_its_metrics_and_nothing_else(
+    gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    oracle = ("--policy", "oracle", "--doors", "small", "--out", "out")
+    assert gplfd("run", *oracle, "--json") == 0
+    written = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert json.loads(capsys.readouterr().out) == written
+
+
+def test_help_and_errors_have_no_colours_where_nobody_sees_them(
+    gplfd: Gplfd, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert gplfd("--help") == 0
+    assert gplfd("lst") == 2
+    printed = capsys.readouterr()
+    assert "doctor" in printed.out
+    assert "Unrecognized options: lst" in printed.err
+    assert "\x1b" not in printed.out + printed.err
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_shells_can_complete_it(
+    gplfd: Gplfd, capsys: pytest.CaptureFixture[str], shell: str
+) -> None:
+    assert gplfd("--tyro-print-completion", shell) == 0
+    script = capsys.readouterr().out
+    assert "--randomization" in script
+    assert "doctor" in script
 
 
 def test_named_doors_take_names_and_radii() -> None:

@@ -1,0 +1,27 @@
+"""``gplfd doctor``: what is installed here, and what is missing."""
+
+from dataclasses import dataclass
+
+from experiments.commands.options import Json
+from experiments.interruption import postponed_interruption
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Doctor:
+    """Say what is installed here, and what is missing for pictures, windows, extras.
+
+    Nothing that is missing is an error: the exit status is 0. Put the output into a
+    report of a bug.
+    """
+
+    json: Json = False
+
+    def execute(self) -> int:
+        """Look, and print what was found."""
+        with postponed_interruption():
+            from experiments.doctor import examined, text
+            from experiments.files.plain_data import json_text
+
+        found = examined()
+        print(json_text(found.as_json()) if self.json else text(found))
+        return 0

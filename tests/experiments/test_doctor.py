@@ -1,0 +1,88 @@
+import importlib.metadata
+import json
+import os
+import sys
+from collections.abc import Callable
+
+import pytest
+
+from experiments import cli, doctor
+
+
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Pretend that this machine draws in one way only, and has no screen."""
+
+    def pretend(way: str, missing: str = "") -> None:
+        for name in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"):
+            monkeypatch.delenv(name, raising=False)
+        monkeypatch.setattr(sys, "platform", "linux")
+        monkeypatch.setattr(doctor, "drawn_by", {way: "llvmpipe"}.get)
+        installed = importlib.metadata.version
+
+        def version(distribution: str) -> str:
+            if distribution == missing:
+                raise importlib.metadata.PackageNotFoundError
+            return installed(distribution)
+
+        monkeypatch.setattr(importlib.metadata, "version", version)
+
+    return pretend
+
+
+def test_doctor_tells_what_is_here_and_what_is_missing(
+    machine: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    machine("osmesa", missing="dask")
+    assert cli.main(["doctor", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    parts = found["parts"]
+    assert found["packages"]["numpy"] == importlib.metadata.version("numpy")
+    assert parts["pictures"]["present"]
+    assert parts["pictures"]["remark"] == "with MUJOCO_GL=osmesa, drawn by llvmpipe"
+    assert not parts["windows"]["present"]
+    assert parts["dask"]["remark"] == "dask missing; pip install 'gplfd[dask]'"
+    assert parts["robomimic"]["remark"].startswith("h5py ")
+    assert cli.main(["doctor"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (line,) = (line for line in lines if line.startswith("  dask "))
+    assert line.split()[1] == "NO"
+
+
+def test_a_way_to_draw_that_was_chosen_and_fails_is_named(
+    machine: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine("egl")
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    pictures = doctor.examined().parts["pictures"]
+    assert not pictures.present
+    assert pictures.remark.startswith("MUJOCO_GL=osmesa does not work here; unset it")
+
+
+@pytest.mark.parametrize(
+    ("system", "environment", "expected"),
+    [
+        ("linux", {}, ("egl", "osmesa")),
+        ("linux", {"DISPLAY": ":0"}, ("", "egl", "osmesa")),
+        ("linux", {"MUJOCO_GL": "glfw"}, ("glfw",)),
+        ("darwin", {}, ("",)),
+    ],
+)
+def test_ways_to_draw(
+    system: str, environment: dict[str, str], expected: tuple[str, ...]
+) -> None:
+    assert doctor.ways(system, environment) == expected
+
+
+def test_drawing_that_fails_ends_the_child_only() -> None:
+    assert doctor.drawn_by("absent") == ""
+
+
+@pytest.mark.needs("opengl")
+def test_what_draws_is_named() -> None:
+    assert doctor.drawn_by(os.environ.get("MUJOCO_GL", ""))
+
+
+def test_every_extra_for_users_is_looked_at() -> None:
+    provided = importlib.metadata.metadata("gplfd").get_all("Provides-Extra") or []
+    assert set(provided) == {*doctor.EXTRAS, "test", "dev"}
