@@ -19,6 +19,7 @@ import tyro
 from experiments.commands.benchmark import Benchmark, benchmark_from
 from experiments.commands.catalogue import Catalogue
 from experiments.commands.demos import Demos
+from experiments.commands.doors import Doors
 from experiments.commands.figures import Figures
 from experiments.commands.learn import Learn
 from experiments.commands.report import Report
@@ -59,6 +60,7 @@ COMMANDS: Final[dict[str, Callable[..., Command]]] = {
     "report": Report,
     "figures": Figures,
     "demos": Demos,
+    "doors": Doors,
     "view": View,
     "speed": Speed,
     "list": Catalogue,

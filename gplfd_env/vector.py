@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gplfd_env.batch import DoorBatch
 from gplfd_env.camera import Camera
-from gplfd_env.command import COMMANDS
+from gplfd_env.command import COMMANDS, DRIVEN
 from gplfd_env.config import DoorSpec, door_config
 from gplfd_env.convention import (
     Seeds,
@@ -26,12 +26,22 @@ from gplfd_env.convention import (
 )
 from gplfd_env.disturbance import DisturbanceSpec, disturbance_named
 from gplfd_env.draw import Drawn, draw_episode
-from gplfd_env.episode import FLAGS, NUMBERS, POSE, REWARDS, Episode, Reward
+from gplfd_env.episode import (
+    BASE_POSE,
+    BASE_RATE,
+    FLAGS,
+    NUMBERS,
+    POSE,
+    REWARDS,
+    Episode,
+    Reward,
+)
 from gplfd_env.fields import Range, check_choice, checked_count
 from gplfd_env.observation import Observation, Reader, observation_space
 from gplfd_env.randomization import RandomizationSpec, door_randomization
 from gplfd_env.robot import Grasp
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.stance import check_reach
+from gplfd_env.task import CONTROL_PERIOD, Base
 from gplfd_env.variation import Variation
 
 Array = NDArray[np.float64]
@@ -87,6 +97,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         randomization: RandomizationSpec | Sequence[RandomizationSpec] = "none",
         disturbance: DisturbanceSpec | Sequence[DisturbanceSpec] = "none",
         reward: Reward = "dense",
+        base: Base = "fixed",
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         num_threads: int = 0,
@@ -98,6 +109,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     ) -> None:
         check_choice("grasp", grasp, get_args(Grasp))
         check_choice("reward", reward, REWARDS)
+        check_choice("base", base, get_args(Base))
         check_choice("render_mode", render_mode, (None, "rgb_array"))
         self.num_envs = checked_count("num_envs", num_envs, Range(low=1))
         checked_count("num_threads", num_threads, Range(low=0))
@@ -115,26 +127,31 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             "render_fps": round(1 / CONTROL_PERIOD),
             "autoreset_mode": self.autoreset_mode,
         }
-        self.single_observation_space = observation_space()
+        tells = self.command.drives
+        self.single_observation_space = observation_space(tells_base=tells)
         self.single_action_space = self.command.space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         given = door, randomization, disturbance
-        self._sources: dict[str, list[Any]] = {
-            name: each(name, one, num_envs, resolve)
-            for (name, resolve), one in zip(_RESOLVE.items(), given, strict=True)
-        }
-        self._reader = Reader.of(grasp, self.command.control)
+        self._base: Base = base
+        self._sources = self._in_reach(
+            {
+                name: each(name, one, num_envs, resolve)
+                for (name, resolve), one in zip(_RESOLVE.items(), given, strict=True)
+            }
+        )
+        self._grasp: Grasp = grasp
         self._reward: Reward = reward
         self._episodes: list[Episode] = []
-        self._batch = DoorBatch(num_envs, grasp, self.command, num_threads)
+        begin = [Variation(door=one) for one in self._sources["door"]]
+        self._batch = DoorBatch(begin, grasp, self.command, num_threads, base)
         self._camera = Camera(
             self.models[0], width, height, camera_name, effects=effects
         )
         self._random: list[tuple[np.random.Generator, int]] = []
         self._everyone = np.ones(num_envs, dtype=bool)
         self._ended = np.zeros(num_envs, dtype=bool)
-        self._sensed = np.zeros_like(self._batch.sensordata)
+        self._sensed = self._batch.read(None)
 
     @property
     def variations(self) -> tuple[Variation, ...]:
@@ -148,8 +165,15 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     @property
     def qpos(self) -> Array:
-        """Joint positions of every simulation, (n, nq) [m, rad]; a copy."""
-        return np.array(self._batch.qpos)
+        """Joint positions of every simulation, (n, nq) [m, rad]; a copy.
+
+        With zeros at the end where its door has fewer joints.
+        """
+        own = [self._batch.qpos_of(row) for row in range(self.num_envs)]
+        positions = np.zeros((self.num_envs, max(map(len, own))))
+        for row, values in enumerate(own):
+            positions[row, : len(values)] = values
+        return positions
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -248,15 +272,21 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         )
         n = self.num_envs
         rows = chosen_rows(given.get("reset_mask"), n, begun=bool(self._episodes))
-        changed = {
-            name: each(name, given[name], n, resolve)
-            for name, resolve in _RESOLVE.items()
-            if name in given
-        }
-        for name, values in changed.items():
-            for row in np.flatnonzero(rows):
-                self._sources[name][row] = values[row]
+        sources = {name: list(values) for name, values in self._sources.items()}
+        for name, resolve in _RESOLVE.items():
+            if name in given:
+                values = each(name, given[name], n, resolve)
+                for row in np.flatnonzero(rows):
+                    sources[name][row] = values[row]
+        self._sources = self._in_reach(sources)
         return rows
+
+    def _in_reach(self, sources: dict[str, list[Any]]) -> dict[str, list[Any]]:
+        """Return what episodes are drawn from, all of which the robot can reach."""
+        pairs = zip(sources["door"], sources["randomization"], strict=True)
+        for door, randomization in set(pairs):
+            check_reach(randomization.outermost(door), self._base)
+        return sources
 
     def _draw(self, row: int) -> Drawn:
         door, randomization, disturbance = (
@@ -271,14 +301,26 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         for row in chosen:
             self._batch.load(row, drawn[row].variation)
         self._batch.restart(chosen)
-        self._sensed[rows] = self._batch.sensordata[rows]
+        self._sensed = self._batch.read(chosen, self._sensed)
         self._episodes = [
-            Episode(drawn[row], self._reader, self._reward, self._sensed[row].tolist())
+            self._begun(drawn[row], self._sensed[row])
             if row in drawn
             else self._episodes[row]
             for row in range(self.num_envs)
         ]
         self._ended = self._ended & ~rows
+
+    def _begun(self, drawn: Drawn, sensed: Array) -> Episode:
+        door = drawn.variation.door
+        reader = Reader.of(
+            self._grasp,
+            self.command.control,
+            self._base,
+            door.handle,
+            door.swing,
+            tells_base=self.command.drives,
+        )
+        return Episode(drawn, reader, self._reward, sensed.tolist())
 
     def _advance(self, commands: Array, resting: Mask | None) -> None:
         """Step what does not rest by one control period."""
@@ -288,32 +330,33 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             stepped = np.flatnonzero(~resting).tolist()
             for row in np.flatnonzero(resting).tolist():
                 episodes[row].stand_still()
-        loads = {}
+        loads, drives = {}, {}
         for row in stepped:
             episode = episodes[row]
-            if episode.takes_commands_as_given:
-                continue
-            acting = episode.loads()
-            if acting is not None:
-                loads[row] = acting
-            commands[row] = episode.due(commands[row], self.command.rest)
+            if not episode.takes_commands_as_given:
+                acting = episode.loads()
+                if acting is not None:
+                    loads[row] = acting
+                commands[row] = episode.due(commands[row], self.command.rest)
+            rate = episode.drive(commands[row], obeys=self.command.drives)
+            if rate is not None:
+                drives[row] = rate
         rows = None if resting is None else stepped
-        diverged = self._batch.advance(commands, rows, loads)
+        diverged = self._batch.advance(commands, rows, loads, drives)
         if diverged is not None:
             for row in np.flatnonzero(diverged).tolist():
                 episodes[row].break_off()
             stepped = [row for row in stepped if not diverged[row]]
-        if len(stepped) == self.num_envs:
-            self._sensed[:] = self._batch.sensordata
-        else:
-            self._sensed[stepped] = self._batch.sensordata[stepped]
+        everyone = len(stepped) == self.num_envs
+        self._sensed = self._batch.read(None if everyone else stepped, self._sensed)
         values = self._sensed.tolist()
         for row in stepped:
             episodes[row].advance(values[row])
 
     def _observation(self) -> Observation:
         episodes = self._episodes
-        observation = self._reader.observation(
+        # What the observation takes lies alike in all sensor arrays.
+        observation = episodes[0].reader.observation(
             self._sensed,
             np.array([one.wrench for one in episodes]),
             np.array([[one.time] for one in episodes]),
@@ -332,10 +375,12 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
                 for e in episodes
             ]
         ).T
-        flags_end = POSE.stop + len(FLAGS) + 2
-        *flags, terminations, late = columns[POSE.stop : flags_end] > 0.0
+        flags_end = BASE_RATE.stop + len(FLAGS) + 2
+        *flags, terminations, late = columns[BASE_RATE.stop : flags_end] > 0.0
         infos: Info = dict(zip(NUMBERS, columns, strict=False))
         infos["handle_pose"] = columns[POSE].T
+        infos["base_pose"] = columns[BASE_POSE].T
+        infos["base_velocity"] = columns[BASE_RATE].T
         infos.update(zip(FLAGS, flags, strict=True))
         infos["failure"] = np.array([one.failure for one in episodes], dtype=object)
         *terms, rewards = columns[flags_end:]
@@ -361,3 +406,13 @@ class DoorOpeningImpedanceVectorEnv(DoorOpeningVectorEnv):
     """n simulations of `gplfd_env.door_opening.DoorOpeningImpedanceEnv`."""
 
     command = COMMANDS["impedance"]
+
+
+class DoorOpeningMobileVectorEnv(DoorOpeningVectorEnv):
+    """n simulations of `gplfd_env.door_opening.DoorOpeningMobileEnv`."""
+
+    command = DRIVEN
+
+    def __init__(self, num_envs: int = 1, *args: Any, **arguments: Any) -> None:
+        check_choice("base", arguments.setdefault("base", "mobile"), ("mobile",))
+        super().__init__(num_envs, *args, **arguments)

@@ -45,7 +45,7 @@ class EpisodeLog:
     """Name of the policy in the registry."""
     door: str
     """Name of the door, or its radius as text."""
-    door_config: Mapping[str, float]
+    door_config: Mapping[str, Any]
     """Fields of the door's configuration [SI]."""
     seed: int
     """Seed of the environment's reset."""

@@ -1,6 +1,5 @@
 """The one loop in which an agent acts on a door."""
 
-import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -80,7 +79,7 @@ def rollout(
                 truncated=truncated,
                 policy=policy,
                 door=door,
-                door_config=dataclasses.asdict(inner.door),
+                door_config=inner.door.as_dict(),
                 seed=seed,
             )
 

@@ -1,6 +1,5 @@
 """Many episodes in lockstep: one vector environment, one batch of agents."""
 
-import dataclasses
 import time
 from collections.abc import Sequence
 from functools import partial
@@ -89,7 +88,7 @@ def rollouts(
             truncated=bool(truncated[row]),
             policy=policy,
             door=door,
-            door_config=dataclasses.asdict(envs.variations[row].door),
+            door_config=envs.variations[row].door.as_dict(),
             seed=seed,
         )
         for row, (door, seed) in enumerate(zip(doors, seeds, strict=True))

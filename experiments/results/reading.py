@@ -54,7 +54,7 @@ _LEARNING_TEST: Final[Mapping[str, Any]] = {
 _EPISODE: Final = {
     **_LEARNING_TEST,
     "door": str,
-    "door_config": dict[str, float],
+    "door_config": dict[str, float | str | None],
     "randomization": str | dict[str, Any],
 }
 _FIELDS: Final = {
@@ -66,6 +66,8 @@ _FIELDS: Final = {
 _SELDOM: Final = {
     "disturbance": str | dict[str, Any],
     "demonstrated_radii": tuple[float, ...],
+    "demonstrated_kind": dict[str, str] | None,
+    "base": str,
     "habits": dict[str, float] | None,
     "prior_radius": float | None,
     "trial": str,
@@ -264,7 +266,8 @@ def _episode(task: EpisodeTask, shared: Mapping[str, Any]) -> EpisodeResult:
     if not shared["error"]:
         metrics = shared["metrics"]
         _check(metrics, _EPISODE_METRICS)
-        drawn = dataclasses.replace(planned, radius=metrics["radius"])
+        if metrics["radius"] != planned.radius:
+            drawn = planned.replaced({"radius": metrics["radius"]})
         if len(metrics["forecast_progress"]) != len(metrics["forecast_error_mm"]):
             raise ValueError("forecast_progress and forecast_error_mm differ in length")
     if dataclasses.replace(planned, radius=DoorConfig().radius) != DoorConfig():

@@ -1,6 +1,5 @@
 """A door in a tiny MuJoCo model, an agent that knows its arc, and logs by formula."""
 
-import dataclasses
 import functools
 import json
 import math
@@ -272,7 +271,7 @@ def episode_file(
             "kind": "episode",
             "policy": policy,
             "door": f"{radius:g}",
-            "door_config": dataclasses.asdict(DoorConfig(radius=radius)),
+            "door_config": DoorConfig(radius=radius).as_dict(),
             "seed": seed,
             "demonstrations_per_door": 2,
             "teacher": standard_teacher(),
