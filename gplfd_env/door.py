@@ -83,7 +83,7 @@ def add_door(
         pos=handle_position_w(door, placement, base),
         quat=quaternion(task_rotation_w(door, placement.base_yaw, base)),
     )
-    grasp, turn = grasp_in_door_frame(door, placement)
+    grasp, turn = grasp_in_door_frame(door, placement, base)
     frame.add_site(name="task_frame", pos=grasp, quat=turn, **UNDRAWN)
     _add_frame(frame, door)
     leaf = frame.add_body(name="door", pos=[0.0, 0.0, -door.side * door.hand_radius])

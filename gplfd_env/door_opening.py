@@ -26,7 +26,9 @@ from gplfd_env.episode import (
     Reward,
 )
 from gplfd_env.fields import check_choice
+from gplfd_env.geometry import DoorGeometry
 from gplfd_env.observation import Observation, Reader, observation_space
+from gplfd_env.placement import door_geometry
 from gplfd_env.randomization import (
     DoorRandomization,
     RandomizationSpec,
@@ -159,6 +161,11 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     def door(self) -> DoorConfig:
         """The door of this episode."""
         return self.variation.door
+
+    @property
+    def door_geometry(self) -> DoorGeometry:
+        """Where its hinge and its handle's axis are in the task frame."""
+        return door_geometry(self.variation, self._base)
 
     @property
     def dt(self) -> float:

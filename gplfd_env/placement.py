@@ -58,7 +58,7 @@ def task_rotation_w(
         base: Whose stance it is.
     """
     door = DoorConfig() if door is None else door
-    heading = stance_of(door, base).yaws(door)[0] - yaw
+    heading = stance_of(door, base).door_yaw - yaw
     into_door = np.array([math.cos(heading), math.sin(heading), 0.0])
     up = np.array([0.0, 0.0, 1.0])
     pull = -into_door
@@ -73,11 +73,11 @@ def gripper_rotation_w(door: DoorConfig, base: Base = "fixed") -> Matrix:
     or knob is held with the wrist rolled by a quarter, x upright.
     """
     stance = stance_of(door, base)
-    yaw = sum(stance.yaws(door))
+    yaw = stance.door_yaw + stance.grasp_yaw
     approach = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     arm_7_x = np.array([0.0, 0.0, -1.0])
     arm_7_y = np.cross(approach, arm_7_x)
-    if door.handle != "bar":
+    if stance.roll != 0.0:
         quarter = math.copysign(1.0, stance.roll)
         arm_7_x, arm_7_y = quarter * arm_7_y, -quarter * arm_7_x
     return np.column_stack([-arm_7_y, -arm_7_x, -approach])
@@ -91,7 +91,7 @@ def quaternion(rotation: Matrix) -> Matrix:
 
 
 def grasp_in_door_frame(
-    door: DoorConfig, placement: Placement, base: Base = "fixed"
+    door: DoorConfig, placement: Placement, base: Base
 ) -> tuple[Matrix, Matrix]:
     """Return the task frame in the door frame: position (3,) [m], quaternion (4,).
 
@@ -101,8 +101,13 @@ def grasp_in_door_frame(
     return position, quaternion(rotation)
 
 
-def door_geometry(variation: Variation, base: Base = "fixed") -> DoorGeometry:
-    """Return where the hinge and the handle's axis are in an episode's task frame."""
+def door_geometry(variation: Variation, base: Base) -> DoorGeometry:
+    """Return where the hinge and the handle's axis are in an episode's task frame.
+
+    Args:
+        variation: The episode's door and where the robot stands and grasps.
+        base: Whose stance before the door it is.
+    """
     door = variation.door
     position, rotation = _task_in_door_frame(door, variation.placement, base)
     hinge = np.array([0.0, 0.0, -door.side * door.hand_radius])
@@ -131,9 +136,9 @@ def _task_in_door_frame(
     """Return the task frame in the door frame: position (3,) [m], axes (3, 3)."""
     depth = np.array([0.0, 0.0, placement.grasp_depth])
     back = gripper_rotation_w(door, base) @ depth
-    axes = task_rotation_w(door, placement.base_yaw)
+    axes = task_rotation_w(door, placement.base_yaw, base)
     height = np.array([0.0, grasp_height(door, placement), 0.0])
-    return axes.T @ back + height, axes.T @ task_rotation_w(door)
+    return axes.T @ back + height, axes.T @ task_rotation_w(door, base=base)
 
 
 def solve_closed_posture(
@@ -171,7 +176,6 @@ def solve_closed_posture(
     lowest, highest = model.joint("torso_lift_joint").range
     data.joint("torso_lift_joint").qpos = min(max(lift, lowest), highest)
     data.qpos[arm] = stance.closed_posture
-    data.qpos[arm[-1]] += stance.roll if door.handle != "bar" else 0.0
     hand, target = model.site("hand").id, model.site("task_frame").id
     jacobian = np.zeros((6, model.nv))
     for _ in range(20):

@@ -152,7 +152,7 @@ class DoorRandomization:
         ends: dict[str, Any] = {
             name: pair[1] for name, pair in drawn.items() if pair is not None
         }
-        return dataclasses.replace(door, **ends)
+        return door.replaced(ends)
 
     def sample(self, door: DoorConfig, rng: np.random.Generator) -> Variation:
         """Draw one episode.

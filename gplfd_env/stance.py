@@ -18,38 +18,30 @@ class Stance:
     """Closed handle in the base frame where the base stands as it should [m]."""
 
     door_yaw: float
-    """Heading of "straight into the closed door" in the base frame [rad], of a door
-    with a bar."""
+    """Heading of "straight into the closed door" in the base frame [rad]."""
 
     grasp_yaw: float
-    """Constant yaw of the hand on a round bar, counter-clockwise from above [rad]."""
+    """Constant yaw of the hand on the handle, counter-clockwise from above [rad]; of a
+    lever or knob, whose axis is the hand's, none: it would turn a wrist that is nearly
+    stretched."""
 
     torso_below_handle: float
     """Height of the grasped point minus torso lift [m]."""
 
     closed_posture: tuple[float, ...]
-    """Arm joints that hold a bar, to 1 mrad [rad]; refined at build time."""
+    """Arm joints that hold the closed handle, to 1 mrad [rad]; refined at build
+    time."""
 
-    roll: float
-    """Turn of the wrist between a bar and a lever or knob, whose fingers close from
-    above and below [rad]: a quarter to one side or the other."""
+    roll: float = 0.0
+    """Turn of the wrist from where its fingers close around something upright [rad]: a
+    quarter to one side or the other for a lever or knob, which they take from above and
+    below."""
 
     radius: float
     """Greatest handle-to-hinge distance that is opened to the task's angle [m]."""
 
     height: float
     """Greatest height at which the handle can be held all the way [m]."""
-
-    def yaws(self, door: DoorConfig) -> tuple[float, float]:
-        """Return the heading into a door, and the hand's yaw from it [rad].
-
-        The axis of a lever or knob is the hand's: about another it would turn a wrist
-        that is nearly stretched. So the robot stands before such a door turned by what
-        is the hand's yaw on a bar.
-        """
-        if door.handle == "bar":
-            return self.door_yaw, self.grasp_yaw
-        return self.door_yaw + self.grasp_yaw, 0.0
 
 
 _DRIVING: Final = Stance(
@@ -58,13 +50,23 @@ _DRIVING: Final = Stance(
     grasp_yaw=math.radians(25.4),
     torso_below_handle=0.78,
     closed_posture=(1.119, 0.225, -1.569, 1.569, -1.352, -0.219, -1.564),
-    roll=math.pi / 2,
     radius=0.95,
     height=1.22,
 )
 """A base that drives keeps its arm where it is strong."""
 
-STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
+_DRIVING_TURNED: Final = Stance(
+    handle_xy_w=(0.742, 0.602),
+    door_yaw=0.692,
+    grasp_yaw=0.0,
+    torso_below_handle=0.86,
+    closed_posture=(1.789, 0.634, -1.197, 1.295, -1.015, -0.662, 0.200),
+    roll=math.pi / 2,
+    radius=0.95,
+    height=1.22,
+)
+
+BAR_STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
     {
         ("fixed", "pull"): Stance(
             handle_xy_w=(0.7345, 0.7004),
@@ -72,7 +74,6 @@ STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
             grasp_yaw=math.radians(25.4),
             torso_below_handle=0.50,
             closed_posture=(2.183, -0.730, -2.699, 0.803, 0.995, 0.034, 0.900),
-            roll=-math.pi / 2,
             radius=0.65,
             height=0.90,
         ),
@@ -82,7 +83,6 @@ STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
             grasp_yaw=0.0,
             torso_below_handle=0.72,
             closed_posture=(0.200, 0.341, -1.368, 1.925, -0.969, 0.746, -2.019),
-            roll=math.pi / 2,
             radius=0.65,
             height=1.07,
         ),
@@ -93,10 +93,39 @@ STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
 """By base and by which way the door opens: who stands still has to reach everything
 with its arm, and begins far off where it pulls, near where it pushes."""
 
+TURNED_STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
+    {
+        ("fixed", "pull"): Stance(
+            handle_xy_w=(0.7345, 0.7004),
+            door_yaw=math.radians(51.45),
+            grasp_yaw=0.0,
+            torso_below_handle=0.50,
+            closed_posture=(2.183, -0.730, -2.699, 0.803, 0.995, 0.034, -0.671),
+            roll=-math.pi / 2,
+            radius=0.65,
+            height=0.90,
+        ),
+        ("fixed", "push"): Stance(
+            handle_xy_w=(0.593, -0.027),
+            door_yaw=math.radians(67.2),
+            grasp_yaw=0.0,
+            torso_below_handle=0.72,
+            closed_posture=(0.200, 0.341, -1.368, 1.925, -0.969, 0.746, -0.448),
+            roll=math.pi / 2,
+            radius=0.65,
+            height=1.07,
+        ),
+        ("mobile", "pull"): _DRIVING_TURNED,
+        ("mobile", "push"): _DRIVING_TURNED,
+    }
+)
+"""The same before a lever or knob."""
+
 
 def stance_of(door: DoorConfig, base: Base) -> Stance:
     """Return where a robot stands before a door."""
-    return STANCES[base, door.swing]
+    stances = BAR_STANCES if door.handle == "bar" else TURNED_STANCES
+    return stances[base, door.swing]
 
 
 def base_for(door: DoorConfig) -> Base:

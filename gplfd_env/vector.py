@@ -37,7 +37,9 @@ from gplfd_env.episode import (
     Reward,
 )
 from gplfd_env.fields import Range, check_choice, checked_count
+from gplfd_env.geometry import DoorGeometry
 from gplfd_env.observation import Observation, Reader, observation_space
+from gplfd_env.placement import door_geometry
 from gplfd_env.randomization import RandomizationSpec, door_randomization
 from gplfd_env.robot import Grasp
 from gplfd_env.stance import check_reach
@@ -157,6 +159,11 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     def variations(self) -> tuple[Variation, ...]:
         """Door and circumstances of every episode; none before the first reset."""
         return tuple(episode.variation for episode in self._episodes)
+
+    @property
+    def door_geometries(self) -> tuple[DoorGeometry, ...]:
+        """Where hinges and handles of these doors are in the task frame."""
+        return tuple(door_geometry(one, self._base) for one in self.variations)
 
     @property
     def models(self) -> tuple[mujoco.MjModel, ...]:

@@ -18,7 +18,6 @@ from experiments.progress import LOG, progress_bar
 from experiments.teacher import Teacher
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DoorConfig
-from gplfd_env.placement import door_geometry
 from policies.agent import Agent
 from policies.method import TrainingInput
 from policies.policy import Policy
@@ -131,7 +130,7 @@ def _act(agent: Agent, env: Recorder, door: DoorConfig, seed: int) -> None:
     with threadpool_limits(limits=1, user_api="blas"):
         options = {"door": door.as_dict()}
         observation, _ = env.reset(seed=seed, options=options)
-        agent.inform(door_geometry(inner.variation))
+        agent.inform(inner.door_geometry)
         agent.reset(observation)
         ended = False
         while not ended:

@@ -10,7 +10,6 @@ from threadpoolctl import threadpool_limits
 
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
-from gplfd_env.placement import door_geometry
 from policies.agent import Agent, as_agent
 from policies.steps import AgentStep
 
@@ -66,7 +65,7 @@ def rollout(
     # ten times the work itself.
     with threadpool_limits(limits=1, user_api="blas"):
         observation, info = env.reset(seed=seed)
-        agent.inform(door_geometry(inner.variation))
+        agent.inform(inner.door_geometry)
         agent.reset(observation)
         steps = StepRecorder()
         forecasts = ForecastRecorder(agent.forecast, forecast_period)

@@ -9,7 +9,6 @@ from threadpoolctl import threadpool_limits
 
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
-from gplfd_env.placement import door_geometry
 from gplfd_env.vector import DoorOpeningVectorEnv
 from policies.lockstep import AgentBatch
 
@@ -44,7 +43,7 @@ def rollouts(
     # See `experiments.episodes.rollout.rollout`.
     with threadpool_limits(limits=1, user_api="blas"):
         observations, infos = envs.reset(seed=list(seeds))
-        agents.inform([door_geometry(one) for one in envs.variations])
+        agents.inform(envs.door_geometries)
         agents.reset(observations)
         steps = StepRecorder()
         forecasts = [

@@ -44,7 +44,7 @@ class OracleAgent:
             raise ValueError(
                 "the oracle must be told the door before the episode: agent.inform("
                 "door), with a gplfd_env.DoorGeometry such as DoorGeometry.nominal(0.5)"
-                " or gplfd_env.placement.door_geometry(env.unwrapped.variation)"
+                " or env.unwrapped.door_geometry"
             )
         if self._door.travel > 0.0 and self._turned < 1.0:
             self._turned = min(1.0, self._turned + CONTROL_PERIOD / _TURNING)

@@ -55,7 +55,7 @@ class ToldHandleAgent:
             raise ValueError(
                 "hinge-fit-told must be told the handle before the episode: "
                 "agent.inform(door), with a gplfd_env.DoorGeometry such as "
-                "gplfd_env.placement.door_geometry(env.unwrapped.variation)"
+                "env.unwrapped.door_geometry"
             )
         if self._door.travel > 0.0 and self._turned < 1.0:
             self._turned = min(1.0, self._turned + CONTROL_PERIOD / _TURNING)

@@ -10,7 +10,6 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
 import gplfd_env
-from gplfd_env.placement import door_geometry
 from gplfd_env.task import CONTROL_PERIOD
 
 LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}
@@ -30,7 +29,7 @@ def eased(share: float) -> float:
 
 def unlatching(env: Any, degrees: float, turn: float = 0.8) -> list[np.ndarray]:
     """Turn the handle in 1.5 s, open in 4 s, and let the handle back meanwhile."""
-    door = door_geometry(env.variation)
+    door = env.door_geometry
     poses = []
     for step in range(round(6.5 / CONTROL_PERIOD)):
         time = (step + 1) * CONTROL_PERIOD

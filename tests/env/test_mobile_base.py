@@ -17,11 +17,17 @@ from gplfd_env.config import DoorConfig
 from gplfd_env.mobile_base import BASE_JOINTS
 from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.scene import build_scene
-from gplfd_env.stance import STANCES, check_reach
+from gplfd_env.stance import BAR_STANCES, check_reach
 from gplfd_env.whole_body import SPEED
 
 MOBILE = gplfd_env.MOBILE_ENVIRONMENT_ID
 WALL = (*OBSTACLES, "wall_hinge", "wall_lock")
+AXES = ("tangential", "radial", "vertical")
+
+
+def eased(share: float) -> float:
+    s = min(max(share, 0.0), 1.0)
+    return 10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5
 
 
 def touching(env: Any) -> set[str]:
@@ -60,6 +66,34 @@ def test_it_opens_to_a_right_angle_with_its_arm_as_it_was(
     assert info["slip"] < 2e-3
     assert 0.3 < max(speeds) < 0.75 * SPEED[0]
     assert info["base_pose"][2] == pytest.approx(np.pi / 2, abs=0.08)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("preset", ["room-584", "room-959"])
+def test_it_opens_doors_of_rooms_to_a_right_angle(
+    preset: str, side: str, make_env: Callable
+) -> None:
+    """Lever pressed in 0.8 s, let back between 8° and 25°, opened in 6 s."""
+    env = make_env({"preset": preset, "hinge_side": side}, base="mobile")
+    env.reset(seed=0)
+    door = env.door_geometry
+    arm = [env.model.joint(name).id for name in ARM_JOINTS]
+    low, high = env.model.jnt_range[arm].T
+    margins, forces = [], []
+    for step in range(760):
+        angle = np.pi / 2 * eased((0.01 * step - 0.8) / 6.0)
+        back = eased((np.degrees(angle) - 8.0) / 17.0)
+        turn = door.travel * eased(0.01 * step / 0.8) * (1.0 - back)
+        *_, info = env.step(door.hand_poses(angle, turn))
+        forces.append([info[f"force_{a}"] for a in AXES])
+        arm_at = env.data.qpos[env.model.jnt_qposadr[arm]]
+        margins.append(np.minimum(arm_at - low, high - arm_at).min())
+        assert not touching(env)
+        assert info["failure"] == ""
+    assert np.degrees(info["door_angle"]) > 89.0
+    assert min(margins) > 0.2
+    assert np.linalg.norm(forces, axis=1).max() < 15.0
+    assert info["slip"] < 2e-3
 
 
 @pytest.mark.parametrize("radius", [0.35, 0.65, 0.9])
@@ -201,7 +235,7 @@ def test_a_base_that_stands_refuses_what_it_cannot_reach(
 
 
 def test_the_record_ends_where_the_driving_robot_s_reach_does() -> None:
-    most = {"radius": STANCES["mobile", "pull"].radius, "handle_height": 1.22}
+    most = {"radius": BAR_STANCES["mobile", "pull"].radius, "handle_height": 1.22}
     check_reach(DoorConfig(**most), "mobile")
     for field, value in most.items():
         with pytest.raises(ValueError, match=f"{field} = "):

@@ -15,7 +15,7 @@ from gplfd_env.config import DoorConfig
 from gplfd_env.observation import Reader
 from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.scene import GRASP_KEY, build_scene
-from gplfd_env.stance import STANCES
+from gplfd_env.stance import BAR_STANCES
 from gplfd_env.task import handle_pose_on_arc
 from gplfd_env.variation import Placement, SensorNoise, Variation
 
@@ -108,12 +108,12 @@ def test_an_error_of_the_base_moves_the_door_the_other_way(
     yaw = placement.base_yaw
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     bar = data.geom("handle_bar").xpos[:2]
-    closed = STANCES["fixed", "pull"].handle_xy_w
+    closed = BAR_STANCES["fixed", "pull"].handle_xy_w
     assert_allclose(base + turn @ bar, closed, atol=1e-12)
     pull = data.body("door_frame").xmat.reshape(3, 3)[:2, 0]
     into_door = -turn @ pull
     assert math.atan2(into_door[1], into_door[0]) == pytest.approx(
-        STANCES["fixed", "pull"].door_yaw
+        BAR_STANCES["fixed", "pull"].door_yaw
     )
 
 

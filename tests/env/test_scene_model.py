@@ -11,7 +11,7 @@ from gplfd_env._paths import asset_path
 from gplfd_env.config import DoorConfig
 from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.scene import GRASP_KEY, build_scene
-from gplfd_env.stance import STANCES
+from gplfd_env.stance import BAR_STANCES
 
 NAMED = {
     "nbody": mujoco.mjtObj.mjOBJ_BODY,
@@ -95,8 +95,8 @@ def test_every_door_in_reach_can_be_held(
 ) -> None:
     """Hand on the closed handle, arm within limits, robot at rest."""
     door = DoorConfig(
-        radius=0.30 + share * (STANCES[base, "pull"].radius - 0.30),
-        handle_height=0.50 + up * (STANCES[base, "pull"].height - 0.50),
+        radius=0.30 + share * (BAR_STANCES[base, "pull"].radius - 0.30),
+        handle_height=0.50 + up * (BAR_STANCES[base, "pull"].height - 0.50),
         handle_standoff=handle_standoff,
     )
     model = build_scene(door, base=base)
