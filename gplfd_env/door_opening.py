@@ -22,6 +22,7 @@ from gplfd_env.episode import (
     NUMBERS,
     POSE,
     REWARDS,
+    TEXTS,
     Episode,
     Reward,
 )
@@ -62,7 +63,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     ``force_radial``, ``force_vertical`` [N, hand on handle], ``push_force``,
     ``person_force`` [N], ``person_energy`` [J], ``base_shift`` [m], ``stop_force``
     [N, of the door at the handle's radius], ``handle_angle`` [rad], ``bolt`` [m],
-    ``closer_torque`` [N m], ``failure``,
+    ``closer_torque`` [N m], ``capability`` and its ``stage``, ``failure`` and its
+    ``reason``,
     ``simulation_error``, ``reward_terms``. Never blurred by sensor noise.
 
     The episode terminates in success (60° held for 0.5 s, handle grasped) or when
@@ -300,7 +302,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         info["base_pose"] = np.array(row[BASE_POSE])
         info["base_velocity"] = np.array(row[BASE_RATE])
         info.update(zip(FLAGS, row[BASE_RATE.stop :], strict=True))
-        info["failure"] = episode.failure
+        info.update({name: getattr(episode, name) for name in TEXTS})
         info["reward_terms"] = episode.terms
         return info
 

@@ -6,6 +6,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gplfd_env.capability import STAGES, Capability, Hindrance
 from gplfd_env.closer import CloserLaw
 from gplfd_env.draw import Drawn
 from gplfd_env.intervention import Intervention, Loads, Vector
@@ -63,6 +64,9 @@ class Episode:
         self.simulation_error = False
         self._sense(values)
         self._monitor = OpeningMonitor(CONTROL_PERIOD)
+        self._capability = Capability(door)
+        self._hindrance = Hindrance(reader.arm_limits)
+        self._capability.update(self._reading, latched=self._latched, held=False)
         self._grasp_point = self._reading.hand_on_handle
         self.terms = self._terms(0.0, 0.0, False)
 
@@ -112,15 +116,19 @@ class Episode:
         reading, drive = self._reading, self._drive
         if drive is not None:
             drive.note(self._base[1])
-        self._monitor.update(
+        monitor, latched = self._monitor, self._latched
+        monitor.update(
             reading.angle,
             reading.grasped,
             reading.handle_angle,
-            latched=latch_holds(self.variation.door, reading.angle, reading.bolt),
+            latched=latched,
             blocked=drive is not None and drive.blocked,
         )
+        self._capability.update(reading, latched=latched, held=monitor.success)
+        joints = values[self.reader.joint_pos]
+        self._hindrance.update(reading, joints, stalled=monitor.failure == "stalled")
         gain = reading.angle - before
-        self.terms = self._terms(gain, reading.forces[2], self._monitor.success)
+        self.terms = self._terms(gain, reading.forces[2], monitor.success)
 
     def break_off(self) -> None:
         """Take in that the simulation has diverged; all readings stay the last good."""
@@ -154,6 +162,12 @@ class Episode:
         self._blur = None if self._noise is None else self._noise.draw()
 
     @property
+    def _latched(self) -> bool:
+        """Whether the bolt holds the door."""
+        reading = self._reading
+        return latch_holds(self.variation.door, reading.angle, reading.bolt)
+
+    @property
     def takes_commands_as_given(self) -> bool:
         """Whether `due` always returns the command that it is given."""
         return self._delay is None and self._intervention is None
@@ -172,7 +186,7 @@ class Episode:
             outside.person_force,
             outside.person_energy,
             math.hypot(*outside.base_shift),
-            torque / self.variation.door.radius,
+            torque / self.variation.door.hand_radius,
             outside.base_shift,
         )
 
@@ -185,6 +199,16 @@ class Episode:
     def failure(self) -> str:
         """What has gone wrong: see `OpeningMonitor`; or ``"simulation_error"``."""
         return "simulation_error" if self.simulation_error else self._monitor.failure
+
+    @property
+    def reason(self) -> str:
+        """Why it fails: see `gplfd_env.capability.Hindrance.reason`."""
+        return self._hindrance.reason(self.failure)
+
+    @property
+    def stage(self) -> str:
+        """The furthest stage that it has reached, one of `STAGES`."""
+        return STAGES[self._capability.level]
 
     @property
     def terminated(self) -> bool:
@@ -214,6 +238,7 @@ class Episode:
             reading.handle_angle,
             reading.bolt,
             self._closer.torque(reading.angle, reading.velocity),
+            self._capability.level,
             x - dx,
             y - dy,
             z - dz,
@@ -243,6 +268,7 @@ NUMBERS: Final = (
     "handle_angle",
     "bolt",
     "closer_torque",
+    "capability",
 )
 """Numbers of an info, in the order of `Episode.row`."""
 
@@ -252,6 +278,9 @@ POSE: Final = slice(len(NUMBERS), len(NUMBERS) + 6)
 BASE_POSE: Final = slice(POSE.stop, POSE.stop + 3)
 BASE_RATE: Final = slice(BASE_POSE.stop, BASE_POSE.stop + 3)
 """Where in a row pose and rate of the base are."""
+
+TEXTS: Final = ("failure", "reason", "stage")
+"""Words of an info, attributes of an `Episode`."""
 
 FLAGS: Final = ("success", "is_success", "grasped", "simulation_error")
 """Flags of an info, the last entries of a row."""

@@ -69,7 +69,7 @@ class Intervention:
         self._stuck = self._breakaway is not None
         self._push = disturbance.push and _PushInTime(disturbance.push)
         self._person = disturbance.person and PersonHand(
-            disturbance.person, door.radius
+            disturbance.person, door.hand_radius
         )
         self._stop = disturbance.stop and _StopInTime(disturbance.stop)
         self._bump = disturbance.bump and _BumpInTime(disturbance.bump, door)
@@ -115,11 +115,11 @@ class Intervention:
             elif self._push.on == "forearm":
                 forearm = force
             else:
-                hinge += sizes[0] * self._door.radius
+                hinge += sizes[0] * self._door.hand_radius
         if self._person:
             resistance = self._person.resistance(time, reading.angle, slip)
             if self._person.on == "door":
-                hinge -= resistance * self._door.radius
+                hinge -= resistance * self._door.hand_radius
             else:
                 held = _combined((-resistance, 0.0, 0.0), (along, upward, outward))
                 hand = (hand[0] + held[0], hand[1] + held[1], hand[2] + held[2])

@@ -78,6 +78,7 @@ class Reader:
         ee_twist: The hand's twist.
         joint_pos: The arm's joint positions.
         joint_vel: The arm's joint velocities.
+        arm_limits: Least and greatest position of every joint of the arm [rad].
         wrist: Wrist force, torque, and the sensor's three axes.
         door: From the hinge's angle to the torque at its stop; handle and bolt follow
             where there are any.
@@ -92,6 +93,7 @@ class Reader:
     ee_twist: slice
     joint_pos: slice
     joint_vel: slice
+    arm_limits: tuple[tuple[float, float], ...]
     wrist: slice
     door: slice
     odometry: slice | None
@@ -133,6 +135,9 @@ class Reader:
             ee_twist=_span(model, "hand_linvel", 6),
             joint_pos=_span(model, f"{ARM_JOINTS[0]}_pos", 7),
             joint_vel=_span(model, f"{ARM_JOINTS[0]}_vel", 7),
+            arm_limits=tuple(
+                tuple(model.joint(name).range.tolist()) for name in ARM_JOINTS
+            ),
             wrist=_span(model, "wrist_force", 15),
             door=slice(int(model.sensor("hinge_angle").adr[0]), None),
             odometry=(

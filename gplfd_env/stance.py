@@ -102,8 +102,8 @@ TURNED_STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
             torso_below_handle=0.50,
             closed_posture=(2.183, -0.730, -2.699, 0.803, 0.995, 0.034, -0.671),
             roll=-math.pi / 2,
-            radius=0.65,
-            height=0.90,
+            radius=0.91,
+            height=1.07,
         ),
         ("fixed", "push"): Stance(
             handle_xy_w=(0.593, -0.027),
@@ -112,14 +112,16 @@ TURNED_STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
             torso_below_handle=0.72,
             closed_posture=(0.200, 0.341, -1.368, 1.925, -0.969, 0.746, -0.448),
             roll=math.pi / 2,
-            radius=0.65,
+            radius=0.91,
             height=1.07,
         ),
         ("mobile", "pull"): _DRIVING_TURNED,
         ("mobile", "push"): _DRIVING_TURNED,
     }
 )
-"""The same before a lever or knob."""
+"""The same before a lever or knob. A base that stands still reaches those that are
+pulled with the hinge on the right, and pushed with the hinge on the left; on the other
+side the arm ends earlier (docs/environment.md)."""
 
 
 def stance_of(door: DoorConfig, base: Base) -> Stance:

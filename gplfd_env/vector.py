@@ -1,7 +1,7 @@
 """Many doors at once on `mujoco.batch.Batch`: what ``gym.make_vec`` makes."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, get_args
+from collections.abc import Mapping, Sequence
+from typing import Any, get_args
 
 import gymnasium as gym
 import mujoco
@@ -14,49 +14,25 @@ from numpy.typing import NDArray
 from gplfd_env.batch import DoorBatch
 from gplfd_env.camera import Camera
 from gplfd_env.command import COMMANDS, DRIVEN
-from gplfd_env.config import DoorSpec, door_config
-from gplfd_env.convention import (
-    Seeds,
-    checked_options,
-    chosen_rows,
-    each,
-    each_seed,
-    masked,
-    unmasked,
-)
-from gplfd_env.disturbance import DisturbanceSpec, disturbance_named
-from gplfd_env.draw import Drawn, draw_episode
-from gplfd_env.episode import (
-    BASE_POSE,
-    BASE_RATE,
-    FLAGS,
-    NUMBERS,
-    POSE,
-    REWARDS,
-    Episode,
-    Reward,
-)
+from gplfd_env.config import DoorSpec
+from gplfd_env.convention import Seeds, each_seed, masked, unmasked
+from gplfd_env.disturbance import DisturbanceSpec
+from gplfd_env.draw import Drawn
+from gplfd_env.episode import REWARDS, Episode, Reward
 from gplfd_env.fields import Range, check_choice, checked_count
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.observation import Observation, Reader, observation_space
+from gplfd_env.outcome import outcome
 from gplfd_env.placement import door_geometry
-from gplfd_env.randomization import RandomizationSpec, door_randomization
+from gplfd_env.randomization import RandomizationSpec
 from gplfd_env.robot import Grasp
-from gplfd_env.stance import check_reach
+from gplfd_env.sources import Sources
 from gplfd_env.task import CONTROL_PERIOD, Base
 from gplfd_env.variation import Variation
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Info = dict[str, Any]
-
-
-_RESOLVE: Final[Mapping[str, Callable[[Any], Any]]] = {
-    "door": door_config,
-    "randomization": door_randomization,
-    "disturbance": disturbance_named,
-}
-"""What each simulation's episodes are drawn from, in the order of `draw_episode`."""
 
 
 class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
@@ -134,18 +110,18 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self.single_action_space = self.command.space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        given = door, randomization, disturbance
         self._base: Base = base
-        self._sources = self._in_reach(
-            {
-                name: each(name, one, num_envs, resolve)
-                for (name, resolve), one in zip(_RESOLVE.items(), given, strict=True)
-            }
+        self._sources = Sources(
+            num_envs,
+            base,
+            door=door,
+            randomization=randomization,
+            disturbance=disturbance,
         )
         self._grasp: Grasp = grasp
         self._reward: Reward = reward
         self._episodes: list[Episode] = []
-        begin = [Variation(door=one) for one in self._sources["door"]]
+        begin = [Variation(door=one) for one in self._sources.doors]
         self._batch = DoorBatch(begin, grasp, self.command, num_threads, base)
         self._camera = Camera(
             self.models[0], width, height, camera_name, effects=effects
@@ -215,7 +191,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             for row, one in enumerate(each_seed(seed, self.num_envs))
             if one is not None or not self._random
         }
-        rows = self._take(options)
+        rows = self._sources.take(options, begun=bool(self._episodes))
         self._random = [
             fresh[row] if row in fresh and rows[row] else self._random[row]
             for row in range(self.num_envs)
@@ -267,44 +243,10 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         """Free the renderer; a later picture makes another."""
         self._camera.close()
 
-    def _take(self, options: Mapping[str, Any] | None) -> Mask:
-        """Check all options of a reset, then keep them; return its mask."""
-        given = checked_options(
-            options,
-            {
-                name: "as for the single environment, or a sequence of num_envs"
-                for name in _RESOLVE
-            }
-            | {"reset_mask": "an array of num_envs booleans"},
-        )
-        n = self.num_envs
-        rows = chosen_rows(given.get("reset_mask"), n, begun=bool(self._episodes))
-        sources = {name: list(values) for name, values in self._sources.items()}
-        for name, resolve in _RESOLVE.items():
-            if name in given:
-                values = each(name, given[name], n, resolve)
-                for row in np.flatnonzero(rows):
-                    sources[name][row] = values[row]
-        self._sources = self._in_reach(sources)
-        return rows
-
-    def _in_reach(self, sources: dict[str, list[Any]]) -> dict[str, list[Any]]:
-        """Return what episodes are drawn from, all of which the robot can reach."""
-        pairs = zip(sources["door"], sources["randomization"], strict=True)
-        for door, randomization in set(pairs):
-            check_reach(randomization.outermost(door), self._base)
-        return sources
-
-    def _draw(self, row: int) -> Drawn:
-        door, randomization, disturbance = (
-            values[row] for values in self._sources.values()
-        )
-        return draw_episode(door, randomization, disturbance, self._random[row][0])
-
     def _restart(self, rows: Mask) -> None:
         """Draw new episodes for some simulations and begin them."""
         chosen = np.flatnonzero(rows).tolist()
-        drawn = {row: self._draw(row) for row in chosen}
+        drawn = {row: self._sources.draw(row, self._random[row][0]) for row in chosen}
         for row in chosen:
             self._batch.load(row, drawn[row].variation)
         self._batch.restart(chosen)
@@ -374,27 +316,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     def _outcome(self, rows: Mask) -> tuple[Array, Mask, Mask, Info]:
         """Return rewards, terminations, truncations, and infos with masks."""
-        episodes, limit = self._episodes, self._limit
-        # One array of everything: at small n an array costs as much as ten numbers.
-        columns = np.array(
-            [
-                (*e.row, e.terminated, e.steps >= limit, *e.terms.values(), e.reward)
-                for e in episodes
-            ]
-        ).T
-        flags_end = BASE_RATE.stop + len(FLAGS) + 2
-        *flags, terminations, late = columns[BASE_RATE.stop : flags_end] > 0.0
-        infos: Info = dict(zip(NUMBERS, columns, strict=False))
-        infos["handle_pose"] = columns[POSE].T
-        infos["base_pose"] = columns[BASE_POSE].T
-        infos["base_velocity"] = columns[BASE_RATE].T
-        infos.update(zip(FLAGS, flags, strict=True))
-        infos["failure"] = np.array([one.failure for one in episodes], dtype=object)
-        *terms, rewards = columns[flags_end:]
-        named = dict(zip(episodes[0].terms, terms, strict=True))
-        infos["reward_terms"] = named
-        truncations = infos["simulation_error"] | late
-        return rewards, terminations, truncations, masked(infos, rows)
+        return outcome(self._episodes, self._limit, rows)
 
     def _reset_at_once(self, ended: Mask, infos: Info) -> Info:
         """Reset ended simulations in the step that ended them; return its infos."""

@@ -75,6 +75,7 @@ def rollout(
             return make_log(
                 steps.arrays() | forecasts.arrays(),
                 failure=str(info["failure"]),
+                reason=str(info["reason"]),
                 truncated=truncated,
                 policy=policy,
                 door=door,

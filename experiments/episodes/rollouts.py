@@ -84,6 +84,7 @@ def rollouts(
             {name: rows[: lengths[row], row] for name, rows in together.items()}
             | forecasts[row].arrays(),
             failure=str(infos["failure"][row]),
+            reason=str(infos["reason"][row]),
             truncated=bool(truncated[row]),
             policy=policy,
             door=door,

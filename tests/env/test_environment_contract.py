@@ -36,9 +36,12 @@ INFO_TYPES = {
     "handle_angle": float,
     "bolt": float,
     "closer_torque": float,
+    "capability": int,
     "base_pose": np.ndarray,
     "base_velocity": np.ndarray,
     "failure": str,
+    "reason": str,
+    "stage": str,
     "simulation_error": bool,
     "reward_terms": dict,
 }
