@@ -4,8 +4,8 @@ import errno
 import os
 from pathlib import Path
 
-from gplfd_env.config import nearest_name
 from gplfd_env.disturbance import DISTURBANCES
+from gplfd_env.named import nearest_name
 from gplfd_env.randomization import RANDOMIZATIONS
 
 

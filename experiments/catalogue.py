@@ -3,8 +3,14 @@
 import re
 from collections.abc import Mapping
 
-from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
-from gplfd_env.config import DOORS, RADIUS_RANGE, DoorConfig
+from gplfd_env import (
+    ENVIRONMENT_ID,
+    IMPEDANCE_ENVIRONMENT_ID,
+    MOBILE_ENVIRONMENT_ID,
+)
+from gplfd_env.config import DOORS, DoorConfig
+from gplfd_env.fields import allowed_range
+from gplfd_env.stance import stance_of
 from policies.registry import POLICIES
 from policies.user_policies import packaged_policies
 
@@ -24,7 +30,10 @@ def catalogue_json() -> dict[str, dict[str, str]]:
 
 def _sections() -> Mapping[str, Mapping[str, str]]:
     """Return a line about each name, by the titles of the sections."""
-    low, high = RADIUS_RANGE
+    low, high = (
+        allowed_range(DoorConfig, "radius").low,
+        stance_of(DoorConfig(), "fixed").radius,
+    )
     return {
         f"doors (or any radius from {low:g} to {high:g} m)": {
             name: _door(config) for name, config in DOORS.items()
@@ -42,11 +51,13 @@ def _sections() -> Mapping[str, Mapping[str, str]]:
         "environments": {
             ENVIRONMENT_ID: "command the hand's pose in the task frame",
             IMPEDANCE_ENVIRONMENT_ID: "command its pose and its stiffness",
+            MOBILE_ENVIRONMENT_ID: "command its pose and the twist of the base",
         },
         "randomizations (of doors, placement, grasp, sensors and delay)": {
             "none": "every episode the same door",
             "mild": "what a careful laboratory leaves over",
             "hard": "another door every time, also of another radius",
+            "standard": "a door of a building every time: handle, way, side, closer",
         },
         "disturbances (what happens from outside while the door is opened)": {
             "none": "nothing",

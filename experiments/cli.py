@@ -20,6 +20,7 @@ from experiments.commands.benchmark import Benchmark, benchmark_from
 from experiments.commands.catalogue import Catalogue
 from experiments.commands.demos import Demos
 from experiments.commands.doctor import Doctor
+from experiments.commands.doors import Doors
 from experiments.commands.figures import Figures
 from experiments.commands.learn import Learn
 from experiments.commands.report import Report
@@ -60,6 +61,7 @@ COMMANDS: Final[dict[str, Callable[..., Command]]] = {
     "report": Report,
     "figures": Figures,
     "demos": Demos,
+    "doors": Doors,
     "view": View,
     "speed": Speed,
     "list": Catalogue,

@@ -1,7 +1,6 @@
 """A run: learn once, open some doors, and keep numbers and recordings in a folder."""
 
 import contextlib
-import dataclasses
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -31,10 +30,11 @@ from experiments.recording import record_episode
 from experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
 from experiments.skills import skill_method
 from experiments.study.sources import source_of
-from experiments.teacher import DEMONSTRATED_RADII, Teacher
+from experiments.teacher import Teacher, doors_like
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DoorConfig
 from gplfd_env.scene import build_scene
+from gplfd_env.stance import base_for
 from policies.agent import Agent
 from policies.demonstrations import Demonstration
 from policies.method import TrainingInput
@@ -103,6 +103,7 @@ def open_doors(
     """
     check_least("--seed", seed, 0)
     configs = named_doors(doors)
+    like = _of_one_kind(configs)
     check_circumstances(randomization, disturbance)
     chosen = policy_named(policy)
     check_folder(folder)
@@ -111,7 +112,7 @@ def open_doors(
     started = time.perf_counter()
     with reported_errors(policy, chosen):
         if skill is None:
-            shown, make = _learn(chosen, demonstrations, seed)
+            shown, make = _learn(chosen, demonstrations, seed, like)
         else:
             shown, make = _load(policy, skill)
         agents = {door: make() for door in configs}
@@ -168,20 +169,40 @@ def _looks(looks: Literal["primitives", "tiago"]) -> TiagoLooks | None:
     return tiago_looks([robot.body(index).name for index in range(robot.nbody)])
 
 
-def _demonstrations(given: Path | int, seed: int) -> LabelledDemonstrations:
+def _of_one_kind(configs: Mapping[str, DoorConfig]) -> DoorConfig:
+    """Return the first of some doors that are all opened by one kind of motion.
+
+    Raises:
+        ValueError: They are of several kinds: what opens one does not open another.
+    """
+    (name, first), *others = configs.items()
+    for other, config in others:
+        if config.kind != first.kind:
+            differ = ", ".join(k for k in first.kind if config.kind[k] != first.kind[k])
+            raise ValueError(
+                f"doors {name} and {other} are of two kinds (they differ in {differ}), "
+                "and what is learned on one does not open the other; give them to two "
+                "runs"
+            )
+    return first
+
+
+def _demonstrations(
+    given: Path | int, seed: int, like: DoorConfig
+) -> LabelledDemonstrations:
     if isinstance(given, Path):
         return load_demonstrations(given)
     check_least("--demonstrations-per-door", given, 1)
     return LabelledDemonstrations(
-        demonstrations=Teacher().standard_demonstrations(given, seed=seed),
-        radii=tuple(radius for radius in DEMONSTRATED_RADII for _ in range(given)),
+        demonstrations=Teacher().standard_demonstrations(given, seed=seed, like=like),
+        radii=tuple(door.radius for door in doors_like(like) for _ in range(given)),
     )
 
 
 def _learn(
-    policy: Policy, demonstrations: Path | int, seed: int
+    policy: Policy, demonstrations: Path | int, seed: int, like: DoorConfig
 ) -> tuple[LabelledDemonstrations, Callable[[], Agent]]:
-    shown = _demonstrations(demonstrations, seed)
+    shown = _demonstrations(demonstrations, seed, like)
     if policy.kind != "reference":
         LOG.info("learning from %d demonstrations", len(shown.demonstrations))
     training = TrainingInput(demonstrations=shown.demonstrations, seed=seed)
@@ -231,7 +252,7 @@ def _write_inputs(
         "demonstrations_sha256": content_hash(given),
         "skill_sha256": None if skill is None else content_hash(skill),
         "door_configs": {
-            door: dataclasses.asdict(config) for door, config in run.configs.items()
+            door: config.as_dict() for door, config in run.configs.items()
         },
     }
     write_json(run.folder / CONFIGURATION, provenance(record))
@@ -245,6 +266,7 @@ def _open(run: _Run, door: str) -> EpisodeMetrics:
         door=run.configs[door],
         randomization=run.randomization,
         disturbance=run.disturbance,
+        base=base_for(run.configs[door]),
     )
     with contextlib.closing(env):
         with reported_errors(run.name, run.policy):

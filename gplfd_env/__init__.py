@@ -27,10 +27,14 @@ IMPEDANCE_ENVIRONMENT_ID = "gplfd/DoorOpeningImpedance-v0"
 """Commands are poses and stiffnesses; see
 `gplfd_env.door_opening.DoorOpeningImpedanceEnv`."""
 
+MOBILE_ENVIRONMENT_ID = "gplfd/DoorOpeningMobile-v0"
+"""Commands are poses and twists of the base; see
+`gplfd_env.door_opening.DoorOpeningMobileEnv`."""
+
 ENVIRONMENT_IDS: Final[Mapping[Control, str]] = MappingProxyType(
     {"pose": ENVIRONMENT_ID, "impedance": IMPEDANCE_ENVIRONMENT_ID}
 )
-"""Both, by what commands the servo."""
+"""Those in which agents act, by what commands the servo."""
 
 TIME_LIMIT = 1500
 """Control periods after which an episode is truncated."""
@@ -47,6 +51,12 @@ gymnasium.register(
     vector_entry_point="gplfd_env.vector:DoorOpeningImpedanceVectorEnv",
     max_episode_steps=TIME_LIMIT,
 )
+gymnasium.register(
+    id=MOBILE_ENVIRONMENT_ID,
+    entry_point="gplfd_env.door_opening:DoorOpeningMobileEnv",
+    vector_entry_point="gplfd_env.vector:DoorOpeningMobileVectorEnv",
+    max_episode_steps=TIME_LIMIT,
+)
 
 __all__ = [
     "DISTURBANCES",
@@ -54,6 +64,7 @@ __all__ = [
     "ENVIRONMENT_ID",
     "ENVIRONMENT_IDS",
     "IMPEDANCE_ENVIRONMENT_ID",
+    "MOBILE_ENVIRONMENT_ID",
     "RANDOMIZATIONS",
     "TIME_LIMIT",
     "Control",

@@ -9,13 +9,14 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from gplfd_env.command import Command, ServoGains, servo_gains
-from gplfd_env.door import HINGE_RANGE, set_hinge
+from gplfd_env.door import Structure, set_hinge, structure_of
 from gplfd_env.intervention import Loads
 from gplfd_env.robot import Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
-from gplfd_env.simulation import BAD_STATE, loaded_bodies
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.simulation import BAD_STATE, driven, loaded_bodies
+from gplfd_env.task import CONTROL_PERIOD, Base
 from gplfd_env.variation import Variation
+from gplfd_env.whole_body import Planar
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -25,31 +26,38 @@ _COUNT: Final = 1
 """Column of `Batch.warning` that counts."""
 
 
-class DoorBatch:
-    """Physics and commands of n simulations; knows no task.
-
-    A deep or unpickled copy is n simulations of their own in the same states.
+class _Alike:
+    """n simulations before doors of one structure.
 
     Args:
         n: Number of simulations.
+        begin: What the first scene is of.
         grasp: See `gplfd_env.scene.build_spec`.
         command: The meaning of an action.
         num_threads: Threads that step the simulations; 0 for one per core.
-
-    Attributes:
-        models: One per simulation.
-        sensordata: MuJoCo's sensor arrays, (n, ...); refreshed by every call.
-        qpos: Joint positions, (n, nq) [m, rad]; live.
+        base: Whether it drives.
     """
 
     def __init__(
-        self, n: int, grasp: Grasp, command: Command, num_threads: int
+        self,
+        n: int,
+        begin: Variation,
+        grasp: Grasp,
+        command: Command,
+        num_threads: int,
+        base: Base,
     ) -> None:
-        self._grasp, self._command, self._threads = grasp, command, num_threads
-        begin = Variation()
-        scene = build_scene(begin.door, grasp, control=command.control)
-        self._loaded = [begin] * n
-        self.models = tuple(scene.__copy__() for _ in range(n))
+        self._grasp, self._command, self._base = grasp, command, base
+        self._threads = num_threads
+        scene = build_scene(
+            begin.door,
+            grasp,
+            placement=begin.placement,
+            control=command.control,
+            base=base,
+        )
+        self.loaded = [begin] * n
+        self.models = [scene.__copy__() for _ in range(n)]
         self._bind()
 
     def _bind(self) -> None:
@@ -65,17 +73,14 @@ class DoorBatch:
         self.sensordata: Array = self._batch.bind("sensordata")
         self._applied: Array = self._batch.bind("xfrc_applied")
         self._bodies = loaded_bodies(scene)
+        self._driven = driven(scene, self._base)
         self._counts = self._batch.warning[:, BAD_STATE, _COUNT]
         self._seen = self._counts.copy()
         self._substeps = round(CONTROL_PERIOD / scene.opt.timestep)
 
     def load(self, row: int, variation: Variation) -> None:
-        """Bring one simulation to another door; `restart` it afterwards.
-
-        Raises:
-            ValueError: The handle is out of reach; nothing has changed.
-        """
-        now = self._loaded[row]
+        """See `DoorBatch.load`; the door is of this structure."""
+        now = self.loaded[row]
         if (variation.door, variation.placement) != (now.door, now.placement):
             load_scene(
                 self.models[row],
@@ -84,13 +89,15 @@ class DoorBatch:
                 self._grasp,
                 placement=variation.placement,
                 control=self._command.control,
+                base=self._base,
             )
         if not now.disturbance.idle:
-            set_hinge(self.models[row], HINGE_RANGE, variation.door.hinge_friction)
-        self._loaded[row] = variation
+            door = variation.door
+            set_hinge(self.models[row], door.stop_angle, door.friction)
+        self.loaded[row] = variation
 
     def restart(self, rows: Rows) -> None:
-        """Put simulations at rest, door closed and handle in the hand."""
+        """See `DoorBatch.restart`."""
         for row in rows if self._gains else ():
             self._gains[row].write(self._command.rest[6:])
         self._batch.set_models(self.models)
@@ -99,22 +106,19 @@ class DoorBatch:
         self._seen = self._counts.copy()
 
     def advance(
-        self, commands: Array, rows: Rows | None, loads: Mapping[int, Loads]
+        self,
+        commands: Array,
+        rows: Rows | None,
+        loads: Mapping[int, Loads],
+        drives: Mapping[int, Planar],
     ) -> Mask | None:
-        """Command simulations for one control period.
-
-        Args:
-            commands: Of all simulations, (n, ...).
-            rows: Which to step; None for all.
-            loads: What acts from outside meanwhile, by row, where there is anything.
-
-        Returns:
-            Which ones MuJoCo reports as diverged, (n,); None if none.
-        """
+        """See `DoorBatch.advance`."""
         if rows is None:
             self._ctrl[:, :6] = commands[:, :6]
         else:
             self._ctrl[rows, :6] = commands[rows, :6]
+        for row, rate in drives.items():
+            self._ctrl[row, self._driven] = rate
         changed = bool(self._gains)
         for row, load in loads.items():
             self._applied[row, self._bodies] = load.wrenches
@@ -135,7 +139,7 @@ class DoorBatch:
         return diverged
 
     def state_of(self, row: int) -> mujoco.MjData:
-        """Return one simulation's state, e.g. to draw it, until the next call."""
+        """See `DoorBatch.state_of`."""
         state = self._scratch
         self._batch.get_model(row, state.model)
         self._batch.get_data(row, state)
@@ -143,12 +147,137 @@ class DoorBatch:
         return state
 
     def __getstate__(self) -> tuple[Any, ...]:
-        settings = self._grasp, self._command, self._threads
-        return settings, self._loaded, self.models, self._batch.state.copy()
+        settings = self._grasp, self._command, self._threads, self._base
+        return settings, self.loaded, self.models, self._batch.state.copy()
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
-        settings, self._loaded, self.models, states = state
-        self._grasp, self._command, self._threads = settings
+        settings, self.loaded, self.models, states = state
+        self._grasp, self._command, self._threads, self._base = settings
         # Neither the batch nor what is bound to it can be copied.
         self._bind()
         self._batch.state[:] = states
+
+
+class DoorBatch:
+    """Physics and commands of n simulations; knows no task.
+
+    Those before doors of one structure are stepped together; there is a batch per
+    structure that has occurred. A deep or unpickled copy is n simulations of their own
+    in the same states.
+
+    Args:
+        begin: The n doors to begin before.
+        grasp: See `gplfd_env.scene.build_spec`.
+        command: The meaning of an action.
+        num_threads: Threads that step the simulations; 0 for one per core.
+        base: Whether the robot drives.
+    """
+
+    def __init__(
+        self,
+        begin: Sequence[Variation],
+        grasp: Grasp,
+        command: Command,
+        num_threads: int,
+        base: Base,
+    ) -> None:
+        self._robot = grasp, command, num_threads, base
+        self._alike: dict[Structure, _Alike] = {}
+        self._structure = [structure_of(variation.door) for variation in begin]
+        for row, variation in enumerate(begin):
+            self.load(row, variation)
+
+    @property
+    def models(self) -> tuple[mujoco.MjModel, ...]:
+        """One per simulation; live."""
+        return tuple(
+            self._alike[structure].models[row]
+            for row, structure in enumerate(self._structure)
+        )
+
+    def qpos_of(self, row: int) -> Array:
+        """Return one simulation's joint positions, (nq,) [m, rad]; live."""
+        positions: Array = self._alike[self._structure[row]].qpos[row]
+        return positions
+
+    def load(self, row: int, variation: Variation) -> None:
+        """Bring one simulation to another door; `restart` it afterwards.
+
+        Raises:
+            ValueError: The handle is out of reach; nothing has changed.
+        """
+        structure = structure_of(variation.door)
+        if structure not in self._alike:
+            n = len(self._structure)
+            self._alike[structure] = _Alike(n, variation, *self._robot)
+        self._alike[structure].load(row, variation)
+        self._structure[row] = structure
+
+    def restart(self, rows: Rows) -> None:
+        """Put simulations at rest, door closed and handle in the hand."""
+        for structure, own in self._shares(rows):
+            self._alike[structure].restart(own)
+
+    def advance(
+        self,
+        commands: Array,
+        rows: Rows | None,
+        loads: Mapping[int, Loads],
+        drives: Mapping[int, Planar],
+    ) -> Mask | None:
+        """Command simulations for one control period.
+
+        Args:
+            commands: Of all simulations, (n, ...).
+            rows: Which to step; None for all.
+            loads: What acts from outside meanwhile, by row, where there is anything.
+            drives: Rates of bases, by row, where they move.
+
+        Returns:
+            Which ones MuJoCo reports as diverged, (n,); None if none.
+        """
+        if len(self._alike) == 1:
+            (alike,) = self._alike.values()
+            return alike.advance(commands, rows, loads, drives)
+        diverged: Mask | None = None
+        everyone = range(len(self._structure))
+        for structure, own in self._shares(everyone if rows is None else rows):
+            acting = {row: loads[row] for row in own if row in loads}
+            driving = {row: drives[row] for row in own if row in drives}
+            found = self._alike[structure].advance(commands, own, acting, driving)
+            if found is not None:
+                diverged = found if diverged is None else diverged | found
+        return diverged
+
+    def read(self, rows: Rows | None, values: Array | None = None) -> Array:
+        """Return MuJoCo's sensor arrays, (n, ...), shorter ones filled up with zeros.
+
+        Args:
+            rows: Which to read; None for all.
+            values: What was read before, for all other rows.
+        """
+        if len(self._alike) == 1 and rows is None:
+            (alike,) = self._alike.values()
+            return np.array(alike.sensordata)
+        everyone = range(len(self._structure))
+        widest = max(self._alike[one].sensordata.shape[1] for one in self._structure)
+        result = np.zeros((len(self._structure), widest))
+        if values is not None:
+            shared = min(widest, values.shape[1])
+            result[:, :shared] = values[:, :shared]
+        for structure, own in self._shares(everyone if rows is None else rows):
+            read = self._alike[structure].sensordata
+            result[own] = 0.0
+            result[own, : read.shape[1]] = read[own]
+        return result
+
+    def state_of(self, row: int) -> mujoco.MjData:
+        """Return one simulation's state, e.g. to draw it, until the next call."""
+        return self._alike[self._structure[row]].state_of(row)
+
+    def _shares(self, rows: Rows) -> list[tuple[Structure, list[int]]]:
+        """Return rows by structure."""
+        shares: dict[Structure, list[int]] = {}
+        for row in rows:
+            shares.setdefault(self._structure[row], []).append(row)
+        return list(shares.items())

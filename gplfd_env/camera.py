@@ -19,7 +19,7 @@ class Camera:
     A deep or unpickled copy makes a renderer of its own.
 
     Args:
-        model: The scene; it may be brought to another door in place.
+        model: A scene; a picture of another makes another renderer.
         width: Of the picture [px].
         height: Of the picture [px].
         name: Of a camera in the model.
@@ -48,16 +48,17 @@ class Camera:
         self._name, self._effects = name, effects
         self._renderer: mujoco.Renderer | None = None
         self._window: MujocoRenderer | None = None
+        self._drawn: mujoco.MjModel | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return vars(self) | {"_renderer": None, "_window": None}
+        return vars(self) | {"_renderer": None, "_window": None, "_drawn": None}
 
     def picture(self, mode: str, data: mujoco.MjData) -> Any:
         """Return a picture in one of the environment's render modes.
 
         Args:
             mode: Which.
-            data: The state to draw, the same object every time.
+            data: The state to draw, the same object as long as its model is.
 
         Raises:
             RuntimeError: OpenGL is not to be had; the message says what to install.
@@ -80,7 +81,9 @@ class Camera:
             self._renderer = None
 
     def _show(self, data: mujoco.MjData) -> None:
-        if self._window is None:
+        if self._window is None or self._drawn is not data.model:
+            self.close()
+            self._drawn = data.model
             self._window = MujocoRenderer(
                 data.model,
                 data,
@@ -92,8 +95,9 @@ class Camera:
         self._window.render("human")
 
     def _draw(self, data: mujoco.MjData, *, depth: bool) -> Any:
-        if self._renderer is None:
-            self._renderer = self._made_renderer(data.model)
+        if self._renderer is None or self._drawn is not data.model:
+            self.close()
+            self._renderer, self._drawn = self._made_renderer(data.model), data.model
         renderer = self._renderer
         renderer.update_scene(data, camera=self._name)
         for flag in _EFFECTS:

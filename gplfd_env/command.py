@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gplfd_env.robot import COMMAND_LIMITS, SERVO_DAMPING, SERVO_STIFFNESS
 from gplfd_env.task import Control
+from gplfd_env.whole_body import SPEED
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,7 @@ class Command:
         high: Greatest action.
         rest: The action that holds the closed handle, where every episode begins.
         meaning: Of the action's entries, for messages.
+        drives: Whether its last three entries are the base's twist.
     """
 
     control: Control
@@ -41,6 +43,7 @@ class Command:
     high: Array
     rest: Array
     meaning: str
+    drives: bool = False
 
     @property
     def space(self) -> spaces.Box:
@@ -110,6 +113,21 @@ COMMANDS: Final[dict[Control, Command]] = {
     ),
 }
 """By kind of control."""
+
+_BASE_SPEED: Final = np.array([SPEED[0], SPEED[0], SPEED[1]])
+
+DRIVEN: Final = Command(
+    control="pose",
+    low=np.concatenate([-_POSE_LIMIT, -_BASE_SPEED]),
+    high=np.concatenate([_POSE_LIMIT, _BASE_SPEED]),
+    rest=np.zeros(9),
+    meaning=(
+        "commanded position [m] and rotation vector [rad] of the hand in the task "
+        "frame, and twist of the base in its own axes [m/s, rad/s]"
+    ),
+    drives=True,
+)
+"""The pose of the hand and the twist of the base."""
 
 
 class ServoGains:

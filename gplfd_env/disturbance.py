@@ -16,8 +16,8 @@ from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
-from gplfd_env.config import preset, with_fields
 from gplfd_env.fields import check_choice, check_ranges, draw_ranges, quantity
+from gplfd_env.named import preset, with_fields
 
 Number = Any
 """A number, or the range (low, high) from which every episode draws it."""

@@ -1,13 +1,15 @@
-"""The door as MuJoCo bodies: frame, leaf, hinge, closer and vertical bar handle."""
+"""The door as MuJoCo bodies: frame, leaf, hinge, and what is mounted on them."""
 
-import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_env.config import DoorConfig
+from gplfd_env.closer import add_closer, has_tendons, set_closer
+from gplfd_env.config import DoorConfig, Handle
+from gplfd_env.handle import STEEL, add_bar, add_turning_handle, set_handle
+from gplfd_env.latch import add_latch, set_latch
 from gplfd_env.placement import (
     grasp_in_door_frame,
     handle_position_w,
@@ -15,82 +17,107 @@ from gplfd_env.placement import (
     task_rotation_w,
 )
 from gplfd_env.room import INTANGIBLE, UNDRAWN
+from gplfd_env.task import Base
 from gplfd_env.variation import Placement
-
-BAR_RADIUS: Final = 0.011
-BAR_HALF_LENGTH: Final = 0.10
-HINGE_RANGE: Final = math.radians(100.0)
-"""Angle at which the leaf meets its stop [rad]."""
 
 NOMINAL_MASS: Final = 12.0
 """Mass of the leaf in a compiled scene, before `set_door_physics` [kg]."""
 
 _LEAF_HEIGHT: Final = 2.00
-_LEAF_HALF_THICKNESS: Final = 0.02
-_LEAF_BEYOND_HANDLE: Final = 0.08
 _JAMB: Final = 0.05
 _WOOD: Final = (0.78, 0.63, 0.46, 1.0)
 _FRAME: Final = (0.88, 0.87, 0.85, 1.0)
-_STEEL: Final = (0.55, 0.57, 0.60, 1.0)
 
 Matrix = NDArray[np.float64]
 
 _BOX: Final = mujoco.mjtGeom.mjGEOM_BOX
-_CAPSULE: Final = mujoco.mjtGeom.mjGEOM_CAPSULE
 _CYLINDER: Final = mujoco.mjtGeom.mjGEOM_CYLINDER
 
 
+class Structure(NamedTuple):
+    """What a door consists of: scenes of one structure differ in numbers alone.
+
+    Attributes:
+        handle: What the hand holds.
+        latched: Whether there is a bolt.
+        closer: Whether the closer has tendons.
+    """
+
+    handle: Handle
+    latched: bool
+    closer: bool
+
+
+def structure_of(door: DoorConfig) -> Structure:
+    """Return what a door consists of."""
+    return Structure(door.handle, door.latch != "none", has_tendons(door))
+
+
 def add_door(
-    spec: mujoco.MjSpec, door: DoorConfig, placement: Placement | None = None
+    spec: mujoco.MjSpec,
+    door: DoorConfig,
+    placement: Placement | None = None,
+    structure: Structure | None = None,
+    base: Base = "fixed",
 ) -> None:
     """Add a door to a scene.
 
-    Everything hangs on a ``door_frame`` body at the closed handle, and the numbers
-    below read in its axes (x pull, y up, z left). Adds the site ``task_frame`` (fixed,
-    where the hand takes hold), the joint ``hinge``, the geom ``handle_bar`` (the only
-    one that collides), the site ``handle`` that moves with it, and the actuator
-    ``door_closer``.
+    Everything hangs on a ``door_frame`` body at the closed handle where the hand holds
+    it, and the numbers below read in its axes (x pull, y up, z left). Adds the site
+    ``task_frame`` (fixed, where the hand takes hold), the joint ``hinge``, the geom
+    ``handle_bar`` (the only one that touches the hand), the site ``handle`` that moves
+    with it, beside a handle that turns the site ``leaf_axes`` that does not turn with
+    it, the latch, and the actuator ``door_closer``.
 
     Args:
         spec: The scene, with the robot in it; edited in place.
         door: Geometry and hinge.
         placement: Where the robot stands and grasps; without error by default.
+        structure: What to add; by default what the door consists of.
+        base: Whose stance before the door it is.
     """
+    structure = structure_of(door) if structure is None else structure
     placement = Placement() if placement is None else placement
     frame = spec.worldbody.add_body(
         name="door_frame",
-        pos=handle_position_w(door, placement),
-        quat=quaternion(task_rotation_w(placement.base_yaw)),
+        pos=handle_position_w(door, placement, base),
+        quat=quaternion(task_rotation_w(door, placement.base_yaw, base)),
     )
-    grasp, turn = grasp_in_door_frame(placement)
+    grasp, turn = grasp_in_door_frame(door, placement, base)
     frame.add_site(name="task_frame", pos=grasp, quat=turn, **UNDRAWN)
     _add_frame(frame, door)
-    leaf = frame.add_body(name="door", pos=[0.0, 0.0, -door.radius])
+    leaf = frame.add_body(name="door", pos=[0.0, 0.0, -door.side * door.hand_radius])
     leaf.add_joint(
         name="hinge",
         type=mujoco.mjtJoint.mjJNT_HINGE,
-        axis=[0, 1, 0],
-        range=[0.0, HINGE_RANGE],
+        axis=[0, door.side * door.way, 0],
+        range=[0.0, door.stop_angle],
         limited=True,
-        damping=[door.hinge_damping, 0, 0],
-        frictionloss=door.hinge_friction,
+        damping=[door.hinge_damping + door.closer_damping, 0, 0],
+        frictionloss=door.friction,
         # With MuJoCo's soft defaults a hinge creeps at loads below its friction.
         solref_friction=[0.004, 1.0],
         solimp_friction=[0.999, 0.999, 0.001, 0.5, 2.0],
         armature=0.01,
     )
     _add_leaf(leaf, door)
-    _add_handle(leaf, door, placement.grasp_height)
-    _add_closer(spec, door)
+    foot = -door.handle_standoff + door.leaf_thickness / 2
+    if door.handle == "bar":
+        add_bar(leaf, door, foot, placement.grasp_height)
+    else:
+        add_turning_handle(leaf, door, foot)
+    if structure.latched:
+        add_latch(spec, frame, leaf, door, _edges_in_frame(door)[1])
+    add_closer(spec, door, tendons=structure.closer)
 
 
 def _add_frame(frame: mujoco.MjsBody, door: DoorConfig) -> None:
-    floor = -door.handle_height
-    hinge_edge, lock_edge = _leaf_edges(door)
+    floor, side = -door.handle_height, door.side
+    hinge_edge, lock_edge = _edges_in_frame(door)
     middle = floor + _LEAF_HEIGHT / 2
     for name, edge in (
-        ("jamb_hinge", hinge_edge - _JAMB / 2),
-        ("jamb_lock", lock_edge + _JAMB / 2),
+        ("jamb_hinge", hinge_edge - side * _JAMB / 2),
+        ("jamb_lock", lock_edge + side * _JAMB / 2),
     ):
         frame.add_geom(
             name=name,
@@ -108,28 +135,37 @@ def _add_frame(frame: mujoco.MjsBody, door: DoorConfig) -> None:
             floor + _LEAF_HEIGHT + _JAMB / 2,
             (hinge_edge + lock_edge) / 2,
         ],
-        size=[0.06, _JAMB / 2, (lock_edge - hinge_edge) / 2 + _JAMB],
+        size=[0.06, _JAMB / 2, abs(lock_edge - hinge_edge) / 2 + _JAMB],
         rgba=_FRAME,
         **INTANGIBLE,
     )
 
 
-def _leaf_edges(door: DoorConfig) -> tuple[float, float]:
+def _edges(door: DoorConfig) -> tuple[float, float]:
+    """Return where the leaf ends towards hinge and lock [m].
+
+    Counted from the handle's axis, away from the hinge.
+    """
+    return -door.radius - door.overhang, door.backset
+
+
+def _edges_in_frame(door: DoorConfig) -> tuple[float, float]:
     """Return where the leaf ends towards hinge and lock, task-frame z [m]."""
-    return -door.radius - 0.01, _LEAF_BEYOND_HANDLE
+    hinge_edge, lock_edge = _edges(door)
+    return door.side * (hinge_edge + door.grip), door.side * (lock_edge + door.grip)
 
 
 def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
-    hinge_edge, lock_edge = _leaf_edges(door)
+    hinge_edge, lock_edge = _edges(door)
     leaf.add_geom(
         name="leaf",
         type=_BOX,
         pos=[
             -door.handle_standoff,
             _LEAF_HEIGHT / 2 - door.handle_height,
-            (hinge_edge + lock_edge) / 2 + door.radius,
+            door.side * ((hinge_edge + lock_edge) / 2 + door.radius),
         ],
-        size=[_LEAF_HALF_THICKNESS, _LEAF_HEIGHT / 2, (lock_edge - hinge_edge) / 2],
+        size=[door.leaf_thickness / 2, _LEAF_HEIGHT / 2, (lock_edge - hinge_edge) / 2],
         rgba=_WOOD,
         mass=door.panel_mass,
         **INTANGIBLE,
@@ -140,7 +176,7 @@ def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
             type=_CYLINDER,
             fromto=[0, height - 0.05, 0, 0, height + 0.05, 0],
             size=[0.012, 0, 0],
-            rgba=_STEEL,
+            rgba=STEEL,
             mass=0.0,
             **INTANGIBLE,
         )
@@ -149,58 +185,10 @@ def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
             type=_BOX,
             pos=[-door.handle_standoff / 2, height, 0],
             size=[door.handle_standoff / 2, 0.03, 0.004],
-            rgba=_STEEL,
+            rgba=STEEL,
             mass=0.0,
             **INTANGIBLE,
         )
-
-
-def _add_handle(leaf: mujoco.MjsBody, door: DoorConfig, height: float) -> None:
-    foot = -door.handle_standoff + _LEAF_HALF_THICKNESS
-    # The only geom that touches the hand; its contact parameters rule (priority). A
-    # short time constant keeps the creep of a sustained pull below a millimetre; it
-    # must stay above two physics steps.
-    leaf.add_geom(
-        name="handle_bar",
-        type=_CAPSULE,
-        fromto=[0, -BAR_HALF_LENGTH, door.radius, 0, BAR_HALF_LENGTH, door.radius],
-        size=[BAR_RADIUS, 0, 0],
-        rgba=_STEEL,
-        mass=0.3,
-        contype=0,
-        conaffinity=1,
-        condim=4,
-        friction=[1.0, 0.005, 0.0001],
-        solref=[0.005, 1.0],
-        priority=1,
-    )
-    for name, end in (
-        ("handle_post_upper", BAR_HALF_LENGTH),
-        ("handle_post_lower", -BAR_HALF_LENGTH),
-    ):
-        leaf.add_geom(
-            name=name,
-            type=_CYLINDER,
-            fromto=[0.0, end, door.radius, foot, end, door.radius],
-            size=[0.009, 0, 0],
-            rgba=_STEEL,
-            mass=0.05,
-            **INTANGIBLE,
-        )
-    leaf.add_site(name="handle", pos=[0.0, height, door.radius], **UNDRAWN)
-
-
-def _add_closer(spec: mujoco.MjSpec, door: DoorConfig) -> None:
-    # A pure bias force, -(preload + stiffness * angle): a spring's reference angle
-    # could not give a preload without a stiffness. Its control input has no gain.
-    closer = spec.add_actuator(
-        name="door_closer", target="hinge", trntype=mujoco.mjtTrn.mjTRN_JOINT
-    )
-    closer.gaintype = mujoco.mjtGain.mjGAIN_FIXED
-    closer.gainprm[0] = 0.0
-    closer.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-    closer.biasprm[0] = -door.closer_preload
-    closer.biasprm[1] = -door.closer_stiffness
 
 
 def set_hinge(model: mujoco.MjModel, stop: float, friction: float) -> bool:
@@ -223,7 +211,7 @@ def set_hinge(model: mujoco.MjModel, stop: float, friction: float) -> bool:
 def set_door_physics(
     model: mujoco.MjModel, data: mujoco.MjData, door: DoorConfig
 ) -> None:
-    """Give a compiled door, of `NOMINAL_MASS`, its mass, hinge and closer.
+    """Give a compiled door, of `NOMINAL_MASS`, its mass, hinge, springs and closer.
 
     Args:
         model: The scene; edited in place.
@@ -231,12 +219,15 @@ def set_door_physics(
         door: Of the geometry that the scene was compiled with.
     """
     hinge = int(model.joint("hinge").dofadr[0])
-    model.dof_frictionloss[hinge] = door.hinge_friction
-    model.dof_damping[hinge] = door.hinge_damping
-    closer = model.actuator("door_closer").id
-    model.actuator_biasprm[closer, :2] = -door.closer_preload, -door.closer_stiffness
+    model.dof_frictionloss[hinge] = door.friction
+    model.dof_damping[hinge] = door.hinge_damping + door.closer_damping
+    if door.handle != "bar":
+        set_handle(model, door)
+    if door.latch == "spring":
+        set_latch(model, door)
     _add_leaf_mass(model, door.panel_mass - NOMINAL_MASS)
     mujoco.mj_setConst(model, data)
+    set_closer(model, door)
 
 
 def _add_leaf_mass(model: mujoco.MjModel, mass: float) -> None:

@@ -1,4 +1,4 @@
-"""One door: ``gplfd/DoorOpening-v0`` and ``gplfd/DoorOpeningImpedance-v0``."""
+"""One door: ``gplfd/DoorOpening-v0``, its impedance and its mobile variant."""
 
 from collections.abc import Mapping
 from typing import Any, get_args
@@ -10,14 +10,26 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from gplfd_env.camera import Camera, require_display
-from gplfd_env.command import COMMANDS
+from gplfd_env.command import COMMANDS, DRIVEN
 from gplfd_env.config import DoorConfig, DoorSpec, door_config
 from gplfd_env.convention import checked_options
 from gplfd_env.disturbance import Disturbance, DisturbanceSpec, disturbance_named
 from gplfd_env.draw import draw_episode
-from gplfd_env.episode import FLAGS, NUMBERS, POSE, REWARDS, Episode, Reward
+from gplfd_env.episode import (
+    BASE_POSE,
+    BASE_RATE,
+    FLAGS,
+    NUMBERS,
+    POSE,
+    REWARDS,
+    TEXTS,
+    Episode,
+    Reward,
+)
 from gplfd_env.fields import check_choice
+from gplfd_env.geometry import DoorGeometry
 from gplfd_env.observation import Observation, Reader, observation_space
+from gplfd_env.placement import door_geometry
 from gplfd_env.randomization import (
     DoorRandomization,
     RandomizationSpec,
@@ -25,7 +37,8 @@ from gplfd_env.randomization import (
 )
 from gplfd_env.robot import Grasp
 from gplfd_env.simulation import DoorSimulation
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.stance import check_reach
+from gplfd_env.task import CONTROL_PERIOD, Base
 from gplfd_env.variation import Variation
 
 Array = NDArray[np.float64]
@@ -33,7 +46,7 @@ Info = dict[str, Any]
 
 
 class DoorOpeningEnv(gym.Env[Observation, Array]):
-    """A TIAGo-like arm, its hand closed on the bar handle of a hinged door.
+    """A TIAGo-like arm, its hand closed on the handle of a hinged door.
 
     Action, (6,): the commanded pose of the hand in the task frame, position [m] and
     rotation vector [rad] relative to the closed grasp. A stiff Cartesian servo
@@ -44,11 +57,14 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     [rad], ``joint_vel`` (7,) [rad/s], ``time`` (1,) [s].
 
     Info, same keys at reset and step: ``door_angle`` [rad], ``door_velocity``
-    [rad/s], ``door_radius`` [m], ``handle_pose`` (6,) [m, rad], ``success``,
+    [rad/s], ``door_radius`` [m], ``handle_pose`` (6,) [m, rad],
+    ``base_pose`` (3,) [m, rad], ``base_velocity`` (3,) [m/s, rad/s], ``success``,
     ``is_success``, ``grasped``, ``slip`` [m], ``force_tangential``,
     ``force_radial``, ``force_vertical`` [N, hand on handle], ``push_force``,
     ``person_force`` [N], ``person_energy`` [J], ``base_shift`` [m], ``stop_force``
-    [N, of the door at the handle's radius], ``failure``,
+    [N, of the door at the handle's radius], ``handle_angle`` [rad], ``bolt`` [m],
+    ``closer_torque`` [N m], ``capability`` and its ``stage``, ``failure`` and its
+    ``reason``,
     ``simulation_error``, ``reward_terms``. Never blurred by sensor noise.
 
     The episode terminates in success (60° held for 0.5 s, handle grasped) or when
@@ -64,6 +80,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             ``"stop"``, ... (`gplfd_env.disturbance.DISTURBANCES`), a mapping of
             `Disturbance` fields, or a `Disturbance`.
         reward: ``"dense"`` or ``"sparse"`` (1 in success, else 0).
+        base: ``"fixed"``, or ``"mobile"``: it follows the hand, see
+            `gplfd_env.whole_body`, and touches what it runs into.
         render_mode: None, ``"human"``, ``"rgb_array"``, ``"depth_array"`` or
             ``"rgbd_tuple"``.
         width: Width of rendered pictures [px].
@@ -93,6 +111,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         randomization: RandomizationSpec = "none",
         disturbance: DisturbanceSpec = "none",
         reward: Reward = "dense",
+        base: Base = "fixed",
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
@@ -101,30 +120,38 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     ) -> None:
         check_choice("grasp", grasp, get_args(Grasp))
         check_choice("reward", reward, REWARDS)
+        check_choice("base", base, get_args(Base))
         check_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         if render_mode == "human":
             require_display()
         self.render_mode = render_mode
         self._reward: Reward = reward
+        self._base: Base = base
         self._door = door_config(door)
         self._randomization = door_randomization(randomization)
+        check_reach(self._randomization.outermost(self._door), base)
         self._disturbance = disturbance_named(disturbance)
-        self._reader = Reader.of(grasp, self.command.control)
-        self._simulation = DoorSimulation(self._door, grasp, self.command)
+        self._grasp: Grasp = grasp
+        self._simulation = DoorSimulation(self._door, grasp, self.command, base)
         self._camera = Camera(self.model, width, height, camera_name, effects=effects)
-        self._sensed = np.empty_like(self._simulation.sensordata)
+        self._sensed = np.empty(0)
+        self._reader = self._reader_now()
         self._episode: Episode | None = None
-        self.observation_space = observation_space()
+        self.observation_space = observation_space(tells_base=self.command.drives)
         self.action_space: spaces.Space[Any] = self.command.space
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The scene; it stays the same object when the door changes."""
+        """The scene.
+
+        It stays the same object when the door changes, unless the new one has another
+        handle, latch or kind of closer.
+        """
         return self._simulation.model
 
     @property
     def data(self) -> mujoco.MjData:
-        """The scene's state; it stays the same object, too."""
+        """The scene's state; it stays the same object as long."""
         return self._simulation.data
 
     @property
@@ -136,6 +163,11 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     def door(self) -> DoorConfig:
         """The door of this episode."""
         return self.variation.door
+
+    @property
+    def door_geometry(self) -> DoorGeometry:
+        """Where its hinge and its handle's axis are in the task frame."""
+        return door_geometry(self.variation, self._base)
 
     @property
     def dt(self) -> float:
@@ -162,6 +194,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._door, self._randomization, self._disturbance = chosen
         drawn = draw_episode(*chosen, self.np_random)
         self._simulation.restart(drawn.variation)
+        self._reader = self._reader_now()
         episode = Episode(drawn, self._reader, self._reward, self._sense())
         self._episode = episode
         if self.render_mode == "human":
@@ -173,7 +206,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
 
         Args:
             action: (6,) position [m] and rotation vector [rad] in the task frame,
-                under impedance control followed by (6,) stiffness [N/m, N m/rad];
+                under impedance control followed by (6,) stiffness [N/m, N m/rad], with
+                a driven base by its twist (3,) [m/s, rad/s];
                 values beyond the action space are clamped to it.
 
         Raises:
@@ -185,7 +219,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             raise gym.error.ResetNeeded("call reset() before the first step()")
         command = self.command.check(action, rest.shape)
         loads = episode.loads()
-        diverged = self._simulation.advance(episode.due(command, rest), loads)
+        command = episode.due(command, rest)
+        drive = episode.drive(command, obeys=self.command.drives)
+        diverged = self._simulation.advance(command, loads, drive)
         if diverged:
             episode.break_off()
         else:
@@ -230,15 +266,25 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
                 "disturbance": "name, mapping or Disturbance",
             },
         )
-        return (
-            door_config(given.get("door", self._door)),
-            door_randomization(given.get("randomization", self._randomization)),
-            disturbance_named(given.get("disturbance", self._disturbance)),
+        door = door_config(given.get("door", self._door))
+        drawn = door_randomization(given.get("randomization", self._randomization))
+        check_reach(drawn.outermost(door), self._base)
+        happening = disturbance_named(given.get("disturbance", self._disturbance))
+        return door, drawn, happening
+
+    def _reader_now(self) -> Reader:
+        return Reader.of(
+            self._grasp,
+            self.command.control,
+            self._base,
+            self.door.handle,
+            self.door.swing,
+            tells_base=self.command.drives,
         )
 
     def _sense(self) -> list[float]:
         """Take the sensors' values; a diverged simulation leaves the last good ones."""
-        self._sensed[:] = self._simulation.sensordata
+        self._sensed = self._simulation.sensordata.copy()
         values: list[float] = self._sensed.tolist()
         return values
 
@@ -253,8 +299,10 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         row = episode.row
         info: Info = dict(zip(NUMBERS, row, strict=False))
         info["handle_pose"] = np.array(row[POSE])
-        info.update(zip(FLAGS, row[POSE.stop :], strict=True))
-        info["failure"] = episode.failure
+        info["base_pose"] = np.array(row[BASE_POSE])
+        info["base_velocity"] = np.array(row[BASE_RATE])
+        info.update(zip(FLAGS, row[BASE_RATE.stop :], strict=True))
+        info.update({name: getattr(episode, name) for name in TEXTS})
         info["reward_terms"] = episode.terms
         return info
 
@@ -270,3 +318,20 @@ class DoorOpeningImpedanceEnv(DoorOpeningEnv):
     """
 
     command = COMMANDS["impedance"]
+
+
+class DoorOpeningMobileEnv(DoorOpeningEnv):
+    """The same door, opened by commanding the hand's pose and the base's twist.
+
+    Action, (9,): commanded position [m] and rotation vector [rad] of the hand in the
+    task frame, then the twist of the base in its own axes: forward, to the left [m/s]
+    and turning to the left [rad/s], within the limits of its drive. The observation
+    tells ``base_pose`` and ``base_velocity``, too. Everything else is as in
+    `DoorOpeningEnv` with ``base="mobile"``.
+    """
+
+    command = DRIVEN
+
+    def __init__(self, door: DoorSpec = "medium", **arguments: Any) -> None:
+        check_choice("base", arguments.setdefault("base", "mobile"), ("mobile",))
+        super().__init__(door, **arguments)

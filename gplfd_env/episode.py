@@ -6,15 +6,20 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gplfd_env.capability import STAGES, Capability, Hindrance
+from gplfd_env.closer import CloserLaw
 from gplfd_env.draw import Drawn
 from gplfd_env.intervention import Intervention, Loads, Vector
+from gplfd_env.latch import latch_holds
 from gplfd_env.observation import DoorReading, Observation, Reader
+from gplfd_env.placement import hand_position_w
 from gplfd_env.task import (
     CONTROL_PERIOD,
     OpeningMonitor,
     reward_terms,
     sparse_reward_terms,
 )
+from gplfd_env.whole_body import BaseDrive, Planar
 
 Array = NDArray[np.float64]
 Reward = Literal["dense", "sparse"]
@@ -34,6 +39,7 @@ class Episode:
 
     Attributes:
         variation: The door and what is around it.
+        reader: What reads its sensors.
         steps: Control periods so far.
         terms: Of the last step's reward.
         time: Of the last readings, since the reset [s].
@@ -45,13 +51,22 @@ class Episode:
         self, drawn: Drawn, reader: Reader, reward: Reward, values: list[float]
     ) -> None:
         self.variation, self._noise, self._delay = drawn
-        self._reader, self._terms = reader, REWARDS[reward]
+        self.reader, self._terms = reader, REWARDS[reward]
         disturbed = not self.variation.disturbance.idle
         self._intervention = Intervention(self.variation) if disturbed else None
+        door, placement = self.variation.door, self.variation.placement
+        self._signs, self._closer = (door.way, door.side), CloserLaw(door)
+        self._drive: BaseDrive | None = None
+        if reader.odometry is not None:
+            x, y, _ = hand_position_w(door, placement, "mobile").tolist()
+            self._drive = BaseDrive((x, y), door.handle)
         self.steps = 0
         self.simulation_error = False
         self._sense(values)
         self._monitor = OpeningMonitor(CONTROL_PERIOD)
+        self._capability = Capability(door)
+        self._hindrance = Hindrance(reader.arm_limits)
+        self._capability.update(self._reading, latched=self._latched, held=False)
         self._grasp_point = self._reading.hand_on_handle
         self.terms = self._terms(0.0, 0.0, False)
 
@@ -77,15 +92,43 @@ class Episode:
             command[:3] += self._intervention.base_shift
         return command
 
+    def drive(self, command: Array, *, obeys: bool) -> Planar | None:
+        """Return the rate of the base in the next period; None if it does not move.
+
+        Args:
+            command: What `due` gave.
+            obeys: Whether its last three entries are the base's twist.
+        """
+        if self._drive is None:
+            return None
+        pose, _ = self._base
+        if obeys:
+            self._drive.obey(command[-3:].tolist(), pose)
+        else:
+            self._drive.follow(command[:6].tolist(), pose)
+        return self._drive.rate
+
     def advance(self, values: list[float]) -> None:
         """Take in the sensor array after one control period."""
         self.steps += 1
         before = self._reading.angle
         self._sense(values)
-        reading = self._reading
-        self._monitor.update(reading.angle, reading.grasped)
+        reading, drive = self._reading, self._drive
+        if drive is not None:
+            drive.note(self._base[1])
+        monitor, latched = self._monitor, self._latched
+        monitor.update(
+            reading.angle,
+            reading.grasped,
+            reading.handle_angle,
+            latched=latched,
+            blocked=drive is not None and drive.blocked,
+        )
+        self._capability.update(reading, latched=latched, held=monitor.success)
+        joints = values[self.reader.joint_pos]
+        self._hindrance.update(reading, joints, stalled=monitor.failure == "stalled")
         gain = reading.angle - before
-        self.terms = self._terms(gain, reading.forces[2], self._monitor.success)
+        self.terms = self._terms(gain, reading.forces[2], monitor.success)
 
     def break_off(self) -> None:
         """Take in that the simulation has diverged; all readings stay the last good."""
@@ -113,9 +156,16 @@ class Episode:
 
     def _sense(self, values: list[float]) -> None:
         self.time = self.steps * CONTROL_PERIOD
-        self.wrench = self._reader.wrench(values)
-        self._reading: DoorReading = self._reader.door_reading(values)
+        self.wrench = self.reader.wrench(values)
+        self._reading: DoorReading = self.reader.door_reading(values, *self._signs)
+        self._base = self.reader.base_state(values)
         self._blur = None if self._noise is None else self._noise.draw()
+
+    @property
+    def _latched(self) -> bool:
+        """Whether the bolt holds the door."""
+        reading = self._reading
+        return latch_holds(self.variation.door, reading.angle, reading.bolt)
 
     @property
     def takes_commands_as_given(self) -> bool:
@@ -136,7 +186,7 @@ class Episode:
             outside.person_force,
             outside.person_energy,
             math.hypot(*outside.base_shift),
-            torque / self.variation.door.radius,
+            torque / self.variation.door.hand_radius,
             outside.base_shift,
         )
 
@@ -147,8 +197,18 @@ class Episode:
 
     @property
     def failure(self) -> str:
-        """``""``, ``"grasp_lost"``, ``"stalled"`` or ``"simulation_error"``."""
+        """What has gone wrong: see `OpeningMonitor`; or ``"simulation_error"``."""
         return "simulation_error" if self.simulation_error else self._monitor.failure
+
+    @property
+    def reason(self) -> str:
+        """Why it fails: see `gplfd_env.capability.Hindrance.reason`."""
+        return self._hindrance.reason(self.failure)
+
+    @property
+    def stage(self) -> str:
+        """The furthest stage that it has reached, one of `STAGES`."""
+        return STAGES[self._capability.level]
 
     @property
     def terminated(self) -> bool:
@@ -158,7 +218,10 @@ class Episode:
 
     @property
     def row(self) -> tuple[float, ...]:
-        """The info in numbers: `NUMBERS`, the handle's pose (6), and `FLAGS`."""
+        """The info in numbers.
+
+        `NUMBERS`, the handle's pose (6), the base's pose and rate (3 each), `FLAGS`.
+        """
         reading, monitor, outside = self._reading, self._monitor, self._outside
         tangential, vertical, radial = reading.forces
         x, y, z = reading.handle_position
@@ -172,12 +235,16 @@ class Episode:
             radial,
             vertical,
             *measured,
+            reading.handle_angle,
+            reading.bolt,
+            self._closer.torque(reading.angle, reading.velocity),
+            self._capability.level,
             x - dx,
             y - dy,
             z - dz,
-            0.0,
-            reading.angle,
-            0.0,
+            *_handle_rotation(*self._signs, reading),
+            *self._base[0],
+            *self._base[1],
             monitor.success,
             monitor.success,
             reading.grasped,
@@ -198,11 +265,22 @@ NUMBERS: Final = (
     "person_energy",
     "base_shift",
     "stop_force",
+    "handle_angle",
+    "bolt",
+    "closer_torque",
+    "capability",
 )
 """Numbers of an info, in the order of `Episode.row`."""
 
 POSE: Final = slice(len(NUMBERS), len(NUMBERS) + 6)
 """Where in a row the handle's pose is."""
+
+BASE_POSE: Final = slice(POSE.stop, POSE.stop + 3)
+BASE_RATE: Final = slice(BASE_POSE.stop, BASE_POSE.stop + 3)
+"""Where in a row pose and rate of the base are."""
+
+TEXTS: Final = ("failure", "reason", "stage")
+"""Words of an info, attributes of an `Episode`."""
 
 FLAGS: Final = ("success", "is_success", "grasped", "simulation_error")
 """Flags of an info, the last entries of a row."""
@@ -213,3 +291,21 @@ def _distance(
 ) -> float:
     x, y, z = first[0] - second[0], first[1] - second[1], first[2] - second[2]
     return math.sqrt(x * x + y * y + z * z)
+
+
+def _handle_rotation(way: float, side: float, reading: DoorReading) -> Vector:
+    """Return the handle's rotation vector [rad].
+
+    Turned about its own axis, normal to the closed leaf, and then about the hinge.
+    """
+    about_up = side * way * reading.angle
+    if reading.handle_angle == 0.0:
+        return 0.0, about_up, 0.0
+    turn = -side * reading.handle_angle
+    # The quaternion of a turn about y times that of one about x.
+    cy, sy = math.cos(0.5 * about_up), math.sin(0.5 * about_up)
+    cx, sx = math.cos(0.5 * turn), math.sin(0.5 * turn)
+    x, y, z = cy * sx, sy * cx, -sy * sx
+    length = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 * math.atan2(length, cy * cx) / length if length > 0.0 else 2.0
+    return scale * x, scale * y, scale * z

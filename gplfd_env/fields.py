@@ -52,11 +52,11 @@ class Range:
         return f"{low}, {high} {self.unit}".rstrip() + reason
 
 
-def quantity(default: float, **allowed: Any) -> Any:
+def quantity(default: float | None, **allowed: Any) -> Any:
     """Declare a field that is a finite number; a whole one if annotated `int`.
 
     Args:
-        default: Its value if none is given.
+        default: Its value if none is given; None if it may also be None.
         **allowed: Attributes of `Range`.
     """
     return dataclasses.field(default=default, metadata={_RANGE: Range(**allowed)})
@@ -77,7 +77,8 @@ def check_quantities(record: Any) -> None:
         TypeError: A value is not a number.
     """
     for field in dataclasses.fields(record):
-        if _RANGE in field.metadata:
+        absent = field.default is None and getattr(record, field.name) is None
+        if _RANGE in field.metadata and not absent:
             checked = checked_count if field.type in (int, "int") else checked_number
             name = f"{type(record).__name__}.{field.name}"
             value = checked(name, getattr(record, field.name), field.metadata[_RANGE])

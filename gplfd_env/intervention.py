@@ -7,8 +7,8 @@ its beginning. So one simulation and many are treated by the same arithmetic.
 import math
 from typing import Final, NamedTuple
 
+from gplfd_env.config import DoorConfig
 from gplfd_env.disturbance import Bump, Disturbance, Person, Push, Stop
-from gplfd_env.door import HINGE_RANGE
 from gplfd_env.observation import DoorReading
 from gplfd_env.placement import task_rotation_w
 from gplfd_env.task import CONTROL_PERIOD
@@ -33,7 +33,7 @@ class Loads(NamedTuple):
     Attributes:
         hand: Force on the gripper [N], world frame.
         forearm: Force on the forearm [N], world frame.
-        hinge: Torque on the leaf, opening [N m].
+        hinge: Torque on the leaf about the upward axis [N m].
         stop: Angle at which the leaf meets a stop [rad].
         friction: Coulomb friction of the hinge [N m].
     """
@@ -48,7 +48,6 @@ class Loads(NamedTuple):
     def wrenches(self) -> tuple[tuple[float, ...], ...]:
         """Force and torque on gripper, forearm and leaf, world frame [N, N m]."""
         still = (0.0, 0.0, 0.0)
-        # The hinge's axis points upwards.
         return (
             (*self.hand, *still),
             (*self.forearm, *still),
@@ -70,10 +69,10 @@ class Intervention:
         self._stuck = self._breakaway is not None
         self._push = disturbance.push and _PushInTime(disturbance.push)
         self._person = disturbance.person and PersonHand(
-            disturbance.person, door.radius
+            disturbance.person, door.hand_radius
         )
         self._stop = disturbance.stop and _StopInTime(disturbance.stop)
-        self._bump = disturbance.bump and _BumpInTime(disturbance.bump)
+        self._bump = disturbance.bump and _BumpInTime(disturbance.bump, door)
         self.push_force = 0.0
         """Of the last period's push [N]."""
 
@@ -116,18 +115,21 @@ class Intervention:
             elif self._push.on == "forearm":
                 forearm = force
             else:
-                hinge += sizes[0] * self._door.radius
+                hinge += sizes[0] * self._door.hand_radius
         if self._person:
             resistance = self._person.resistance(time, reading.angle, slip)
             if self._person.on == "door":
-                hinge -= resistance * self._door.radius
+                hinge -= resistance * self._door.hand_radius
             else:
                 held = _combined((-resistance, 0.0, 0.0), (along, upward, outward))
                 hand = (hand[0] + held[0], hand[1] + held[1], hand[2] + held[2])
         if self._bump:
             self._bump.move(time, reading.angle)
-        stop = self._stop.angle(time, reading.angle) if self._stop else HINGE_RANGE
-        return Loads(hand, forearm, hinge, stop, self._friction(reading.angle))
+        stop = self._door.stop_angle
+        if self._stop:
+            stop = min(stop, self._stop.angle(time, reading.angle))
+        about_up = self._door.side * self._door.way * hinge
+        return Loads(hand, forearm, about_up, stop, self._friction(reading.angle))
 
     def _seal(self, angle: float) -> float:
         seal = self._breakaway
@@ -139,8 +141,8 @@ class Intervention:
     def _friction(self, angle: float) -> float:
         self._stuck = self._stuck and angle < _TOUCH
         if self._breakaway is None or not self._stuck:
-            return self._door.hinge_friction
-        stuck: float = self._door.hinge_friction + self._breakaway.stiction
+            return self._door.friction
+        stuck: float = self._door.friction + self._breakaway.stiction
         return stuck
 
 
@@ -261,16 +263,16 @@ class _StopInTime:
         """Return where the leaf meets a stop in the period from now [rad]."""
         since = self._start.since(time, angle)
         free = since is not None and since >= self._stop.duration - 1e-9
-        return HINGE_RANGE if free else self._stop.angle
+        return math.inf if free else self._stop.angle
 
 
 class _BumpInTime:
-    def __init__(self, bump: Bump) -> None:
+    def __init__(self, bump: Bump, door: DoorConfig) -> None:
         self._bump = bump
         self._start = _Start(bump.start_angle, bump.start_time)
         base = (bump.forward, bump.left, 0.0)
         # The world frame is the base's.
-        self._whole = tuple((task_rotation_w().T @ base).tolist())
+        self._whole = tuple((task_rotation_w(door).T @ base).tolist())
         self.shift = self.velocity = _NOTHING
 
     def move(self, time: float, angle: float) -> None:

@@ -7,6 +7,7 @@ Every number is sampled by MuJoCo's sensors in the last physics step, 2 ms befor
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Final, NamedTuple
 
 import mujoco
@@ -14,11 +15,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from gplfd_env.config import DoorConfig
+from gplfd_env.config import DoorConfig, Handle, Swing
+from gplfd_env.mobile_base import BASE_JOINTS
 from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.robot import HAND_BODIES, WRENCH_LIMITS, Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene
-from gplfd_env.task import Control
+from gplfd_env.task import Base, Control
+from gplfd_env.whole_body import Planar
 
 Array = NDArray[np.float64]
 Observation = dict[str, Array]
@@ -28,10 +31,16 @@ _POSE_LIMIT: Final = (3.0, np.pi)
 _TWIST_LIMIT: Final = (1.0e4, 1.0e4)
 _JOINT_LIMITS: Final = (10.0, 1.0e4)
 _TIME_LIMIT: Final = 1.0e6
+_BASE_LIMITS: Final = (100.0, 1.0e3, 1.0e4)
+_AT_REST: Final[tuple[Planar, Planar]] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def observation_space() -> spaces.Space[Observation]:
-    """Return the observation space; units and frames in docs/environment.md."""
+def observation_space(*, tells_base: bool = False) -> spaces.Space[Observation]:
+    """Return the observation space; units and frames in docs/environment.md.
+
+    Args:
+        tells_base: Whether pose and rate of the base are observed, too.
+    """
 
     def box(*blocks: tuple[float, int]) -> spaces.Box:
         high = np.concatenate([np.full(size, limit) for limit, size in blocks])
@@ -40,16 +49,20 @@ def observation_space() -> spaces.Space[Observation]:
     # The wrist sensor saturates per sensor axis, and its weight compensation and the
     # shift of the moment to the hand add to that.
     force, torque = 2 * WRENCH_LIMITS[0], 2 * WRENCH_LIMITS[0] + 2 * WRENCH_LIMITS[1]
-    space: spaces.Space[Any] = spaces.Dict(
-        {
-            "ee_pose": box((_POSE_LIMIT[0], 3), (_POSE_LIMIT[1], 3)),
-            "ee_twist": box((_TWIST_LIMIT[0], 3), (_TWIST_LIMIT[1], 3)),
-            "wrench": box((force, 3), (torque, 3)),
-            "joint_pos": box((_JOINT_LIMITS[0], 7)),
-            "joint_vel": box((_JOINT_LIMITS[1], 7)),
-            "time": spaces.Box(0.0, _TIME_LIMIT, shape=(1,), dtype=np.float64),
-        }
-    )
+    place, turn, rate = _BASE_LIMITS
+    base: dict[str, spaces.Space[Any]] = {
+        "base_pose": box((place, 2), (turn, 1)),
+        "base_velocity": box((rate, 3)),
+    }
+    hand: dict[str, spaces.Space[Any]] = {
+        "ee_pose": box((_POSE_LIMIT[0], 3), (_POSE_LIMIT[1], 3)),
+        "ee_twist": box((_TWIST_LIMIT[0], 3), (_TWIST_LIMIT[1], 3)),
+        "wrench": box((force, 3), (torque, 3)),
+        "joint_pos": box((_JOINT_LIMITS[0], 7)),
+        "joint_vel": box((_JOINT_LIMITS[1], 7)),
+        "time": spaces.Box(0.0, _TIME_LIMIT, shape=(1,), dtype=np.float64),
+    }
+    space: spaces.Space[Any] = spaces.Dict(hand | (base if tells_base else {}))
     return space
 
 
@@ -65,8 +78,12 @@ class Reader:
         ee_twist: The hand's twist.
         joint_pos: The arm's joint positions.
         joint_vel: The arm's joint velocities.
+        arm_limits: Least and greatest position of every joint of the arm [rad].
         wrist: Wrist force, torque, and the sensor's three axes.
-        door: From the hinge's angle to the torque at its stop.
+        door: From the hinge's angle to the torque at its stop; handle and bolt follow
+            where there are any.
+        odometry: Pose and rate of a base that moves.
+        tells_base: Whether observations do, too.
     """
 
     hand_weight: float
@@ -76,17 +93,32 @@ class Reader:
     ee_twist: slice
     joint_pos: slice
     joint_vel: slice
+    arm_limits: tuple[tuple[float, float], ...]
     wrist: slice
     door: slice
+    odometry: slice | None
+    tells_base: bool
 
     @classmethod
-    def of(cls, grasp: Grasp, control: Control) -> Reader:
-        """Resolve sensor addresses and the hand's weight, once per robot.
+    @cache
+    def of(
+        cls,
+        grasp: Grasp,
+        control: Control,
+        base: Base = "fixed",
+        handle: Handle = "bar",
+        swing: Swing = "pull",
+        *,
+        tells_base: bool = False,
+    ) -> Reader:
+        """Resolve sensor addresses and the hand's weight, once per robot and grasp.
 
-        The hand holds the same bar in every scene, so one scene serves for all; the
+        The hand holds the same handle in every scene, so one scene serves for all; the
         same for all, since settled fingers differ by a micrometre.
         """
-        model = build_scene(DoorConfig(), grasp, control=control)
+        model = build_scene(
+            DoorConfig(handle=handle, swing=swing), grasp, control=control, base=base
+        )
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
         mujoco.mj_forward(model, data)
@@ -103,8 +135,15 @@ class Reader:
             ee_twist=_span(model, "hand_linvel", 6),
             joint_pos=_span(model, f"{ARM_JOINTS[0]}_pos", 7),
             joint_vel=_span(model, f"{ARM_JOINTS[0]}_vel", 7),
+            arm_limits=tuple(
+                tuple(model.joint(name).range.tolist()) for name in ARM_JOINTS
+            ),
             wrist=_span(model, "wrist_force", 15),
-            door=_span(model, "hinge_angle", 23),
+            door=slice(int(model.sensor("hinge_angle").adr[0]), None),
+            odometry=(
+                _span(model, f"{BASE_JOINTS[0]}_pos", 6) if base == "mobile" else None
+            ),
+            tells_base=tells_base,
         )
 
     def observation(self, sensordata: Array, wrench: Array, time: Array) -> Observation:
@@ -115,7 +154,7 @@ class Reader:
             wrench: What `wrench` gave, (..., 6).
             time: Since the reset, (..., 1) [s].
         """
-        return {
+        observation = {
             "ee_pose": sensordata[..., self.ee_pose].copy(),
             "ee_twist": sensordata[..., self.ee_twist].copy(),
             "wrench": wrench,
@@ -123,6 +162,22 @@ class Reader:
             "joint_vel": sensordata[..., self.joint_vel].copy(),
             "time": time,
         }
+        if self.tells_base and self.odometry is not None:
+            base = sensordata[..., self.odometry]
+            observation["base_pose"] = base[..., :3].copy()
+            observation["base_velocity"] = base[..., 3:].copy()
+        return observation
+
+    def base_state(self, values: list[float]) -> tuple[Planar, Planar]:
+        """Return pose and rate of the base; zeros if it does not move.
+
+        Args:
+            values: One simulation's sensor array as a list.
+        """
+        if self.odometry is None:
+            return _AT_REST
+        x, y, yaw, *rate = values[self.odometry]
+        return (x, y, yaw), (rate[0], rate[1], rate[2])
 
     def wrench(self, values: list[float]) -> Wrench:
         """Return the wrench of the environment on the hand [N, N m].
@@ -162,30 +217,41 @@ class Reader:
             torque_z - (arm_x * force_y - arm_y * force_x),
         )
 
-    def door_reading(self, values: list[float]) -> DoorReading:
+    def door_reading(
+        self, values: list[float], way: float = 1.0, side: float = 1.0
+    ) -> DoorReading:
         """Return the privileged readings of door and grasp.
 
         Args:
             values: One simulation's sensor array as a list.
+            way: `DoorConfig.way` of the door that it stands before.
+            side: `DoorConfig.side`.
         """
         reading = values[self.door]
         angle, velocity, hx, hy, hz, ox, oy, oz = reading[:8]
         tx, ty, tz, ux, uy, uz, rx, ry, rz = reading[8:17]
-        right, left, fx, fy, fz, limit = reading[17:]
+        right, left, fx, fy, fz, limit = reading[17:23]
+        handle_angle, bolt = (*reading[23:], 0.0, 0.0)[:2]
         return DoorReading(
             angle=angle,
             velocity=velocity,
             handle_position=(hx, hy, hz),
             hand_on_handle=(ox, oy, oz),
             forces=(
-                tx * fx + ty * fy + tz * fz,
+                way * (tx * fx + ty * fy + tz * fz),
                 ux * fx + uy * fy + uz * fz,
-                rx * fx + ry * fy + rz * fz,
+                side * (rx * fx + ry * fy + rz * fz),
             ),
             grasped=right > 0.0 and left > 0.0,
-            axes=((tx, ty, tz), (ux, uy, uz), (rx, ry, rz)),
+            axes=(
+                (way * tx, way * ty, way * tz),
+                (ux, uy, uz),
+                (side * rx, side * ry, side * rz),
+            ),
             # A closed door rests at the other end of the hinge's range.
             stop_torque=limit if angle > 0.0 else 0.0,
+            handle_angle=handle_angle,
+            bolt=bolt,
         )
 
 
@@ -202,6 +268,8 @@ class DoorReading(NamedTuple):
         grasped: Both finger pads touch the bar.
         axes: World frame: along the opening motion, upwards, away from the hinge.
         stop_torque: Of the leaf against a stop [N m].
+        handle_angle: How far a lever or knob is turned [rad]; else 0.
+        bolt: How far the bolt is drawn in [m]; 0 without a latch.
     """
 
     angle: float
@@ -212,6 +280,8 @@ class DoorReading(NamedTuple):
     grasped: bool
     axes: tuple[tuple[float, float, float], ...]
     stop_torque: float
+    handle_angle: float
+    bolt: float
 
 
 def _span(model: mujoco.MjModel, first: str, size: int) -> slice:

@@ -1,9 +1,9 @@
 """Where the robot stands before the door, and the posture that holds the handle.
 
-Frames: *world* = the robot's ``base_footprint`` (x forward, y left, z up); *task* =
-origin at the closed handle, x = pulling direction, y = up, z = x × y (to the left of
-someone facing the door). The hinge is on the robot's right, at z = -radius: the arm's
-joint ranges are asymmetric, and the mirrored door is out of its reach.
+Frames: *world* = the robot's ``base_footprint`` at the reset (x forward, y left, z up);
+*task* = origin at the closed handle, x = pulling direction, y = up, z = x × y (to the
+left of someone facing the door). A hinge on the robot's right is at z = -radius; one on
+its left at z = radius, where an arm on a base that stands still reaches less.
 """
 
 import math
@@ -15,62 +15,71 @@ from numpy.typing import NDArray
 
 from gplfd_env.config import DoorConfig
 from gplfd_env.geometry import DoorGeometry
+from gplfd_env.stance import stance_of
+from gplfd_env.task import Base
 from gplfd_env.variation import Placement, Variation
-
-HANDLE_XY_W: Final = (0.7345, 0.7004)
-"""Closed handle in the base frame where the base stands as it should [m];
-assets/README.md tells how it was found."""
-
-DOOR_YAW: Final = math.radians(26.05)
-"""Heading of "straight into the closed door" in the base frame [rad]."""
-
-GRASP_YAW: Final = math.radians(25.4)
-"""Constant yaw of the hand on the round bar, counter-clockwise from above [rad]."""
-
-TORSO_BELOW_HANDLE: Final = 0.50
-"""Height of the grasped point minus torso lift [m]."""
-
-CLOSED_POSTURE: Final = (2.183, -0.730, -2.699, 0.803, 0.995, 0.034, 0.900)
-"""Arm joints that hold the closed handle, to 1 mrad [rad]; refined at build time."""
 
 ARM_JOINTS: Final = tuple(f"arm_{i}_joint" for i in range(1, 8))
 
 Matrix = NDArray[np.float64]
 
 
-def handle_position_w(door: DoorConfig, placement: Placement) -> Matrix:
-    """Return the middle of the closed handle's bar in the world frame, (3,) [m].
+def hand_position_w(door: DoorConfig, placement: Placement, base: Base) -> Matrix:
+    """Return where the hand takes hold in the world frame, (3,) [m]."""
+    position, _ = _task_in_door_frame(door, placement, base)
+    middle = handle_position_w(door, placement, base)
+    axes = task_rotation_w(door, placement.base_yaw, base)
+    held: Matrix = middle + axes @ position
+    return held
 
-    The world frame is the base's, so an error of the base displaces the door.
+
+def handle_position_w(
+    door: DoorConfig, placement: Placement, base: Base = "fixed"
+) -> Matrix:
+    """Return the middle of the closed handle in the world frame, (3,) [m].
+
+    The world frame is the base's at the reset, so an error of the base displaces the
+    door.
     """
-    x, y = HANDLE_XY_W[0] - placement.base_x, HANDLE_XY_W[1] - placement.base_y
+    handle = stance_of(door, base).handle_xy_w
+    x, y = handle[0] - placement.base_x, handle[1] - placement.base_y
     cosine, sine = math.cos(placement.base_yaw), math.sin(placement.base_yaw)
     return np.array([cosine * x + sine * y, cosine * y - sine * x, door.handle_height])
 
 
-def task_rotation_w(yaw: float = 0.0) -> Matrix:
+def task_rotation_w(
+    door: DoorConfig | None = None, yaw: float = 0.0, base: Base = "fixed"
+) -> Matrix:
     """Return the task frame's axes as columns in the world frame, (3, 3).
 
     Args:
+        door: Decides how the robot stands; by default one with a bar that is pulled.
         yaw: Heading error of the base [rad]: with it, the axes of the true door.
+        base: Whose stance it is.
     """
-    heading = DOOR_YAW - yaw
+    door = DoorConfig() if door is None else door
+    heading = stance_of(door, base).door_yaw - yaw
     into_door = np.array([math.cos(heading), math.sin(heading), 0.0])
     up = np.array([0.0, 0.0, 1.0])
     pull = -into_door
     return np.column_stack([pull, up, np.cross(pull, up)])
 
 
-def gripper_rotation_w() -> Matrix:
+def gripper_rotation_w(door: DoorConfig, base: Base = "fixed") -> Matrix:
     """Return ``gripper_link``'s axes at the closed grasp in the world frame, (3, 3).
 
-    The gripper approaches along its -z axis; its fingers close along x, and y runs
-    along the bar (downwards: the wrist rolled so that arm_7's x axis points down).
+    The gripper approaches along its -z axis; its fingers close along x. On a bar y runs
+    along it (downwards: the wrist rolled so that arm_7's x axis points down); a lever
+    or knob is held with the wrist rolled by a quarter, x upright.
     """
-    yaw = DOOR_YAW + GRASP_YAW
+    stance = stance_of(door, base)
+    yaw = stance.door_yaw + stance.grasp_yaw
     approach = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     arm_7_x = np.array([0.0, 0.0, -1.0])
     arm_7_y = np.cross(approach, arm_7_x)
+    if stance.roll != 0.0:
+        quarter = math.copysign(1.0, stance.roll)
+        arm_7_x, arm_7_y = quarter * arm_7_y, -quarter * arm_7_x
     return np.column_stack([-arm_7_y, -arm_7_x, -approach])
 
 
@@ -81,31 +90,55 @@ def quaternion(rotation: Matrix) -> Matrix:
     return result
 
 
-def grasp_in_door_frame(placement: Placement) -> tuple[Matrix, Matrix]:
+def grasp_in_door_frame(
+    door: DoorConfig, placement: Placement, base: Base
+) -> tuple[Matrix, Matrix]:
     """Return the task frame in the door frame: position (3,) [m], quaternion (4,).
 
     It is where the hand takes hold, in the heading that the robot believes in.
     """
-    position, rotation = _task_in_door_frame(placement)
+    position, rotation = _task_in_door_frame(door, placement, base)
     return position, quaternion(rotation)
 
 
-def door_geometry(variation: Variation) -> DoorGeometry:
-    """Return where the hinge of an episode's door is in its task frame."""
-    position, rotation = _task_in_door_frame(variation.placement)
-    hinge = np.array([0.0, 0.0, -variation.door.radius])
+def door_geometry(variation: Variation, base: Base) -> DoorGeometry:
+    """Return where the hinge and the handle's axis are in an episode's task frame.
+
+    Args:
+        variation: The episode's door and where the robot stands and grasps.
+        base: Whose stance before the door it is.
+    """
+    door = variation.door
+    position, rotation = _task_in_door_frame(door, variation.placement, base)
+    hinge = np.array([0.0, 0.0, -door.side * door.hand_radius])
+    spindle = np.array([0.0, 0.0, door.side * door.grip])
+    turns = door.handle != "bar"
     return DoorGeometry(
         hinge=rotation.T @ (hinge - position),
-        axis=rotation.T @ np.array([0.0, 1.0, 0.0]),
+        axis=rotation.T @ np.array([0.0, door.side * door.way, 0.0]),
+        spindle=rotation.T @ (spindle - position) if turns else None,
+        turn=rotation.T @ np.array([-door.side, 0.0, 0.0]) if turns else None,
+        travel=door.handle_travel if turns else 0.0,
     )
 
 
-def _task_in_door_frame(placement: Placement) -> tuple[Matrix, Matrix]:
+def grasp_height(door: DoorConfig, placement: Placement) -> float:
+    """Return how far above the handle's middle the hand holds it [m].
+
+    On a lever or knob not at all: the fingers close from above and below.
+    """
+    return placement.grasp_height if door.handle == "bar" else 0.0
+
+
+def _task_in_door_frame(
+    door: DoorConfig, placement: Placement, base: Base
+) -> tuple[Matrix, Matrix]:
     """Return the task frame in the door frame: position (3,) [m], axes (3, 3)."""
-    back = gripper_rotation_w() @ np.array([0.0, 0.0, placement.grasp_depth])
-    door = task_rotation_w(placement.base_yaw)
-    position = door.T @ back + np.array([0.0, placement.grasp_height, 0.0])
-    return position, door.T @ task_rotation_w()
+    depth = np.array([0.0, 0.0, placement.grasp_depth])
+    back = gripper_rotation_w(door, base) @ depth
+    axes = task_rotation_w(door, placement.base_yaw, base)
+    height = np.array([0.0, grasp_height(door, placement), 0.0])
+    return axes.T @ back + height, axes.T @ task_rotation_w(door, base=base)
 
 
 def solve_closed_posture(
@@ -113,12 +146,13 @@ def solve_closed_posture(
     data: mujoco.MjData,
     door: DoorConfig,
     placement: Placement,
+    base: Base = "fixed",
 ) -> Matrix:
     """Return the configuration in which the hand site holds the closed handle.
 
     Newton's method on the 6-D pose error between the sites ``hand`` and
     ``task_frame`` with the pseudo-inverse of the arm's Jacobian, started at
-    `CLOSED_POSTURE` (so it ends at the nearest posture of the arm's self-motion).
+    the stance's posture (so it ends at the nearest posture of the arm's self-motion).
 
     Args:
         model: The compiled scene.
@@ -126,19 +160,22 @@ def solve_closed_posture(
         door: Its handle height and
         placement: its height of the grasp set the torso's lift, as far as that goes;
             the rest is left to the arm.
+        base: Whose stance it is.
 
     Returns:
-        All joint positions, ``(nq,)`` [m, rad]; fingers and hinge at zero.
+        All joint positions, ``(nq,)`` [m, rad]; fingers, hinge and base at zero.
 
     Raises:
         ValueError: The pose is out of reach.
     """
     mujoco.mj_resetData(model, data)
     arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
-    lift = door.handle_height + placement.grasp_height - TORSO_BELOW_HANDLE
+    stance = stance_of(door, base)
+    height = door.handle_height + grasp_height(door, placement)
+    lift = height - stance.torso_below_handle
     lowest, highest = model.joint("torso_lift_joint").range
     data.joint("torso_lift_joint").qpos = min(max(lift, lowest), highest)
-    data.qpos[arm] = CLOSED_POSTURE
+    data.qpos[arm] = stance.closed_posture
     hand, target = model.site("hand").id, model.site("task_frame").id
     jacobian = np.zeros((6, model.nv))
     for _ in range(20):

@@ -10,20 +10,26 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
-from gplfd_env.config import DoorConfig, preset
+from gplfd_env.config import DoorConfig
 from gplfd_env.fields import (
     allowed_range,
+    check_choice,
     check_quantities,
     checked_number,
     quantity,
 )
+from gplfd_env.named import preset
+from gplfd_env.standard import standard_door
 from gplfd_env.variation import Placement, SensorNoise, Variation
 
 Pair = tuple[float, float]
+
+Doors = Literal["given", "standard"]
+"""Which door an episode's ranges apply to."""
 
 
 def _half_width(name: str) -> Any:
@@ -96,7 +102,12 @@ class DoorRandomization:
     )
     """Commands take effect after `shortest_delay` to this many control periods."""
 
+    doors: Doors = "given"
+    """``"given"``: the door that the environment is told, but for the ranges above;
+    ``"standard"``: one drawn by `gplfd_env.standard` instead."""
+
     def __post_init__(self) -> None:
+        check_choice("DoorRandomization.doors", self.doors, get_args(Doors))
         check_quantities(self)
         for name in _DOOR_FIELDS:
             bounds = getattr(self, name)
@@ -135,14 +146,25 @@ class DoorRandomization:
         """Whether nothing is varied."""
         return self == DoorRandomization()
 
+    def outermost(self, door: DoorConfig) -> DoorConfig:
+        """Return the door with the highest handle farthest from the hinge."""
+        drawn = {"radius": self.radius, "handle_height": self.handle_height}
+        ends: dict[str, Any] = {
+            name: pair[1] for name, pair in drawn.items() if pair is not None
+        }
+        return door.replaced(ends)
+
     def sample(self, door: DoorConfig, rng: np.random.Generator) -> Variation:
         """Draw one episode.
 
         Args:
             door: Gives every value that is not varied.
-            rng: Where the draws come from; always the same number of them.
+            rng: Where the draws come from; always the same number of them, and one more
+                where doors are drawn by the standards.
         """
         draws = iter(rng.random(len(_DOOR_FIELDS) + 6).tolist())
+        if self.doors == "standard":
+            door = standard_door(np.random.default_rng(int(rng.integers(2**63))))
         fields = {}
         for name in _DOOR_FIELDS:
             share, bounds = next(draws), getattr(self, name)
@@ -163,7 +185,7 @@ class DoorRandomization:
         position, rotation = self.pose_noise
         force, torque = self.wrench_noise
         return Variation(
-            door=dataclasses.replace(door, **fields),
+            door=door.replaced(fields),
             placement=placement,
             noise=SensorNoise(
                 position=position, rotation=rotation, force=force, torque=torque
@@ -241,6 +263,8 @@ RANDOMIZATIONS: Final[Mapping[str, DoorRandomization]] = MappingProxyType(
             wrench_noise=(1.0, 0.05),
             longest_delay=3,
         ),
+        "standard": DoorRandomization(doors="standard"),
     }
 )
-"""Mild is what a careful laboratory leaves over; hard is a new door every time."""
+"""Mild is what a careful laboratory leaves over; hard is a new door every time;
+standard is a door of a building every time, before which the robot stands right."""

@@ -8,6 +8,9 @@ import mujoco
 import numpy as np
 
 from gplfd_env._paths import asset_path
+from gplfd_env.config import DoorConfig
+from gplfd_env.handle import held_radius
+from gplfd_env.mobile_base import add_mobile_base
 from gplfd_env.placement import (
     ARM_JOINTS,
     gripper_rotation_w,
@@ -15,7 +18,7 @@ from gplfd_env.placement import (
     task_rotation_w,
 )
 from gplfd_env.room import UNDRAWN
-from gplfd_env.task import Control
+from gplfd_env.task import Base, Control
 
 HAND_BODIES: Final = (
     "wrist_ft_link",
@@ -53,11 +56,19 @@ _POSTURE_STIFFNESS: Final = 0.1
 _FINGER_STIFFNESS: Final = 2000.0
 _TORSO_STIFFNESS: Final = (5.0e4, 2.0e3)
 
+_RIDGE_HEIGHT: Final = 0.008
+_RIDGE_HALF_WIDTH: Final = 0.010
+_RIDGE_HALF_THICKNESS: Final = 0.002
+_RIDGE_PLAY: Final = 0.002
+_RUBBER: Final = (0.22, 0.22, 0.23, 1.0)
+
 Grasp = Literal["contact", "weld"]
 """Friction between the finger pads and the bar, or a rigid joint."""
 
 
-def load_robot(control: Control = "pose") -> mujoco.MjSpec:
+def load_robot(
+    control: Control = "pose", door: DoorConfig | None = None, base: Base = "fixed"
+) -> mujoco.MjSpec:
     """Read the arm's URDF and add gravity compensation, servo and sensor sites.
 
     The hand site's axes coincide with the task frame when the door is closed, so the
@@ -66,14 +77,17 @@ def load_robot(control: Control = "pose") -> mujoco.MjSpec:
     Args:
         control: ``"pose"`` turns the hand by one servo on the whole orientation;
             ``"impedance"`` by one per axis of θu, so that each can have its stiffness.
+        door: What the hand holds; by default one with a bar that is pulled.
+        base: Whether it drives.
 
     Returns:
         A specification that compiles once a ``task_frame`` site has been added.
     """
+    door = DoorConfig() if door is None else door
     spec = mujoco.MjSpec.from_file(str(asset_path("tiago_like.urdf")))
     spec.modelname = "gplfd door opening"
     _set_joints(spec)
-    _add_sites(spec)
+    _add_sites(spec, door, base)
     _add_cameras(spec)
     _add_axis_servos(spec, TRANSLATION_SERVOS, first=0)
     if control == "pose":
@@ -83,6 +97,10 @@ def load_robot(control: Control = "pose") -> mujoco.MjSpec:
         _add_axis_servos(spec, ROTATION_SERVOS, first=3)
     _add_torso_servo(spec)
     _add_grip(spec)
+    if door.handle != "bar":
+        _add_hooks(spec, held_radius(door.handle))
+    if base == "mobile":
+        add_mobile_base(spec)
     return spec
 
 
@@ -100,8 +118,10 @@ def _set_joints(spec: mujoco.MjSpec) -> None:
     coupling.name = "finger_coupling"
 
 
-def _add_sites(spec: mujoco.MjSpec) -> None:
-    gripper_to_task = gripper_rotation_w().T @ task_rotation_w()
+def _add_sites(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
+    gripper_to_task = gripper_rotation_w(door, base).T @ task_rotation_w(
+        door, base=base
+    )
     spec.body("gripper_link").add_site(
         name="hand",
         pos=[0, 0, -HAND_BEYOND_GRIPPER],
@@ -148,6 +168,32 @@ def _hand_servo(spec: mujoco.MjSpec, name: str, limit: float) -> mujoco.MjsActua
     )
 
 
+def _add_hooks(spec: mujoco.MjSpec, radius: float) -> None:
+    """Add ridges to the pads, before and behind a round handle that they hold.
+
+    They carry a lever or knob by its shape, with 2 mm of play along the approach.
+
+    Args:
+        spec: The robot; edited in place.
+        radius: Of the handle [m].
+    """
+    waist = radius - _RIDGE_HEIGHT
+    reach = math.sqrt(radius**2 - waist**2) + _RIDGE_PLAY / 2 + _RIDGE_HALF_THICKNESS
+    for side, inwards in (("right", -1.0), ("left", 1.0)):
+        finger = spec.body(f"gripper_{side}_finger_link")
+        for place, along in (("tip", -reach), ("palm", reach)):
+            finger.add_geom(
+                name=f"{side}_finger_ridge_{place}",
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                pos=[inwards * _RIDGE_HEIGHT / 2, 0.0, along - HAND_BEYOND_GRIPPER],
+                size=[_RIDGE_HEIGHT / 2, _RIDGE_HALF_WIDTH, _RIDGE_HALF_THICKNESS],
+                rgba=_RUBBER,
+                mass=0.0,
+                contype=1,
+                conaffinity=0,
+            )
+
+
 def _add_torso_servo(spec: mujoco.MjSpec) -> None:
     torso = spec.add_actuator(
         name="torso_hold",
@@ -166,5 +212,5 @@ def _add_grip(spec: mujoco.MjSpec) -> None:
         )
         finger.set_to_position(kp=_FINGER_STIFFNESS)
         pad = spec.geom(f"{side}_finger_pad")
-        pad.rgba = [0.22, 0.22, 0.23, 1.0]
+        pad.rgba = _RUBBER
         pad.contype, pad.conaffinity = 1, 0

@@ -5,6 +5,8 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
+from gplfd_env.task import Base
+
 PHYSICS_STEP: Final = 0.002
 """Physics time step [s]."""
 
@@ -15,7 +17,20 @@ UNDRAWN: Final[dict[str, Any]] = {"size": [0.005] * 3, "rgba": [0, 0, 0, 0]}
 """Of a site that only marks a frame."""
 
 
-def add_room(spec: mujoco.MjSpec) -> None:
+_VIEWS: Final[dict[Base, dict[str, tuple[tuple[float, ...], ...]]]] = {
+    "fixed": {
+        "overview": ((-0.35, -1.75, 2.0), (0.48, 0.50, 0.82)),
+        "top": ((0.55, 0.35, 3.6), (0.56, 0.37, 0.0)),
+    },
+    "mobile": {
+        "overview": ((-2.1, 1.0, 2.5), (0.75, -0.6, 0.75)),
+        "top": ((0.75, -0.6, 5.4), (0.76, -0.58, 0.0)),
+    },
+}
+"""From where and at what two cameras look [m]; where a base drives they see its way."""
+
+
+def add_room(spec: mujoco.MjSpec, base: Base = "fixed") -> None:
     """Set the physics options and add light, floor and two fixed cameras.
 
     An elliptic cone with a large ``impratio`` is what keeps a friction grasp from
@@ -23,6 +38,7 @@ def add_room(spec: mujoco.MjSpec) -> None:
 
     Args:
         spec: The scene; edited in place. World frame = the robot's base_footprint.
+        base: Whether it drives.
     """
     spec.option.timestep = PHYSICS_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -44,15 +60,15 @@ def add_room(spec: mujoco.MjSpec) -> None:
         diffuse=[0.6] * 3,
         specular=[0.15] * 3,
     )
-    _add_camera(spec, "overview", (-0.35, -1.75, 2.0), (0.48, 0.50, 0.82))
-    _add_camera(spec, "top", (0.55, 0.35, 3.6), (0.56, 0.37, 0.0))
+    for name, (position, target) in _VIEWS[base].items():
+        _add_camera(spec, name, position, target)
 
 
 def _add_camera(
     spec: mujoco.MjSpec,
     name: str,
-    position: tuple[float, float, float],
-    target: tuple[float, float, float],
+    position: tuple[float, ...],
+    target: tuple[float, ...],
 ) -> None:
     """Add a fixed camera that looks from a position at a target, both (3,) [m]."""
     backward = np.subtract(position, target)

@@ -10,19 +10,28 @@ import dataclasses
 from collections.abc import Mapping
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.door import BAR_RADIUS, NOMINAL_MASS, add_door, set_door_physics
+from gplfd_env.collision import add_collisions
+from gplfd_env.config import DoorConfig, Latch
+from gplfd_env.door import (
+    NOMINAL_MASS,
+    Structure,
+    add_door,
+    set_door_physics,
+    structure_of,
+)
+from gplfd_env.handle import held_radius
 from gplfd_env.placement import ARM_JOINTS, solve_closed_posture
 from gplfd_env.robot import Grasp, load_robot
 from gplfd_env.room import add_room
 from gplfd_env.sensors import add_sensors
-from gplfd_env.task import Control
+from gplfd_env.stance import check_reach
+from gplfd_env.task import Base, Control
 from gplfd_env.variation import Placement
 
 GRASP_KEY: Final = 0
@@ -32,9 +41,10 @@ SCENE_FIELDS: Final = (
     "actuator_acc0", "actuator_length0", "body_inertia", "body_invweight0",
     "body_ipos", "body_iquat", "body_mass", "body_pos", "body_quat",
     "body_subtreemass", "bvh_aabb", "cam_pos0", "cam_poscom0", "cam_mat0",
-    "dof_M0", "dof_invweight0", "dof_length", "geom_aabb", "geom_pos", "geom_rbound",
-    "geom_size", "key_ctrl", "key_qpos", "light_pos0", "light_poscom0",
-    "qpos_spring", "site_pos", "site_quat",
+    "dof_M0", "dof_invweight0", "dof_length", "geom_aabb", "geom_pos", "geom_quat",
+    "geom_rbound", "geom_size", "jnt_axis", "jnt_range", "key_ctrl", "key_qpos",
+    "light_pos0", "light_poscom0", "qpos_spring", "site_pos", "site_quat",
+    "tendon_invweight0", "tendon_length0", "tendon_range", "wrap_prm",
 )  # fmt: skip
 """Fields of the model in which the geometry of two scenes can differ."""
 
@@ -42,8 +52,21 @@ _SETTLING_TIME: Final = 0.4
 _BAR_INDENTATION: Final = 7.3e-5
 """How deep the fingers' 16 N press into the bar's soft contact [m]."""
 
-_NOMINAL: Final = DoorConfig(panel_mass=NOMINAL_MASS)
-"""Mass, hinge and closer of every compiled scene."""
+_WRITTEN: Final = (
+    "hinge_friction", "hinge_damping", "panel_mass", "stiction", "seal", "seal_angle",
+    "closer_stiffness", "closer_preload", "closer_boost", "closer_boost_angle",
+    "closer_friction", "closer_damping", "closing_damping", "backcheck_damping",
+    "backcheck_angle", "handle_preload", "handle_stiffness", "bolt_preload",
+    "bolt_stiffness",
+)  # fmt: skip
+"""Fields of a door that `set_door_physics` writes; all others are its geometry."""
+
+_NOMINAL: Final[dict[str, Any]] = {
+    field.name: NOMINAL_MASS if field.name == "panel_mass" else field.default
+    for field in dataclasses.fields(DoorConfig)
+    if field.name in _WRITTEN
+}
+"""What they are in a compiled scene."""
 
 Array = NDArray[np.float64]
 
@@ -54,6 +77,8 @@ def build_spec(
     *,
     placement: Placement | None = None,
     control: Control = "pose",
+    structure: Structure | None = None,
+    base: Base = "fixed",
 ) -> mujoco.MjSpec:
     """Assemble room, robot, door and sensors without compiling them.
 
@@ -63,11 +88,16 @@ def build_spec(
             ``"weld"`` adds a rigid joint between hand and bar.
         placement: Where the robot stands and grasps; without error by default.
         control: See `gplfd_env.robot.load_robot`.
+        structure: Of the scene; by default the door's.
+        base: Whether it drives.
     """
-    spec = load_robot(control)
-    add_room(spec)
-    add_door(spec, door, placement)
-    add_sensors(spec, control)
+    structure = structure_of(door) if structure is None else structure
+    spec = load_robot(control, door, base)
+    add_room(spec, base)
+    add_door(spec, door, placement, structure, base)
+    add_sensors(spec, structure, control, base)
+    if base == "mobile":
+        add_collisions(spec)
     spec.add_key(name="grasp")
     if grasp == "weld":
         spec.add_equality(
@@ -87,6 +117,7 @@ def build_scene(
     *,
     placement: Placement | None = None,
     control: Control = "pose",
+    base: Base = "fixed",
 ) -> mujoco.MjModel:
     """Return a model of a scene with a settled grasp, which callers may edit.
 
@@ -96,9 +127,11 @@ def build_scene(
     Raises:
         ValueError: The closed handle is out of reach.
     """
-    model = _template(grasp, control).__copy__()
+    model = _template(structure_of(door), grasp, control, base).__copy__()
     data = mujoco.MjData(model)
-    load_scene(model, data, door, grasp, placement=placement, control=control)
+    load_scene(
+        model, data, door, grasp, placement=placement, control=control, base=base
+    )
     return model
 
 
@@ -110,6 +143,7 @@ def load_scene(
     *,
     placement: Placement | None = None,
     control: Control = "pose",
+    base: Base = "fixed",
 ) -> None:
     """Bring a scene's model to another door, in place.
 
@@ -117,55 +151,73 @@ def load_scene(
     `build_scene`, bit for bit.
 
     Args:
-        model: Made by `build_scene` with the same grasp and control.
+        model: Made by `build_scene` for a door of the same structure, with the same
+            grasp, control and base.
         data: Of the same model; reset it to the keyframe afterwards.
         door: The new door.
         grasp: As the model was made.
         placement: Where the robot stands and grasps; without error by default.
         control: As the model was made.
+        base: As the model was made.
 
     Raises:
         ValueError: The closed handle is out of reach; the model is unchanged.
     """
+    check_reach(door, base)
     placement = Placement() if placement is None else placement
-    geometry = dataclasses.replace(
-        _NOMINAL,
-        radius=door.radius,
-        handle_height=door.handle_height,
-        handle_standoff=door.handle_standoff,
-    )
-    for name, values in _settled(geometry, placement, grasp, control).items():
+    geometry, structure = dataclasses.replace(door, **_NOMINAL), structure_of(door)
+    settled = _settled(geometry, structure, placement, grasp, control, base)
+    for name, values in settled.items():
         getattr(model, name)[...] = values
     set_door_physics(model, data, door)
 
 
-@lru_cache(maxsize=4)
-def _template(grasp: Grasp, control: Control) -> mujoco.MjModel:
-    return build_spec(_NOMINAL, grasp, control=control).compile()
+@lru_cache(maxsize=32)
+def _template(
+    structure: Structure, grasp: Grasp, control: Control, base: Base
+) -> mujoco.MjModel:
+    latch: Latch = "spring" if structure.latched else "none"
+    door = DoorConfig(handle=structure.handle, latch=latch, panel_mass=NOMINAL_MASS)
+    spec = build_spec(door, grasp, control=control, structure=structure, base=base)
+    return spec.compile()
 
 
 @lru_cache(maxsize=128)
 def _settled(
-    geometry: DoorConfig, placement: Placement, grasp: Grasp, control: Control
+    geometry: DoorConfig,
+    structure: Structure,
+    placement: Placement,
+    grasp: Grasp,
+    control: Control,
+    base: Base,
 ) -> Mapping[str, Array]:
     """Compile a scene, settle the grasp and return its `SCENE_FIELDS`."""
-    spec = build_spec(geometry, grasp, placement=placement, control=control)
+    spec = build_spec(
+        geometry,
+        grasp,
+        placement=placement,
+        control=control,
+        structure=structure,
+        base=base,
+    )
     model = spec.compile()
-    _settle(model, geometry, placement)
+    _settle(model, geometry, placement, base)
     return MappingProxyType({n: getattr(model, n).copy() for n in SCENE_FIELDS})
 
 
-def _settle(model: mujoco.MjModel, door: DoorConfig, placement: Placement) -> None:
+def _settle(
+    model: mujoco.MjModel, door: DoorConfig, placement: Placement, base: Base
+) -> None:
     """Close the fingers on the bar and store the state at rest as the keyframe."""
     data = mujoco.MjData(model)
-    configuration = solve_closed_posture(model, data, door, placement)
+    configuration = solve_closed_posture(model, data, door, placement, base)
     mujoco.mj_resetData(model, data)
     data.qpos[:] = configuration
     arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
     model.qpos_spring[arm] = data.qpos[arm]
     for side in ("right", "left"):
         finger = data.joint(f"gripper_{side}_finger_joint")
-        finger.qpos = BAR_RADIUS - _BAR_INDENTATION
+        finger.qpos = held_radius(door.handle) - _BAR_INDENTATION
     data.actuator("torso_hold").ctrl = data.joint("torso_lift_joint").qpos
     mujoco.mj_step(model, data, nstep=round(_SETTLING_TIME / model.opt.timestep))
     model.key_qpos[GRASP_KEY] = data.qpos

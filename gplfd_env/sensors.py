@@ -4,9 +4,11 @@ from typing import Final
 
 import mujoco
 
+from gplfd_env.door import Structure
+from gplfd_env.mobile_base import BASE_JOINTS
 from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.robot import ROTATION_SERVOS, WRENCH_LIMITS
-from gplfd_env.task import Control
+from gplfd_env.task import Base, Control
 
 _SENSOR: Final = mujoco.mjtSensor
 _SITE: Final = mujoco.mjtObj.mjOBJ_SITE
@@ -19,16 +21,24 @@ _CONTACT_FORCE: Final = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
 _NET_FORCE: Final = 3
 
 
-def add_sensors(spec: mujoco.MjSpec, control: Control = "pose") -> None:
+def add_sensors(
+    spec: mujoco.MjSpec,
+    structure: Structure,
+    control: Control = "pose",
+    base: Base = "fixed",
+) -> None:
     """Add every sensor, in the order in which `gplfd_env.observation` reads them.
 
     Poses and twists of the hand are measured in the task frame; wrist force and
-    torque in the sensor site's frame (the hand's axes); the handle's axes and the
-    contact force on the bar in the world frame.
+    torque in the sensor site's frame (the hand's axes); the leaf's axes and the
+    contact force on the handle in the world frame. Handle and bolt come last, where
+    there are any.
 
     Args:
         spec: The scene with robot and door; edited in place.
+        structure: What the door consists of.
         control: What the robot was loaded with.
+        base: The same.
     """
     for axis in ("x", "y", "z"):
         _add(
@@ -51,17 +61,30 @@ def add_sensors(spec: mujoco.MjSpec, control: Control = "pose") -> None:
     for axis in ("X", "Y", "Z"):
         kind = getattr(_SENSOR, f"mjSENS_FRAME{axis}AXIS")
         _add(spec, f"wrist_{axis.lower()}axis", kind, _SITE, "wrist_ft", "task_frame")
+    for name in BASE_JOINTS if base == "mobile" else ():
+        _add(spec, f"{name}_pos", _SENSOR.mjSENS_JOINTPOS, _JOINT, name)
+    for name in BASE_JOINTS if base == "mobile" else ():
+        _add(spec, f"{name}_vel", _SENSOR.mjSENS_JOINTVEL, _JOINT, name)
     _add(spec, "hinge_angle", _SENSOR.mjSENS_JOINTPOS, _JOINT, "hinge")
     _add(spec, "hinge_velocity", _SENSOR.mjSENS_JOINTVEL, _JOINT, "hinge")
     _add(spec, "handle_pos", _SENSOR.mjSENS_FRAMEPOS, _SITE, "handle", "task_frame")
     _add(spec, "hand_on_handle", _SENSOR.mjSENS_FRAMEPOS, _SITE, "hand", "handle")
+    turning = structure.handle != "bar"
+    axes = "leaf_axes" if turning else "handle"
     for axis in ("X", "Y", "Z"):
         kind = getattr(_SENSOR, f"mjSENS_FRAME{axis}AXIS")
-        _add(spec, f"handle_{axis.lower()}axis", kind, _SITE, "handle")
+        _add(spec, f"handle_{axis.lower()}axis", kind, _SITE, axes)
     for side in ("right", "left"):
-        _add_contact(spec, f"{side}_pad_contact", f"{side}_finger_pad", _CONTACT_FOUND)
+        pad = _GEOM, f"{side}_finger_pad"
+        finger = mujoco.mjtObj.mjOBJ_BODY, f"gripper_{side}_finger_link"
+        touching = finger if turning else pad
+        _add_contact(spec, f"{side}_pad_contact", touching, _CONTACT_FOUND)
     _add_contact(spec, "bar_force", None, _CONTACT_FORCE)
     _add(spec, "hinge_stop", _SENSOR.mjSENS_JOINTLIMITFRC, _JOINT, "hinge")
+    if turning:
+        _add(spec, "handle_angle", _SENSOR.mjSENS_JOINTPOS, _JOINT, "handle")
+    if structure.latched:
+        _add(spec, "bolt", _SENSOR.mjSENS_JOINTPOS, _JOINT, "bolt")
 
 
 def _add(
@@ -79,14 +102,19 @@ def _add(
     return sensor
 
 
-def _add_contact(spec: mujoco.MjSpec, name: str, pad: str | None, fields: int) -> None:
-    """Add a contact sensor of the bar: with one pad, or the sum of all its contacts."""
+def _add_contact(
+    spec: mujoco.MjSpec,
+    name: str,
+    other: tuple[mujoco.mjtObj, str] | None,
+    fields: int,
+) -> None:
+    """Add a contact sensor of the handle: with a pad or finger, or with all at once."""
     sensor = spec.add_sensor(
         name=name,
         type=_SENSOR.mjSENS_CONTACT,
-        objtype=_GEOM if pad else mujoco.mjtObj.mjOBJ_UNKNOWN,
-        objname=pad or "",
+        objtype=other[0] if other else mujoco.mjtObj.mjOBJ_UNKNOWN,
+        objname=other[1] if other else "",
         reftype=_GEOM,
         refname="handle_bar",
     )
-    sensor.intprm[:3] = [fields, _NET_FORCE if pad is None else 0, 1]
+    sensor.intprm[:3] = [fields, _NET_FORCE if other is None else 0, 1]

@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 
 from gplfd_env.command import Command, ServoGains
 from gplfd_env.config import DoorConfig
-from gplfd_env.door import HINGE_RANGE, set_hinge
+from gplfd_env.door import set_hinge, structure_of
 from gplfd_env.intervention import Loads
+from gplfd_env.mobile_base import BASE_DRIVES
 from gplfd_env.robot import FOREARM, GRIPPER, Grasp
 from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.task import CONTROL_PERIOD, Base
 from gplfd_env.variation import Variation
+from gplfd_env.whole_body import Planar
 
 Array = NDArray[np.float64]
 
@@ -28,6 +30,14 @@ def loaded_bodies(model: mujoco.MjModel) -> tuple[int, ...]:
     return tuple(model.body(name).id for name in (GRIPPER, FOREARM, "door"))
 
 
+def driven(model: mujoco.MjModel, base: Base) -> slice:
+    """Return where in the control vector the rate of the base is; nowhere if fixed."""
+    if base == "fixed":
+        return slice(0)
+    first = int(model.actuator_ctrladr[model.actuator(BASE_DRIVES[0]).id])
+    return slice(first, first + 3)
+
+
 class DoorSimulation:
     """One simulation; `gplfd_env.batch.DoorBatch` is many.
 
@@ -37,18 +47,22 @@ class DoorSimulation:
         door: The first door.
         grasp: See `gplfd_env.scene.build_spec`.
         command: The meaning of an action.
+        base: Whether it drives.
 
     Attributes:
-        model: The scene; the same object whatever door it is brought to.
+        model: The scene; the same object whatever door of the same structure it is
+            brought to.
         data: Its state.
         sensordata: MuJoCo's sensor array; live.
         variation: The door and what is around it.
     """
 
-    def __init__(self, door: DoorConfig, grasp: Grasp, command: Command) -> None:
-        self._grasp, self._command = grasp, command
+    def __init__(
+        self, door: DoorConfig, grasp: Grasp, command: Command, base: Base
+    ) -> None:
+        self._grasp, self._command, self._base = grasp, command, base
         self.variation = Variation(door=door)
-        self.model = build_scene(door, grasp, control=command.control)
+        self.model = build_scene(door, grasp, control=command.control, base=base)
         self.data = mujoco.MjData(self.model)
         self._bind()
 
@@ -56,6 +70,7 @@ class DoorSimulation:
         """Take the live views of model and data that every step needs."""
         self.sensordata: Array = self.data.sensordata
         self._pose: Array = self.data.ctrl[:6]
+        self._rate: Array = self.data.ctrl[driven(self.model, self._base)]
         self._loaded = [
             self.data.xfrc_applied[row] for row in loaded_bodies(self.model)
         ]
@@ -71,7 +86,9 @@ class DoorSimulation:
             ValueError: The handle is out of reach; nothing has changed.
         """
         now = self.variation
-        if (variation.door, variation.placement) != (now.door, now.placement):
+        if structure_of(variation.door) != structure_of(now.door):
+            self._rebuild(variation)
+        elif (variation.door, variation.placement) != (now.door, now.placement):
             load_scene(
                 self.model,
                 self.data,
@@ -79,9 +96,10 @@ class DoorSimulation:
                 self._grasp,
                 placement=variation.placement,
                 control=self._command.control,
+                base=self._base,
             )
         if not now.disturbance.idle:
-            set_hinge(self.model, HINGE_RANGE, variation.door.hinge_friction)
+            set_hinge(self.model, variation.door.stop_angle, variation.door.friction)
         self.variation = variation
         mujoco.mj_resetDataKeyframe(self.model, self.data, GRASP_KEY)
         # Before the forward pass: the first observation must not depend on the gains
@@ -89,14 +107,34 @@ class DoorSimulation:
         self._apply(self._command.rest)
         mujoco.mj_forward(self.model, self.data)
 
-    def advance(self, command: Array, loads: Loads | None = None) -> bool:
+    def _rebuild(self, variation: Variation) -> None:
+        """Take another model, for a door of another structure."""
+        self.model = build_scene(
+            variation.door,
+            self._grasp,
+            placement=variation.placement,
+            control=self._command.control,
+            base=self._base,
+        )
+        self.data = mujoco.MjData(self.model)
+        self._bind()
+
+    def advance(
+        self,
+        command: Array,
+        loads: Loads | None = None,
+        drive: Planar | None = None,
+    ) -> bool:
         """Go on by one control period; return whether MuJoCo reports divergence.
 
         Args:
             command: An action, as `Command.check` gives it.
             loads: What acts from outside meanwhile; None for nothing all episode long.
+            drive: Rate of the base; None if it does not move.
         """
         self._apply(command)
+        if drive is not None:
+            self._rate[:] = drive
         if loads is not None:
             set_hinge(self.model, loads.stop, loads.friction)
             for applied, wrench in zip(self._loaded, loads.wrenches, strict=True):
@@ -110,10 +148,12 @@ class DoorSimulation:
             self._gains.write(command[6:])
 
     def __getstate__(self) -> tuple[object, ...]:
-        return self._grasp, self._command, self.variation, self.model, self.data
+        robot = self._grasp, self._command, self._base
+        return robot, self.variation, self.model, self.data
 
     def __setstate__(self, state: tuple[object, ...]) -> None:
-        self._grasp, self._command, self.variation, self.model, data = state  # type: ignore[assignment]
+        robot, self.variation, self.model, data = state  # type: ignore[assignment]
+        self._grasp, self._command, self._base = robot  # type: ignore[misc]
         # A copied MjData brings another model, and views do not survive a copy.
         self.data = mujoco.MjData(self.model)
         mujoco.mj_copyData(self.data, self.model, data)

@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 Control = Literal["pose", "impedance"]
 """What commands the servo: poses, or poses and stiffnesses."""
 
+Base = Literal["fixed", "mobile"]
+"""Whether the robot's base stands still or drives."""
+
 CONTROL_PERIOD: Final = 0.01
 """Time between two commands [s]."""
 
@@ -34,6 +37,9 @@ GRASP_LOST_TIME: Final = 0.25
 STALL_ANGLE: Final = math.radians(0.5)
 STALL_TIME: Final = 3.0
 """A door that gains less than `STALL_ANGLE` [rad] in this time [s] has stalled."""
+
+STALL_TURN: Final = math.radians(5.0)
+"""But not while its handle is turned on by this [rad] in the same time."""
 
 
 def handle_pose_on_arc(radius: ArrayLike, angle: ArrayLike) -> Array:
@@ -64,7 +70,9 @@ class OpeningMonitor:
         dt: Control period [s].
         success: The success angle has been held for `HOLD_TIME` with the handle
             grasped.
-        failure: ``""``, ``"grasp_lost"`` (final) or ``"stalled"`` (while it lasts).
+        failure: ``""``, ``"grasp_lost"`` (final), and while they last
+            ``"base_blocked"``, ``"stalled"`` or, where the latch still holds the door,
+            ``"latched"``.
     """
 
     dt: float
@@ -73,34 +81,51 @@ class OpeningMonitor:
     _held: float = 0.0
     _released: float = 0.0
     _best_angle: float = -math.inf
+    _best_turn: float = -math.inf
     _since_gain: float = 0.0
 
-    def update(self, angle: float, grasped: bool) -> None:
+    def update(
+        self,
+        angle: float,
+        grasped: bool,
+        turn: float = 0.0,
+        *,
+        latched: bool = False,
+        blocked: bool = False,
+    ) -> None:
         """Take in the state after one control step.
 
         Args:
             angle: Opening angle [rad].
-            grasped: Both finger pads touch the bar.
+            grasped: Both fingers touch the handle.
+            turn: How far the handle is turned [rad].
+            latched: The bolt holds the door.
+            blocked: Something holds the base.
         """
         self._held = self._held + self.dt if self._is_open(angle, grasped) else 0.0
         self.success = self.success or self._held >= HOLD_TIME - 1e-9
         self._released = 0.0 if grasped else self._released + self.dt
-        if angle >= self._best_angle + STALL_ANGLE:
-            self._best_angle, self._since_gain = angle, 0.0
-        else:
-            self._since_gain += self.dt
-        self.failure = self._diagnose()
+        opened = angle >= self._best_angle + STALL_ANGLE
+        turned = turn >= self._best_turn + STALL_TURN
+        self._best_angle = angle if opened else self._best_angle
+        self._best_turn = turn if turned else self._best_turn
+        self._since_gain = 0.0 if opened or turned else self._since_gain + self.dt
+        self.failure = self._diagnose(latched, blocked)
 
     @staticmethod
     def _is_open(angle: float, grasped: bool) -> bool:
         return grasped and angle >= SUCCESS_ANGLE
 
-    def _diagnose(self) -> str:
+    def _diagnose(self, latched: bool, blocked: bool) -> str:
         if self.success:
             return ""
         if self.failure == "grasp_lost" or self._released >= GRASP_LOST_TIME - 1e-9:
             return "grasp_lost"
-        return "stalled" if self._since_gain >= STALL_TIME - 1e-9 else ""
+        if blocked:
+            return "base_blocked"
+        if self._since_gain < STALL_TIME - 1e-9:
+            return ""
+        return "latched" if latched else "stalled"
 
 
 def reward_terms(

@@ -101,7 +101,7 @@ class Variation:
     def as_dict(self) -> dict[str, Any]:
         """Every number by name, e.g. for logs."""
         return {
-            **dataclasses.asdict(self.door),
+            **self.door.as_dict(),
             **dataclasses.asdict(self.placement),
             **{f"{k}_noise": v for k, v in dataclasses.asdict(self.noise).items()},
             "delay": self.delay,

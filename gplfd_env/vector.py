@@ -1,7 +1,7 @@
 """Many doors at once on `mujoco.batch.Batch`: what ``gym.make_vec`` makes."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, get_args
+from collections.abc import Mapping, Sequence
+from typing import Any, get_args
 
 import gymnasium as gym
 import mujoco
@@ -13,38 +13,26 @@ from numpy.typing import NDArray
 
 from gplfd_env.batch import DoorBatch
 from gplfd_env.camera import Camera
-from gplfd_env.command import COMMANDS
-from gplfd_env.config import DoorSpec, door_config
-from gplfd_env.convention import (
-    Seeds,
-    checked_options,
-    chosen_rows,
-    each,
-    each_seed,
-    masked,
-    unmasked,
-)
-from gplfd_env.disturbance import DisturbanceSpec, disturbance_named
-from gplfd_env.draw import Drawn, draw_episode
-from gplfd_env.episode import FLAGS, NUMBERS, POSE, REWARDS, Episode, Reward
+from gplfd_env.command import COMMANDS, DRIVEN
+from gplfd_env.config import DoorSpec
+from gplfd_env.convention import Seeds, each_seed, masked, unmasked
+from gplfd_env.disturbance import DisturbanceSpec
+from gplfd_env.draw import Drawn
+from gplfd_env.episode import REWARDS, Episode, Reward
 from gplfd_env.fields import Range, check_choice, checked_count
+from gplfd_env.geometry import DoorGeometry
 from gplfd_env.observation import Observation, Reader, observation_space
-from gplfd_env.randomization import RandomizationSpec, door_randomization
+from gplfd_env.outcome import outcome
+from gplfd_env.placement import door_geometry
+from gplfd_env.randomization import RandomizationSpec
 from gplfd_env.robot import Grasp
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.sources import Sources
+from gplfd_env.task import CONTROL_PERIOD, Base
 from gplfd_env.variation import Variation
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Info = dict[str, Any]
-
-
-_RESOLVE: Final[Mapping[str, Callable[[Any], Any]]] = {
-    "door": door_config,
-    "randomization": door_randomization,
-    "disturbance": disturbance_named,
-}
-"""What each simulation's episodes are drawn from, in the order of `draw_episode`."""
 
 
 class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
@@ -87,6 +75,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         randomization: RandomizationSpec | Sequence[RandomizationSpec] = "none",
         disturbance: DisturbanceSpec | Sequence[DisturbanceSpec] = "none",
         reward: Reward = "dense",
+        base: Base = "fixed",
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         num_threads: int = 0,
@@ -98,6 +87,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     ) -> None:
         check_choice("grasp", grasp, get_args(Grasp))
         check_choice("reward", reward, REWARDS)
+        check_choice("base", base, get_args(Base))
         check_choice("render_mode", render_mode, (None, "rgb_array"))
         self.num_envs = checked_count("num_envs", num_envs, Range(low=1))
         checked_count("num_threads", num_threads, Range(low=0))
@@ -115,31 +105,41 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             "render_fps": round(1 / CONTROL_PERIOD),
             "autoreset_mode": self.autoreset_mode,
         }
-        self.single_observation_space = observation_space()
+        tells = self.command.drives
+        self.single_observation_space = observation_space(tells_base=tells)
         self.single_action_space = self.command.space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        given = door, randomization, disturbance
-        self._sources: dict[str, list[Any]] = {
-            name: each(name, one, num_envs, resolve)
-            for (name, resolve), one in zip(_RESOLVE.items(), given, strict=True)
-        }
-        self._reader = Reader.of(grasp, self.command.control)
+        self._base: Base = base
+        self._sources = Sources(
+            num_envs,
+            base,
+            door=door,
+            randomization=randomization,
+            disturbance=disturbance,
+        )
+        self._grasp: Grasp = grasp
         self._reward: Reward = reward
         self._episodes: list[Episode] = []
-        self._batch = DoorBatch(num_envs, grasp, self.command, num_threads)
+        begin = [Variation(door=one) for one in self._sources.doors]
+        self._batch = DoorBatch(begin, grasp, self.command, num_threads, base)
         self._camera = Camera(
             self.models[0], width, height, camera_name, effects=effects
         )
         self._random: list[tuple[np.random.Generator, int]] = []
         self._everyone = np.ones(num_envs, dtype=bool)
         self._ended = np.zeros(num_envs, dtype=bool)
-        self._sensed = np.zeros_like(self._batch.sensordata)
+        self._sensed = self._batch.read(None)
 
     @property
     def variations(self) -> tuple[Variation, ...]:
         """Door and circumstances of every episode; none before the first reset."""
         return tuple(episode.variation for episode in self._episodes)
+
+    @property
+    def door_geometries(self) -> tuple[DoorGeometry, ...]:
+        """Where hinges and handles of these doors are in the task frame."""
+        return tuple(door_geometry(one, self._base) for one in self.variations)
 
     @property
     def models(self) -> tuple[mujoco.MjModel, ...]:
@@ -148,8 +148,15 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     @property
     def qpos(self) -> Array:
-        """Joint positions of every simulation, (n, nq) [m, rad]; a copy."""
-        return np.array(self._batch.qpos)
+        """Joint positions of every simulation, (n, nq) [m, rad]; a copy.
+
+        With zeros at the end where its door has fewer joints.
+        """
+        own = [self._batch.qpos_of(row) for row in range(self.num_envs)]
+        positions = np.zeros((self.num_envs, max(map(len, own))))
+        for row, values in enumerate(own):
+            positions[row, : len(values)] = values
+        return positions
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -184,7 +191,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             for row, one in enumerate(each_seed(seed, self.num_envs))
             if one is not None or not self._random
         }
-        rows = self._take(options)
+        rows = self._sources.take(options, begun=bool(self._episodes))
         self._random = [
             fresh[row] if row in fresh and rows[row] else self._random[row]
             for row in range(self.num_envs)
@@ -236,49 +243,33 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         """Free the renderer; a later picture makes another."""
         self._camera.close()
 
-    def _take(self, options: Mapping[str, Any] | None) -> Mask:
-        """Check all options of a reset, then keep them; return its mask."""
-        given = checked_options(
-            options,
-            {
-                name: "as for the single environment, or a sequence of num_envs"
-                for name in _RESOLVE
-            }
-            | {"reset_mask": "an array of num_envs booleans"},
-        )
-        n = self.num_envs
-        rows = chosen_rows(given.get("reset_mask"), n, begun=bool(self._episodes))
-        changed = {
-            name: each(name, given[name], n, resolve)
-            for name, resolve in _RESOLVE.items()
-            if name in given
-        }
-        for name, values in changed.items():
-            for row in np.flatnonzero(rows):
-                self._sources[name][row] = values[row]
-        return rows
-
-    def _draw(self, row: int) -> Drawn:
-        door, randomization, disturbance = (
-            values[row] for values in self._sources.values()
-        )
-        return draw_episode(door, randomization, disturbance, self._random[row][0])
-
     def _restart(self, rows: Mask) -> None:
         """Draw new episodes for some simulations and begin them."""
         chosen = np.flatnonzero(rows).tolist()
-        drawn = {row: self._draw(row) for row in chosen}
+        drawn = {row: self._sources.draw(row, self._random[row][0]) for row in chosen}
         for row in chosen:
             self._batch.load(row, drawn[row].variation)
         self._batch.restart(chosen)
-        self._sensed[rows] = self._batch.sensordata[rows]
+        self._sensed = self._batch.read(chosen, self._sensed)
         self._episodes = [
-            Episode(drawn[row], self._reader, self._reward, self._sensed[row].tolist())
+            self._begun(drawn[row], self._sensed[row])
             if row in drawn
             else self._episodes[row]
             for row in range(self.num_envs)
         ]
         self._ended = self._ended & ~rows
+
+    def _begun(self, drawn: Drawn, sensed: Array) -> Episode:
+        door = drawn.variation.door
+        reader = Reader.of(
+            self._grasp,
+            self.command.control,
+            self._base,
+            door.handle,
+            door.swing,
+            tells_base=self.command.drives,
+        )
+        return Episode(drawn, reader, self._reward, sensed.tolist())
 
     def _advance(self, commands: Array, resting: Mask | None) -> None:
         """Step what does not rest by one control period."""
@@ -288,32 +279,33 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             stepped = np.flatnonzero(~resting).tolist()
             for row in np.flatnonzero(resting).tolist():
                 episodes[row].stand_still()
-        loads = {}
+        loads, drives = {}, {}
         for row in stepped:
             episode = episodes[row]
-            if episode.takes_commands_as_given:
-                continue
-            acting = episode.loads()
-            if acting is not None:
-                loads[row] = acting
-            commands[row] = episode.due(commands[row], self.command.rest)
+            if not episode.takes_commands_as_given:
+                acting = episode.loads()
+                if acting is not None:
+                    loads[row] = acting
+                commands[row] = episode.due(commands[row], self.command.rest)
+            rate = episode.drive(commands[row], obeys=self.command.drives)
+            if rate is not None:
+                drives[row] = rate
         rows = None if resting is None else stepped
-        diverged = self._batch.advance(commands, rows, loads)
+        diverged = self._batch.advance(commands, rows, loads, drives)
         if diverged is not None:
             for row in np.flatnonzero(diverged).tolist():
                 episodes[row].break_off()
             stepped = [row for row in stepped if not diverged[row]]
-        if len(stepped) == self.num_envs:
-            self._sensed[:] = self._batch.sensordata
-        else:
-            self._sensed[stepped] = self._batch.sensordata[stepped]
+        everyone = len(stepped) == self.num_envs
+        self._sensed = self._batch.read(None if everyone else stepped, self._sensed)
         values = self._sensed.tolist()
         for row in stepped:
             episodes[row].advance(values[row])
 
     def _observation(self) -> Observation:
         episodes = self._episodes
-        observation = self._reader.observation(
+        # What the observation takes lies alike in all sensor arrays.
+        observation = episodes[0].reader.observation(
             self._sensed,
             np.array([one.wrench for one in episodes]),
             np.array([[one.time] for one in episodes]),
@@ -324,25 +316,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     def _outcome(self, rows: Mask) -> tuple[Array, Mask, Mask, Info]:
         """Return rewards, terminations, truncations, and infos with masks."""
-        episodes, limit = self._episodes, self._limit
-        # One array of everything: at small n an array costs as much as ten numbers.
-        columns = np.array(
-            [
-                (*e.row, e.terminated, e.steps >= limit, *e.terms.values(), e.reward)
-                for e in episodes
-            ]
-        ).T
-        flags_end = POSE.stop + len(FLAGS) + 2
-        *flags, terminations, late = columns[POSE.stop : flags_end] > 0.0
-        infos: Info = dict(zip(NUMBERS, columns, strict=False))
-        infos["handle_pose"] = columns[POSE].T
-        infos.update(zip(FLAGS, flags, strict=True))
-        infos["failure"] = np.array([one.failure for one in episodes], dtype=object)
-        *terms, rewards = columns[flags_end:]
-        named = dict(zip(episodes[0].terms, terms, strict=True))
-        infos["reward_terms"] = named
-        truncations = infos["simulation_error"] | late
-        return rewards, terminations, truncations, masked(infos, rows)
+        return outcome(self._episodes, self._limit, rows)
 
     def _reset_at_once(self, ended: Mask, infos: Info) -> Info:
         """Reset ended simulations in the step that ended them; return its infos."""
@@ -361,3 +335,13 @@ class DoorOpeningImpedanceVectorEnv(DoorOpeningVectorEnv):
     """n simulations of `gplfd_env.door_opening.DoorOpeningImpedanceEnv`."""
 
     command = COMMANDS["impedance"]
+
+
+class DoorOpeningMobileVectorEnv(DoorOpeningVectorEnv):
+    """n simulations of `gplfd_env.door_opening.DoorOpeningMobileEnv`."""
+
+    command = DRIVEN
+
+    def __init__(self, num_envs: int = 1, *args: Any, **arguments: Any) -> None:
+        check_choice("base", arguments.setdefault("base", "mobile"), ("mobile",))
+        super().__init__(num_envs, *args, **arguments)

@@ -49,6 +49,7 @@ from policies.reference.compliant_pull import CompliantPullAgent
 from policies.reference.displacement import ChordAgent, ReflexAgent
 from policies.reference.hinge_fit import HingeFitAgent
 from policies.reference.oracle import OracleAgent
+from policies.reference.told_handle import ToldHandleAgent
 from policies.skill import fit_skill
 
 
@@ -293,6 +294,9 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         ),
         "hinge-fit": _reference(
             HingeFitAgent, "fits the hinge to the hand's path, follows it, yields"
+        ),
+        "hinge-fit-told": _reference(
+            ToldHandleAgent, "turns the handle as it was told, then does as hinge-fit"
         ),
         "reflex": _reference(
             ReflexAgent, "moves on where the hand just went, yields to what is across"

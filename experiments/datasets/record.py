@@ -1,7 +1,6 @@
 """Let a policy open doors, and keep everything that happens as a data set."""
 
 import contextlib
-import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -19,7 +18,6 @@ from experiments.progress import LOG, progress_bar
 from experiments.teacher import Teacher
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DoorConfig
-from gplfd_env.placement import door_geometry
 from policies.agent import Agent
 from policies.method import TrainingInput
 from policies.policy import Policy
@@ -77,7 +75,7 @@ def record_dataset(
         for number in range(episodes)
     ]
     # The environment of the first door, to which resets bring the others.
-    arguments: dict[str, Any] = {"door": dataclasses.asdict(plan[0][1])}
+    arguments: dict[str, Any] = {"door": plan[0][1].as_dict()}
     if randomization != "none":
         arguments["randomization"] = randomization
     if max_steps is not None:
@@ -130,9 +128,9 @@ def _act(agent: Agent, env: Recorder, door: DoorConfig, seed: int) -> None:
     inner: Any = env.unwrapped
     # Small matrices: more threads only cost time, and change the order of sums.
     with threadpool_limits(limits=1, user_api="blas"):
-        options = {"door": dataclasses.asdict(door)}
+        options = {"door": door.as_dict()}
         observation, _ = env.reset(seed=seed, options=options)
-        agent.inform(door_geometry(inner.variation))
+        agent.inform(inner.door_geometry)
         agent.reset(observation)
         ended = False
         while not ended:

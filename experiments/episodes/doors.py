@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Sequence
 
 from gplfd_env.config import DoorConfig, door_config
+from gplfd_env.stance import base_for, check_reach
 
 
 def reset_seed(seed: int, door: str, *, drawn: bool) -> int:
@@ -39,5 +40,6 @@ def named_doors(doors: Sequence[str]) -> dict[str, DoorConfig]:
             name, config = f"{radius:g}", door_config(radius)
         if name in configs:
             raise ValueError(f"door {name} is given twice in --doors")
+        check_reach(config, base_for(config))
         configs[name] = config
     return configs

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from experiments.arrays import FloatArray
 from experiments.episodes.log import EpisodeLog
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.geometry import DoorGeometry
 
 PROGRESS: Final = (0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
 """Door angles at which forecasts are judged, as shares of the demonstrated angle."""
@@ -73,16 +73,13 @@ def handle_path(log: EpisodeLog, angles: FloatArray) -> FloatArray:
     Returns:
         Positions in the task frame [m], (N, 3).
     """
-    logged = _plane(_arc(log.radius, log.door_angle))
+    door = DoorGeometry.of(log.config)
+    logged = _plane(door.hand_poses(log.door_angle, log.handle_angle))
     seen = _plane(log.handle_pose[:, :3])
     turn = np.vdot(logged - logged[0], seen - seen[0])
-    placed = seen[0] + turn / abs(turn) * (_plane(_arc(log.radius, angles)) - logged[0])
+    placed = seen[0] + turn / abs(turn) * (_plane(door.hand_poses(angles)) - logged[0])
     height = np.full(angles.shape, log.handle_pose[0, 1])
     return np.stack([placed.real, height, placed.imag], axis=1)
-
-
-def _arc(radius: float, angles: FloatArray) -> FloatArray:
-    return handle_pose_on_arc(radius, angles)[:, :3]
 
 
 def _plane(positions: FloatArray) -> NDArray[np.complex128]:

@@ -14,6 +14,7 @@ from typing import Any, Final, get_origin
 import numpy as np
 from jaxtyping import Bool, Float
 
+from gplfd_env.config import DoorConfig
 from policies.storage import Members, read_archive, settings, write_archive
 
 Number = Float[np.ndarray, " T"]
@@ -23,7 +24,7 @@ Flag = Bool[np.ndarray, " T"]
 KIND: Final = "a gplfd episode log"
 """What the file says it holds."""
 
-VERSION: Final = 3
+VERSION: Final = 4
 """Version of the layout of the file."""
 
 
@@ -45,7 +46,7 @@ class EpisodeLog:
     """Name of the policy in the registry."""
     door: str
     """Name of the door, or its radius as text."""
-    door_config: Mapping[str, float]
+    door_config: Mapping[str, Any]
     """Fields of the door's configuration [SI]."""
     seed: int
     """Seed of the environment's reset."""
@@ -54,7 +55,11 @@ class EpisodeLog:
     success: bool
     """Whether the task was solved."""
     failure: str
-    """Why not: "" | "grasp_lost" | "stalled" | "simulation_error" | "time_limit"."""
+    """Why not: "" | "grasp_lost" | "base_blocked" | "stalled" | "latched" |
+    "simulation_error" | "time_limit"."""
+    reason: str
+    """What is behind that: "" | "handle_lost" | "blocked" | "out_of_reach" |
+    "too_heavy", or the same (`gplfd_env.capability`)."""
 
     times: Number
     """Simulated time since reset [s]."""
@@ -73,6 +78,10 @@ class EpisodeLog:
 
     door_angle: Number
     """Opening angle of the door [rad]."""
+    handle_angle: Number
+    """How far a lever or knob is turned [rad]."""
+    capability: Number
+    """The furthest stage so far, a place in `gplfd_env.capability.STAGES`."""
     handle_pose: Pose
     """True pose of the handle."""
     solved: Flag
@@ -162,6 +171,11 @@ class EpisodeLog:
     def radius(self) -> float:
         """Distance from hinge to handle [m]."""
         return float(self.door_config["radius"])
+
+    @property
+    def config(self) -> DoorConfig:
+        """The door."""
+        return DoorConfig(**self.door_config)
 
     def first_forecast(
         self, phases: Number

@@ -22,6 +22,7 @@ from experiments.episodes.forecast_error import (
     forecast_errors,
 )
 from experiments.episodes.log import EpisodeLog
+from gplfd_env.capability import STAGES
 from gplfd_env.task import DEMONSTRATED_ANGLE
 
 _MOTION_STARTS: Final = math.radians(1.0)
@@ -52,6 +53,12 @@ class EpisodeMetrics:
     """Whether the task was solved."""
     failure: str
     """Why not; empty on success."""
+    reason: str
+    """What is behind that, see `gplfd_env.capability`; empty on success."""
+    capability: int
+    """The furthest stage that was reached, a place in `gplfd_env.capability.STAGES`."""
+    stage: str
+    """Its name."""
     duration: float
     """Simulated duration of the episode [s]."""
     final_angle_deg: float
@@ -71,7 +78,7 @@ class EpisodeMetrics:
     force_radial_p95: float
     """Its 95th percentile over the episode [N]."""
     work: float
-    """Work of the hand on the door, ∫ F_t R dφ [J]."""
+    """Work of the hand on the door, ∫ F_t r dφ [J]."""
     slip_max_mm: float
     """Largest distance of the hand from where it grasped the handle [mm]."""
     prediction_error_position: float | None
@@ -162,6 +169,9 @@ def episode_metrics(
         seed=log.seed,
         success=log.success,
         failure=log.failure,
+        reason=log.reason,
+        capability=int(log.capability[-1]),
+        stage=STAGES[int(log.capability[-1])],
         duration=float(log.times[-1] - log.times[0]),
         final_angle_deg=math.degrees(log.door_angle[-1]),
         time_to_15_deg=time_to_angle(log, 15.0),
@@ -209,8 +219,13 @@ def time_to_angle(log: EpisodeLog, angle_deg: float) -> float | None:
 
 
 def work_on_door(log: EpisodeLog) -> float:
-    """Work of the hand on the door, ∫ F_t R dφ, by the trapezoidal rule [J]."""
-    return log.radius * float(np.trapezoid(log.force_tangential, log.door_angle))
+    """Work of the hand on the door, ∫ F_t r dφ, by the trapezoidal rule [J].
+
+    r is the hand's own distance from the hinge: on a lever less than the handle's.
+    """
+    return log.config.hand_radius * float(
+        np.trapezoid(log.force_tangential, log.door_angle)
+    )
 
 
 def governed_share(log: EpisodeLog) -> float | None:

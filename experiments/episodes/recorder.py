@@ -109,13 +109,19 @@ class ForecastRecorder:
 
 
 def make_log(
-    arrays: Mapping[str, Any], *, failure: str, truncated: bool, **names: Any
+    arrays: Mapping[str, Any],
+    *,
+    failure: str,
+    reason: str,
+    truncated: bool,
+    **names: Any,
 ) -> EpisodeLog:
     """Return the log of an episode.
 
     Args:
         arrays: Steps and forecasts by name.
-        failure: The environment's last ``failure``.
+        failure: The environment's last ``failure``, and
+        reason: its ``reason``.
         truncated: Whether the episode was cut off.
         names: ``policy``, ``door``, ``door_config`` and ``seed``.
     """
@@ -127,4 +133,5 @@ def make_log(
         dt=float(np.median(np.diff(arrays["times"]))),
         success=success,
         failure="time_limit" if late else failure,
+        reason="time_limit" if late else reason,
     )

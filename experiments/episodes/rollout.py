@@ -1,6 +1,5 @@
 """The one loop in which an agent acts on a door."""
 
-import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +10,6 @@ from threadpoolctl import threadpool_limits
 
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
-from gplfd_env.placement import door_geometry
 from policies.agent import Agent, as_agent
 from policies.steps import AgentStep
 
@@ -67,7 +65,7 @@ def rollout(
     # ten times the work itself.
     with threadpool_limits(limits=1, user_api="blas"):
         observation, info = env.reset(seed=seed)
-        agent.inform(door_geometry(inner.variation))
+        agent.inform(inner.door_geometry)
         agent.reset(observation)
         steps = StepRecorder()
         forecasts = ForecastRecorder(agent.forecast, forecast_period)
@@ -77,10 +75,11 @@ def rollout(
             return make_log(
                 steps.arrays() | forecasts.arrays(),
                 failure=str(info["failure"]),
+                reason=str(info["reason"]),
                 truncated=truncated,
                 policy=policy,
                 door=door,
-                door_config=dataclasses.asdict(inner.door),
+                door_config=inner.door.as_dict(),
                 seed=seed,
             )
 

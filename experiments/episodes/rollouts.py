@@ -1,6 +1,5 @@
 """Many episodes in lockstep: one vector environment, one batch of agents."""
 
-import dataclasses
 import time
 from collections.abc import Sequence
 from functools import partial
@@ -10,7 +9,6 @@ from threadpoolctl import threadpool_limits
 
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
-from gplfd_env.placement import door_geometry
 from gplfd_env.vector import DoorOpeningVectorEnv
 from policies.lockstep import AgentBatch
 
@@ -45,7 +43,7 @@ def rollouts(
     # See `experiments.episodes.rollout.rollout`.
     with threadpool_limits(limits=1, user_api="blas"):
         observations, infos = envs.reset(seed=list(seeds))
-        agents.inform([door_geometry(one) for one in envs.variations])
+        agents.inform(envs.door_geometries)
         agents.reset(observations)
         steps = StepRecorder()
         forecasts = [
@@ -86,10 +84,11 @@ def rollouts(
             {name: rows[: lengths[row], row] for name, rows in together.items()}
             | forecasts[row].arrays(),
             failure=str(infos["failure"][row]),
+            reason=str(infos["reason"][row]),
             truncated=bool(truncated[row]),
             policy=policy,
             door=door,
-            door_config=dataclasses.asdict(envs.variations[row].door),
+            door_config=envs.variations[row].door.as_dict(),
             seed=seed,
         )
         for row, (door, seed) in enumerate(zip(doors, seeds, strict=True))

@@ -24,7 +24,8 @@ def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk
     angle = math.degrees(log.door_angle[-1])
     end = f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s"
     door = ", ".join(
-        f"{name.replace('_', ' ')} {value:g}" for name, value in log.door_config.items()
+        f"{name.replace('_', ' ')} {value if isinstance(value, str) else f'{value:g}'}"
+        for name, value in log.door_config.items()
     )
     outside = ", ".join(causes_of(log))
     if outside:

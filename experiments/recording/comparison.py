@@ -54,7 +54,11 @@ COLOURS: Final[tuple[Colour, ...]] = (
 """A colour per policy, in order; no more policies than these."""
 
 _TRAIL: Final = f"{motion.ROOT}/hand/trail"
-_ENDED: Final = {"stalled": "stuck", "grasp_lost": "let go"}
+_ENDED: Final = {
+    "stalled": "stuck",
+    "latched": "latched",
+    "grasp_lost": "let go",
+}
 """What a failure is called where there is little room."""
 _LABEL: Final = (1.15, -0.8, -0.2)
 """Where a robot's name stands, behind it, in its task frame [m]."""

@@ -71,7 +71,7 @@ def stages(log: EpisodeLog) -> list[tuple[int, str]]:
     began = [(0, "grasp")]
     if angle.max() >= _MOVED:
         began.append((int(np.argmax(angle >= _MOVED)), "open"))
-    if log.failure == "stalled" and angle.max() < SUCCESS_ANGLE:
+    if log.failure in ("stalled", "latched") and angle.max() < SUCCESS_ANGLE:
         began.append((int(np.argmax(angle >= angle.max() - STALL_ANGLE)), "stuck"))
     if angle.max() >= SUCCESS_ANGLE:
         began.append((int(np.argmax(angle >= SUCCESS_ANGLE)), "hold"))

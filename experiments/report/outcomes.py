@@ -40,6 +40,7 @@ _DISTURBED: Final = (
 """The same of what a disturbance did, where there was one."""
 _FAILURES: Final = {
     "stalled": "the hand held on and the door gained no more angle",
+    "latched": "the latch held the door, whose handle was not turned far enough",
     "grasp lost": "the handle left the hand",
     "simulation error": "the simulation diverged",
     "time limit": "the episode's time was over",

@@ -54,7 +54,7 @@ _LEARNING_TEST: Final[Mapping[str, Any]] = {
 _EPISODE: Final = {
     **_LEARNING_TEST,
     "door": str,
-    "door_config": dict[str, float],
+    "door_config": dict[str, float | str | None],
     "randomization": str | dict[str, Any],
 }
 _FIELDS: Final = {
@@ -66,6 +66,8 @@ _FIELDS: Final = {
 _SELDOM: Final = {
     "disturbance": str | dict[str, Any],
     "demonstrated_radii": tuple[float, ...],
+    "demonstrated_kind": dict[str, str] | None,
+    "base": str,
     "habits": dict[str, float] | None,
     "prior_radius": float | None,
     "trial": str,
@@ -80,6 +82,8 @@ _EPISODE_METRICS: Final = {
     name: float | None if kind is float else kind
     for name, kind in typing.get_type_hints(EpisodeMetrics).items()
 }
+_LATER: Final = frozenset({"reason", "capability", "stage"})
+"""Metrics that results before them lack."""
 
 
 def read_results(folder: Path) -> StudyResults:
@@ -263,8 +267,9 @@ def _episode(task: EpisodeTask, shared: Mapping[str, Any]) -> EpisodeResult:
     planned = drawn = DoorConfig(**task.door_config)
     if not shared["error"]:
         metrics = shared["metrics"]
-        _check(metrics, _EPISODE_METRICS)
-        drawn = dataclasses.replace(planned, radius=metrics["radius"])
+        _check(metrics, _asked_of(metrics))
+        if metrics["radius"] != planned.radius:
+            drawn = planned.replaced({"radius": metrics["radius"]})
         if len(metrics["forecast_progress"]) != len(metrics["forecast_error_mm"]):
             raise ValueError("forecast_progress and forecast_error_mm differ in length")
     if dataclasses.replace(planned, radius=DoorConfig().radius) != DoorConfig():
@@ -281,6 +286,12 @@ def _episode(task: EpisodeTask, shared: Mapping[str, Any]) -> EpisodeResult:
         kind=kind,
         **shared,
     )
+
+
+def _asked_of(metrics: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the kinds of an episode's metrics, but for later ones that it lacks."""
+    absent = _LATER - metrics.keys()
+    return {n: kind for n, kind in _EPISODE_METRICS.items() if n not in absent}
 
 
 def _learning_test(shared: Mapping[str, Any]) -> LearningTestResult:

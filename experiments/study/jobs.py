@@ -31,6 +31,7 @@ from experiments.study.tasks import (
 )
 from experiments.teacher import Habits, Teacher, TeacherConfig
 from gplfd_env import ENVIRONMENT_IDS
+from gplfd_env.config import DoorConfig
 from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
 from policies.agent import Agent
 from policies.demonstrations import Demonstration
@@ -198,7 +199,10 @@ def _demonstrated(shown: str) -> tuple[Demonstration, ...]:
         TeacherConfig(**fields["teacher"]), Habits(**(fields["habits"] or {}))
     )
     return teacher.demonstrate_doors(
-        fields["demonstrated_radii"],
+        [
+            DoorConfig(radius=radius, **(fields["demonstrated_kind"] or {}))
+            for radius in fields["demonstrated_radii"]
+        ],
         fields["demonstrations_per_door"],
         rng=np.random.default_rng(fields["seed"]),
     )
@@ -238,6 +242,7 @@ def _open(
         door=[dict(task.door_config) for task in tasks],
         randomization=[task.randomization for task in tasks],
         disturbance=[task.disturbance for task in tasks],
+        base=tasks[0].base,
         autoreset_mode="Disabled",
         num_threads=1,
     )

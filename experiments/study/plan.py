@@ -5,7 +5,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Any, Final
 
 from experiments.arguments import check_circumstances
 from experiments.datasets.npz import hash_of
@@ -19,7 +19,9 @@ from experiments.study.settings import (
 )
 from experiments.study.sources import chosen, source_of
 from experiments.study.tasks import EpisodeTask, RecordedTask, SkillTask, Task
-from experiments.teacher import standard_teacher
+from experiments.teacher import doors_like, standard_teacher
+from gplfd_env.config import DoorConfig
+from gplfd_env.stance import base_for
 from policies.built_in import TABLE_1
 from policies.demonstrations import Demonstration
 
@@ -119,13 +121,23 @@ def episodes(
             policy=policy,
             policy_source=source_of(chosen(policy)),
             door=door,
-            door_config=dataclasses.asdict(doors[door]),
+            door_config=doors[door].as_dict(),
             seed=seed,
             demonstrations_per_door=condition.demonstrations_per_door,
             teacher=teacher,
+            **_demonstrated_like(doors[door]),
+            base=base_for(doors[door]),
             randomization=condition.randomization,
             disturbance=condition.disturbance,
         )
+
+
+def _demonstrated_like(door: DoorConfig) -> dict[str, Any]:
+    """Return the fields of a task that say which doors its policy learns from."""
+    if door.kind == DoorConfig().kind:
+        return {}
+    radii = tuple(one.radius for one in doors_like(door))
+    return {"demonstrated_radii": radii, "demonstrated_kind": door.kind}
 
 
 def learning_tests(settings: StudySettings, seed: int) -> Iterator[SkillTask]:

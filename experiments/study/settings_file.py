@@ -9,7 +9,7 @@ from typing import Any
 
 from experiments.files.plain_data import entry, read_toml
 from experiments.study.settings import PRESETS, StudySettings
-from gplfd_env.config import nearest_name
+from gplfd_env.named import nearest_name
 from policies.storage import complete_or_absent
 
 

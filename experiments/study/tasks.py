@@ -14,6 +14,7 @@ from typing import Any, Final, Literal
 from experiments.episodes.doors import reset_seed
 from experiments.learning_tests.folds import HeldOut
 from experiments.teacher import DEMONSTRATED_RADII, standard_teacher
+from gplfd_env.task import Base
 
 Result = dict[str, Any]
 """What a task came to: ``task``, the ``versions`` and ``git`` of the code that made it,
@@ -92,14 +93,18 @@ class EpisodeTask(TaughtTask):
 
     door: str
     """Name of the door."""
-    door_config: Mapping[str, float]
-    """Fields of `gplfd_env.config.DoorConfig`."""
+    door_config: Mapping[str, Any]
+    """Of the door, `gplfd_env.config.DoorConfig.as_dict`."""
     randomization: str | Mapping[str, Any] = "none"
     """What `gplfd_env.randomization.door_randomization` takes."""
     disturbance: str | Mapping[str, Any] = _seldom("none")
     """What `gplfd_env.disturbance.disturbance_named` takes."""
     demonstrated_radii: Sequence[float] = _seldom(DEMONSTRATED_RADII)
-    """Doors that the teacher opens [m]."""
+    """Radii of the doors that the teacher opens [m]."""
+    demonstrated_kind: Mapping[str, str] | None = _seldom(None)
+    """`DoorConfig.kind` of those; None for furniture doors with a bar."""
+    base: Base = _seldom("fixed")
+    """Whether the robot drives."""
     habits: Mapping[str, Any] | None = _seldom(None)
     """Fields of `experiments.teacher.Habits`; None for a tidy teacher."""
     prior_radius: float | None = _seldom(None)
@@ -157,6 +162,7 @@ _DEMONSTRATED_BY: Final = (
     "demonstrations_per_door",
     "teacher",
     "demonstrated_radii",
+    "demonstrated_kind",
     "habits",
 )
 """Fields of an episode that say what is demonstrated."""

@@ -1,8 +1,12 @@
 """The synthetic human that demonstrates doors, and random smooth motion."""
 
 from experiments.teacher.habits import MESSY, TIDY, Habits
-from experiments.teacher.synthetic_human import (
+from experiments.teacher.handle_motion import (
     DEMONSTRATED_RADII,
+    ROOM_RADII,
+    doors_like,
+)
+from experiments.teacher.synthetic_human import (
     Teacher,
     TeacherConfig,
     standard_teacher,
@@ -11,9 +15,11 @@ from experiments.teacher.synthetic_human import (
 __all__ = [
     "DEMONSTRATED_RADII",
     "MESSY",
+    "ROOM_RADII",
     "TIDY",
     "Habits",
     "Teacher",
     "TeacherConfig",
+    "doors_like",
     "standard_teacher",
 ]

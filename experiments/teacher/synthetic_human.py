@@ -12,6 +12,9 @@ vertical drift of the suit, and the suit's sampling rate and coloured noise.
 An untidy person and recording are described by `experiments.teacher.habits`: pauses,
 backward motion, rests, dropped samples, outliers.
 
+A handle that turns is pressed first, the door pulled or pushed as soon as the latch is
+free, and the handle let go back while it opens (`experiments.teacher.handle_motion`).
+
 Not modelled: reaching for the handle and letting go, a suit whose axes are turned
 against the door, magnetic disturbance, and one person's habits that persist from one
 demonstration to the next.
@@ -21,25 +24,30 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from experiments.arrays import FloatArray
 from experiments.teacher.habits import TIDY, Habits, lose_samples, untidy_clock
+from experiments.teacher.handle_motion import (
+    doors_like,
+    draw_press,
+    duration,
+    let_back,
+    worked,
+)
 from experiments.teacher.random_motion import (
     coloured_noise,
     minimum_jerk,
     smooth_functions,
     uneven_timing,
 )
+from gplfd_env.config import DoorConfig
 from gplfd_env.fields import check_quantities, quantity
-from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
+from gplfd_env.geometry import DoorGeometry
+from gplfd_env.task import DEMONSTRATED_ANGLE
 from policies.demonstrations import Demonstration
-
-DEMONSTRATED_RADII: Final = (0.35, 0.50, 0.65)
-"""Doors that the synthetic human opens [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -123,7 +131,9 @@ class Teacher:
         self.config = TeacherConfig() if config is None else config
         self.habits = habits
 
-    def demonstrate(self, radius: float, rng: np.random.Generator) -> Demonstration:
+    def demonstrate(
+        self, door: float | DoorConfig, rng: np.random.Generator
+    ) -> Demonstration:
         """Open one door and return what the suit recorded.
 
         The poses are in the task frame and relative to the first sample, which is
@@ -131,7 +141,7 @@ class Teacher:
         are the rotation from the first orientation to the present one, in door axes.
 
         Args:
-            radius: Distance from hinge to handle [m], positive.
+            door: What is opened, or the radius of a door with a bar [m].
             rng: Source of randomness. Child generators are spawned from it, one per
                 effect, so switching one effect off leaves the others' draws alone.
 
@@ -139,25 +149,28 @@ class Teacher:
             Times [s] from 0 at the suit's rate and poses (N, 6) [m, rad].
 
         Raises:
-            ValueError: ``radius`` is not a positive number.
+            ValueError: No door has such a radius.
         """
-        if not (math.isfinite(radius) and radius > 0.0):
-            raise ValueError(f"radius = {radius!r} must be a positive number [m]")
-        motion_rng, timing_rng, hand_rng, suit_rng, habit_rng = rng.spawn(5)
+        door = door if isinstance(door, DoorConfig) else DoorConfig(radius=door)
+        motion_rng, timing_rng, hand_rng, suit_rng, habit_rng, press_rng = rng.spawn(6)
         config = self.config
         longer, further = motion_rng.standard_normal(2)
-        duration = config.duration_mean + config.duration_std * float(longer)
-        duration = max(duration, 0.5 * config.duration_mean)
+        opening = config.duration_mean + config.duration_std * float(longer)
+        opening = max(opening, 0.5 * config.duration_mean)
         final_angle = config.angle_mean + config.angle_std * float(further)
+        press = draw_press(door, press_rng)
+        lasting = duration(press, opening)
         rate, tidy = config.sampling_rate, self.habits == TIDY
         if tidy:
-            times = np.arange(math.ceil(duration * rate) + 1) / rate
-            clock, back = times / duration, np.zeros(times.size)
+            times = np.arange(math.ceil(lasting * rate) + 1) / rate
+            clock, back = times / lasting, np.zeros(times.size)
         else:
-            times, clock, back = untidy_clock(self.habits, duration, rate, habit_rng)
+            times, clock, back = untidy_clock(self.habits, lasting, rate, habit_rng)
         progress = uneven_timing(clock, config.timing_std, timing_rng)
-        angles = np.maximum(final_angle * minimum_jerk(progress) - back, 0.0)
-        positions, rotations = self._hand(radius, times, angles, hand_rng)
+        share, opened = worked(progress, press, opening)
+        angles = np.maximum(final_angle * minimum_jerk(opened) - back, 0.0)
+        turns = let_back(press, share, angles)
+        positions, rotations = self._hand(door, times, angles, turns, hand_rng)
         positions, rotations = self._suit(times, positions, rotations, suit_rng)
         relative = rotations * rotations[0].inv()
         poses = np.hstack([positions - positions[0], relative.as_rotvec()])
@@ -168,54 +181,60 @@ class Teacher:
 
     def demonstrate_doors(
         self,
-        radii: Sequence[float],
-        per_radius: int = 2,
+        doors: Sequence[float | DoorConfig],
+        per_door: int = 2,
         *,
         rng: np.random.Generator,
     ) -> tuple[Demonstration, ...]:
         """Open each door several times; door after door in the given order.
 
-        A demonstration depends only on ``rng``, its door's place in ``radii`` and its
+        A demonstration depends only on ``rng``, its door's place in ``doors`` and its
         own number: more doors at the end or more demonstrations per door leave the
         others as they were, to the last bit.
 
         Raises:
-            ValueError: No radius, a radius that is not positive, or ``per_radius`` is
-                less than 1.
+            ValueError: No door, one that there is not, or ``per_door`` is less than 1.
         """
-        if len(radii) == 0:
-            raise ValueError("radii is empty; give at least one radius [m]")
-        if per_radius < 1:
-            raise ValueError(f"per_radius = {per_radius!r} must be at least 1")
+        if len(doors) == 0:
+            raise ValueError("doors is empty; give at least one door or radius [m]")
+        if per_door < 1:
+            raise ValueError(f"per_door = {per_door!r} must be at least 1")
         return tuple(
-            self.demonstrate(radius, demonstration_rng)
-            for radius, door_rng in zip(radii, rng.spawn(len(radii)), strict=True)
-            for demonstration_rng in door_rng.spawn(per_radius)
+            self.demonstrate(door, demonstration_rng)
+            for door, door_rng in zip(doors, rng.spawn(len(doors)), strict=True)
+            for demonstration_rng in door_rng.spawn(per_door)
         )
 
     def standard_demonstrations(
-        self, per_radius: int = 2, *, seed: int
+        self, per_door: int = 2, *, seed: int, like: DoorConfig | None = None
     ) -> tuple[Demonstration, ...]:
-        """Open the `DEMONSTRATED_RADII` as runs and studies of this seed do."""
-        rng = np.random.default_rng(seed)
-        return self.demonstrate_doors(DEMONSTRATED_RADII, per_radius, rng=rng)
+        """Open three doors as runs and studies of this seed do.
+
+        Args:
+            per_door: How often each.
+            seed: Of everything that is drawn.
+            like: Door of whose kind they are; a furniture door with a bar by default.
+        """
+        doors = doors_like(DoorConfig() if like is None else like)
+        return self.demonstrate_doors(doors, per_door, rng=np.random.default_rng(seed))
 
     def _hand(
         self,
-        radius: float,
+        door: DoorConfig,
         times: FloatArray,
         angles: FloatArray,
+        turns: FloatArray,
         rng: np.random.Generator,
     ) -> tuple[FloatArray, Rotation]:
         """Where the sensor on the hand really is: (N, 3) [m] and N rotations."""
         config = self.config
-        arc = handle_pose_on_arc(radius, angles)
-        door = Rotation.from_rotvec(arc[:, 3:])
+        path = DoorGeometry.of(door).hand_poses(angles, turns)
+        handle = Rotation.from_rotvec(path[:, 3:])
         offset = config.grasp_offset_std * rng.standard_normal(3)
         wobble = smooth_functions(times, config.wobble_time, 6, rng)
         slip = offset + config.wobble_position_std * wobble[:, :3]
         turn = Rotation.from_rotvec(config.wobble_rotation_std * wobble[:, 3:])
-        return arc[:, :3] + door.apply(slip), door * turn
+        return path[:, :3] + handle.apply(slip), handle * turn
 
     def _suit(
         self,

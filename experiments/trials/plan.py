@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from experiments.episodes.doors import named_doors
 from experiments.study.sources import chosen, source_of
@@ -10,7 +11,7 @@ from experiments.study.tasks import EpisodeTask
 from experiments.teacher import standard_teacher
 from experiments.trials.protocol import PARTS, TRIALS, TUNED, Part
 from experiments.trials.records import Level, Trial
-from gplfd_env.config import nearest_name
+from gplfd_env.named import nearest_name
 
 
 def named_trials(names: Sequence[str]) -> dict[str, Trial]:
@@ -86,8 +87,8 @@ def _takes_prior_mean(policy: str) -> bool:
     return method is not None and method.accepts_prior_mean
 
 
-def _doors(level: Level) -> dict[str, dict[str, float]]:
+def _doors(level: Level) -> dict[str, dict[str, Any]]:
     return {
-        name: dataclasses.asdict(dataclasses.replace(config, **level.door))
+        name: dataclasses.replace(config, **level.door).as_dict()
         for name, config in named_doors(level.doors).items()
     }

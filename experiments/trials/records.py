@@ -13,7 +13,7 @@ class Level:
 
     doors: tuple[str, ...]
     """Names of doors, or radii [m] as text."""
-    door: Mapping[str, float] = field(default_factory=dict)
+    door: Mapping[str, Any] = field(default_factory=dict)
     """Fields of every door's configuration that differ from its preset."""
     randomization: str | Mapping[str, Any] = "none"
     """What `gplfd_env.randomization.door_randomization` takes."""

@@ -27,7 +27,11 @@ _FADING: Final = 0.95
 
 
 class HingeFitAgent:
-    """Finds the hinge while it opens the door, and follows the circle about it."""
+    """Finds the hinge while it opens the door, and follows the circle about it.
+
+    Attributes:
+        observed_angle: How far the hand has come on the present circle [rad].
+    """
 
     def __init__(self) -> None:
         self._path, self._yielding = HandPath(), Yielding()
@@ -40,6 +44,7 @@ class HingeFitAgent:
         # A length, no angle: another radius then moves the set-point sideways only.
         self._travelled = self._speed = 0.0
         self._fading = np.zeros(6)
+        self.observed_angle = 0.0
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed one."""
@@ -56,7 +61,7 @@ class HingeFitAgent:
         wrench, pace = self._load.share(observation["wrench"], direction)
         self._advance(float(pace))
         self._fading *= _FADING
-        observed = self._door.angle(hand[:3])
+        observed = self.observed_angle = float(self._door.angle(hand[:3]))
         return self._yielding.step(
             self._door.hand_poses(self._angle) + self._fading,
             wrench,

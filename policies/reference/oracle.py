@@ -1,5 +1,7 @@
 """The oracle is told the door: its errors are the robot's, not a policy's."""
 
+import math
+
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE
 from policies.steps import AgentStep, Observation
@@ -7,13 +9,22 @@ from policies.steps import AgentStep, Observation
 _DURATION = 6.0
 """Time from the closed door to `DEMONSTRATED_ANGLE` [s]."""
 
+_TURNING = 0.8
+"""Time in which a handle is turned before [s]."""
+
+_LET_BACK = (math.radians(8.0), math.radians(25.0))
+"""Opening angles between which it is let go back [rad]."""
+
 
 class OracleAgent:
-    """Commands the hand's true arc with minimum-jerk timing, without compliance."""
+    """Turns the handle and follows the true arc with minimum-jerk timing, not yielding.
+
+    The handle is let go back while the door opens.
+    """
 
     def __init__(self) -> None:
         self._door: DoorGeometry | None = None
-        self._phase = 0.0
+        self._turned = self._phase = 0.0
 
     def inform(self, door: DoorGeometry) -> None:
         """Take in which door comes next: privileged information."""
@@ -21,7 +32,7 @@ class OracleAgent:
 
     def reset(self, observation: Observation) -> None:
         """Begin at the closed door."""
-        self._phase = 0.0
+        self._turned = self._phase = 0.0
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the next pose on the arc; nothing observed is used.
@@ -33,10 +44,21 @@ class OracleAgent:
             raise ValueError(
                 "the oracle must be told the door before the episode: agent.inform("
                 "door), with a gplfd_env.DoorGeometry such as DoorGeometry.nominal(0.5)"
-                " or gplfd_env.placement.door_geometry(env.unwrapped.variation)"
+                " or env.unwrapped.door_geometry"
             )
-        self._phase = min(1.0, self._phase + CONTROL_PERIOD / _DURATION)
+        if self._door.travel > 0.0 and self._turned < 1.0:
+            self._turned = min(1.0, self._turned + CONTROL_PERIOD / _TURNING)
+        else:
+            self._phase = min(1.0, self._phase + CONTROL_PERIOD / _DURATION)
         s = self._phase
-        angle = DEMONSTRATED_ANGLE * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-        pose = self._door.hand_poses(angle)
+        angle = DEMONSTRATED_ANGLE * _minimum_jerk(s)
+        begins, ends = _LET_BACK
+        kept = 1.0 - _minimum_jerk((angle - begins) / (ends - begins))
+        turn = self._door.travel * _minimum_jerk(self._turned) * kept
+        pose = self._door.hand_poses(angle, turn)
         return AgentStep(action=pose, desired=pose, phase=s, observed_phase=s)
+
+
+def _minimum_jerk(progress: float) -> float:
+    s = min(max(progress, 0.0), 1.0)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)

@@ -16,7 +16,11 @@ from gymnasium.vector import AutoresetMode
 
 import gplfd_env
 
-IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
+IDS = (
+    gplfd_env.ENVIRONMENT_ID,
+    gplfd_env.IMPEDANCE_ENVIRONMENT_ID,
+    gplfd_env.MOBILE_ENVIRONMENT_ID,
+)
 COPIERS: dict[str, Callable[[Any], Any]] = {
     "deepcopy": copy.deepcopy,
     "pickle": lambda original: pickle.loads(pickle.dumps(original)),
@@ -178,7 +182,7 @@ def test_a_copy_of_many(
     ended = np.zeros(3, dtype=bool)
     for step, action in enumerate(steps):
         if step == 38:
-            envs._batch.qpos[1] = np.nan
+            envs._batch.qpos_of(1)[:] = np.nan
         *_, terminations, truncations, _ = envs.step(action)
         ended |= terminations | truncations
     assert ended.tolist() == [True, True, False]
@@ -186,7 +190,7 @@ def test_a_copy_of_many(
     assert_they_go_on_alike(envs, twin)
     assert data_equivalence(envs.reset(), twin.reset(), exact=True)
     assert_they_go_on_alike(envs, twin, copied(twin), seed=2)
-    twin._batch.qpos[2] = np.nan
+    twin._batch.qpos_of(2)[:] = np.nan
     (step,) = actions(envs.action_space, 1, seed=4)
     assert twin.step(step)[3][2]
     assert not envs.step(step)[3][2]

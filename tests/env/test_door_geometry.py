@@ -1,16 +1,19 @@
 """Where the hinge is in the task frame."""
 
 import gymnasium as gym
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 import gplfd_env
 from gplfd_env import DoorGeometry
 from gplfd_env.config import DoorConfig
 from gplfd_env.placement import door_geometry
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.scene import build_scene
+from gplfd_env.task import Base, handle_pose_on_arc
 from gplfd_env.variation import Placement, Variation
 
 ANGLES = np.linspace(0.0, 1.2, 7)
@@ -21,7 +24,7 @@ def test_the_hinge_is_where_the_simulator_has_it(seed: int) -> None:
     env = gym.make(gplfd_env.ENVIRONMENT_ID, randomization="hard")
     env.reset(seed=seed)
     inner = env.unwrapped
-    found, data = door_geometry(inner.variation), inner.data  # type: ignore[attr-defined]
+    found, data = inner.door_geometry, inner.data  # type: ignore[attr-defined]
     frame = data.site("task_frame")
     axes = frame.xmat.reshape(3, 3)
     hinge = axes.T @ (data.joint("hinge").xanchor - frame.xpos)
@@ -35,7 +38,7 @@ def test_the_hinge_is_where_the_simulator_has_it(seed: int) -> None:
 def test_a_wrong_heading_turns_the_arc_as_documented(radius: float, psi: float) -> None:
     door = DoorConfig(radius=radius)
     placed = Variation(door=door, placement=Placement(base_yaw=psi))
-    poses = door_geometry(placed).hand_poses(ANGLES)
+    poses = door_geometry(placed, "fixed").hand_poses(ANGLES)
     sine, rest = np.sin(ANGLES), 1.0 - np.cos(ANGLES)
     x = radius * (np.cos(psi) * sine + np.sin(psi) * rest)
     z = radius * (np.sin(psi) * sine - np.cos(psi) * rest)
@@ -79,3 +82,71 @@ def test_impossible_doors_are_refused(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         DoorGeometry(hinge=np.array(hinge), axis=np.array(axis))
+
+
+FOUR = [(swing, side) for swing in ("pull", "push") for side in ("right", "left")]
+
+
+@pytest.mark.parametrize("base", ["fixed", "mobile"])
+@pytest.mark.parametrize("handle", ["bar", "lever", "knob"])
+@pytest.mark.parametrize(("swing", "side"), FOUR)
+def test_a_handle_is_where_the_simulator_has_it(
+    swing: str, side: str, handle: str, base: Base
+) -> None:
+    """Poses of a hand that is fixed to the handle, for hinge and handle turned."""
+    door = DoorConfig(radius=0.5, handle=handle, swing=swing, hinge_side=side)
+    placed = Variation(
+        door=door, placement=Placement(base_yaw=0.03, base_x=0.01, grasp_depth=0.004)
+    )
+    geometry = door_geometry(placed, base)
+    model = build_scene(door, placement=placed.placement, base=base)
+    data = mujoco.MjData(model)
+    frame, site = data.site("task_frame"), data.site("handle")
+    mujoco.mj_kinematics(model, data)
+    hand = site.xmat.reshape(3, 3).T @ (frame.xpos - site.xpos)
+    for turn in (0.0,) if handle == "bar" else (0.0, 0.3, 0.8):
+        for angle in (0.0, 0.2, 1.0):
+            data.joint("hinge").qpos = angle
+            if handle != "bar":
+                data.joint("handle").qpos = turn
+            mujoco.mj_kinematics(model, data)
+            axes = frame.xmat.reshape(3, 3)
+            pose = geometry.hand_poses(angle, turn)
+            held = site.xpos + site.xmat.reshape(3, 3) @ hand
+            position = axes.T @ (held - frame.xpos)
+            np.testing.assert_allclose(pose[:3], position, atol=1e-9)
+            # A wrong heading turns the door in the task frame, not the hand's zero.
+            psi = Rotation.from_rotvec([0.0, -0.03, 0.0])
+            turned = Rotation.from_matrix(axes.T @ site.xmat.reshape(3, 3)) * psi.inv()
+            np.testing.assert_allclose(
+                Rotation.from_rotvec(pose[3:]).as_matrix(),
+                turned.as_matrix(),
+                atol=1e-9,
+            )
+
+
+@pytest.mark.parametrize(("swing", "side"), FOUR)
+def test_the_nominal_arc_of_every_way_and_side(swing: str, side: str) -> None:
+    """x and z of the right-hinged door that is pulled, mirrored."""
+    radius = 0.45
+    poses = DoorGeometry.nominal(radius, swing, side).hand_poses(ANGLES)
+    way, right = (1 if swing == "pull" else -1), (1 if side == "right" else -1)
+    expected = handle_pose_on_arc(radius, ANGLES)
+    expected[:, 0] *= way
+    expected[:, 2] *= right
+    expected[:, 4] *= way * right
+    np.testing.assert_allclose(poses, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(("swing", "side"), FOUR)
+def test_the_handle_first_moves_along_pull(swing: str, side: str) -> None:
+    geometry = DoorGeometry.nominal(0.5, swing, side)
+    step = 1e-6
+    moved = geometry.hand_poses(step)[:3] / step
+    np.testing.assert_allclose(moved, 0.5 * geometry.pull, atol=1e-6)
+    assert geometry.pull[0] == (1.0 if swing == "pull" else -1.0)
+
+
+def test_a_bar_does_not_turn() -> None:
+    with pytest.raises(ValueError, match="does not turn"):
+        DoorGeometry.nominal(0.5).hand_poses(0.1, 0.2)

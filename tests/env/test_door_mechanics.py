@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.config import RADIUS_RANGE, DoorConfig
-from gplfd_env.door import HINGE_RANGE
+from gplfd_env.config import DoorConfig
 from gplfd_env.observation import Reader
 from gplfd_env.scene import GRASP_KEY, build_scene
 from gplfd_env.task import handle_pose_on_arc
+
+STOP_ANGLE = DoorConfig().stop_angle
 
 READER = Reader.of("contact", "pose")
 
@@ -37,7 +38,7 @@ def hinge_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 
 
 @settings(max_examples=30)
-@given(radius=st.floats(*RADIUS_RANGE), angle=st.floats(0.0, HINGE_RANGE))
+@given(radius=st.floats(0.30, 0.65), angle=st.floats(0.0, STOP_ANGLE))
 def test_handle_moves_on_the_closed_form_arc(radius: float, angle: float) -> None:
     model, data = door_alone(radius=radius)
     data.joint("hinge").qpos = angle
@@ -160,7 +161,7 @@ def test_a_frictionless_closer_turns_its_work_into_kinetic_energy() -> None:
 def test_hinge_stops_at_its_range() -> None:
     model, data = door_alone(hinge_friction=0.0, hinge_damping=1.0)
     dof = model.joint("hinge").dofadr[0]
-    for torque, stop in ((5.0, HINGE_RANGE), (-5.0, 0.0)):
+    for torque, stop in ((5.0, STOP_ANGLE), (-5.0, 0.0)):
         data.qfrc_applied[dof] = torque
         mujoco.mj_step(model, data, nstep=4000)
         assert data.joint("hinge").qpos == pytest.approx(stop, abs=0.01)

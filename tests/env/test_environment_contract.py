@@ -33,7 +33,15 @@ INFO_TYPES = {
     "person_energy": float,
     "base_shift": float,
     "stop_force": float,
+    "handle_angle": float,
+    "bolt": float,
+    "closer_torque": float,
+    "capability": int,
+    "base_pose": np.ndarray,
+    "base_velocity": np.ndarray,
     "failure": str,
+    "reason": str,
+    "stage": str,
     "simulation_error": bool,
     "reward_terms": dict,
 }
@@ -55,7 +63,11 @@ def assert_identical(first: Any, second: Any) -> None:
     assert data_equivalence(first, second, exact=True)
 
 
-IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
+IDS = (
+    gplfd_env.ENVIRONMENT_ID,
+    gplfd_env.IMPEDANCE_ENVIRONMENT_ID,
+    gplfd_env.MOBILE_ENVIRONMENT_ID,
+)
 
 
 @pytest.mark.parametrize("id", IDS)
@@ -100,7 +112,7 @@ def test_flat_and_normalised_it_passes_without_a_remark(
     """Two wrappers of Gymnasium give learners a Box in and a Box of ±1 out."""
     flat = gym.wrappers.FlattenObservation(make_env(id=id, randomization="mild"))
     env = gym.wrappers.RescaleAction(flat, -1.0, 1.0)
-    assert env.observation_space.shape == (33,)
+    assert env.observation_space.shape == (39 if "Mobile" in id else 33,)
     assert np.all(env.action_space.high == 1.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

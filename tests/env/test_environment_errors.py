@@ -33,7 +33,8 @@ def test_unknown_render_mode_names_the_choices() -> None:
     ("door", "kind", "message"),
     [
         ("smal", ValueError, r"unknown door 'smal' \(did you mean 'small'\?\)"),
-        (0.9, ValueError, r"radius = 0\.9 is outside \[0\.3, 0\.65\] m"),
+        (1.2, ValueError, r"radius = 1\.2 is outside \[0\.3, 0\.95\] m"),
+        (0.9, ValueError, r'radius = 0\.9 is out of reach .* 0\.65 m; give base="mob'),
         ({"radius": "wide"}, TypeError, r"radius must be a number, got 'wide' \(str\)"),
         ({"colour": 1}, ValueError, r"unknown door field 'colour'.*fields: radius, h"),
         (None, TypeError, "door must be a preset's name"),

@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 import gplfd_env
 from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.disturbance import CAUSES, DISTURBANCES
-from gplfd_env.door import HINGE_RANGE
 from gplfd_env.door_opening import DoorOpeningEnv
 from gplfd_env.fields import allowed_range
 from gplfd_env.randomization import RANDOMIZATIONS, DoorRandomization
@@ -24,7 +23,11 @@ from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
 from gplfd_env.vector import DoorOpeningVectorEnv
 
 PAGE = (Path(__file__).parents[2] / "docs" / "environment.md").read_text("utf-8")
-IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
+IDS = (
+    gplfd_env.ENVIRONMENT_ID,
+    gplfd_env.IMPEDANCE_ENVIRONMENT_ID,
+    gplfd_env.MOBILE_ENVIRONMENT_ID,
+)
 
 Rows = list[dict[str, str]]
 
@@ -74,14 +77,18 @@ def test_action_table_is_the_action_space(
 ) -> None:
     rows = table("Action", number)
     assert_rows_are(rows, make_env(id=id).action_space)
-    units = ["m"] * 3 + ["rad"] * 3 + ["N/m"] * 3 + ["N m/rad"] * 3
-    assert [row["unit"] for row in rows] == units[: len(rows)]
+    stiffness = ["N/m"] * 3 + ["N m/rad"] * 3
+    further = [[], stiffness, ["m/s", "m/s", "rad/s"]][number]
+    assert [row["unit"] for row in rows] == ["m"] * 3 + ["rad"] * 3 + further
 
 
-def test_observation_table_is_the_observation_space(make_env: Callable) -> None:
-    space = make_env().observation_space
+@pytest.mark.parametrize(("id", "tables"), [(IDS[0], 1), (IDS[1], 1), (IDS[2], 2)])
+def test_observation_table_is_the_observation_space(
+    id: str, tables: int, make_env: Callable
+) -> None:
+    space = make_env(id=id).observation_space
     assert isinstance(space, gym.spaces.Dict)
-    rows = table("Observation")
+    rows = [row for number in range(tables) for row in table("Observation", number)]
     assert {row["key"] for row in rows} == set(space.spaces)
     for key, box in space.spaces.items():
         assert_rows_are([row for row in rows if row["key"] == key], box)
@@ -95,7 +102,7 @@ def test_info_table_is_the_info(make_env: Callable) -> None:
         shape = f"{value.shape} array" if isinstance(value, np.ndarray) else None
         assert rows[key]["type"] == (shape or type(value).__name__)
     assert bounds(rows["door_angle"]["range"])[1] == pytest.approx(
-        HINGE_RANGE, abs=1e-3
+        DoorConfig().stop_angle, abs=1e-3
     )
 
 
@@ -104,14 +111,15 @@ def test_door_table_is_the_configuration() -> None:
     fields = dataclasses.fields(DoorConfig)
     assert [row["parameter"] for row in rows] == [field.name for field in fields]
     for row, field in zip(rows, fields, strict=True):
-        assert float(row["default"]) == field.default
-        assert row["unit"] == allowed_range(DoorConfig, field.name).unit
-        low, high = bounds(row["range"])
-        for value in (low, high):
-            DoorConfig(**{field.name: value})
-        for value in (np.nextafter(low, -1), np.nextafter(high, np.inf)):
-            with pytest.raises(ValueError, match=re.escape(f"{field.name} = ")):
-                DoorConfig(**{field.name: float(value)})
+        if row["range"] == "-" or row["default"] == "None":
+            assert row["default"] == str(field.default)
+        else:
+            assert float(row["default"]) == pytest.approx(field.default, rel=1e-5)
+        if row["range"] != "-":
+            allowed = allowed_range(DoorConfig, field.name)
+            assert row["unit"] == allowed.unit
+            ends = pytest.approx((allowed.low, allowed.high), rel=1e-5)
+            assert bounds(row["range"]) == ends
 
 
 def test_preset_table_is_the_presets() -> None:
@@ -120,7 +128,9 @@ def test_preset_table_is_the_presets() -> None:
         row.pop("preset"): DoorConfig(**{k: float(v) for k, v in row.items()})
         for row in rows
     }
-    assert stated == dict(DOORS)
+    described = ", ".join(row["preset"] for row in table("Door parameters", 2))
+    others = {name: DOORS[name] for name in described.split(", ")}
+    assert stated | others == dict(DOORS)
 
 
 def drawn(cell: str, unit: str) -> object:
@@ -141,7 +151,10 @@ def test_randomization_table_is_the_presets_and_the_widest_ranges() -> None:
     rows = table("Randomization")
     names = [field.name for field in dataclasses.fields(DoorRandomization)]
     assert [row["parameter"] for row in rows] == names
-    for row in rows:
+    *numbers, doors = rows
+    assert (doors["mild"], doors["widest"]) == ("given", "standard")
+    assert RANDOMIZATIONS["standard"] == DoorRandomization(doors="standard")
+    for row in numbers:
         name, unit = row["parameter"], row["unit"]
         for preset in ("mild", "hard"):
             value = getattr(RANDOMIZATIONS[preset], name)

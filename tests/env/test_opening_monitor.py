@@ -159,3 +159,22 @@ def test_many_poses_on_an_arc_are_those_of_one_at_a_time() -> None:
         for column, angle in enumerate(angles.tolist()):
             alone = handle_pose_on_arc(radius, angle)
             assert np.array_equal(poses[row, column], alone)
+
+
+def test_a_latched_door_is_told_from_one_that_is_stuck() -> None:
+    monitor = OpeningMonitor(DT)
+    for _ in range(400):
+        monitor.update(0.0, True, 0.0, latched=True)
+    assert monitor.failure == "latched"
+    monitor.update(0.0, True, 0.0, latched=False)
+    assert monitor.failure == "stalled"
+
+
+def test_turning_the_handle_is_no_stall() -> None:
+    monitor = OpeningMonitor(DT)
+    for step in range(800):
+        monitor.update(0.0, True, math.radians(2.0) * step * DT, latched=True)
+        assert monitor.failure == ""
+    for _ in range(301):
+        monitor.update(0.0, True, math.radians(16.0), latched=True)
+    assert monitor.failure == "latched"

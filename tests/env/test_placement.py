@@ -13,8 +13,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.config import DoorConfig
 from gplfd_env.observation import Reader
-from gplfd_env.placement import ARM_JOINTS, DOOR_YAW, HANDLE_XY_W
+from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.scene import GRASP_KEY, build_scene
+from gplfd_env.stance import BAR_STANCES
 from gplfd_env.task import handle_pose_on_arc
 from gplfd_env.variation import Placement, SensorNoise, Variation
 
@@ -107,10 +108,13 @@ def test_an_error_of_the_base_moves_the_door_the_other_way(
     yaw = placement.base_yaw
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     bar = data.geom("handle_bar").xpos[:2]
-    assert_allclose(base + turn @ bar, HANDLE_XY_W, atol=1e-12)
+    closed = BAR_STANCES["fixed", "pull"].handle_xy_w
+    assert_allclose(base + turn @ bar, closed, atol=1e-12)
     pull = data.body("door_frame").xmat.reshape(3, 3)[:2, 0]
     into_door = -turn @ pull
-    assert math.atan2(into_door[1], into_door[0]) == pytest.approx(DOOR_YAW)
+    assert math.atan2(into_door[1], into_door[0]) == pytest.approx(
+        BAR_STANCES["fixed", "pull"].door_yaw
+    )
 
 
 def test_base_errors_change_the_arm_s_posture_and_heights_do_not() -> None:

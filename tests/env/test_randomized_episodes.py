@@ -172,7 +172,9 @@ def test_the_true_arc_opens_randomized_doors(
 
 def test_presets_are_records_of_plain_numbers() -> None:
     for preset in RANDOMIZATIONS.values():
-        for value in dataclasses.asdict(preset).values():
+        values = dataclasses.asdict(preset)
+        assert type(values.pop("doors")) is str
+        for value in values.values():
             entries = value if isinstance(value, tuple) else [value]
             assert all(
                 entry is None or type(entry) in (float, int) for entry in entries

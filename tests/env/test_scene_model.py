@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from gplfd_env._paths import asset_path
-from gplfd_env.config import RADIUS_RANGE, DoorConfig
+from gplfd_env.config import DoorConfig
 from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.scene import GRASP_KEY, build_scene
+from gplfd_env.stance import BAR_STANCES
 
 NAMED = {
     "nbody": mujoco.mjtObj.mjOBJ_BODY,
@@ -31,10 +32,12 @@ NAMED = {
 }
 
 
-@pytest.mark.parametrize("grasp", ["contact", "weld"])
+@pytest.mark.parametrize(
+    ("grasp", "base"), [("contact", "fixed"), ("weld", "fixed"), ("contact", "mobile")]
+)
 @pytest.mark.parametrize("count", NAMED)
-def test_every_element_has_a_name(count: str, grasp: str) -> None:
-    model = build_scene(DoorConfig(), grasp)
+def test_every_element_has_a_name(count: str, grasp: str, base: str) -> None:
+    model = build_scene(DoorConfig(), grasp, base=base)
     names = [
         mujoco.mj_id2name(model, NAMED[count], index)
         for index in range(getattr(model, count))
@@ -54,9 +57,10 @@ def test_scene_has_the_expected_parts() -> None:
         assert_allclose(limits, (-effort, effort))
 
 
-def test_scene_keeps_the_urdf_bodies() -> None:
+@pytest.mark.parametrize("base", ["fixed", "mobile"])
+def test_scene_keeps_the_urdf_bodies(base: str) -> None:
     alone = mujoco.MjModel.from_xml_path(str(asset_path("tiago_like.urdf")))
-    scene = build_scene(DoorConfig())
+    scene = build_scene(DoorConfig(), base=base)
     for index in range(1, alone.nbody):
         name = alone.body(index).name
         for field in ("mass", "inertia", "ipos", "pos", "quat"):
@@ -84,19 +88,18 @@ def test_scenes_are_the_caller_s_own() -> None:
 
 
 @settings(max_examples=12)
-@given(
-    radius=st.floats(*RADIUS_RANGE),
-    handle_height=st.floats(0.50, 0.85),
-    handle_standoff=st.floats(0.06, 0.12),
-)
-def test_every_door_in_range_can_be_held(
-    radius: float, handle_height: float, handle_standoff: float
+@pytest.mark.parametrize("base", ["fixed", "mobile"])
+@given(share=st.floats(0, 1), up=st.floats(0, 1), handle_standoff=st.floats(0.06, 0.12))
+def test_every_door_in_reach_can_be_held(
+    base: str, share: float, up: float, handle_standoff: float
 ) -> None:
     """Hand on the closed handle, arm within limits, robot at rest."""
     door = DoorConfig(
-        radius=radius, handle_height=handle_height, handle_standoff=handle_standoff
+        radius=0.30 + share * (BAR_STANCES[base, "pull"].radius - 0.30),
+        handle_height=0.50 + up * (BAR_STANCES[base, "pull"].height - 0.50),
+        handle_standoff=handle_standoff,
     )
-    model = build_scene(door)
+    model = build_scene(door, base=base)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
     mujoco.mj_forward(model, data)

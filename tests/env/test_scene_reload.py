@@ -41,6 +41,30 @@ placements = st.builds(
     grasp_height=st.floats(-0.05, 0.05),
     grasp_depth=st.floats(-0.004, 0.004),
 )
+building_doors = st.builds(
+    DoorConfig,
+    handle=st.just("lever"),
+    latch=st.just("spring"),
+    swing=st.sampled_from(["pull", "push"]),
+    hinge_side=st.sampled_from(["right", "left"]),
+    radius=st.floats(0.40, 0.60),
+    backset=st.floats(0.05, 0.07),
+    leaf_thickness=st.floats(0.03, 0.05),
+    stop_angle=st.floats(1.5, 2.5),
+    panel_mass=st.floats(5.0, 60.0),
+    seal=st.floats(0.1, 3.0),
+    closer_boost=st.floats(0.0, 10.0),
+    closer_friction=st.floats(0.0, 5.0),
+    closing_damping=st.floats(0.0, 80.0),
+    backcheck_damping=st.floats(0.0, 80.0),
+    backcheck_angle=st.floats(1.0, 1.4),
+    handle_length=st.floats(0.105, 0.125),
+    handle_preload=st.floats(0.3, 0.7),
+    handle_travel=st.floats(0.65, 0.96),
+    dead_travel=st.floats(0.0, 0.1),
+    bolt_throw=st.floats(0.012, 0.019),
+    bolt_preload=st.floats(2.5, 8.0),
+)
 scenes = st.tuples(doors, placements)
 PLAIN = DoorConfig(), Placement()
 ODD = (
@@ -55,18 +79,50 @@ def fields(model: mujoco.MjModel) -> dict[str, Any]:
 
 
 @settings(max_examples=10)
+@pytest.mark.parametrize("base", ["fixed", "mobile"])
 @given(first=scenes, second=scenes)
 @example(first=ODD, second=PLAIN)
 @example(first=PLAIN, second=ODD)
-def test_a_scene_does_not_remember_the_one_before(first: Any, second: Any) -> None:
-    model = build_scene(first[0], placement=first[1])
+def test_a_scene_does_not_remember_the_one_before(
+    base: Any, first: Any, second: Any
+) -> None:
+    model = build_scene(first[0], placement=first[1], base=base)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
     mujoco.mj_step(model, data, nstep=3)
-    load_scene(model, data, second[0], placement=second[1])
-    loaded, built = fields(model), fields(build_scene(second[0], placement=second[1]))
+    load_scene(model, data, second[0], placement=second[1], base=base)
+    direct = build_scene(second[0], placement=second[1], base=base)
+    loaded, built = fields(model), fields(direct)
     for name in built:
         assert_array_equal(loaded[name], built[name], err_msg=name)
+
+
+@settings(max_examples=10)
+@given(first=building_doors, second=building_doors)
+def test_a_building_door_s_scene_does_not_remember_either(
+    first: DoorConfig, second: DoorConfig
+) -> None:
+    model = build_scene(first)
+    load_scene(model, mujoco.MjData(model), second)
+    loaded, built = fields(model), fields(build_scene(second))
+    for name in built:
+        assert_array_equal(loaded[name], built[name], err_msg=name)
+
+
+@settings(max_examples=10)
+@given(door=building_doors)
+def test_a_building_door_is_what_a_direct_compilation_gives(door: DoorConfig) -> None:
+    """But for the grasp, and dampers that need the compiled inertia."""
+    loaded, compiled = build_scene(door), build_spec(door).compile()
+    later = {"key_qpos", "key_ctrl", "qpos_spring", "tendon_solref_lim"}
+    later |= {"body_iquat", "tendon_range"}
+    values = fields(loaded)
+    for name, expected in fields(compiled).items():
+        if name not in later and expected.dtype.kind == "f":
+            scale = np.abs(expected).max(initial=1e-12)
+            assert_allclose(
+                values[name], expected, rtol=0, atol=1e-9 * scale, err_msg=name
+            )
 
 
 @settings(max_examples=10)

@@ -18,7 +18,11 @@ import gplfd_env
 
 pytestmark = pytest.mark.bits
 
-IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
+IDS = (
+    gplfd_env.ENVIRONMENT_ID,
+    gplfd_env.IMPEDANCE_ENVIRONMENT_ID,
+    gplfd_env.MOBILE_ENVIRONMENT_ID,
+)
 DOORS = ["small", 0.42, {"preset": "heavy", "panel_mass": 20.0}, "large"]
 LIMIT = 45
 EVERYTHING = {
@@ -178,7 +182,7 @@ def test_a_diverged_simulation_ends_alone_and_starts_anew(
     ends = []
     for step in range(12):
         if step in (3, 7):
-            ours._batch.qpos[1] = value
+            ours._batch.qpos_of(1)[:] = value
             model.envs[1].unwrapped.data.qpos[:] = value
         actions = 0.02 * drawn_actions(ours, rng)
         result = ours.step(actions)

@@ -1,6 +1,5 @@
 """A door in a tiny MuJoCo model, an agent that knows its arc, and logs by formula."""
 
-import dataclasses
 import functools
 import json
 import math
@@ -17,8 +16,8 @@ from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import episode_metrics
 from experiments.teacher import standard_teacher
 from gplfd_env.config import DoorConfig
+from gplfd_env.geometry import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc
-from gplfd_env.variation import Variation
 from policies.steps import AgentStep
 from policies.trajectory import GaussianTrajectory
 
@@ -77,7 +76,7 @@ class DoorEnv(gym.Env[Any, Any]):
         self.model = mujoco.MjModel.from_xml_string(MODEL)
         self.data = mujoco.MjData(self.model)
         self.door = DoorConfig(radius=0.5)
-        self.variation = Variation()
+        self.door_geometry = DoorGeometry.of(self.door)
         self.outcome, self.n_steps = outcome, n_steps
         self.actions: list[Any] = []
 
@@ -112,9 +111,12 @@ class DoorEnv(gym.Env[Any, Any]):
         }
         info = {
             "door_angle": angle,
+            "handle_angle": 0.0,
+            "capability": 3,
             "handle_pose": pose,
             "success": False,
             "failure": "",
+            "reason": "",
             "grasped": True,
             "slip": 0.001,
             "force_tangential": 5.0,
@@ -189,6 +191,7 @@ def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
         "dt": DT,
         "success": True,
         "failure": "",
+        "reason": "",
         "times": times,
         "ee_pose": pose,
         "ee_twist": 0.0 * six,
@@ -197,6 +200,8 @@ def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
         "joint_vel": np.zeros((n_steps, 7)),
         "qpos": angle[:, None],
         "door_angle": angle,
+        "handle_angle": 0.0 * one,
+        "capability": 3.0 + np.searchsorted(np.radians([15, 30, 60]), angle),
         "handle_pose": pose,
         "solved": solved,
         "grasped": np.full(n_steps, True),
@@ -272,7 +277,7 @@ def episode_file(
             "kind": "episode",
             "policy": policy,
             "door": f"{radius:g}",
-            "door_config": dataclasses.asdict(DoorConfig(radius=radius)),
+            "door_config": DoorConfig(radius=radius).as_dict(),
             "seed": seed,
             "demonstrations_per_door": 2,
             "teacher": standard_teacher(),

@@ -11,6 +11,7 @@ from experiments.episodes.metrics import (
     log_dimensionless_jerk,
     opening_motion,
     prediction_errors,
+    work_on_door,
 )
 
 MakeLog = Callable[..., EpisodeLog]
@@ -20,6 +21,14 @@ def test_work_of_a_constant_force_is_force_times_arc_length(make_log: MakeLog) -
     assert episode_metrics(make_log()).work == pytest.approx(
         8.0 * 0.5 * math.radians(66.0)
     )
+
+
+def test_work_on_a_lever_is_done_where_the_hand_is(make_log: MakeLog) -> None:
+    """3 cm from its end, and nearer to the hinge than its axis."""
+    door = {"radius": 0.5, "handle": "lever", "handle_length": 0.12}
+    log = make_log(force_tangential=np.full(601, 10.0), door_config=door)
+    turned = log.door_angle[-1] - log.door_angle[0]
+    assert work_on_door(log) == pytest.approx(10.0 * 0.41 * turned)
 
 
 def test_work_of_a_spring_is_its_energy(make_log: MakeLog) -> None:

@@ -15,6 +15,8 @@ from experiments.episodes.forecast_error import (
 )
 from experiments.episodes.log import EpisodeLog
 from experiments.episodes.metrics import episode_metrics
+from gplfd_env.config import DoorConfig
+from gplfd_env.geometry import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc
 
 MakeLog = Callable[..., EpisodeLog]
@@ -148,3 +150,22 @@ def test_distance_from_a_path_is_that_from_its_nearest_piece() -> None:
     points = np.array([[0.5, -0.2, 0], [2, 2, 0], [-3, 0, 4], [1.5, 0.5, 0]])
     distances: Any = np.sqrt(squared_distances(points, path))
     assert distances == pytest.approx([0.2, math.sqrt(2.0), 5.0, 0.5])
+
+
+@pytest.mark.parametrize("swing", ["pull", "push"])
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_path_of_a_lever_is_its_hand_s_on_every_side(
+    make_log: MakeLog, swing: str, side: str
+) -> None:
+    """The lever is turned at first, and is let back later."""
+    config = {"radius": 0.65, "handle": "lever", "swing": swing, "hinge_side": side}
+    geometry = DoorGeometry.of(DoorConfig(**config))
+    angle = np.linspace(0.0, ANGLE, 601)
+    turn = 0.8 * np.sin(np.pi * np.clip(3.0 * angle / ANGLE, 0.0, 1.0))
+    pose = geometry.hand_poses(angle, turn)
+    log = make_log(
+        door_angle=angle, handle_angle=turn, handle_pose=pose, door_config=config
+    )
+    ahead = np.linspace(0.2, 1.2, 9)
+    expected = geometry.hand_poses(ahead)[:, :3]
+    np.testing.assert_allclose(handle_path(log, ahead), expected, atol=1e-9)

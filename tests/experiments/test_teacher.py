@@ -136,9 +136,9 @@ def test_config_names_field_value_and_range(field: str, value: float) -> None:
 
 
 def test_wrong_requests_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"radius = -1\.0 must be a positive"):
+    with pytest.raises(ValueError, match=r"radius = -1\.0 is outside"):
         Teacher().demonstrate(-1.0, rng())
-    with pytest.raises(ValueError, match="radii is empty"):
+    with pytest.raises(ValueError, match="doors is empty"):
         Teacher().demonstrate_doors([], rng=rng())
-    with pytest.raises(ValueError, match="per_radius = 0 must be at least 1"):
+    with pytest.raises(ValueError, match="per_door = 0 must be at least 1"):
         Teacher().demonstrate_doors([0.5], 0, rng=rng())

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from gplfd_env import DoorGeometry
+from gplfd_env.config import DoorConfig
 from gplfd_env.task import DEMONSTRATED_ANGLE
 from policies import batch_agents, make_agent
 from policies.reference.path import HandPath, turned_towards
@@ -129,3 +130,52 @@ def test_the_last_displacement_is_the_chord_of_its_stretches():
 )
 def test_the_shortest_turn_from_the_pull(direction, expected):
     np.testing.assert_allclose(turned_towards(np.array(direction)), expected)
+
+
+LATCHED = DoorGeometry.of(DoorConfig(radius=0.6, handle="lever", latch="spring"))
+
+
+def test_the_oracle_turns_the_handle_first_and_lets_it_go_back():
+    agent = make_agent("oracle", ())
+    agent.inform(LATCHED)
+    agent.reset(observation(np.zeros(6)))
+    poses = np.array([agent.act(observation(np.zeros(6))).action for _ in range(700)])
+    turned = LATCHED.hand_poses(0.0, LATCHED.travel)
+    # 0.8 s later the handle is turned, and nothing else has happened.
+    np.testing.assert_allclose(poses[79], turned, atol=1e-12)
+    opened = LATCHED.hand_poses(DEMONSTRATED_ANGLE, 0.0)
+    np.testing.assert_allclose(poses[-1], opened, atol=1e-12)
+    assert np.abs(np.diff(poses[:, :3], axis=0)).max() < 0.01
+
+
+def test_what_is_told_the_handle_sees_the_leaf_through_it():
+    """A hand that a latched door guides: on the handle's circle, then on the leaf's."""
+    agent, angle = make_agent("hinge-fit-told", ()), 0.0
+    agent.inform(LATCHED)
+    agent.reset(observation(np.zeros(6)))
+    pose, phases = np.zeros(6), []
+    for period in range(1000):
+        step = agent.act(observation(pose))
+        phases.append(step.phase)
+        if period < 100:
+            pose = step.action
+            turn = LATCHED.travel
+            continue
+        # The hand follows along the path that this door allows it.
+        angles = angle + np.linspace(-0.02, 0.02, 41)
+        handles = np.linspace(0.0, turn, 41)
+        possible = LATCHED.hand_poses(angles[:, None], handles[None, :])
+        error = np.linalg.norm((possible - step.action)[..., :3], axis=-1)
+        best = np.unravel_index(np.argmin(error), error.shape)
+        angle, pose = angles[best[0]], possible[best]
+    assert np.degrees(angle) > 60.0
+    np.testing.assert_allclose(pose[3], 0.0, atol=0.05)
+    assert phases[99] == 0.0
+
+
+@pytest.mark.parametrize("name", ["oracle", "hinge-fit-told"])
+def test_who_is_told_must_be_told(name):
+    agent = make_agent(name, ())
+    agent.reset(observation(np.zeros(6)))
+    with pytest.raises(ValueError, match="must be told"):
+        agent.act(observation(np.zeros(6)))

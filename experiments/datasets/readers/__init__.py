@@ -9,7 +9,7 @@ from typing import Final
 
 from experiments.datasets.raw import RawRecording
 from experiments.datasets.readers.selection import Selection
-from gplfd_env.config import nearest_name
+from gplfd_env.named import nearest_name
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from experiments.datasets.raw import METRES, RADIANS
-from gplfd_env.config import nearest_name
+from gplfd_env.named import nearest_name
 
 QuaternionOrder = Literal["wxyz", "xyzw"]
 """Where the scalar part stands: first or last."""

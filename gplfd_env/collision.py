@@ -1,0 +1,74 @@
+"""What a robot that drives can run into, and what of it does.
+
+The hand's pads and the bar touch in every scene. Where the base drives, base, torso
+and arm also touch leaf, frame and the wall beside it. Capsules stand for the robot:
+contacts of capsules and boxes are computed in closed form, and against upright walls an
+upright capsule is as good as a cylinder.
+"""
+
+from typing import Final
+
+import mujoco
+
+OBSTACLES: Final = ("leaf", "jamb_hinge", "jamb_lock", "lintel")
+"""Geoms of the door that a driving robot touches, besides the wall."""
+
+BASE_RADIUS: Final = 0.27
+"""Of the base's outline [m]."""
+
+_ROBOT_BIT: Final = 2
+_WALL_HALF_WIDTH: Final = 0.75
+
+_CAPSULES: Final[dict[str, tuple[str, tuple[float, ...], float]]] = {
+    "base_body": ("base_link", (0, 0, 0.17, 0, 0, 0.19), BASE_RADIUS),
+    "column_body": ("torso_fixed_link", (-0.03, 0, 0.15, -0.03, 0, 0.5), 0.16),
+    "chest_body": ("torso_lift_link", (0.03, 0, -0.15, 0.03, 0, -0.05), 0.16),
+    "head_body": ("head_link", (0, 0, 0, 0, 0, 0.05), 0.12),
+    "shoulder_body": ("arm_1_link", (0, 0, -0.03, 0.125, 0.0195, -0.031), 0.06),
+    "upper_arm_body": ("arm_3_link", (0, 0, 0, -0.01, -0.013, -0.21), 0.055),
+    "elbow_body": ("arm_4_link", (0, 0, 0.005, -0.162, 0.02, 0.027), 0.05),
+    "forearm_body": ("arm_5_link", (0, 0, 0, 0, 0, 0.15), 0.045),
+    "palm_body": ("gripper_link", (0, 0, 0.04, 0, 0, -0.06), 0.045),
+}
+"""Body, ends in its frame [m] and radius [m] of every capsule."""
+
+
+def add_collisions(spec: mujoco.MjSpec) -> None:
+    """Make the robot solid against the door, and put a wall beside its frame.
+
+    Args:
+        spec: The scene, with robot and door; edited in place.
+    """
+    for name, (body, ends, radius) in _CAPSULES.items():
+        spec.body(body).add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=ends,
+            size=[radius, 0, 0],
+            # The links have inertias of their own, and shapes to be seen.
+            mass=0.0,
+            rgba=[0, 0, 0, 0],
+            contype=_ROBOT_BIT,
+            conaffinity=0,
+        )
+    _add_walls(spec)
+    for name in (*OBSTACLES, "wall_hinge", "wall_lock"):
+        spec.geom(name).conaffinity = _ROBOT_BIT
+
+
+def _add_walls(spec: mujoco.MjSpec) -> None:
+    """Continue the frame to both sides."""
+    for side in ("hinge", "lock"):
+        jamb, other = spec.geom(f"jamb_{side}"), spec.geom("lintel")
+        outwards = 1.0 if jamb.pos[2] > other.pos[2] else -1.0
+        x, y, z = jamb.pos
+        thick, high, wide = jamb.size
+        spec.body("door_frame").add_geom(
+            name=f"wall_{side}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[x, y, z + outwards * (wide + _WALL_HALF_WIDTH)],
+            size=[thick, high, _WALL_HALF_WIDTH],
+            rgba=jamb.rgba,
+            mass=0.0,
+            contype=0,
+        )

@@ -1,0 +1,72 @@
+"""Records that are given by a preset's name, or by some of their fields."""
+
+import dataclasses
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeVar
+
+Record = TypeVar("Record")
+
+
+def preset(
+    spec: str | Mapping[str, Any],
+    presets: Mapping[str, Record],
+    start: str,
+    what: str,
+    otherwise: str,
+) -> Record:
+    """Return the preset of a name, or one with other fields.
+
+    Args:
+        spec: A name, or a mapping of fields with an optional ``"preset"``.
+        presets: Records by name.
+        start: The preset that a mapping starts from if it names none.
+        what: What messages call such a record.
+        otherwise: What may be given in place of a name, for messages.
+
+    Raises:
+        ValueError: An unknown preset or field, or a value that the record refuses.
+    """
+    fields = {"preset": spec} if isinstance(spec, str) else dict(spec)
+    name = fields.pop("preset", start)
+    if not isinstance(name, str) or name not in presets:
+        raise ValueError(
+            f"unknown {what} {name!r}{nearest_name(name, presets)}; presets: "
+            f"{', '.join(presets)}; or give {otherwise}"
+        )
+    return with_fields(presets[name], fields, what, other_keys=("preset",))
+
+
+def with_fields(
+    record: Record,
+    fields: Mapping[str, Any],
+    what: str,
+    other_keys: Sequence[str] = (),
+) -> Record:
+    """Return a record with some fields changed.
+
+    Args:
+        record: A frozen dataclass.
+        fields: New values by name.
+        what: What messages call such a record.
+        other_keys: What else a caller may write beside fields, for messages.
+
+    Raises:
+        ValueError: An unknown field, or a value that the record refuses.
+    """
+    given: Any = record
+    known = [field.name for field in dataclasses.fields(given)]
+    for field in fields:
+        if field not in known:
+            raise ValueError(
+                f"unknown {what} field {field!r}{nearest_name(field, known)}; fields: "
+                f"{', '.join([*known, *other_keys])}"
+            )
+    changed: Record = dataclasses.replace(given, **fields) if fields else record
+    return changed
+
+
+def nearest_name(name: object, known: Iterable[str]) -> str:
+    """Return a hint at the known name that was probably meant; "" if none is near."""
+    match = difflib.get_close_matches(str(name), list(known), n=1)
+    return f" (did you mean {match[0]!r}?)" if match else ""

@@ -1,0 +1,325 @@
+"""A robot that drives: large doors, contact, odometry, refusals."""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env, data_equivalence
+from gymnasium.vector import SyncVectorEnv
+from numpy.testing import assert_allclose, assert_array_equal
+
+import gplfd_env
+from gplfd_env.collision import OBSTACLES
+from gplfd_env.config import DoorConfig
+from gplfd_env.mobile_base import BASE_JOINTS
+from gplfd_env.placement import ARM_JOINTS
+from gplfd_env.scene import build_scene
+from gplfd_env.stance import BAR_STANCES, check_reach
+from gplfd_env.whole_body import SPEED
+
+MOBILE = gplfd_env.MOBILE_ENVIRONMENT_ID
+WALL = (*OBSTACLES, "wall_hinge", "wall_lock")
+AXES = ("tangential", "radial", "vertical")
+
+
+def eased(share: float) -> float:
+    s = min(max(share, 0.0), 1.0)
+    return 10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5
+
+
+def touching(env: Any) -> set[str]:
+    """What of door and wall the robot's body touches."""
+    pairs = [
+        [env.model.geom(geom).name for geom in contact.geom]
+        for contact in env.data.contact
+    ]
+    return {name for pair in pairs for name in pair if name in WALL}
+
+
+@pytest.mark.parametrize(
+    ("radius", "height"), [(0.35, 0.85), (0.65, 1.22), (0.95, 1.05)]
+)
+def test_it_opens_to_a_right_angle_with_its_arm_as_it_was(
+    radius: float, height: float, make_env: Callable, arc_commands: Callable
+) -> None:
+    door = {"radius": radius, "handle_height": height}
+    env = make_env(door, base="mobile")
+    env.reset(seed=0)
+    arm = [env.model.joint(name).id for name in ARM_JOINTS]
+    low, high = env.model.jnt_range[arm].T
+    places = env.model.jnt_qposadr[arm]
+    margins, forces, speeds = [], [], []
+    for command in arc_commands(radius, degrees=90.0, duration=6.0)[:700]:
+        *_, info = env.step(command)
+        arm_at = env.data.qpos[places]
+        margins.append(np.minimum(arm_at - low, high - arm_at).min())
+        forces.append([info[f"force_{axis}"] for axis in ("radial", "vertical")])
+        speeds.append(np.hypot(*info["base_velocity"][:2]))
+        assert not touching(env)
+        assert info["failure"] == ""
+    assert np.degrees(info["door_angle"]) > 89.0
+    assert min(margins) > 0.4
+    assert np.abs(forces).max() < 2.5
+    assert info["slip"] < 2e-3
+    assert 0.3 < max(speeds) < 0.75 * SPEED[0]
+    assert info["base_pose"][2] == pytest.approx(np.pi / 2, abs=0.08)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("preset", ["room-584", "room-959"])
+def test_it_opens_doors_of_rooms_to_a_right_angle(
+    preset: str, side: str, make_env: Callable
+) -> None:
+    """Lever pressed in 0.8 s, let back between 8° and 25°, opened in 6 s."""
+    env = make_env({"preset": preset, "hinge_side": side}, base="mobile")
+    env.reset(seed=0)
+    door = env.door_geometry
+    arm = [env.model.joint(name).id for name in ARM_JOINTS]
+    low, high = env.model.jnt_range[arm].T
+    margins, forces = [], []
+    for step in range(760):
+        angle = np.pi / 2 * eased((0.01 * step - 0.8) / 6.0)
+        back = eased((np.degrees(angle) - 8.0) / 17.0)
+        turn = door.travel * eased(0.01 * step / 0.8) * (1.0 - back)
+        *_, info = env.step(door.hand_poses(angle, turn))
+        forces.append([info[f"force_{a}"] for a in AXES])
+        arm_at = env.data.qpos[env.model.jnt_qposadr[arm]]
+        margins.append(np.minimum(arm_at - low, high - arm_at).min())
+        assert not touching(env)
+        assert info["failure"] == ""
+    assert np.degrees(info["door_angle"]) > 89.0
+    assert min(margins) > 0.2
+    assert np.linalg.norm(forces, axis=1).max() < 15.0
+    assert info["slip"] < 2e-3
+
+
+@pytest.mark.parametrize("radius", [0.35, 0.65, 0.9])
+def test_it_goes_after_a_hand_that_pushes_through_the_frame(
+    radius: float, make_env: Callable, arc_commands: Callable
+) -> None:
+    """To 60° along a pushed handle's arc, whose leaf is not there."""
+    env = make_env(radius, base="mobile")
+    env.reset(seed=0)
+    for geom in ("handle_bar", "leaf"):
+        env.model.geom(geom).conaffinity = 0
+    pushed = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, 1.0])
+    for command in pushed * arc_commands(radius, degrees=60.0, duration=6.0)[:700]:
+        observation, *_, info = env.step(command)
+        assert info["failure"] in ("", "grasp_lost", "stalled")
+    assert_allclose(observation["ee_pose"], command, atol=0.02)
+    arm = [env.model.joint(name).id for name in ARM_JOINTS]
+    low, high = env.model.jnt_range[arm].T
+    arm_at = env.data.qpos[env.model.jnt_qposadr[arm]]
+    assert np.minimum(arm_at - low, high - arm_at).min() > 0.05
+
+
+def test_small_motions_are_left_to_the_arm(make_env: Callable) -> None:
+    env = make_env(base="mobile", grasp="weld")
+    env.reset(seed=0)
+    for step in range(300):
+        turn = 2 * np.pi * step * 0.01
+        *_, info = env.step(0.01 * np.sin(turn) * np.array([1, 0, 1, 0, 2, 0]))
+        assert np.abs(info["base_pose"]).max() < 1e-3
+
+
+def test_a_base_that_drives_into_the_door_is_blocked_by_it(make_env: Callable) -> None:
+    """Towards the closed door, whose frame and leaf hold up against the drive."""
+    env = make_env(id=MOBILE)
+    env.reset(seed=0)
+    env.model.geom("handle_bar").conaffinity = 0
+    env.model.joint("hinge").range = 0.0, 1e-3
+    into_door = [np.cos(0.4546), np.sin(0.4546), 0.0]
+    for _ in range(400):
+        observation, *_, info = env.step(np.array([*6 * [0.0], *into_door]))
+        if info["failure"] == "base_blocked":
+            break
+        env._episode._monitor._released = 0.0
+    assert info["failure"] == "base_blocked"
+    assert touching(env)
+    assert np.hypot(*info["base_velocity"][:2]) < 0.5
+    assert_array_equal(observation["base_pose"], info["base_pose"])
+    stopped = info["base_pose"]
+    for _ in range(50):
+        *_, info = env.step(np.array([*6 * [0.0], *into_door]))
+    assert_allclose(info["base_pose"], stopped, atol=0.1)
+
+
+def test_a_commanded_twist_is_driven_while_the_hand_stays(make_env: Callable) -> None:
+    """Half a second backwards and to the right: the arm makes up for it."""
+    env = make_env(id=MOBILE)
+    env.reset(seed=0)
+    for step in range(150):
+        twist = [-0.1, -0.1, 0.1] if step < 50 else [0.0, 0.0, 0.0]
+        observation, *_, info = env.step(np.array([*6 * [0.0], *twist]))
+    assert -0.055 < info["base_pose"][0] < -0.04
+    assert -0.055 < info["base_pose"][1] < -0.04
+    assert info["base_pose"][2] == pytest.approx(0.05, abs=0.005)
+    assert np.abs(observation["ee_pose"][:3]).max() < 1e-3
+    assert_array_equal(observation["base_velocity"], info["base_velocity"])
+    assert np.degrees(info["door_angle"]) < 0.2
+
+
+def test_pose_of_the_base_is_where_its_body_is(
+    make_env: Callable, arc_commands: Callable
+) -> None:
+    env = make_env(0.9, base="mobile")
+    env.reset(seed=0)
+    for command in arc_commands(0.9, duration=4.0)[:250]:
+        *_, info = env.step(command)
+    mujoco.mj_kinematics(env.model, env.data)
+    body = env.data.body("base_footprint")
+    # What is sensed is one physics step old.
+    assert_allclose(body.xpos[:2], info["base_pose"][:2], atol=2e-3)
+    assert body.xpos[2] == 0.0
+    turned = np.arctan2(body.xmat[3], body.xmat[0])
+    assert turned == pytest.approx(info["base_pose"][2], abs=2e-3)
+    assert info["base_pose"][2] > 0.3
+
+
+def test_a_fixed_base_says_that_it_stands(make_env: Callable) -> None:
+    env = make_env()
+    _, info = env.reset(seed=0)
+    *_, stepped = env.step(np.full(6, 0.01))
+    for one in (info, stepped):
+        assert_array_equal(one["base_pose"], np.zeros(3))
+        assert_array_equal(one["base_velocity"], np.zeros(3))
+    names = [env.model.joint(index).name for index in range(env.model.njnt)]
+    assert not set(BASE_JOINTS) & set(names)
+
+
+def test_what_the_robot_touches_is_solid_to_it_alone() -> None:
+    model = build_scene(DoorConfig(), base="mobile")
+    solid = {
+        model.geom(index).name
+        for index in range(model.ngeom)
+        if model.geom_contype[index] or model.geom_conaffinity[index]
+    }
+    bodies = {name for name in solid if name.endswith("_body")}
+    pads = {"right_finger_pad", "left_finger_pad", "handle_bar"}
+    assert solid == {*pads, *bodies, *WALL}
+    assert len(bodies) == 9
+    fixed = build_scene(DoorConfig())
+    assert_array_equal(
+        fixed.body_mass[fixed.body("base_footprint").id :].sum(),
+        model.body_mass[model.body("base_footprint").id :].sum(),
+    )
+
+
+@pytest.mark.parametrize(
+    ("field", "reached", "beyond"),
+    [("radius", 0.65, 0.66), ("handle_height", 0.90, 0.91)],
+)
+def test_a_base_that_stands_refuses_what_it_cannot_reach(
+    field: str, reached: float, beyond: float, make_env: Callable, make_vec: Callable
+) -> None:
+    """At make and at reset, drawn or not, one or many; the record allows it."""
+    message = (
+        rf'{field} = {beyond} is out of reach .*at most {reached:g} m; give base="'
+    )
+    far, near = {field: beyond}, {field: reached}
+    drawn = {field: (reached, beyond)}
+    for make in (make_env, lambda **given: make_vec(2, **given)):
+        for given in ({"door": far}, {"randomization": drawn}):
+            with pytest.raises(ValueError, match=message):
+                make(**given)
+            env = make(door=near)
+            env.reset(seed=0)
+            with pytest.raises(ValueError, match=message):
+                env.reset(options=given)
+            env.reset()
+            check_reach(DoorConfig(**near), "fixed")
+        assert make(door=far, base="mobile").reset(seed=0)
+
+
+def test_the_record_ends_where_the_driving_robot_s_reach_does() -> None:
+    most = {"radius": BAR_STANCES["mobile", "pull"].radius, "handle_height": 1.22}
+    check_reach(DoorConfig(**most), "mobile")
+    for field, value in most.items():
+        with pytest.raises(ValueError, match=f"{field} = "):
+            DoorConfig(**{field: value + 0.01})
+
+
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_a_wrong_base_is_told_what_there_is(make: Callable) -> None:
+    with pytest.raises(ValueError, match="base = 'wheels' is not one of 'fixed', 'mob"):
+        make(gplfd_env.ENVIRONMENT_ID, base="wheels")
+    with pytest.raises(ValueError, match="base = 'fixed' is not one of 'mobile'"):
+        make(MOBILE, base="fixed")
+
+
+@pytest.mark.parametrize(
+    "id", [gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID]
+)
+@pytest.mark.parametrize("arguments", [{}, {"disturbance": "bump", "grasp": "weld"}])
+def test_checker_accepts_a_base_that_drives(
+    id: str, arguments: dict[str, Any], make_env: Callable
+) -> None:
+    env = make_env(0.9, id=id, base="mobile", **arguments)
+    with pytest.warns(UserWarning, match="symmetric and normalized"):
+        check_env(env, skip_render_check=True)
+
+
+@pytest.mark.bits
+@pytest.mark.parametrize(
+    "id", [gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID]
+)
+def test_many_that_drive_are_bit_for_bit_single_ones(
+    id: str, make_vec: Callable, arc_commands: Callable
+) -> None:
+    """Also after a reset by a time limit, with delays, noise and disturbances."""
+    doors = ["small", 0.95, {"preset": "large", "handle_height": 1.1}]
+    shared: dict[str, Any] = {
+        "base": "mobile",
+        "randomization": {"preset": "mild", "longest_delay": 3},
+        "disturbance": "bump",
+        "max_episode_steps": 70,
+    }
+    ours = make_vec(3, id=id, door=doors, **shared)
+    model = SyncVectorEnv(
+        [lambda door=door: gym.make(id, door=door, **shared) for door in doors]
+    )
+    commands = arc_commands(0.7, degrees=80.0, duration=2.0)[:150]
+    rest = ours.command.rest
+    results = [[each.reset(seed=3) for each in (ours, model)]]
+    for command in commands:
+        actions = np.tile(np.concatenate([command, rest[6:]]), (3, 1))
+        results.append([each.step(actions.copy()) for each in (ours, model)])
+    moved = 0.0
+    for (*one, info), (*other, model_info) in results:
+        assert data_equivalence(one, other, exact=True)
+        for key in ("base_pose", "base_velocity", "door_angle", "force_radial"):
+            assert_array_equal(info[key], model_info[key])
+        moved = max(moved, np.abs(info["base_pose"]).max())
+    assert moved > 0.05
+    model.close()
+
+
+def test_random_actions_break_nothing(make_vec: Callable) -> None:
+    """2,000 steps of doors in the whole range, hands and bases anywhere."""
+    envs = make_vec(
+        4,
+        id=MOBILE,
+        randomization={
+            "preset": "hard",
+            "radius": (0.30, 0.95),
+            "handle_height": (0.60, 1.10),
+        },
+        max_episode_steps=100,
+    )
+    envs.reset(seed=0)
+    rng = np.random.default_rng(0)
+    low, high = envs.single_action_space.low, envs.single_action_space.high
+    pull = np.zeros(9)
+    for step in range(500):
+        if step % 20 == 0:
+            pull = rng.uniform(0.3 * low, 0.3 * high, (4, 9))
+        observations, rewards, _, _, infos = envs.step(pull)
+        assert not infos["simulation_error"].any()
+        assert all(np.isfinite(value).all() for value in observations.values())
+        assert np.isfinite(rewards).all()
+        assert envs.single_observation_space.contains(
+            {name: value[0] for name, value in observations.items()}
+        )

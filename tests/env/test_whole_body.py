@@ -1,0 +1,183 @@
+"""The whole-body rule and the drive's limits, as arithmetic."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from gplfd_env.placement import task_rotation_w
+from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
+from gplfd_env.whole_body import (
+    ACCELERATION,
+    BLOCKED_TIME,
+    LAG,
+    PLAY,
+    SPEED,
+    BaseDrive,
+    led_by,
+)
+
+HAND = (0.8, 0.3)
+UP = task_rotation_w()[2]
+numbers = st.floats(-1.0, 1.0)
+
+
+def settled(hand: list[float]) -> tuple[tuple[float, ...], list[tuple[float, ...]]]:
+    """Where a base without inertia comes to rest, and its rates until then."""
+    drive, base, rates = BaseDrive(HAND), (0.0, 0.0, 0.0), []
+    for _ in range(800):
+        drive.follow(hand, base)
+        rates.append(drive.rate)
+        base = tuple(
+            place + CONTROL_PERIOD * rate
+            for place, rate in zip(base, drive.rate, strict=True)
+        )
+    return base, rates
+
+
+def away(first: tuple[float, ...], second: tuple[float, ...]) -> tuple[float, float]:
+    dx, dy, turn = np.subtract(first, second)
+    return math.hypot(dx, dy), abs(turn)
+
+
+@given(
+    way=st.floats(0.05, 1.0),
+    comes=st.booleans(),
+    y=numbers,
+    z=numbers,
+    yaw=st.floats(-1.5, 1.5),
+)
+def test_the_base_is_led_as_if_fixed_to_the_hand(
+    way: float, comes: bool, y: float, z: float, yaw: float
+) -> None:
+    """Seen from the base, the hand stays at the same place.
+
+    A hand that comes also stays in the same direction; one that goes turns by seven
+    tenths of its yaw.
+    """
+    x = way if comes else -way
+    bx, by, turn = led_by([x, y, z, 0.0, yaw, 0.0], HAND)
+    moved = task_rotation_w() @ [x, y, z]
+    back = Rotation.from_rotvec([0.0, 0.0, -turn])
+    hand = back.apply([HAND[0] + moved[0] - bx, HAND[1] + moved[1] - by, 0.0])
+    assert_allclose(hand[:2], HAND, atol=1e-12)
+    assert turn == pytest.approx(yaw if comes else 0.3 * yaw)
+
+
+@given(x=st.floats(-0.06, 0.06), yaw=st.floats(-1.5, 1.5))
+def test_where_the_base_is_led_does_not_jump_at_the_closed_door(
+    x: float, yaw: float
+) -> None:
+    """A millimetre and a milliradian of the hand lead it by a few of both."""
+    here = led_by([x, 0.0, 0.0, 0.0, yaw, 0.0], HAND)
+    there = led_by([x + 1e-3, 0.0, 0.0, 0.0, yaw + 1e-3, 0.0], HAND)
+    assert np.abs(np.subtract(here, there)).max() < 0.02
+
+
+@given(x=numbers, y=st.floats(-1.5, 1.5), z=numbers)
+def test_of_a_rotation_the_base_takes_the_twist_about_the_vertical(
+    x: float, y: float, z: float
+) -> None:
+    """Swing and twist: what is left when the twist is undone has no vertical part."""
+    _, _, turn = led_by([0.1, 0.0, 0.0, x, y, z], HAND)
+    whole = Rotation.from_rotvec([x, y, z])
+    swing = whole * Rotation.from_rotvec([0.0, turn, 0.0]).inv()
+    assert swing.as_quat()[1] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("radius", [0.30, 0.95])
+def test_along_a_handle_s_arc_the_base_turns_about_the_hinge(
+    radius: float, side: float
+) -> None:
+    """Whichever side the hinge is on; the rule is not told where."""
+    axes = task_rotation_w()
+    hinge = np.array([*HAND, 0.0]) + axes @ [0.0, 0.0, -side * radius]
+    for angle in (0.2, 0.8, 1.5):
+        arc = handle_pose_on_arc(radius, angle) * [1, 1, side, side, side, 1]
+        bx, by, turn = led_by(arc.tolist(), HAND)
+        expected = hinge + Rotation.from_rotvec(side * angle * UP @ axes.T).apply(
+            -hinge
+        )
+        assert_allclose((bx, by), expected[:2], atol=1e-12)
+        assert turn == pytest.approx(side * angle)
+
+
+@given(st.tuples(numbers, numbers, numbers, *3 * [st.floats(-0.8, 0.8)]))
+def test_the_base_comes_within_the_play_of_where_it_is_led(hand: tuple) -> None:
+    target = led_by(list(hand), HAND)
+    base, rates = settled(list(hand))
+    distance, turn = away(base, target)
+    assert distance <= PLAY[0] + 1e-3
+    assert turn <= PLAY[1] + 1e-3
+    start = away((0.0, 0.0, 0.0), target)
+    assert all(away((0.0, 0.0, 0.0), rate)[0] <= SPEED[0] + 1e-9 for rate in rates)
+    assert all(abs(rate[2]) <= SPEED[1] + 1e-9 for rate in rates)
+    for before, after in itertools.pairwise(rates):
+        linear, angular = away(before, after)
+        assert linear <= ACCELERATION[0] * CONTROL_PERIOD + 1e-9
+        assert angular <= ACCELERATION[1] * CONTROL_PERIOD + 1e-9
+    if start[0] <= PLAY[0] and start[1] <= PLAY[1]:
+        assert base == (0.0, 0.0, 0.0), "what is small is the arm's"
+
+
+def test_a_base_follows_a_steady_hand_without_lag() -> None:
+    """At 0.4 m/s a follower with the time constant alone would be 12 cm behind."""
+    drive, base = BaseDrive(HAND), (0.0, 0.0, 0.0)
+    for step in range(300):
+        hand = [0.4 * CONTROL_PERIOD * step, 0.0, 0.0, 0.0, 0.0, 0.0]
+        drive.follow(hand, base)
+        base = tuple(np.add(base, np.multiply(CONTROL_PERIOD, drive.rate)).tolist())
+    distance, _ = away(base, led_by(hand, HAND))
+    assert distance == pytest.approx(PLAY[0], abs=5e-3)
+    assert 2 * PLAY[0] < 0.4 * LAG
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0])
+def test_a_twist_is_meant_in_the_base_s_own_axes(heading: float) -> None:
+    drive = BaseDrive(HAND)
+    for _ in range(100):
+        drive.obey([0.3, 0.1, -0.2], (5.0, 5.0, heading))
+    turned = Rotation.from_rotvec([0.0, 0.0, heading]).apply([0.3, 0.1, 0.0])
+    assert drive.rate == pytest.approx((*turned[:2], -0.2))
+    for _ in range(500):
+        drive.obey([9.0, 9.0, 9.0], (0.0, 0.0, heading))
+    assert math.hypot(*drive.rate[:2]) == pytest.approx(SPEED[0])
+    assert drive.rate[2] == SPEED[1]
+
+
+def test_a_base_is_blocked_once_it_has_been_slow_for_a_while() -> None:
+    drive = BaseDrive(HAND)
+    for _ in range(100):
+        drive.obey([0.3, 0.0, 0.0], (0.0, 0.0, 0.0))
+    steps = round(BLOCKED_TIME / CONTROL_PERIOD)
+    for velocity in (0.1, 0.16, *(steps - 1) * [0.1]):
+        drive.note((velocity, 0.3, 0.0))
+        assert not drive.blocked
+    drive.note((0.1, 0.0, 0.0))
+    assert drive.blocked
+    drive.note((0.3, 0.0, 0.0))
+    assert not drive.blocked
+
+
+def test_a_base_that_cannot_turn_is_blocked() -> None:
+    drive = BaseDrive(HAND)
+    for _ in range(100):
+        drive.obey([0.0, 0.0, -0.5], (0.0, 0.0, 0.0))
+        drive.note((0.0, 0.0, -0.4))
+    assert not drive.blocked
+    for _ in range(round(BLOCKED_TIME / CONTROL_PERIOD)):
+        drive.note((0.0, 0.0, -0.2))
+    assert drive.blocked
+
+
+def test_a_base_that_is_not_commanded_is_not_blocked() -> None:
+    drive = BaseDrive(HAND)
+    for _ in range(200):
+        drive.note((0.0, 0.0, 0.0))
+    assert not drive.blocked

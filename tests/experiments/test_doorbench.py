@@ -1,0 +1,180 @@
+"""Doors of DoorBench: a spec written for this test, and many ways to spoil it."""
+
+import copy
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from experiments import cli
+from experiments.datasets.doorbench import read_doorbench
+from gplfd_env.config import DoorConfig, door_config
+
+# Only what is read, with numbers of our own.
+SPEC: dict[str, Any] = {
+    "schema_version": "1.0",
+    "id": "lever door",
+    "family": "swing_single",
+    "robot": {"is_push": True},
+    "leaf": {"width": 0.80, "thickness": 0.042},
+    "hinge": {"side": "left", "axis_tilt_deg": 0},
+    "kinematics": {"max_open_deg": 110},
+    "operator": {"model": "lever_straight", "height": 1.01},
+    "lock": {"engaged": False},
+    "physics": {
+        "mass": {"total_kg": 21.5},
+        "hinge": {
+            "coulomb_torque_Nm": 0.9,
+            "air_damping_Nms_per_rad": 0.15,
+            "stick_torque_Nm": 0.5,
+        },
+        "closer": {
+            "spring_preload_Nm": 17.0,
+            "spring_stiffness_Nm_per_rad": 6.0,
+            "damping_closing": 60.0,
+            "damping_opening": 8.0,
+            "hold_open_rad": None,
+            "backcheck_angle_rad": 1.25,
+            "backcheck_damping": 30.0,
+            "latch_boost": 1.0,
+        },
+        "latch": {
+            "throw_m": 0.0127,
+            "bolt_spring_preload_N": 3.5,
+            "bolt_spring_rate_N_per_m": 310,
+            "backset_m": 0.07,
+            "operator_travel": 0.75,
+            "operator_dead_travel": 0.05,
+            "operator_spring_preload": 0.4,
+            "operator_spring_rate": 1.1,
+            "operator_grip_offset_m": 0.085,
+        },
+    },
+}
+
+
+def changed(path: str, value: Any) -> dict[str, Any]:
+    """Return the spec with another value at a path of names; none if it is `del`."""
+    spec = copy.deepcopy(SPEC)
+    *names, last = path.split("/")
+    table = spec
+    for name in names:
+        table = table[name]
+    if value is del_:
+        del table[last]
+    else:
+        table[last] = value
+    return spec
+
+
+del_ = object()
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Any:
+    def reading(spec: dict[str, Any]) -> Any:
+        path = tmp_path / "spec.json"
+        path.write_text(json.dumps(spec), encoding="utf-8")
+        return read_doorbench(path)
+
+    return reading
+
+
+def test_a_lever_door_is_read_whole(read: Any) -> None:
+    found = read(SPEC)
+    assert found.name == "lever door"
+    assert found.lost == ()
+    assert found.door == DoorConfig(
+        radius=0.80 - 0.07,
+        leaf_width=0.80,
+        backset=0.07,
+        leaf_thickness=0.042,
+        panel_mass=21.5,
+        handle_height=1.01,
+        handle="lever",
+        latch="spring",
+        swing="push",
+        hinge_side="left",
+        hinge_friction=0.9,
+        hinge_damping=0.15,
+        stiction=0.5,
+        stop_angle=math.radians(110.0),
+        closer_preload=17.0,
+        closer_stiffness=6.0,
+        closer_damping=8.0,
+        closing_damping=52.0,
+        backcheck_damping=30.0,
+        backcheck_angle=1.25,
+        handle_length=0.115,
+        handle_preload=0.4,
+        handle_stiffness=1.1,
+        handle_travel=0.75,
+        dead_travel=0.05,
+        bolt_throw=0.0127,
+        bolt_preload=3.5,
+        bolt_stiffness=310.0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "line", "field", "expected"),
+    [
+        ("lock/engaged", True, "lock is engaged", "latch", "spring"),
+        ("hinge/axis_tilt_deg", 3.0, "tilted by 3°", "hinge_side", "left"),
+        ("physics/closer/latch_boost", 1.25, "boost of 1.25", "closer_boost", 0.0),
+        ("physics/closer/hold_open_rad", 1.6, "open at 1.6 rad", "swing", "push"),
+        ("operator/height", 1.4, "handle_height = 1.4", "handle_height", 1.22),
+        ("leaf/thickness", 0.006, "leaf_thickness", "leaf_thickness", 0.015),
+        ("physics/latch/backset_m", 0.127, "", "backset", 0.127),
+    ],
+)
+def test_what_is_lost_is_said(
+    path: str, value: Any, line: str, field: str, expected: Any, read: Any
+) -> None:
+    found = read(changed(path, value))
+    assert getattr(found.door, field) == expected
+    assert line in " ".join(found.lost)
+    assert bool(found.lost) == bool(line)
+
+
+def test_a_fixed_pull_has_no_latch(read: Any) -> None:
+    spec = changed("operator/model", "pull_d")
+    spec["physics"]["latch"] |= {"operator_travel": 0.0, "throw_m": 0.0, "backset_m": 0}
+    found = read(spec)
+    assert (found.door.handle, found.door.latch) == ("bar", "none")
+    assert found.door.radius == pytest.approx(0.74)
+    assert found.lost == ()
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "problem"),
+    [
+        ("schema_version", "2.0", "schema_version is '2.0', not '1.0'"),
+        ("family", "sliding_single", "family is 'sliding_single'"),
+        ("operator/model", "exit_device", "handle is 'exit_device'"),
+        ("hinge/side", "top", "at the 'top'"),
+        ("leaf/width", 1.2, "DoorConfig.radius = 1.13 is outside"),
+        ("leaf/width", "wide", "width = 'wide' must be a number"),
+        ("physics/closer", del_, "it lacks closer"),
+        ("id", 3, "id = 3 must be a text"),
+    ],
+)
+def test_what_is_no_such_door_is_refused(
+    path: str, value: Any, problem: str, read: Any
+) -> None:
+    with pytest.raises(ValueError, match="no door that can be imported") as error:
+        read(changed(path, value))
+    assert problem in str(error.value)
+
+
+def test_the_command_writes_what_an_environment_takes(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    path, out = tmp_path / "spec.json", tmp_path / "door.json"
+    path.write_text(json.dumps(changed("lock/engaged", True)), encoding="utf-8")
+    assert cli.main(["doors", "import", str(path), "--out", str(out)]) == 0
+    assert "not represented: its lock is engaged" in capsys.readouterr().out
+    written = json.loads(out.read_text("utf-8"))
+    assert door_config(written) == read_doorbench(path).door

@@ -1,0 +1,66 @@
+"""Doors with a handle that must be turned first: a demonstration is worth something."""
+
+import contextlib
+import warnings
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from experiments.episodes.agents import learned
+from experiments.episodes.log import EpisodeLog
+from experiments.episodes.metrics import episode_metrics
+from experiments.episodes.rollouts import rollouts
+from experiments.teacher import Teacher
+from gplfd_env import ENVIRONMENT_ID
+from gplfd_env.config import DoorConfig
+from policies import POLICIES, batch_agents
+from policies.method import TrainingInput
+
+ROOM = DoorConfig(radius=0.53, handle="lever", latch="spring")
+
+
+def opened(policy: str, *doors: DoorConfig) -> tuple[EpisodeLog, ...]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        shown = Teacher().standard_demonstrations(seed=0, like=doors[0])
+        make = learned(POLICIES[policy], TrainingInput(demonstrations=shown))
+        agents = batch_agents([make() for _ in doors])
+    envs: Any = gym.make_vec(
+        ENVIRONMENT_ID,
+        num_envs=len(doors),
+        door=list(doors),
+        autoreset_mode="Disabled",
+        num_threads=1,
+    )
+    with contextlib.closing(envs):
+        return rollouts(
+            envs,
+            agents,
+            policy=policy,
+            doors=[f"{door.radius:g}" for door in doors],
+            seeds=[0] * len(doors),
+            forecast_period=None,
+        )
+
+
+def test_demonstrations_of_three_doors_open_latched_ones_gently() -> None:
+    doors = (ROOM, DoorConfig(radius=0.60, handle="lever", latch="spring"))
+    for log in opened("gp", *doors):
+        metrics = episode_metrics(log)
+        assert metrics.success
+        assert metrics.force_radial_p95 < 10.0
+        assert metrics.slip_max_mm < 5.0
+
+
+def test_a_circle_fit_does_not_open_a_latch() -> None:
+    (log,) = opened("hinge-fit", ROOM)
+    assert not log.success
+    assert np.degrees(log.door_angle.max()) < 1.0
+
+
+@pytest.mark.parametrize("policy", ["oracle", "hinge-fit-told"])
+def test_who_is_told_the_handle_opens_it(policy: str) -> None:
+    (log,) = opened(policy, ROOM)
+    assert episode_metrics(log).success

@@ -1,0 +1,141 @@
+"""The synthetic human turns handles: press, open, let go back."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from experiments import cli
+from experiments.teacher import DEMONSTRATED_RADII, ROOM_RADII, Teacher, TeacherConfig
+from experiments.teacher.handle_motion import (
+    Press,
+    doors_like,
+    draw_press,
+    duration,
+    let_back,
+    worked,
+)
+from gplfd_env.config import DoorConfig
+from gplfd_env.geometry import DoorGeometry
+from gplfd_env.se3 import compose_rotvecs
+
+SILENT = TeacherConfig(
+    wobble_position_std=0.0,
+    wobble_rotation_std=0.0,
+    grasp_offset_std=0.0,
+    vertical_drift_std=0.0,
+    noise_position_std=0.0,
+    noise_rotation_std=0.0,
+)
+LEVER = DoorConfig(radius=0.65, handle="lever", latch="spring")
+KINDS = [
+    dataclasses.replace(LEVER, handle=handle, swing=swing, hinge_side=side)
+    for handle in ("lever", "knob")
+    for swing in ("pull", "push")
+    for side in ("right", "left")
+]
+
+
+def shown(door: DoorConfig, seed: int = 0) -> np.ndarray:
+    return Teacher(SILENT).demonstrate(door, np.random.default_rng(seed)).poses
+
+
+def angles_of(door: DoorConfig, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Opening and handle angle of poses, by matching closed forms: a dense search."""
+    geometry = DoorGeometry.of(door)
+    assert geometry.turn is not None
+    axis, turn = geometry.axis, geometry.turn
+    opened, turned = [], []
+    for rotation in poses[:, 3:]:
+        # R = exp(φ a) exp(θ t) with a ⟂ t: φ from the column of t, θ from the rest.
+        quaternion = compose_rotvecs(rotation[None], np.zeros((1, 3)))[0]
+        matrix = _matrix(quaternion)
+        image = matrix @ turn
+        phi = np.arctan2(np.cross(turn, image) @ axis, turn @ image)
+        rest = _matrix(-phi * axis) @ matrix
+        side = np.cross(axis, turn)
+        opened.append(phi)
+        turned.append(np.arctan2((rest @ axis) @ side * -1.0, (rest @ axis) @ axis))
+    return np.array(opened), np.array(turned)
+
+
+def _matrix(rotvec: np.ndarray) -> np.ndarray:
+    angle = np.linalg.norm(rotvec)
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = rotvec / angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+
+
+@pytest.mark.parametrize("door", KINDS, ids=lambda d: "-".join(d.kind.values()))
+def test_the_hand_follows_handle_and_door(door: DoorConfig) -> None:
+    poses = shown(door)
+    opened, turned = angles_of(door, poses)
+    # The positions are those of a hand that holds the handle rigidly.
+    expected = DoorGeometry.of(door).hand_poses(opened, turned)
+    np.testing.assert_allclose(poses[:, :3], expected[:, :3], atol=1e-9)
+    assert opened[-1] == pytest.approx(np.radians(67.0), abs=np.radians(4.0))
+    assert np.all(np.diff(opened) > -1e-9)
+    # Nobody opens a latched door: it begins to move where the handle has gone most of
+    # its travel, and the handle is nearly back when the door is half open.
+    begins = np.flatnonzero(opened > np.radians(0.2))[0]
+    assert turned[begins] > 0.8 * door.handle_travel
+    assert turned.max() <= door.handle_travel + 1e-9
+    resting = 0.2 * turned.max()
+    np.testing.assert_allclose(turned[opened > np.radians(26.0)], resting, atol=1e-9)
+
+
+def test_a_left_door_is_the_mirror_of_a_right_one() -> None:
+    right = shown(LEVER)
+    left = shown(dataclasses.replace(LEVER, hinge_side="left"))
+    mirrored = right * np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
+    np.testing.assert_allclose(left, mirrored, atol=1e-12)
+
+
+def test_a_bar_is_pulled_at_once_and_as_ever() -> None:
+    assert draw_press(DoorConfig(), np.random.default_rng(0)) == Press()
+    progress = np.linspace(0.0, 1.0, 11)
+    share, opening = worked(progress, Press(), 6.0)
+    np.testing.assert_array_equal(opening, progress)
+    assert not share.any()
+    assert duration(Press(), 6.0) == 6.0
+    first = Teacher().demonstrate(0.5, np.random.default_rng(3))
+    second = Teacher().demonstrate(DoorConfig(radius=0.5), np.random.default_rng(3))
+    np.testing.assert_array_equal(first.poses, second.poses)
+
+
+def test_nobody_turns_a_handle_beyond_its_stop() -> None:
+    rng = np.random.default_rng(0)
+    presses = [draw_press(LEVER, rng) for _ in range(200)]
+    assert max(press.angle for press in presses) <= LEVER.handle_travel
+    assert min(press.time for press in presses) >= 0.4
+    angles = np.radians([0.0, 8.0, 16.5, 25.0, 60.0])
+    back = let_back(Press(time=1.0, angle=0.8), np.ones(5), angles)
+    np.testing.assert_allclose(back, [0.8, 0.8, 0.48, 0.16, 0.16], atol=1e-12)
+
+
+def test_doors_of_a_kind_are_demonstrated() -> None:
+    plain = doors_like(DoorConfig(radius=0.42, hinge_friction=2.0))
+    assert plain == tuple(DoorConfig(radius=radius) for radius in DEMONSTRATED_RADII)
+    heavy = dataclasses.replace(LEVER, hinge_friction=2.0, swing="push")
+    rooms = doors_like(heavy)
+    assert [door.radius for door in rooms] == list(ROOM_RADII)
+    assert all(door.kind == heavy.kind for door in rooms)
+    assert all(door.hinge_friction == DoorConfig().hinge_friction for door in rooms)
+
+
+@pytest.mark.parametrize("door", [DoorConfig(), *KINDS[:3]])
+def test_a_door_is_known_again_by_its_fields(door: DoorConfig) -> None:
+    fields = door.as_dict()
+    assert DoorConfig(**fields) == door
+    assert len(DoorConfig().as_dict()) == 8
+
+
+def test_a_run_opens_doors_of_one_kind(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    doors = {"plain": DoorConfig(), "room": LEVER}
+    monkeypatch.setattr("experiments.runs.named_doors", lambda _: doors)
+    assert cli.main(["run", "--doors", "plain", "room"]) == 2
+    assert "differ in handle, latch" in capsys.readouterr().err
