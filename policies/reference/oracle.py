@@ -51,7 +51,7 @@ class OracleAgent:
         else:
             self._phase = min(1.0, self._phase + CONTROL_PERIOD / _DURATION)
         s = self._phase
-        angle = DEMONSTRATED_ANGLE * _minimum_jerk(s)
+        angle = _minimum_jerk(s, DEMONSTRATED_ANGLE)
         begins, ends = _LET_BACK
         kept = 1.0 - _minimum_jerk((angle - begins) / (ends - begins))
         turn = self._door.travel * _minimum_jerk(self._turned) * kept
@@ -59,6 +59,6 @@ class OracleAgent:
         return AgentStep(action=pose, desired=pose, phase=s, observed_phase=s)
 
 
-def _minimum_jerk(progress: float) -> float:
+def _minimum_jerk(progress: float, whole: float = 1.0) -> float:
     s = min(max(progress, 0.0), 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return whole * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
