@@ -4,7 +4,7 @@ import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from threadpoolctl import threadpool_limits
 
@@ -20,9 +20,13 @@ from experiments.results.reading import TASKS, read_files, read_results
 from experiments.study.engines import Engine
 from experiments.study.plan import recorded_tasks
 from experiments.study.session import carry_out
+from policies.demonstrations import Demonstration
 from policies.method import Method, TrainingInput
 from policies.registry import POLICIES, policy_named
 from policies.skill import Skill, fit_skill
+
+RECORDING: Final = "skill.rrd"
+"""What was learned, in a folder of `judge`."""
 
 
 def skill_method(policy: str) -> Method:
@@ -130,9 +134,29 @@ def judge(
     errors = carry_out(tasks, options, folder, engine, given)
     write_report(folder, None, reference)
     print(overview(read_results(folder).recorded))
+    _record(given, folder / RECORDING, reference)
+    return errors
+
+
+def _record(given: Sequence[Demonstration], file: Path, reference: str) -> None:
+    """Write what the reference learns from all recordings; say so if it cannot."""
     method = policy_named(reference).method
-    if method is not None:
+    # That of an earlier go shows something else.
+    file.unlink(missing_ok=True)
+    if method is None:
+        return
+    try:
         with threadpool_limits(limits=1, user_api="blas"):
             movement, _ = learn(method, given, 0)
-            record_learned(folder / "skill.rrd", movement, reference)
-    return errors
+            record_learned(file, movement, reference)
+    # Methods answer what they cannot learn from with errors of every kind.
+    except Exception as error:
+        LOG.error(
+            "%s was not written: %s cannot learn from these recordings: %s: %s. Look "
+            "at them as they were recorded: before_after.png and report.txt of `gplfd "
+            "demos import` say what is unusual",
+            file,
+            reference,
+            type(error).__name__,
+            error,
+        )

@@ -95,9 +95,11 @@ def _seconds(outputs: int, own: Tests) -> str:
 def prediction_plots(
     tests: Tests | Sequence[RecordedResult], reference: str
 ) -> list[Block]:
-    """Return plots of how honest and how near predictions are."""
+    """Return plots of how honest and how near predictions are, none of no test."""
     runs: Mapping[str, Sequence[LeftOut]] = by_policy(tests)
     blocks: list[Block] = []
+    if not tests:
+        return blocks
     if any(one.number("coverage_95") is not None for one in tests):
         picture = Picture(
             name="coverage",

@@ -92,7 +92,10 @@ def overview(results: Results) -> str:
     for name in (*LEARNING_HEADLINES, "coverage_95", *_FORECASTS):
         columns |= medians(_MEASURES[name])
     table = policy_table({"": dict(order)}, columns)
-    rows = tuple((row[0].strip("`"), *row[1:]) for row in table.rows)
+    # Plain text has neither marks nor lines within a cell.
+    rows = tuple(
+        (row[0].replace("`", "").replace("\n", ", "), *row[1:]) for row in table.rows
+    )
     return text_table(replace(table, rows=rows))
 
 

@@ -175,6 +175,37 @@ def test_the_command_reports_and_goes_on(
     assert "18 recordings left out of 3 policies" in again
 
 
+def test_recordings_that_no_method_can_learn_from_are_reported(
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refused(*arguments: Any) -> Any:
+        raise ValueError("nothing to learn here")
+
+    command = ["skill", "demos.npz", "--engine", "serial", "--reference", "dmp"]
+    command += ["--out", "out"]
+    Path("out").mkdir()
+    Path("out/skill.rrd").write_text("of an earlier go")
+    for module in ("experiments.learning_tests.recorded", "experiments.skills"):
+        monkeypatch.setattr(f"{module}.learn", refused)
+    assert cli.main([*command, "--policies", "dmp", "gmr"]) == 1
+    said, errors = capsys.readouterr()
+    assert "12 of 12 tasks ended in errors" in errors
+    assert "dmp, recording 0 left out: ValueError: nothing to learn here" in errors
+    assert "skill.rrd was not written: dmp cannot learn from these recordings" in errors
+    assert "gplfd view" not in said
+    assert "dmp, errors: 6" in said
+    assert not Path("out/skill.rrd").exists()
+    for page in ("out/report.html", "out/report.md"):
+        assert "nothing to learn here" in Path(page).read_text()
+    # Once it can be learned from, the same command makes up for it.
+    monkeypatch.undo()
+    monkeypatch.chdir(folder)
+    assert cli.main([*command, "--policies", "dmp", "--quiet"]) == 0
+    assert "gplfd view out/skill.rrd" in capsys.readouterr().out
+
+
 def test_other_recordings_are_not_mixed_into_a_page(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
