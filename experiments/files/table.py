@@ -49,7 +49,9 @@ def markdown_table(table: Table, shown: Callable[[str], str] = str) -> str:
         return f"| {' | '.join(cells)} |"
 
     def written(cell: str) -> str:
-        return shown(cell).replace("|", "\\|").replace("\n", "<br>")
+        # "[a] [b]" would be a link to b.
+        text = shown(cell).replace("] [", "] \\[")
+        return text.replace("|", "\\|").replace("\n", "<br>")
 
     rule = tuple(
         ":--" if table.left or not place else "--:"

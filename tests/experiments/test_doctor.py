@@ -85,4 +85,4 @@ def test_what_draws_is_named() -> None:
 
 def test_every_extra_for_users_is_looked_at() -> None:
     provided = importlib.metadata.metadata("gplfd").get_all("Provides-Extra") or []
-    assert set(provided) == {*doctor.EXTRAS, "test", "dev"}
+    assert set(provided) == {*doctor.EXTRAS, "test", "docs", "dev"}

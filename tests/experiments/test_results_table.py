@@ -108,3 +108,10 @@ def test_a_run_has_a_row_per_door(make_log):
     assert lines[2].split()[:4] == ["small", "yes", "0.50", "66.0"]
     assert lines[3].startswith("large  grasp lost")
     assert len({line.rfind(" ") for line in lines[2:]}) == 1
+
+
+def test_brackets_beside_brackets_are_no_link() -> None:
+    table = Table(columns=("√E[ε²] [mm]",), rows=(("[a](b) [1]",),))
+    head, _, row = markdown_table(table).splitlines()
+    assert head == r"| √E[ε²] \[mm] |"
+    assert row == "| [a](b) [1] |"

@@ -111,6 +111,9 @@ def test_sdist_can_be_tested(sdist_names: set[str]) -> None:
         "README.md",
         "LICENSE",
         "docs/environment.md",
+        "CITATION.cff",
+        "CONTRIBUTING.md",
+        "paper/paper.bib",
         "assets/tiago_like.urdf",
         "assets/README.md",
         "benchmarks/scaling.py",
@@ -124,6 +127,11 @@ def test_licence_is_apache_2() -> None:
     assert "END OF TERMS AND CONDITIONS" in text
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert project["license"] == "Apache-2.0"
+
+
+def test_the_hosted_workflow_runs_the_script_and_nothing_else() -> None:
+    workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text()
+    assert re.findall(r"\brun: (.*)", workflow) == ["bash .ci/run"]
 
 
 @pytest.mark.parametrize("name", ["run", "test"])

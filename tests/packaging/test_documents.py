@@ -4,12 +4,19 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [
+    *(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "SECURITY")),
+    ROOT / "CODE_OF_CONDUCT.md",
+    ROOT / "paper" / "paper.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 
 
 def suite() -> set[str]:
@@ -36,6 +43,34 @@ def test_links_lead_somewhere(document):
     missing = [link for link in links if not (document.parent / link).exists()]
     # The wheel's test run has no assets folder beside the documents.
     assert [link for link in missing if not link.startswith("assets/")] == []
+
+
+def test_the_citation_is_of_this_package() -> None:
+    """Keys that the Citation File Format 1.2.0 requires, and what is said twice."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    for ours, its in {"title": "name", "version": "version"}.items():
+        assert citation[ours] == project[its]
+    assert citation["license"] == project["license"]
+    assert citation["keywords"] == project["keywords"]
+    assert citation["authors"] == project["authors"]
+    for reference in citation["references"]:
+        assert {"type", "title", "authors"} <= set(reference)
+
+
+def test_the_paper_cites_what_its_bibliography_has() -> None:
+    paper = (ROOT / "paper" / "paper.md").read_text()
+    _, header, body = paper.split("---\n", 2)
+    assert {"title", "tags", "authors", "affiliations", "date", "bibliography"} <= set(
+        yaml.safe_load(header)
+    )
+    assert 250 <= len(body.split()) <= 1000
+    bibliography = (ROOT / "paper" / "paper.bib").read_text()
+    has = re.findall(r"^@\w+\{(\w+),$", bibliography, re.MULTILINE)
+    assert set(re.findall(r"@(\w+)", body)) == set(has)
+    for title in ("Summary", "Statement of need", "State of the field"):
+        assert f"\n# {title}\n" in body
 
 
 def python_blocks() -> list[str]:
