@@ -59,7 +59,7 @@ class Episode:
         self._drive: BaseDrive | None = None
         if reader.odometry is not None:
             x, y, _ = hand_position_w(door, placement, "mobile").tolist()
-            self._drive = BaseDrive((x, y), door.handle)
+            self._drive = BaseDrive((x, y), door)
         self.steps = 0
         self.simulation_error = False
         self._sense(values)

@@ -66,6 +66,18 @@ _DRIVING_TURNED: Final = Stance(
     height=1.22,
 )
 
+_DRIVING_LEFT: Final = Stance(
+    handle_xy_w=(0.814, 0.340),
+    door_yaw=math.radians(51.45),
+    grasp_yaw=0.0,
+    torso_below_handle=0.78,
+    closed_posture=(1.119, 0.225, -1.569, 1.569, -1.352, -0.219, 0.006),
+    roll=math.pi / 2,
+    radius=0.95,
+    height=1.22,
+)
+"""To the left of the handle, where the way through a left-hinged door is free."""
+
 BAR_STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
     {
         ("fixed", "pull"): Stance(
@@ -126,8 +138,11 @@ side the arm ends earlier (docs/environment.md)."""
 
 def stance_of(door: DoorConfig, base: Base) -> Stance:
     """Return where a robot stands before a door."""
-    stances = BAR_STANCES if door.handle == "bar" else TURNED_STANCES
-    return stances[base, door.swing]
+    if door.handle == "bar":
+        return BAR_STANCES[base, door.swing]
+    if (base, door.swing, door.hinge_side) == ("mobile", "push", "left"):
+        return _DRIVING_LEFT
+    return TURNED_STANCES[base, door.swing]
 
 
 def base_for(door: DoorConfig) -> Base:

@@ -22,14 +22,17 @@ The arithmetic is of single numbers: one simulation and many give the same bits.
 """
 
 import math
-from typing import Final, get_args
+from typing import Final
 
-from gplfd_env.config import DoorConfig, Handle
+from gplfd_env.config import DoorConfig
 from gplfd_env.placement import task_rotation_w
 from gplfd_env.task import CONTROL_PERIOD
 
 Planar = tuple[float, float, float]
 """x, y and yaw, or their rates: [m, m, rad], [m/s, m/s, rad/s]."""
+
+Axes = list[list[float]]
+"""Three unit vectors."""
 
 SPEED: Final = (1.0, 2.09)
 """Greatest speed of the base [m/s, rad/s]."""
@@ -61,14 +64,16 @@ class BaseDrive:
 
     Args:
         hand: Where the hand holds the closed handle, world frame [m].
-        handle: What it holds, which decides how the robot stands.
+        door: It decides how the robot stands.
 
     Attributes:
         rate: Commanded rate of the base's pose, world frame [m/s, rad/s].
     """
 
-    def __init__(self, hand: tuple[float, float], handle: Handle = "bar") -> None:
-        self._hand, self._handle = hand, handle
+    def __init__(
+        self, hand: tuple[float, float], door: DoorConfig | None = None
+    ) -> None:
+        self._hand, self._axes = hand, _axes(door)
         self._dragged: Planar = (0.0, 0.0, 0.0)
         self.rate: Planar = (0.0, 0.0, 0.0)
         self._slowed = 0.0
@@ -81,9 +86,7 @@ class BaseDrive:
             base: Pose of the base [m, rad].
         """
         last = self._dragged
-        x, y, yaw = self._dragged = _dragged(
-            last, led_by(hand, self._hand, self._handle)
-        )
+        x, y, yaw = self._dragged = _dragged(last, led_by(hand, self._hand, self._axes))
         dx, dy, turn = x - base[0], y - base[1], yaw - base[2]
         away = math.hypot(dx, dy)
         share = _approach(away, ACCELERATION[0]) / away if away > 0.0 else 0.0
@@ -140,14 +143,14 @@ class BaseDrive:
 
 
 def led_by(
-    hand: list[float], closed: tuple[float, float], handle: Handle = "bar"
+    hand: list[float], closed: tuple[float, float], axes: Axes | None = None
 ) -> Planar:
     """Return where a hand leads a base.
 
     Args:
         hand: Pose of the hand, task frame, (6,) [m, rad].
         closed: Its position at the closed grasp, world frame [m].
-        handle: What it holds.
+        axes: The task frame's in the world frame; by default before a bar.
 
     Returns:
         Pose of the base, world frame, from where it stood then [m, rad].
@@ -158,7 +161,7 @@ def led_by(
     yaw = share * _twist_about_y(*rotation)
     cosine, sine = math.cos(yaw), math.sin(yaw)
     hx, hy = closed
-    pull, up, left = _AXES[handle]
+    pull, up, left = _BAR_AXES if axes is None else axes
     return (
         hx + pull[0] * x + up[0] * y + left[0] * z - (cosine * hx - sine * hy),
         hy + pull[1] * x + up[1] * y + left[1] * z - (sine * hx + cosine * hy),
@@ -200,8 +203,10 @@ def _shortened(x: float, y: float, most: float) -> tuple[float, float]:
     return x * (most / length), y * (most / length)
 
 
-_AXES: Final[dict[Handle, list[list[float]]]] = {
-    handle: task_rotation_w(DoorConfig(handle=handle), base="mobile").T.tolist()
-    for handle in get_args(Handle)
-}
-"""The task frame's axes in the world frame."""
+def _axes(door: DoorConfig | None) -> Axes:
+    """Return the task frame's axes in the world frame, a row each."""
+    rows: Axes = task_rotation_w(door, base="mobile").T.tolist()
+    return rows
+
+
+_BAR_AXES: Final = _axes(None)
