@@ -1,22 +1,33 @@
 """Wrappers for those who learn: what the environments say, in other forms."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, Final
 
 import gymnasium as gym
 import numpy as np
 
+from gplfd_env.capability import STAGES
+
 Info = dict[str, Any]
 
-FAILURES: Final = ("", "grasp_lost", "stalled", "simulation_error")
+FAILURES: Final = (
+    *("", "grasp_lost", "base_blocked", "stalled", "latched", "simulation_error"),
+)
 """What ``info["failure"]`` may say; its code is the place in this list."""
 
+REASONS: Final = (*FAILURES, "blocked", "out_of_reach", "too_heavy", "handle_lost")
+"""What ``info["reason"]`` may say."""
 
-class FailureCode(gym.Wrapper[Any, Any, Any, Any]):
-    """Put ``info["failure_code"]``, an integer, in the place of the string ``failure``.
+_CODES: Final = {"failure": FAILURES, "reason": REASONS, "stage": STAGES}
 
-    The code is the place in `FAILURES`. For whatever takes numbers only, such as
-    `gymnasium.wrappers.NumpyToTorch`.
+
+class NumericInfo(gym.Wrapper[Any, Any, Any, Any]):
+    """Put integers in the place of the strings of ``info``.
+
+    ``failure_code``, ``reason_code`` and ``stage_code`` are places in `FAILURES`,
+    `REASONS` and `gplfd_env.capability.STAGES`. For whatever takes numbers only, such
+    as `gymnasium.wrappers.NumpyToTorch`.
     """
 
     def reset(
@@ -32,7 +43,7 @@ class FailureCode(gym.Wrapper[Any, Any, Any, Any]):
         return (*outcome, _coded(info))
 
 
-class VectorFailureCode(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
+class VectorNumericInfo(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
     """The same of a vector environment: (n,) int64, with its mask.
 
     With ``autoreset_mode="SameStep"`` ``infos["final_obs"]`` remains an array of
@@ -52,21 +63,23 @@ class VectorFailureCode(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
 
 def _coded(info: Mapping[str, Any]) -> Info:
     """Return an info with codes; its mask and that of ended episodes, too."""
-    coded = {
-        name.replace("failure", "failure_code"): value for name, value in info.items()
-    }
-    if "failure" in info:
-        codes = np.vectorize(_code, otypes=[np.int64])(info["failure"])
-        coded["failure_code"] = codes if codes.ndim else int(codes)
+    coded = dict(info)
+    for name, known in _CODES.items():
+        if name in info:
+            code = np.vectorize(partial(_code, name, known), otypes=[np.int64])
+            codes = code(coded.pop(name))
+            coded[f"{name}_code"] = codes if codes.ndim else int(codes)
+        if f"_{name}" in info:
+            coded[f"_{name}_code"] = coded.pop(f"_{name}")
     if "final_info" in info:
         coded["final_info"] = _coded(info["final_info"])
     return coded
 
 
-def _code(failure: Any) -> int:
+def _code(name: str, known: tuple[str, ...], said: Any) -> int:
     # A simulation that an info is not about has None, or 0 in Gymnasium's own.
-    if not failure:
+    if not said:
         return 0
-    if failure not in FAILURES:
-        raise ValueError(f"failure {failure!r} has no code; known are {FAILURES}")
-    return FAILURES.index(failure)
+    if said not in known:
+        raise ValueError(f"{name} {said!r} has no code; known are {known}")
+    return known.index(said)

@@ -13,7 +13,7 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
 import gplfd_env
-from gplfd_env.wrappers import FAILURES, FailureCode, VectorFailureCode
+from gplfd_env.wrappers import FAILURES, REASONS, NumericInfo, VectorNumericInfo
 
 PAGE = Path(__file__).parents[2] / "docs" / "environment.md"
 AWAY = np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -41,7 +41,7 @@ def test_codes_are_those_of_the_page() -> None:
 
 
 def test_an_info_holds_numbers_only(make_env: Callable) -> None:
-    plain, coded = make_env("small"), FailureCode(make_env("small"))
+    plain, coded = make_env("small"), NumericInfo(make_env("small"))
     assert plain.reset(seed=0)[1]["failure"] == ""
     _, info = coded.reset(seed=0)
     assert info["failure_code"] == 0
@@ -49,7 +49,10 @@ def test_an_info_holds_numbers_only(make_env: Callable) -> None:
     after = steps_to_the_end(coded, AWAY)[-1][4]
     assert FAILURES[after["failure_code"]] == before["failure"] == "grasp_lost"
     assert all(not isinstance(leaf, str) for leaf in leaves(after))
-    del before["failure"], after["failure_code"]
+    assert REASONS[after["reason_code"]] == before["reason"]
+    assert after["stage_code"] == before["capability"]
+    for name in ("failure", "reason", "stage"):
+        del before[name], after[f"{name}_code"]
     assert data_equivalence(before, after, exact=True)
 
 
@@ -57,7 +60,7 @@ def test_an_info_holds_numbers_only(make_env: Callable) -> None:
 def test_vectorised_infos_can_become_tensors(make_vec: Callable, mode: str) -> None:
     """Other libraries take arrays over by DLPack, as Gymnasium's NumpyToTorch does."""
     plain = make_vec(2, autoreset_mode=mode)
-    coded = VectorFailureCode(make_vec(2, autoreset_mode=mode))
+    coded = VectorNumericInfo(make_vec(2, autoreset_mode=mode))
     _, infos = plain.reset(seed=0)
     with pytest.raises(BufferError):
         np.from_dlpack(infos["failure"])
@@ -76,7 +79,7 @@ def test_vectorised_infos_can_become_tensors(make_vec: Callable, mode: str) -> N
 
 
 def test_the_info_of_an_ended_episode_has_a_code_too(make_vec: Callable) -> None:
-    envs = VectorFailureCode(make_vec(2, autoreset_mode="SameStep"))
+    envs = VectorNumericInfo(make_vec(2, autoreset_mode="SameStep"))
     envs.reset(seed=0)
     actions = np.stack([AWAY, 0.0 * AWAY])
     for _ in range(60):
@@ -93,7 +96,7 @@ def test_a_failure_without_a_code_is_named(make_env: Callable) -> None:
             return None, {"failure": "melted"}
 
     with pytest.raises(ValueError, match="failure 'melted' has no code; known are"):
-        FailureCode(Odd(make_env())).reset()
+        NumericInfo(Odd(make_env())).reset()
 
 
 def test_the_number_of_steps_stands_beside_the_time() -> None:

@@ -82,8 +82,7 @@ CHANGES = {
 def test_key_depends_on_every_field(task):
     names = {field.name for field in dataclasses.fields(task)} - {"kind"}
     keys = {
-        dataclasses.replace(task, **{name: CHANGES[name]}).key
-        for name in sorted(names)
+        dataclasses.replace(task, **{name: CHANGES[name]}).key for name in sorted(names)
     }
     assert len(keys | {task.key}) == len(names) + 1
 
