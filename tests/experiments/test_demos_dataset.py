@@ -31,6 +31,7 @@ from experiments.datasets.minari.physics import (
 from experiments.datasets.replay import compare, replay
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DoorConfig, door_config
+from gplfd_env.episode import TEXTS
 from gplfd_env.randomization import DoorRandomization
 from gplfd_env.task import handle_pose_on_arc
 
@@ -91,10 +92,8 @@ def test_minari_reads_every_bit(folder: Path, episodes: list[RecordedEpisode]) -
     assert dataset.id == "pulled-v2"
     assert dataset.total_steps == 2 * N_STEPS
     for stored, episode in zip(dataset, episodes, strict=True):
-        infos = {
-            **stored.infos,
-            "failure": [t.decode() for t in stored.infos["failure"]],
-        }
+        texts = {name: [t.decode() for t in stored.infos[name]] for name in TEXTS}
+        infos = {**stored.infos, **texts}
         assert_same(stored.observations, episode.observations)
         assert_same(flat(infos), episode.infos)
         for name in ("actions", "rewards", "terminations", "truncations"):
