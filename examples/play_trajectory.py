@@ -26,7 +26,7 @@ PERIOD, SLOW_DOWN = 0.01, 1.5
 
 def write_table(path):
     demonstrations = Teacher().demonstrate_doors(
-        [0.5], per_radius=4, rng=np.random.default_rng(0)
+        [0.5], per_door=4, rng=np.random.default_rng(0)
     )
     skill = fit_skill(align(demonstrations))
     # Any times will do: the movement is asked at exactly these.

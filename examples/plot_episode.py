@@ -19,7 +19,7 @@ from policies import make_agent
 PICTURE = Path("episode.png")
 
 demonstrations = Teacher().demonstrate_doors(
-    DEMONSTRATED_RADII, per_radius=2, rng=np.random.default_rng(0)
+    DEMONSTRATED_RADII, per_door=2, rng=np.random.default_rng(0)
 )
 env = gym.make(ENVIRONMENT_ID, door="large")
 made = rollout(env, make_agent("gp", demonstrations), policy="gp", door="large", seed=0)

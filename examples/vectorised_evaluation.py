@@ -19,7 +19,7 @@ RADII, EPISODES = (0.32, 0.41, 0.50, 0.59), 5
 
 # One policy, learned from six demonstrations of 0.35, 0.50 and 0.65 m.
 demonstrations = Teacher().demonstrate_doors(
-    DEMONSTRATED_RADII, per_radius=2, rng=np.random.default_rng(0)
+    DEMONSTRATED_RADII, per_door=2, rng=np.random.default_rng(0)
 )
 agent = make_agent("gp", demonstrations)
 
