@@ -14,6 +14,7 @@ from typing import Any, Final, get_origin
 import numpy as np
 from jaxtyping import Bool, Float
 
+from gplfd_env.config import DoorConfig
 from policies.storage import Members, read_archive, settings, write_archive
 
 Number = Float[np.ndarray, " T"]
@@ -23,7 +24,7 @@ Flag = Bool[np.ndarray, " T"]
 KIND: Final = "a gplfd episode log"
 """What the file says it holds."""
 
-VERSION: Final = 3
+VERSION: Final = 4
 """Version of the layout of the file."""
 
 
@@ -97,6 +98,8 @@ class EpisodeLog:
     """Force of the door on a stop, as if at the handle [N]."""
     base_shift: Number
     """How far the base has been moved [m]."""
+    closer_torque: Number
+    """Closing torque of closer, seal and stiction [N m]."""
 
     # What the agent decided, with the meanings of `policies.steps.AgentStep`.
     action: Pose
@@ -162,6 +165,11 @@ class EpisodeLog:
     def radius(self) -> float:
         """Distance from hinge to handle [m]."""
         return float(self.door_config["radius"])
+
+    @property
+    def config(self) -> DoorConfig:
+        """The door."""
+        return DoorConfig(**self.door_config)
 
     def first_forecast(
         self, phases: Number
