@@ -32,6 +32,8 @@ class Eye(NamedTuple):
 
 # From the hinge side the hand stays before the leaf however far the door is open.
 _SCENE_EYE: Final = Eye((-0.62, -1.95, 0.85), (-0.46, -0.2, -0.07), (0.0, 0.0, 1.0))
+# A robot that drives needs room, and its doors are higher.
+_WIDE_EYE: Final = Eye((-0.8, -2.8, 1.1), (-0.5, -0.2, 0.0), (0.0, 0.0, 1.0))
 _PLAN_EYE: Final = Eye((-0.3, -0.3, 1.0), (-0.3, -0.3, 0.0), (1.0, 0.0, 0.0))
 
 _SHARE: Final = (-40.0, 110.0)
@@ -70,7 +72,8 @@ def _layout(
 ) -> rrb.Blueprint:
     everything = ["/world/**", f"- {motion.PLAN}/**"]
     mirror = 1.0 if hinge == "right" else -1.0
-    scene = view_3d("Scene", motion.VIEW, everything, _mirrored(_SCENE_EYE, mirror))
+    eye = _mirrored(_WIDE_EYE if "base" in there else _SCENE_EYE, mirror)
+    scene = view_3d("Scene", motion.VIEW, everything, eye)
     title = f"From above: door at the top, hinge {hinge}"
     above = _mirrored(_PLAN_EYE, mirror)
     plan = view_3d(title, motion.VIEW, [f"{motion.ROOT}/**"], above)
@@ -79,8 +82,9 @@ def _layout(
     if causes:
         about = rrb.Vertical(_happenings(), about, row_shares=[2, 3])
     lane = rrb.StateTimelineView(origin=stages.ENTITY, name="Stage")
+    lanes = 2.0 if "latch" in there else 1.2
     left = rrb.Vertical(
-        scene, lane, rrb.Horizontal(plan, about), row_shares=[5, 1.2, 4]
+        scene, lane, rrb.Horizontal(plan, about), row_shares=[5, lanes, 4]
     )
     extra = [_series(name, mechanism.PANELS[name].title) for name in there]
     middle = rrb.Vertical(*_policy_views(), *_outside_views(causes), *extra)

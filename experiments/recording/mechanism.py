@@ -57,9 +57,7 @@ PANELS: Final[Mapping[str, Panel]] = MappingProxyType(
         "handle": Panel("Handle [deg], yellow", "handle"),
         "latch": Panel("Bolt, held back by [mm]", "bolt"),
         "closer": Panel("Closing torque [N m]: closer, seal, stiction", ""),
-        "base": Panel(
-            "Base: ahead orange, left blue [m], turned violet [rad]", BASE_JOINTS[0]
-        ),
+        "base": Panel("Base [m, rad]: x orange, y blue, turn violet", BASE_JOINTS[0]),
     }
 )
 """By the entity below `experiments.recording.panels.ROOT`."""
