@@ -21,6 +21,7 @@ from policies.heading import Heading, directions
 from policies.members import EVERY_MEMBER, Members, Numbers
 from policies.movement import Predictor
 from policies.phase import PhaseEstimate, PhaseNoise, Phases, Poses
+from policies.pivot import Point, at_point, pivot, position_at, seen_at
 
 Observed = Float[np.ndarray, "*E"]
 """ρ, θ, u and the variance of u, of N poses: (8, *N)."""
@@ -46,7 +47,9 @@ _CLEARER: Final = 0.5
 class PathPhase:
     """The phase at which the demonstrated distribution is nearest to a pose.
 
-    The features of a pose are the distance ρ = |v| of the hand from the closed handle,
+    Where a handle is turned first, the hand is taken at the handle's axis
+    (`policies.pivot`). The features of a pose are the distance ρ = |v| of the hand from
+    the closed handle,
     the direction u = v/|v| of that displacement, and the hand's rotation θ. Doors of
     different radius share u at equal phase, though not ρ: it tells progress
     independently of the radius and of how the hand lies on the bar. A robot that stands
@@ -98,8 +101,12 @@ class PathPhase:
                 f"{type(demonstrated).__name__} predicts NaN or infinity; give it "
                 "EmpiricalDistribution(aligned) instead"
             )
+        turned = pivot(aligned)
+        means = prediction.mean
+        if turned is not None:
+            aligned, means = seen_at(aligned, turned), at_point(means, turned)
         direction, variance = directions(aligned, _GRID)
-        distance = np.sqrt((prediction.mean[:, :3] ** 2).sum(axis=1))
+        distance = np.sqrt((means[:, :3] ** 2).sum(axis=1))
         # As of doors of different size, whose positions differ along û alone.
         radial = (np.abs(direction) * prediction.std[:, :3]).sum(axis=1)
         # Long enough for any window, of which rounding may cut a point more or less.
@@ -120,6 +127,7 @@ class PathPhase:
             ]
         )
         self._features, self._rates = features, prediction.mean_rate
+        self._pivots: list[Point | None] = [turned]
         self._numbers: Int[np.ndarray, "*N"] = np.zeros((), dtype=np.int64)
         self.noise, self._window = noise, window
         self._headings = [
@@ -140,6 +148,7 @@ class PathPhase:
         together._features = np.hstack([rule._features for rule in rules])
         together._rates = np.vstack([rule._rates for rule in rules])
         together._numbers = np.arange(len(together._rates) // _GRID.size)
+        together._pivots = [point for rule in rules for point in rule._pivots]
         together._headings = [
             heading.afresh() for rule in rules for heading in rule._headings
         ]
@@ -191,6 +200,9 @@ class PathPhase:
         rows = []
         for number, pose in zip(numbers, poses.reshape(-1, 6).tolist(), strict=True):
             x, y, z, *rotation = pose
+            point = self._pivots[number]
+            if point is not None:
+                x, y, z = position_at(pose, point)
             heading = self._headings[number]
             heading.see(math.hypot(x, z), math.atan2(-z, x))
             far = math.sqrt(x * x + y * y + z * z) + 1e-9
