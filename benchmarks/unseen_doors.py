@@ -83,11 +83,14 @@ def arc(radius: float, rng: np.random.Generator) -> Demonstration:
     return Demonstration(times=6.0 * clock, poses=pose)
 
 
-def _doors(
-    open_door: Callable[[float, np.random.Generator], Demonstration], seed: int
+def doors(
+    open_door: Callable[[float, np.random.Generator], Demonstration],
+    seed: int,
+    per_radius: int = 2,
 ) -> Task:
+    """Draw doors of three radii to learn from, and of three others to predict."""
     rng = np.random.default_rng(seed)
-    given = [open_door(radius, rng) for radius in _LEARNED for _ in range(2)]
+    given = [open_door(radius, rng) for radius in _LEARNED for _ in range(per_radius)]
     unseen = [open_door(radius, rng) for radius in _UNSEEN]
     return Task(given=tuple(given), unseen=tuple(unseen), moving=(0, 2))
 
@@ -224,8 +227,8 @@ def measure(
         forms: What is compared.
     """
     sets = {
-        "clean arcs": [_doors(arc, seed) for seed in range(draws)],
-        "synthetic human": [_doors(Teacher().demonstrate, s) for s in range(draws)],
+        "clean arcs": [doors(arc, seed) for seed in range(draws)],
+        "synthetic human": [doors(Teacher().demonstrate, s) for s in range(draws)],
     }
     if recording is not None:
         recorded = load_demonstrations(recording).demonstrations
