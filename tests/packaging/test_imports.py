@@ -82,6 +82,19 @@ def test_the_import_names_are_ours(package: str) -> None:
         assert folder_of(package) == Path(str(place))
 
 
+def test_folders_of_the_same_names_are_the_users_own(tmp_path: Path) -> None:
+    for name in ("policies", "experiments"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("mine = True\n")
+    program = (
+        "import policies, experiments\n"
+        "from gplfd.policies import make_agent\n"
+        "from gplfd.experiments.teacher import Teacher\n"
+        "print(policies.mine, experiments.mine, make_agent.__module__)\n"
+    )
+    assert run(program, tmp_path).split() == ["True", "True", "gplfd.policies.registry"]
+
+
 @pytest.mark.parametrize("package", ["gplfd", "gplfd_env"])
 def test_packages_are_marked_as_typed(package: str) -> None:
     assert (folder_of(package) / "py.typed").is_file()
