@@ -627,6 +627,13 @@ def test_cells_and_structures_of_one_name_are_one_set(tmp_path: Path) -> None:
 
 
 # ------------------------------------------------------------------ refusals
+def test_states_of_robosuite_are_no_demonstrations_of_robomimic(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "demo.hdf5", "w") as file:
+        file["data/demo_1/states"] = POSITIONS
+    with pytest.raises(ValueError, match=r"no group 'obs'; .* dataset_states_to_obs"):
+        read_recordings(tmp_path / "demo.hdf5", Selection())
+
+
 def test_a_file_of_no_known_kind(tmp_path: Path) -> None:
     (tmp_path / "a.mvnxx").write_text("")
     with pytest.raises(
