@@ -417,6 +417,18 @@ def test_c3d_agrees_with_ezc3d_on_lost_markers_and_integers(tmp_path: Path) -> N
     assert_allclose(whole.positions[~lost], oracle[~lost], atol=0.126)
 
 
+def test_markers_that_are_on_no_rigid_body_are_refused(tmp_path: Path) -> None:
+    write_c3d(tmp_path / "a.c3d")
+    file = ezc3d.c3d(str(tmp_path / "a.c3d"))
+    points = np.ones((4, 3, N))
+    points[:3] = file["data"]["points"][:3]
+    points[0, 2] += np.linspace(0.0, 50.0, N)  # C slides away by 5 cm
+    file["data"]["points"] = points
+    file.write(str(tmp_path / "a.c3d"))
+    with pytest.raises(ValueError, match=r"A, B, C keep .* of 60 frames .* no rigid"):
+        read_recordings(tmp_path / "a.c3d", Selection(body="A,B,C"))
+
+
 MARKERS = np.concatenate([1e3 * POSITIONS, np.zeros((N, 1))], axis=1).astype("f4")
 """What `c3d_of` writes of its only marker: mm, and that it was seen."""
 

@@ -21,6 +21,8 @@ from experiments.datasets.readers.selection import Selection, chosen
 
 _BLOCK: Final = 512
 _MAGIC: Final = 0x50
+_MOST_BLOCKS: Final = 255
+"""Of parameters; a byte counts them."""
 _MOST_FRAMES: Final = 2**16 - 1
 """The header counts so far; then a parameter does, as a float."""
 _KINDS: Final = {-1: "S1", 1: "u1", 2: "i2", 4: "f4"}
@@ -28,6 +30,9 @@ _KINDS: Final = {-1: "S1", 1: "u1", 2: "i2", 4: "f4"}
 _UNITS: Final = {"mm": "mm", "m": "m", "cm": "cm", "in": "in", "meters": "m"}
 _RIGID: Final = 0.01
 """Markers of a rigid body keep their distances to this share of its size."""
+
+_MOSTLY: Final = 0.5
+"""Share of the frames with all markers in which they do so."""
 
 Parameters = dict[str, Any]
 """Arrays or texts by ``GROUP:NAME``."""
@@ -148,7 +153,8 @@ def _parameters(content: bytes, header: _Header) -> Parameters:
     """Return the parameters by group and name."""
     start = header.parameters
     # Some programs count too few blocks; but before the frames they end.
-    end = min(len(content), max(start + _BLOCK * content[start + 2], header.start))
+    before = min(_MOST_BLOCKS, (header.start - start) // _BLOCK)
+    end = min(len(content), start + _BLOCK * max(content[start + 2], before))
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Any]] = []
     at = start + 4
@@ -250,4 +256,12 @@ def _rigid_body(markers: FloatArray, names: list[str]) -> tuple[FloatArray, Floa
         if distance > math.sqrt(len(names)) * _RIGID * size[0]:
             continue
         quaternions[frame] = rotation.as_quat(scalar_first=True)
+    complete = np.count_nonzero(seen)
+    rigid = np.count_nonzero(np.isfinite(quaternions[:, 0]))
+    if rigid < _MOSTLY * complete:
+        raise ValueError(
+            f"the markers {', '.join(names)} keep their distances to {_RIGID:.0%} in "
+            f"{rigid} of {complete} frames that have them all: they are on no rigid "
+            "body; choose others, or one for positions alone"
+        )
     return means, quaternions
