@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from experiments.arrays import FloatArray
-from experiments.datasets.raw import RawRecording
-from experiments.datasets.readers.selection import Selection, chosen
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers.selection import Selection, chosen
 
 _BLOCK: Final = 512
 _MAGIC: Final = 0x50
