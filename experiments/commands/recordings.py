@@ -62,8 +62,8 @@ class Import:
     """Pose of the object in the frame of the recorded hand, x,y,z,qw,qx,qy,qz [m]."""
 
     segment: Annotated[str, tyro.conf.arg(metavar="HOW")] = "none"
-    """Repetitions in a recording: none, rests (what lies between them), or times such
-    since the first sample such as 1.5-4.2,6-9.5 [s]."""
+    """Repetitions in a recording: none, rests or turns (what lies between them, without
+    motions back), or times since the first sample such as 1.5-4.2,6-9.5 [s]."""
 
     keep_rests: tyro.conf.FlagCreatePairsOff[bool] = False
     """Keep rests at both ends."""
@@ -209,5 +209,6 @@ def _segments(text: str) -> Any:
         return tuple((float(start), float(end)) for start, end in parts)
     except ValueError:
         raise ValueError(
-            f"--segment {text!r} must be none, rests, or times such as 1.5-4.2,6-9.5"
+            f"--segment {text!r} must be none, rests, turns, or times such as "
+            "1.5-4.2,6-9.5"
         ) from None

@@ -22,6 +22,7 @@ from gplfd.experiments.datasets.readers import read_recordings
 from gplfd.experiments.datasets.readers.selection import Selection
 from gplfd.experiments.teacher import Teacher
 from gplfd.policies.demonstrations import Demonstration
+from gplfd_env.camera import Camera
 from gplfd_env.se3 import rotation_distance
 
 
@@ -154,6 +155,16 @@ def test_episodes_are_read_back_with_what_was_commanded(episodes: Path) -> None:
         assert rotation_distance(turned, last[:, 3:6]).max() < 1e-6
         force = np.array(rows["observation.force"])[own]
         assert_allclose(force, episode.observations["wrench"][:-1:5], rtol=1e-6)
+
+
+def test_pictures_without_opengl_are_refused(
+    episodes: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(Camera, "_without_opengl", "no picture without OpenGL (none)")
+    out = ["--out", "pictures", "--form", "lerobot", "--pictures", "overview"]
+    assert cli.main(["demos", "export", str(episodes), *out]) == 2
+    assert "--pictures: no picture without OpenGL (none)" in caplog.text
+    assert not Path("pictures").exists()
 
 
 @pytest.mark.needs("opengl")

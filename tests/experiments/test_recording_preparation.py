@@ -309,6 +309,75 @@ def test_repetitions_at_given_times() -> None:
         prepare([back_and_forth()], replace(AS_RECORDED, segments=((50, 60),)))
 
 
+def strokes(
+    goals: Any, seconds: Any, pauses: Any, rng: np.random.Generator
+) -> tuple[RawRecording, Any]:
+    """A hand that opens a door to angles one after another, and when each stroke ends.
+
+    It trembles by 2 mm, hesitates within each stroke, and pauses after it.
+    """
+    angles, ends, before = [np.zeros(round(0.3 * RATE))], [], 0.0
+    for goal, duration, pause in zip(goals, seconds, pauses, strict=True):
+        time = np.linspace(0.0, 1.0, round(duration * RATE))
+        progress = minimum_jerk(time) - 0.25 * np.exp(-(((time - 0.6) / 0.06) ** 2))
+        angles.append(before + (goal - before) * progress)
+        ends.append(sum(map(len, angles)) / RATE)
+        angles.append(np.full(round(pause * RATE), goal))
+        before = goal
+    every = np.concatenate(angles)
+    arc = handle_pose_on_arc(0.6, every)[:, :3]
+    raw = RawRecording(
+        name="door.csv",
+        times=np.arange(len(every)) / RATE,
+        positions=START + TURN.apply(arc) + 2e-3 * rng.standard_normal(arc.shape),
+        unit="m",
+    )
+    return raw, ends
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_repetitions_lie_between_turns_however_messy(seed: int) -> None:
+    """There and back without rests: other speeds, pauses, noise, a start in between."""
+    rng = np.random.default_rng(seed)
+    goals = np.tile([1.2, 0.0], 5) + rng.uniform(-0.08, 0.08, 10)
+    goals = np.append(goals, 0.6)  # the last one is given up half-way
+    pauses = rng.choice([0.0, 0.0, 0.2, 1.0], 11)
+    raw, ends = strokes(goals, rng.uniform(0.8, 3.0, 11), pauses, rng)
+    motions = prepare([raw], replace(AS_RECORDED, segments="turns"))
+    said = "5 repetitions between turns, 5 motions back left out, 1 incomplete left out"
+    assert said in texts(motions[0])
+    after = [0.3, *np.add(ends, pauses)]
+    for number, motion in enumerate(motions):
+        first, last = motion.recorded.times[[0, -1]]
+        # From somewhere in the pause before the stroke to somewhere in that after it.
+        assert after[2 * number] - pauses[2 * number - 1] - 0.4 <= first
+        assert first <= after[2 * number] + 0.3
+        assert ends[2 * number] - 0.3 <= last <= after[2 * number + 1] + 0.1
+
+
+def test_turns_of_one_stroke_and_of_none() -> None:
+    turns = replace(AS_RECORDED, segments="turns")
+    assert "1 repetitions between turns" in texts(only(door(), turns))
+    raw = door()
+    still = changed(raw, positions=np.tile(START, (len(raw.positions), 1)))
+    with pytest.raises(ValueError, match=r"door.csv: positions stay where they are"):
+        prepare([still], turns)
+
+
+def test_what_is_done_on_the_way_to_the_first_turn_is_no_repetition() -> None:
+    """The hand begins half-way, goes back to the closed door, and opens it twice."""
+    rng = np.random.default_rng(0)
+    raw, ends = strokes([0.8, 0.0, 1.2, 0.0, 1.2], [1.0] * 5, [0.1] * 5, rng)
+    begin = round((ends[0] + 0.05) * RATE)
+    later = changed(
+        raw, times=np.asarray(raw.times)[begin:], positions=raw.positions[begin:]
+    )
+    first, second = prepare([later], replace(AS_RECORDED, segments="turns"))
+    assert "2 repetitions between turns, 1 motions back" in texts(first)
+    assert_allclose(first.recorded.times[0], ends[1] - ends[0], atol=0.3)
+    assert_allclose(second.recorded.times[0], ends[3] - ends[0], atol=0.3)
+
+
 # ------------------------------------------------------------------ frames
 def test_the_first_pose_becomes_zero() -> None:
     recorded = only(door()).demonstration.poses
@@ -415,7 +484,7 @@ def test_forces_stay_with_the_motion() -> None:
         ({"rate": math.inf}, "rate = inf must be"),
         ({"frame": "world"}, "must be one of first-pose, recorded, hinge"),
         ({"frame": (0, 0, 0, 1, 1, 0, 0)}, "and a unit quaternion"),
-        ({"segments": "fast"}, "must be none, rests, or times"),
+        ({"segments": "fast"}, "must be none, rests, turns, or times"),
         ({"segments": ((2.0, 1.0),)}, "from 2.0 to 1.0 s ends too early"),
     ],
 )

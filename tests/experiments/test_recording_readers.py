@@ -361,6 +361,14 @@ def test_reads_every_message_with_a_pose(
         read_recordings(tmp_path / "bag", Selection())
 
 
+def test_a_topic_of_transforms_tells_its_frames(tmp_path: Path) -> None:
+    write_bag(tmp_path / "bag", {"/tf": ("tf2_msgs/msg/TFMessage", transforms)})
+    with pytest.raises(ValueError, match=r"say which frame: --body /tf:FRAME, of hand"):
+        read_recordings(tmp_path / "bag", Selection())
+    with pytest.raises(ValueError, match=r"/tf has no frame 'palm': .*, of hand"):
+        read_recordings(tmp_path / "bag", Selection(body="/tf:palm"))
+
+
 URDF = """<robot name="r"><link name="base"/><link name="arm"/><link name="hand"/>
 <joint name="slide" type="prismatic"><parent link="base"/><child link="arm"/>
 <axis xyz="1 0 0"/><limit lower="-9" upper="9" effort="1" velocity="1"/></joint>
@@ -409,6 +417,90 @@ def test_c3d_agrees_with_ezc3d_on_lost_markers_and_integers(tmp_path: Path) -> N
     assert_allclose(whole.positions[~lost], oracle[~lost], atol=0.126)
 
 
+def test_markers_that_are_on_no_rigid_body_are_refused(tmp_path: Path) -> None:
+    write_c3d(tmp_path / "a.c3d")
+    file = ezc3d.c3d(str(tmp_path / "a.c3d"))
+    points = np.ones((4, 3, N))
+    points[:3] = file["data"]["points"][:3]
+    points[0, 2] += np.linspace(0.0, 50.0, N)  # C slides away by 5 cm
+    file["data"]["points"] = points
+    file.write(str(tmp_path / "a.c3d"))
+    with pytest.raises(ValueError, match=r"A, B, C keep .* of 60 frames .* no rigid"):
+        read_recordings(tmp_path / "a.c3d", Selection(body="A,B,C"))
+
+
+MARKERS = np.concatenate([1e3 * POSITIONS, np.zeros((N, 1))], axis=1).astype("f4")
+"""What `c3d_of` writes of its only marker: mm, and that it was seen."""
+
+
+def c3d_of(
+    processor: int, *, analog: int = 0, sampled: int = 1, blocks: int = 1
+) -> bytes:
+    """A C3D file after the format's description, as a processor writes numbers."""
+    order = ">" if processor == 86 else "<"
+
+    def floats(numbers: Any) -> bytes:
+        values = np.asarray(numbers, order + "f4")
+        if processor != 85:
+            return values.tobytes()
+        words = (values * np.float32(4.0)).view("<u2").reshape(-1, 2)
+        return words[:, ::-1].tobytes()
+
+    def integers(*numbers: int) -> bytes:
+        return np.asarray(numbers, order + "i2").tobytes()
+
+    def named(group: int, name: bytes, body: bytes = b"") -> bytes:
+        start = struct.pack("bb", len(name), group) + name
+        return start + integers(3 + len(body)) + body + b"\0"
+
+    head = bytes([2, 80]) + integers(1, analog, 1, N, 0) + floats([-1.0])
+    head += integers(4, sampled) + floats([RATE])
+    parameters = bytes([1, 80, blocks, processor])
+    parameters += named(-1, b"POINT") + named(1, b"UNITS", b"\xff\1\2mm")
+    for name, number in ((b"USED", 1), (b"FRAMES", N), (b"DATA_START", 4)):
+        parameters += named(1, name, b"\2\0" + integers(number))
+    for name, value in ((b"SCALE", -1.0), (b"RATE", RATE)):
+        parameters += named(1, name, b"\4\0" + floats([value]))
+    parameters += named(-2, b"ANALOG") + named(2, b"USED", b"\2\0" + integers(analog))
+    parameters += named(2, b"RATE", b"\4\0" + floats([sampled * RATE]))
+    parameters += named(1, b"DESCRIPTIONS", bytes([255, 2, 100, 5]) + 500 * b".")
+    parameters += named(1, b"LABELS", b"\xff\2\4\1HAND")
+    rest = np.full((N, max(1, analog * sampled)), -2048.0)[:, : analog * sampled]
+    frames = floats(np.hstack([MARKERS, rest]).ravel())
+    return head.ljust(512, b"\0") + parameters.ljust(1024, b"\0") + frames
+
+
+@pytest.mark.parametrize("processor", [84, 85, 86])
+def test_c3d_of_every_processor_is_read(tmp_path: Path, processor: int) -> None:
+    path = tmp_path / "a.c3d"
+    path.write_bytes(c3d_of(processor, blocks=2))
+    (read,) = read_recordings(path, Selection(body="HAND"))
+    assert_array_equal(read.positions, MARKERS[:, :3])
+    assert read.unit == "mm"
+    assert_array_equal(read.times, TIMES)
+    if processor != 86:  # which ezc3d does not read
+        assert_array_equal(
+            ezc3d.c3d(str(path))["data"]["points"][:3, 0].T, MARKERS[:, :3]
+        )
+
+
+def test_c3d_is_read_where_its_program_counted_wrongly(tmp_path: Path) -> None:
+    path = tmp_path / "a.c3d"
+    # Seven samples of two channels a frame counted as two, two blocks as one.
+    path.write_bytes(c3d_of(84, analog=2, sampled=7, blocks=1))
+    (read,) = read_recordings(path, Selection(body="HAND"))
+    assert_array_equal(read.positions, MARKERS[:, :3])
+    # Markers without a label have a number, and a strange unit can be said.
+    path.write_bytes(c3d_of(84).replace(b"LABELS", b"TITLES").replace(b"\2mm", b"\2mu"))
+    with pytest.raises(ValueError, match=r"UNITS is 'mu'.*say --units"):
+        read_recordings(path, Selection(body="1"))
+    (read,) = read_recordings(path, Selection(body="1", units="mm"))
+    assert_array_equal(read.positions, MARKERS[:, :3])
+    path.write_bytes(c3d_of(7))
+    with pytest.raises(ValueError, match="unknown processor, 7"):
+        read_recordings(path, Selection())
+
+
 def test_bvh_follows_the_chain_of_joints(tmp_path: Path) -> None:
     # A hand at the end of an arm of 2 that the root turns by 90° about z.
     (tmp_path / "a.bvh").write_text(
@@ -420,6 +512,17 @@ def test_bvh_follows_the_chain_of_joints(tmp_path: Path) -> None:
     )
     (one,) = read_recordings(tmp_path / "a.bvh", Selection())
     assert_allclose(one.positions, [[3, 0, 0], [1, 2, 0]], atol=1e-12)
+    text = (tmp_path / "a.bvh").read_text()
+    # Programs that write positions of every joint repeat its offset in them.
+    again = text.replace(
+        "2 0 0\nCHANNELS 3", "2 0 0\nCHANNELS 6 Xposition Yposition Zposition"
+    ).replace("0 0 0 0 0 0\n90 0 0 0", "0 0 0 2 0 0 0 0 0\n90 0 0 2 0 0 0")
+    (tmp_path / "c.bvh").write_text(again)
+    (moved,) = read_recordings(tmp_path / "c.bvh", Selection())
+    assert_allclose(moved.positions, one.positions, atol=1e-12)
+    (tmp_path / "b.bvh").write_text(text.replace("RightHand", "RightWrist"))
+    (wrist,) = read_recordings(tmp_path / "b.bvh", Selection())
+    assert_array_equal(wrist.positions, one.positions)
     expected = Rotation.from_euler("Z", 90, degrees=True) * Rotation.from_euler(
         "X", 90, degrees=True
     )
@@ -536,6 +639,13 @@ def test_cells_and_structures_of_one_name_are_one_set(tmp_path: Path) -> None:
 
 
 # ------------------------------------------------------------------ refusals
+def test_states_of_robosuite_are_no_demonstrations_of_robomimic(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "demo.hdf5", "w") as file:
+        file["data/demo_1/states"] = POSITIONS
+    with pytest.raises(ValueError, match=r"no group 'obs'; .* dataset_states_to_obs"):
+        read_recordings(tmp_path / "demo.hdf5", Selection())
+
+
 def test_a_file_of_no_known_kind(tmp_path: Path) -> None:
     (tmp_path / "a.mvnxx").write_text("")
     with pytest.raises(

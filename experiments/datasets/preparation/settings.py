@@ -10,7 +10,7 @@ Transform = tuple[float, float, float, float, float, float, float]
 FrameName = Literal["first-pose", "recorded", "hinge"]
 """Frames that need no numbers, see `Preparation.frame`."""
 
-Segments = Literal["none", "rests"] | tuple[tuple[float, float], ...]
+Segments = Literal["none", "rests", "turns"] | tuple[tuple[float, float], ...]
 """How a recording is parted into repetitions, see `Preparation.segments`."""
 
 FRAMES: Final = ("first-pose", "recorded", "hinge")
@@ -38,8 +38,8 @@ class Preparation:
     Or the pose of the task's frame in the recorded one."""
     segments: Segments = "none"
     """Repetitions in a recording. "none": the whole is one. "rests": what lies between
-    rests, but for motions back. Or start and end of each since the first sample
-    [s]."""
+    rests, but for motions back. "turns": what lies between turns, the same. Or start
+    and end of each since the first sample [s]."""
     trim_rests: bool = True
     """Whether rests at both ends are cut to those of a gentle motion."""
     cutoff: float | None = 10.0
@@ -67,10 +67,10 @@ class Preparation:
                 "x,y,z,qw,qx,qy,qz"
             )
         if isinstance(self.segments, str):
-            if self.segments not in ("none", "rests"):
+            if self.segments not in ("none", "rests", "turns"):
                 raise ValueError(
-                    f"segments {self.segments!r} must be none, rests, or times such "
-                    "as 1.5-4.2,6-9.5 [s]"
+                    f"segments {self.segments!r} must be none, rests, turns, or times "
+                    "such as 1.5-4.2,6-9.5 [s]"
                 )
             return
         for start, end in self.segments:

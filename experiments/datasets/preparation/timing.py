@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -25,6 +26,12 @@ _MARGIN: Final = 0.2
 """Of the rest on either side of a repetition so much is kept [s]."""
 _SHORT: Final = 0.3
 """A repetition's path is at least this share of the longest one's."""
+_BACK: Final = 0.5
+"""A hand has turned round once it came back by this share of its usual way."""
+_WHOLE: Final = 0.7
+"""A repetition goes at least this share of the usual way from turn to turn."""
+_TRIFLE: Final = 0.1
+"""What goes less is no attempt at one."""
 _ORDER: Final = 4
 """Of the Butterworth filter."""
 _OVERSAMPLED: Final = 2.5
@@ -39,12 +46,14 @@ def repetitions(samples: Samples, how: Segments) -> tuple[list[Samples], Notes]:
         how: See `Preparation.segments`.
 
     Raises:
-        ValueError: Times are given between which there is no motion.
+        ValueError: Times are given between which there is no motion, or turns are to
+            be found where nothing moves.
     """
     if how == "none":
         return [samples], ()
     if isinstance(how, str):
-        return _between_rests(samples)
+        ways = {"rests": _between_rests, "turns": _between_turns}
+        return ways[how](samples)
     parts = []
     for start, end in how:
         inside = (samples.times >= start) & (samples.times <= end)
@@ -87,12 +96,64 @@ def _between_rests(samples: Samples) -> tuple[list[Samples], Notes]:
     return forth, (Note(text=text),)
 
 
-def _speed(samples: Samples) -> FloatArray:
-    """Return the speed of the smoothed hand, metres and half radians per second."""
+def _between_turns(samples: Samples) -> tuple[list[Samples], Notes]:
+    """Return what goes from one turn to the next, in the direction of the first.
+
+    A turn is an extreme of the position along its first principal direction.
+    """
+    clock, smooth = _smoothed(samples)
+    offsets = smooth[:, :3] - smooth[:, :3].mean(axis=0)
+    way = offsets @ np.linalg.svd(offsets, full_matrices=False)[2][0]
+    low, high = np.percentile(way, [5.0, 95.0])
+    if not high > low:
+        raise ValueError("positions stay where they are: nothing turns round there")
+    spans = list(pairwise(_turns(way, _BACK * (high - low))))
+    lengths = np.array([way[last] - way[first] for first, last in spans])
+    attempt = np.abs(lengths) >= _TRIFLE * np.abs(lengths).max()
+    whole = np.abs(lengths) >= _WHOLE * np.median(np.abs(lengths[attempt]))
+    forth = whole & (lengths * lengths[np.argmax(whole)] > 0.0)
+    parts = []
+    for first, last in np.array(spans)[forth]:
+        inside = (samples.times >= clock[first]) & (samples.times <= clock[last])
+        parts.append(samples[inside])
+    text = f"{len(parts)} repetitions between turns"
+    if back := np.count_nonzero(whole & ~forth):
+        text += f", {back} motions back left out"
+    if rest := np.count_nonzero(attempt & ~whole):
+        text += f", {rest} incomplete left out"
+    return parts, (Note(text=text),)
+
+
+def _turns(way: FloatArray, least: float) -> list[int]:
+    """Return first and last index, and extremes that a course comes back from."""
+    turns, top, bottom, heading = [0], 0, 0, 0
+    values = way.tolist()
+    for place, value in enumerate(values):
+        top = place if value > values[top] else top
+        bottom = place if value < values[bottom] else bottom
+        if heading >= 0 and values[top] - value >= least:
+            turns.append(top)
+            heading, bottom = -1, place
+        elif heading <= 0 and value - values[bottom] >= least:
+            turns.append(bottom)
+            heading, top = 1, place
+    turns += [top if heading > 0 else bottom, len(values) - 1]
+    return sorted(set(turns))
+
+
+def _smoothed(samples: Samples) -> tuple[FloatArray, FloatArray]:
+    """Return equal steps of time, and the smoothed poses at them."""
     times, step = samples.times, samples.step
     clock = np.arange(times[0], times[-1], step)
     columns = _resampled(times, samples.poses, clock)
     smooth = gaussian_filter1d(columns, _SMOOTH / step, axis=0, mode="nearest")
+    return clock, np.asarray(smooth)
+
+
+def _speed(samples: Samples) -> FloatArray:
+    """Return the speed of the smoothed hand, metres and half radians per second."""
+    times, step = samples.times, samples.step
+    clock, smooth = _smoothed(samples)
     reach = max(1, round(_REACH / step))
     padded = np.pad(smooth, ((reach, reach), (0, 0)), mode="edge")
     chords = padded[2 * reach :] - padded[: -2 * reach]

@@ -118,7 +118,8 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         forces = [name for name, kind in topics.items() if kind == _WRENCH]
         force = forces[0] if len(forces) == 1 else None
         hand, wrench = _Track(), _Track()
-        row = _row_of(topics[topic], child, selection)
+        frames: set[str] = set()
+        row = _row_of(topics[topic], child, selection, frames)
         wanted = [one for one in bag.connections if one.topic in (topic, force)]
         for connection, logged, content in bag.messages(wanted):
             message = bag.deserialize(content, connection.msgtype)
@@ -126,10 +127,10 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
                 row(hand, message, logged)
             else:
                 wrench.add(_stamp(message, logged), _wrench(message))
+    if not hand.stamps:
+        raise ValueError(_none_of(topic, child, frames))
     first, times = hand.times()
     poses = hand.rows()
-    if not len(poses):
-        raise ValueError(f"topic {topic} has no pose{f' of {child}' if child else ''}")
     return [
         RawRecording(
             name=f"{path.name}: {topic}{f':{child}' if child else ''}",
@@ -154,20 +155,28 @@ def _topic(
     wanted, child = selection.body, None
     if wanted is not None and wanted not in moving and ":" in wanted:
         wanted, child = wanted.rsplit(":", 1)
-    topic, kind = chosen(wanted, moving, "topic", file=file)
-    if kind in _TRANSFORMS and child is None:
-        raise ValueError(f"say which frame of {topic}: --body {topic}:CHILD_FRAME")
+    topic, _ = chosen(wanted, moving, "topic", file=file)
     return topic, child
 
 
+def _none_of(topic: str, child: str | None, frames: set[str]) -> str:
+    """Return why there is no pose of a topic."""
+    if not frames:
+        return f"topic {topic} has no pose"
+    listed = ", ".join(sorted(frames)[:30])
+    problem = f"topic {topic} has no frame {child!r}" if child else "say which frame"
+    return f"{problem}: --body {topic}:FRAME, of {listed}"
+
+
 def _row_of(
-    kind: str, child: str | None, selection: Selection
+    kind: str, child: str | None, selection: Selection, frames: set[str]
 ) -> Callable[[_Track, Any, int], None]:
-    """Return what adds a message's poses to a track."""
+    """Return what adds a message's poses to a track, and to the frames their names."""
     if kind in _TRANSFORMS:
 
         def add_transforms(track: _Track, message: Any, logged: int) -> None:
             for one in message.transforms:
+                frames.add(one.child_frame_id)
                 if one.child_frame_id == child:
                     track.add(_stamp(one, logged), _transform(one.transform))
 

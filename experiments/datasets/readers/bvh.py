@@ -1,7 +1,7 @@
 """Biovision hierarchies (.bvh): one joint of a skeleton, by its forward kinematics.
 
 The file says no unit of length; degrees are its unit of angle. Axes are those of the
-file, of which y is usually up.
+file, of which y is usually up. Positions in the frames replace a joint's OFFSET.
 """
 
 import math
@@ -18,8 +18,8 @@ from gplfd.experiments.arrays import FloatArray
 from gplfd.experiments.datasets.raw import RawRecording
 from gplfd.experiments.datasets.readers.selection import Selection, chosen
 
-DEFAULT_JOINT: Final = "RightHand"
-"""What moves where nothing is said."""
+DEFAULT_JOINTS: Final = ("RightHand", "RightWrist")
+"""What moves where nothing is said, the first that there is."""
 
 _MOST_JOINTS: Final = 1000
 _LONGEST_LINE: Final = 2**16
@@ -47,9 +47,9 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         lines = _Lines(iter(lambda: stream.readline(_LONGEST_LINE), ""))
         try:
             joints, width = _hierarchy(lines)
-            name, joint = chosen(
-                selection.body or DEFAULT_JOINT, joints, "joint", file=path.name
-            )
+            known = [name for name in DEFAULT_JOINTS if name in joints]
+            wanted = selection.body or (known or DEFAULT_JOINTS)[0]
+            name, joint = chosen(wanted, joints, "joint", file=path.name)
             period, frames = _motion(lines, width)
         except (ValueError, IndexError) as error:
             raise ValueError(f"line {lines.number}: {error}") from error
@@ -160,7 +160,8 @@ def _kinematics(joint: _Joint, frames: FloatArray) -> tuple[FloatArray, Rotation
         for channel, place in one.channels.items():
             axis = "XYZ".index(channel[0])
             if channel.endswith("position"):
-                shift[:, axis] += frames[:, place]
+                # As Blender reads it: instead of the offset, which it repeats.
+                shift[:, axis] = frames[:, place]
             else:
                 vectors = np.zeros((len(frames), 3))
                 vectors[:, axis] = frames[:, place] * (math.pi / 180.0)

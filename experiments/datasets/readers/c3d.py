@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gplfd.experiments.arrays import FloatArray
@@ -20,26 +21,58 @@ from gplfd.experiments.datasets.readers.selection import Selection, chosen
 
 _BLOCK: Final = 512
 _MAGIC: Final = 0x50
-_INTEL: Final = 84
+_MOST_BLOCKS: Final = 255
+"""Of parameters; a byte counts them."""
 _MOST_FRAMES: Final = 2**16 - 1
 """The header counts so far; then a parameter does, as a float."""
-_KINDS: Final = {-1: "S1", 1: "u1", 2: "<i2", 4: "<f4"}
+_KINDS: Final = {-1: "S1", 1: "u1", 2: "i2", 4: "f4"}
 """Types of parameters by their code."""
 _UNITS: Final = {"mm": "mm", "m": "m", "cm": "cm", "in": "in", "meters": "m"}
 _RIGID: Final = 0.01
 """Markers of a rigid body keep their distances to this share of its size."""
+
+_MOSTLY: Final = 0.5
+"""Share of the frames with all markers in which they do so."""
 
 Parameters = dict[str, Any]
 """Arrays or texts by ``GROUP:NAME``."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class _Processor:
+    """How the computer that wrote the file holds numbers."""
+
+    order: str
+    """Of bytes, "<" or ">"."""
+    vax: bool = False
+    """Whether floats are those of a VAX: the high word first, four times as large."""
+
+    def numbers(self, content: bytes, kind: str) -> NDArray[Any]:
+        """Return numbers of a type of NumPy's without its order, "i2" or "f4"."""
+        if kind == "f4" and self.vax:
+            words = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1]
+            return np.asarray(words.copy().view("<f4").ravel() / np.float32(4.0))
+        return np.frombuffer(content, self.order + kind)
+
+
+_PROCESSORS: Final = {
+    84: _Processor(order="<"),
+    85: _Processor(order="<", vax=True),
+    86: _Processor(order=">"),
+}
+"""Intel, DEC and MIPS (SGI) by the code in a file."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class _Header:
     """What the first block says."""
 
+    processor: _Processor
     points: int
     analog: int
     """Analog numbers per frame of points."""
+    sampled: int
+    """How often a frame samples each analog channel."""
     first: int
     last: int
     scale: float
@@ -58,11 +91,11 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     axes are those of the file at the first sample that has them all.
 
     Raises:
-        ValueError: The file is damaged, of an old processor, or lacks the markers.
+        ValueError: The file is damaged, or lacks the markers.
     """
     content = path.read_bytes()
     header = _header(content)
-    parameters = _parameters(content, header.parameters)
+    parameters = _parameters(content, header)
     places = _labels(parameters, header.points)
     frames = _frames(content, header, parameters)
     body = selection.body
@@ -74,8 +107,10 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         body, place = chosen(body, places, "marker", file=path.name)
         positions, quaternions = frames[:, place], None
     unit = str(parameters.get("POINT:UNITS", [""])[0]).strip().lower()
-    if unit and unit not in _UNITS:
-        raise ValueError(f"POINT:UNITS is {unit!r:.40}, known are {', '.join(_UNITS)}")
+    if unit and unit not in _UNITS and selection.units is None:
+        raise ValueError(
+            f"POINT:UNITS is {unit!r:.40}, known are {', '.join(_UNITS)}; say --units"
+        )
     return [
         RawRecording(
             name=f"{path.name}: {body}",
@@ -90,34 +125,36 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
 def _header(content: bytes) -> _Header:
     if len(content) < 2 * _BLOCK or content[1] != _MAGIC:
         raise ValueError("it does not begin as a C3D file does, or is cut")
-    words = struct.unpack_from("<6H", content)
-    (start,) = struct.unpack_from("<H", content, 16)
-    (scale,), (rate,) = (struct.unpack_from("<f", content, at) for at in (12, 20))
     parameters = _BLOCK * (content[0] - 1)
     if not _BLOCK <= parameters <= len(content) - 4:
         raise ValueError(f"its parameters would begin at byte {parameters}")
-    if content[parameters + 3] != _INTEL:
-        raise ValueError(
-            "its numbers are in the format of another processor (DEC or MIPS); save it "
-            "again as Intel, for example with ezc3d"
-        )
+    processor = _PROCESSORS.get(content[parameters + 3])
+    if processor is None:
+        raise ValueError(f"it is of an unknown processor, {content[parameters + 3]}")
+    words = processor.numbers(content[:20], "u2").tolist()
+    scale, rate = (processor.numbers(content[a : a + 4], "f4")[0] for a in (12, 20))
     if not 0.0 < rate < 1e6:
         raise ValueError(f"its header has the frame rate {rate}")
     return _Header(
+        processor=processor,
         points=words[1],
         analog=words[2],
+        sampled=words[9],
         first=words[3],
         last=words[4],
-        scale=scale,
-        start=_BLOCK * (start - 1),
-        rate=rate,
+        scale=float(scale),
+        start=_BLOCK * (words[8] - 1),
+        rate=float(rate),
         parameters=parameters,
     )
 
 
-def _parameters(content: bytes, start: int) -> Parameters:
+def _parameters(content: bytes, header: _Header) -> Parameters:
     """Return the parameters by group and name."""
-    end = min(len(content), start + _BLOCK * content[start + 2])
+    start = header.parameters
+    # Some programs count too few blocks; but before the frames they end.
+    before = min(_MOST_BLOCKS, (header.start - start) // _BLOCK)
+    end = min(len(content), start + _BLOCK * max(content[start + 2], before))
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Any]] = []
     at = start + 4
@@ -128,18 +165,19 @@ def _parameters(content: bytes, start: int) -> Parameters:
         at += 2 + length
         if at + 3 > end:
             raise ValueError(f"the parameter {name!r:.40} goes beyond its section")
-        following = struct.unpack_from("<H", content, at)[0]
+        following = int(header.processor.numbers(content[at : at + 2], "u2")[0])
         if group < 0:
             groups[-group] = name
         elif group > 0:
-            found.append((group, name, _parameter(content[at + 2 : end], name)))
+            value = _parameter(content[at + 2 : end], name, header.processor)
+            found.append((group, name, value))
         if not following:
             break
         at += following
     return {f"{groups.get(group, '?')}:{name}": value for group, name, value in found}
 
 
-def _parameter(content: bytes, name: str) -> Any:
+def _parameter(content: bytes, name: str, processor: _Processor) -> Any:
     """Return a parameter's array; that of letters as a list of texts."""
     kind = struct.unpack_from("<b", content)[0]
     shape = tuple(content[2 : 2 + content[1]])
@@ -154,36 +192,42 @@ def _parameter(content: bytes, name: str) -> Any:
         width = shape[0] if shape else 1
         texts = [data[i : i + width] for i in range(0, size, max(width, 1))]
         return [text.decode("utf-8", "replace").strip(" \0") for text in texts]
-    return np.frombuffer(data, dtype)
+    return processor.numbers(data, _KINDS[kind])
 
 
 def _labels(parameters: Parameters, points: int) -> dict[str, int]:
-    """Return the places of markers by their labels."""
+    """Return the places of markers by their labels, or numbers if there are fewer."""
     labels: list[str] = []
     for number in ("", *map(str, range(2, 20))):
         labels += parameters.get(f"POINT:LABELS{number}", [])
-    if len(labels) < points:
-        raise ValueError(f"it has {points} markers and labels for {len(labels)}")
+    labels += [str(place + 1) for place in range(len(labels), points)]
     return {label: place for place, label in enumerate(labels[:points]) if label}
 
 
 def _frames(content: bytes, header: _Header, parameters: Parameters) -> FloatArray:
     """Return coordinates of all markers, (N, points, 3), NaN where they were lost."""
-    dtype = np.dtype("<f4" if header.scale < 0.0 else "<i2")
-    width = 4 * header.points + header.analog
+    kind, size = ("f4", 4) if header.scale < 0.0 else ("i2", 2)
     number = header.last - header.first + 1
     counted = parameters.get("POINT:FRAMES")
-    if header.last == _MOST_FRAMES and counted is not None and counted.dtype == "<f4":
+    most = header.last == _MOST_FRAMES
+    if most and counted is not None and counted.dtype.kind == "f":
         number = int(counted[0])
-    size = number * width * dtype.itemsize
-    if number < 1 or not width or header.start < 0:
+    if number < 1 or not header.points + header.analog or header.start < 0:
         raise ValueError(f"it says it has {number} frames of {header.points} markers")
-    if header.start + size > len(content):
+    room = (len(content) - header.start) // (number * size)
+    width = 4 * header.points + header.analog
+    # Some programs count a channel once, however often a frame samples it.
+    every = 4 * header.points + header.analog * header.sampled
+    if header.analog in parameters.get("ANALOG:USED", ()) and every <= room:
+        width = every
+    if width > room:
         raise ValueError(
-            f"its {number} frames of {header.points} markers need {size:,} bytes from "
-            f"byte {header.start:,} on; the file has {len(content):,}: it is cut"
+            f"its {number} frames of {header.points} markers need "
+            f"{number * width * size:,} bytes from byte {header.start:,} on; the file "
+            f"has {len(content):,}: it is cut"
         )
-    table = np.frombuffer(content, dtype, number * width, header.start)
+    end = header.start + number * width * size
+    table = header.processor.numbers(content[header.start : end], kind)
     points = table.reshape(number, width)[:, : 4 * header.points]
     points = points.reshape(number, header.points, 4).astype(np.float64)
     lost = points[..., 3] < 0.0
@@ -212,4 +256,12 @@ def _rigid_body(markers: FloatArray, names: list[str]) -> tuple[FloatArray, Floa
         if distance > math.sqrt(len(names)) * _RIGID * size[0]:
             continue
         quaternions[frame] = rotation.as_quat(scalar_first=True)
+    complete = np.count_nonzero(seen)
+    rigid = np.count_nonzero(np.isfinite(quaternions[:, 0]))
+    if rigid < _MOSTLY * complete:
+        raise ValueError(
+            f"the markers {', '.join(names)} keep their distances to {_RIGID:.0%} in "
+            f"{rigid} of {complete} frames that have them all: they are on no rigid "
+            "body; choose others, or one for positions alone"
+        )
     return means, quaternions

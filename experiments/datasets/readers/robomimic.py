@@ -55,7 +55,10 @@ def _sorted(data: Any) -> list[str]:
 
 def _demonstration(name: str, group: Any) -> tuple[str, Any]:
     if not isinstance(group, h5py.Group) or "obs" not in group:
-        raise ValueError(f"data/{name} has no group 'obs'")
+        raise ValueError(
+            f"data/{name} has no group 'obs'; robosuite records states alone, of which "
+            "robomimic's script dataset_states_to_obs makes observations"
+        )
     return name, group["obs"]
 
 

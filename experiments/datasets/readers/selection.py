@@ -8,6 +8,9 @@ from typing import Any, Literal
 from gplfd.experiments.datasets.raw import METRES, RADIANS
 from gplfd_env.named import nearest_name
 
+_LISTED = 30
+"""Names at most in a message."""
+
 QuaternionOrder = Literal["wxyz", "xyzw"]
 """Where the scalar part stands: first or last."""
 
@@ -68,7 +71,7 @@ def chosen(
     """
     if not known:
         raise ValueError(f"{file} has no {what}")
-    names = ", ".join(sorted(known)[:30])
+    names = ", ".join(sorted(known)[:_LISTED]) + (", …" if len(known) > _LISTED else "")
     if wanted is None:
         if len(known) > 1:
             raise ValueError(

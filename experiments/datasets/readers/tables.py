@@ -98,7 +98,8 @@ def named_columns(
             raise ValueError(
                 f"{where} has no column {' and no '.join(missing)}: it has "
                 f"{', '.join(heads)!s:.200}. Name the columns in their order, for "
-                "example --columns t,x,y,z,qx,qy,qz,qw with - for one to leave out"
+                "example --columns t,x,y,z,qx,qy,qz,qw with - for one to leave out; "
+                "positions of joints are none of a hand"
             )
     return found
 

@@ -43,9 +43,9 @@ def export_demonstrations(
     Raises:
         ValueError: The form is unknown, the target is there already, the source is
             damaged or not sampled at equal steps, or it cannot be drawn.
-        OSError: A file cannot be read or written.
+        OSError: A file cannot be read or written, or pictures not be drawn on this
+            machine.
         ModuleNotFoundError: The form's library is not installed.
-        RuntimeError: Pictures cannot be drawn on this machine.
     """
     if form not in WRITERS:
         raise ValueError(f"form {form!r} must be one of {', '.join(WRITERS)}")

@@ -38,7 +38,7 @@ def episode_rows(
 
     Raises:
         ValueError: The rate is no divisor, an episode is damaged, or a camera unknown.
-        RuntimeError: Pictures cannot be drawn on this machine.
+        OSError: Pictures cannot be drawn on this machine.
     """
     if not 0 < rate <= _CONTROL_RATE or _CONTROL_RATE % rate:
         raise ValueError(
@@ -107,7 +107,10 @@ def _pictures(
 def _drawn(camera: Camera, inner: Any, state: FloatArray) -> np.ndarray:
     mujoco.mj_setState(inner.model, inner.data, state, STATE)
     mujoco.mj_forward(inner.model, inner.data)
-    return np.asarray(camera.picture("rgb_array", inner.data))
+    try:
+        return np.asarray(camera.picture("rgb_array", inner.data))
+    except RuntimeError as error:
+        raise OSError(f"--pictures: {error}") from error
 
 
 def _png(picture: np.ndarray) -> bytes:
