@@ -29,6 +29,10 @@ def door_opening_rl(**arguments: Any) -> gym.Env[Any, Any]:
     return FlatObservation(GentleReward(RelativeAction(DoorOpeningEnv(**arguments))))
 
 
+# Gymnasium asks an entry point for render modes, to collect pictures itself.
+door_opening_rl.metadata = DoorOpeningEnv.metadata  # type: ignore[attr-defined]
+
+
 def door_opening_rl_vector(
     num_envs: int = 1, **arguments: Any
 ) -> gym.vector.VectorEnv[Any, Any, Any]:
