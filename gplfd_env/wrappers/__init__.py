@@ -6,7 +6,11 @@ one and many give the same numbers, bit for bit. ``gplfd/DoorOpeningRL-v0`` is
 `FlatObservation`.
 """
 
-from gplfd_env.wrappers.flat_observation import FlatObservation, VectorFlatObservation
+from gplfd_env.wrappers.flat_observation import (
+    FlatObservation,
+    VectorFlatObservation,
+    flat_of,
+)
 from gplfd_env.wrappers.gentle_reward import GentleReward, VectorGentleReward
 from gplfd_env.wrappers.numeric_info import (
     FAILURES,
@@ -36,4 +40,5 @@ __all__ = [
     "VectorRelativeAction",
     "action_of",
     "command_of",
+    "flat_of",
 ]

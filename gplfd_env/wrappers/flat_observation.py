@@ -1,5 +1,6 @@
 """Observations as one vector of float32, as most libraries for learning want them."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -12,8 +13,17 @@ Flat = NDArray[np.float32]
 Info = dict[str, Any]
 
 
+def flat_of(observation: Mapping[str, Any]) -> Flat:
+    """Return a dictionary's vectors side by side, (..., m), in order of names.
+
+    For whoever learned from vectors and is asked with a dictionary.
+    """
+    vectors = [observation[name] for name in sorted(observation)]
+    return np.concatenate(vectors, axis=-1, dtype=np.float32)
+
+
 class FlatObservation(gym.Wrapper[Any, Any, Any, Any]):
-    """Put the dictionary's entries one after another, in the order of its space.
+    """Put the dictionary's entries one after another, in the order of their names.
 
     The same order as of Gymnasium's `FlattenObservation`; docs/environment.md has the
     indices.
@@ -24,7 +34,6 @@ class FlatObservation(gym.Wrapper[Any, Any, Any, Any]):
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)
-        self._keys = tuple(_entries(env.observation_space))
         self.observation_space = _flat_space(env.observation_space)
 
     def reset(
@@ -32,12 +41,12 @@ class FlatObservation(gym.Wrapper[Any, Any, Any, Any]):
     ) -> tuple[Flat, Info]:
         """Begin an episode."""
         observation, info = self.env.reset(seed=seed, options=options)
-        return _flat(observation, self._keys), info
+        return flat_of(observation), info
 
     def step(self, action: Any) -> tuple[Flat, Any, bool, bool, Info]:
         """Act for one control period."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        return _flat(observation, self._keys), reward, terminated, truncated, info
+        return flat_of(observation), reward, terminated, truncated, info
 
 
 class VectorFlatObservation(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
@@ -45,7 +54,6 @@ class VectorFlatObservation(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
 
     def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
         super().__init__(env)
-        self._keys = tuple(_entries(env.single_observation_space))
         self.single_observation_space = _flat_space(env.single_observation_space)
         self.observation_space = batch_space(
             self.single_observation_space, env.num_envs
@@ -54,7 +62,7 @@ class VectorFlatObservation(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Flat, Info]:
         """Begin episodes."""
         observations, infos = self.env.reset(seed=seed, options=options)
-        return _flat(observations, self._keys), infos
+        return flat_of(observations), infos
 
     def step(self, actions: Any) -> tuple[Flat, Any, Any, Any, Info]:
         """Act for one control period."""
@@ -62,9 +70,9 @@ class VectorFlatObservation(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
         if "final_obs" in infos:
             last = np.full(self.num_envs, None, dtype=object)
             for row in np.flatnonzero(infos["_final_obs"]):
-                last[row] = _flat(infos["final_obs"][row], self._keys)
+                last[row] = flat_of(infos["final_obs"][row])
             infos = {**infos, "final_obs": last}
-        flat = _flat(observations, self._keys)
+        flat = flat_of(observations)
         return flat, rewards, terminations, truncations, infos
 
 
@@ -82,14 +90,10 @@ def _entries(space: spaces.Space[Any]) -> dict[str, spaces.Space[Any]]:
 
 
 def _flat_space(space: spaces.Space[Any]) -> spaces.Box:
-    boxes = _entries(space).values()
+    entries = _entries(space)
+    boxes = [entries[name] for name in sorted(entries)]
     low, high = (
         np.concatenate([getattr(box, end) for box in boxes]).astype(np.float32)
         for end in ("low", "high")
     )
     return spaces.Box(low, high, dtype=np.float32)
-
-
-def _flat(observation: Any, keys: tuple[str, ...]) -> Flat:
-    """Return the entries side by side, (..., m)."""
-    return np.concatenate([observation[key] for key in keys], -1, dtype=np.float32)

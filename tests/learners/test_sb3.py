@@ -1,7 +1,11 @@
 """Stable-Baselines3 on these environments; needs the extra sb3, run by .ci/learners."""
 
+import json
 import os
+import subprocess
+import sys
 import warnings
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -194,3 +198,39 @@ def test_gymnasium_s_tensors() -> None:
         assert observation.shape == (*shape[:-1], 33)
         assert torch.is_tensor(info["handle_pose"])
         env.close()
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_benchmark_runs_and_its_targets_are_stated(tmp_path: Path) -> None:
+    said = ran(tmp_path, "benchmarks/learners.py", "--repeats", "1", "--counts", "2")
+    assert "make_sb3, 2: of the wrapped" in said
+    line = next(one for one in said.splitlines() if one.startswith("a slam's return"))
+    assert line.endswith(" met")
+
+
+def test_what_was_learned_is_a_policy_like_the_others(tmp_path: Path) -> None:
+    """Learned for a moment, it opens nothing; that is a result, too."""
+    example = ROOT / "examples" / "learned_policy.py"
+    ran(tmp_path, example, "--steps", "10000", "--out", "results/ppo")
+    curve = json.loads((tmp_path / "results/ppo/curve.json").read_text())
+    assert curve[0]["steps"] == 0
+    assert curve[0]["of"] == 5
+    command = ("run", "--policy", f"{example}:make", "--doors", "small", "--json")
+    (metrics,) = json.loads(ran(tmp_path, "-m", "gplfd", *command, "--quiet"))
+    assert metrics["door"] == "small"
+    assert not metrics["success"]
+
+
+def ran(folder: Path, *arguments: Any) -> str:
+    command = [ROOT / one if str(one).startswith("bench") else one for one in arguments]
+    result = subprocess.run(
+        [sys.executable, *command],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
