@@ -22,6 +22,7 @@ from policies.lockstep import batch_agents
 
 RADII = np.linspace(0.30, 0.65, 16)  # [m]; the doors in which `gp` teaches
 EPISODES = 2  # of every door
+EPOCHS = 30
 
 
 class Clone:
@@ -34,11 +35,10 @@ class Clone:
             hidden_layer_sizes=(64, 64),
             activation="tanh",
             batch_size=256,
-            max_iter=30,
-            tol=0.0,
-            n_iter_no_change=30,
-            random_state=seed,
-        ).fit(self.inputs.transform(seen), targets)
+            random_state=np.random.RandomState(seed),
+        )
+        for _ in range(EPOCHS):
+            self.network.partial_fit(self.inputs.transform(seen), targets)
 
     def act(self, observation):
         seen = self.inputs.transform(flat_of(observation)[None])
@@ -82,4 +82,5 @@ def make(training):
 if __name__ == "__main__":
     from experiments.cli import main  # the command line: only to run this file
 
-    main(["run", "--policy", f"{__file__}:make", "--out", "results/clone"])
+    chosen = ["--policy", f"{__file__}:make", "--doors", "medium"]
+    main(["run", *chosen, "--out", "results/clone"])
