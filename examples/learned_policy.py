@@ -83,11 +83,12 @@ class Learned:
 
 
 class Curve(BaseCallback):
-    """Judges the policy every now and then, without noise in its actions."""
+    """Judges the policy every now and then, without noise, and keeps the best."""
 
-    def __init__(self, normal, every):
+    def __init__(self, normal, every, out):
         super().__init__()
-        self.normal, self.every, self.rows, self.due = normal, every, [], 0
+        self.normal, self.every, self.out = normal, every, out
+        self.rows, self.due = [], 0
         self.began = time.process_time()
 
     def _on_step(self):
@@ -104,7 +105,11 @@ class Curve(BaseCallback):
             **self.judged(),
         }
         print(json.dumps(row), flush=True)
+        if not self.rows or row["return"] > max(one["return"] for one in self.rows):
+            self.model.save(self.out / "model.zip")
+            self.normal.save(str(self.out / "normal.pkl"))
         self.rows.append(row)
+        (self.out / "curve.json").write_text(json.dumps(self.rows, indent=1) + "\n")
 
     def judged(self):
         """Return what came of one episode per door."""
@@ -131,7 +136,8 @@ class Curve(BaseCallback):
 def learn(steps, out, seed=0):
     """Learn, and write model and curve into a folder."""
     torch.set_num_threads(1)
-    envs = make_sb3(len(RADII), door=RADII, randomization="mild")
+    out.mkdir(parents=True, exist_ok=True)
+    envs = make_sb3(len(RADII), door=RADII)
     normal = VecNormalize(VecMonitor(HeldActions(envs)), gamma=0.99)
     model = PPO(
         "MlpPolicy",
@@ -140,15 +146,12 @@ def learn(steps, out, seed=0):
         batch_size=128,
         n_epochs=10,
         gamma=0.99,
+        learning_rate=lambda left: 1e-3 * left,
         seed=seed,
-        policy_kwargs={"log_std_init": -1.5, "net_arch": [64, 64]},
+        policy_kwargs={"log_std_init": -1.2, "net_arch": [64, 64]},
     )
-    curve = Curve(normal, every=steps // HELD // 20)
-    model.learn(steps // HELD, callback=curve)
-    out.mkdir(parents=True, exist_ok=True)
-    model.save(out / "model.zip")
-    normal.save(str(out / "normal.pkl"))
-    (out / "curve.json").write_text(json.dumps(curve.rows, indent=1) + "\n")
+    decisions = steps // HELD
+    model.learn(decisions, callback=Curve(normal, decisions // 40, out))
 
 
 def make(training):

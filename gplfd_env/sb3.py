@@ -22,6 +22,8 @@ except ImportError as error:
         "install '.[sb3]', elsewhere: pip install 'gplfd[sb3]'"
     ) from error
 
+__all__ = ["SB3VecEnv", "make_sb3"]
+
 Info = dict[str, Any]
 
 _OF_EACH: Final = {
