@@ -2,14 +2,20 @@
 
 Steps per second of many doors, as Gymnasium's vector environment, in the learners'
 wrappers, and as Stable-Baselines3's; and the return of a gentle and of a violent script
-under the dense reward and under that of ``gplfd/DoorOpeningRL-v0``. Needs the extra
-sb3.
+under the dense reward and under that of ``gplfd/DoorOpeningRL-v0``; and what policies
+reach that learned from six demonstrations. Needs the extra sb3.
 """
 
+import copy
+import json
 import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 import gymnasium as gym
+import matplotlib.pyplot as plt
 import numpy as np
 import tyro
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -17,10 +23,19 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from experiments.speed.machine import load
 from experiments.speed.report import Measurement, Value, at_least, measure_all
 from experiments.speed.timing import Timed, after, measure
+from experiments.teacher import Teacher
 from gplfd_env import ENVIRONMENT_ID, RL_ENVIRONMENT_ID
 from gplfd_env.sb3 import make_sb3
 from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
-from gplfd_env.wrappers import RelativeAction, action_of
+from gplfd_env.wrappers import RelativeAction, VectorGentleReward, action_of
+from policies.lockstep import batch_agents
+from policies.method import TrainingInput
+from policies.registry import policy_named
+
+JUDGED: Final = (0.35, 0.42, 0.50, 0.58, 0.65)
+"""Radii of the doors on which learners are judged [m]."""
+CLONE: Final = f"{Path(__file__).parents[1] / 'examples' / 'cloned_policy.py'}:make"
+"""A network that imitates gp."""
 
 _PERIODS: Final = 30
 _REST: Final = np.zeros(6, np.float32)
@@ -148,18 +163,100 @@ def _played(door: str, script: Any) -> dict[str, Value]:
     }
 
 
-def main(repeats: int = 5, counts: tuple[int, ...] = (2, 8, 32)) -> None:
-    """Measure both.
+def measure_policies(repeats: int, policies: tuple[str, ...]) -> Measurement:
+    """Let policies that learned from six demonstrations open the judged doors.
+
+    Args:
+        repeats: Not needed: nothing is drawn.
+        policies: Names, or file.py:function.
+    """
+    training = TrainingInput(demonstrations=Teacher().standard_demonstrations(seed=0))
+    rows: dict[str, dict[str, Value]] = {}
+    for name in policies:
+        agent = policy_named(name).make(training)
+        rows[Path(name).stem] = _judged([copy.deepcopy(agent) for _ in JUDGED])
+    return Measurement(title=f"doors of {', '.join(map(str, JUDGED))} m", rows=rows)
+
+
+def _judged(alone: Sequence[object]) -> dict[str, Value]:
+    """Return what came of one episode per door, as a learner's curve has it."""
+    agents = batch_agents(alone)
+    made = gym.make_vec(
+        ENVIRONMENT_ID, len(JUDGED), door=list(JUDGED), autoreset_mode="Disabled"
+    )
+    envs = VectorGentleReward(made)
+    observations, infos = envs.reset(seed=0)
+    agents.reset(observations)
+    acting, steps = np.ones(len(JUDGED), dtype=bool), 0
+    while acting.any():
+        steps += np.count_nonzero(acting)
+        actions = agents.act(observations, acting).action
+        observations, _, terminated, truncated, infos = envs.step(actions)
+        acting = acting & ~(terminated | truncated)
+    envs.close()
+    return {
+        "opened": int(np.count_nonzero(infos["success"])),
+        "return": float(np.mean(infos["return"])),
+        "angle_deg": float(np.degrees(np.mean(infos["door_angle"]))),
+        "peak_force": float(np.median(infos["peak_force"])),
+        "steps": steps,
+    }
+
+
+def draw(curve: Path, rows: Mapping[str, Mapping[str, Value]], figure: Path) -> None:
+    """Draw a learner's curve beside what policies reach from six demonstrations.
+
+    Args:
+        curve: What ``examples/learned_policy.py`` wrote.
+        rows: Of `measure_policies`.
+        figure: File to write.
+    """
+    judged = json.loads(curve.read_text())
+    steps = [1e-3 * row["steps"] for row in judged]
+    panels = (
+        ("opened", f"doors opened, of {len(JUDGED)}"),
+        ("angle_deg", "angle at the end [°], mean"),
+        ("peak_force", "peak radial force [N], median"),
+    )
+    drawing, places = plt.subplots(1, len(panels), figsize=(10.0, 3.0))
+    for place, (name, title) in zip(places, panels, strict=True):
+        place.plot(steps, [row[name] for row in judged], color="C1", label="PPO")
+        for number, (policy, row) in enumerate(rows.items()):
+            style = {"color": ("C0", "C2")[number % 2], "linestyle": "--"}
+            place.axhline(row[name], label=f"{policy}, 6 demonstrations", **style)
+        place.set(xlabel="thousand control steps", ylabel=title)
+        place.set_ylim(bottom=0.0)
+        place.spines[["top", "right"]].set_visible(False)
+    places[0].legend(frameon=False, fontsize=8, loc="center left")
+    drawing.tight_layout()
+    drawing.savefig(figure, dpi=110)
+    plt.close(drawing)
+
+
+def main(
+    repeats: int = 5,
+    counts: tuple[int, ...] = (2, 8, 32),
+    policies: tuple[str, ...] = ("gp", CLONE),
+    curve: Path | None = None,
+    figure: Path = Path("learners.png"),
+) -> None:
+    """Measure what adapters cost, what scripts earn, and what policies reach.
 
     Args:
         repeats: Measurements of every time.
         counts: Numbers of doors.
+        policies: That learn from six demonstrations.
+        curve: A curve.json of examples/learned_policy.py, to be drawn beside them.
+        figure: Picture to write if there is a curve.
     """
     measures = {
-        "steps": lambda repeats: measure_steps(repeats, counts),
+        "steps": partial(measure_steps, counts=counts),
         "scripts": measure_scripts,
+        "policies": partial(measure_policies, policies=policies),
     }
-    measure_all(measures, repeats)
+    found = measure_all(measures, repeats)
+    if curve is not None:
+        draw(curve, found["policies"].rows, figure)
 
 
 if __name__ == "__main__":

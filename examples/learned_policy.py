@@ -1,6 +1,6 @@
 """PPO on `gplfd/DoorOpeningRL-v0`, measured like the policies; needs the extra sb3.
 
-    python examples/learned_policy.py --steps 500000 --out results/ppo
+    python examples/learned_policy.py --steps 700000 --out results/ppo
     gplfd run --policy examples/learned_policy.py:make
     gplfd benchmark --config small --policies gp examples/learned_policy.py:make
 
@@ -142,13 +142,13 @@ def learn(steps, out, seed=0):
     model = PPO(
         "MlpPolicy",
         normal,
-        n_steps=128,
+        n_steps=64,
         batch_size=128,
         n_epochs=10,
         gamma=0.99,
-        learning_rate=lambda left: 1e-3 * left,
+        learning_rate=lambda left: 1e-3 * (0.2 + 0.8 * left),
         seed=seed,
-        policy_kwargs={"log_std_init": -1.2, "net_arch": [64, 64]},
+        policy_kwargs={"log_std_init": -2.3, "net_arch": [64, 64]},
     )
     decisions = steps // HELD
     model.learn(decisions, callback=Curve(normal, decisions // 40, out))
@@ -164,7 +164,7 @@ def make(training):
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--steps", type=int, default=500_000)
+    parser.add_argument("--steps", type=int, default=700_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=FOLDER)
     given = parser.parse_args()

@@ -203,11 +203,19 @@ def test_gymnasium_s_tensors() -> None:
 ROOT = Path(__file__).parents[2]
 
 
-def test_the_benchmark_runs_and_its_targets_are_stated(tmp_path: Path) -> None:
-    said = ran(tmp_path, "benchmarks/learners.py", "--repeats", "1", "--counts", "2")
+def test_the_benchmark_runs_and_draws(tmp_path: Path) -> None:
+    row = {"opened": 1, "angle_deg": 20.0, "peak_force": 3.0}
+    curve = [{"steps": steps, **row} for steps in (0, 1000)]
+    (tmp_path / "curve.json").write_text(json.dumps(curve))
+    small = ("--repeats", "1", "--counts", "2", "--policies", "gp")
+    drawn = ("--curve", "curve.json", "--figure", "figure.png")
+    said = ran(tmp_path, "benchmarks/learners.py", *small, *drawn)
     assert "make_sb3, 2: of the wrapped" in said
     line = next(one for one in said.splitlines() if one.startswith("a slam's return"))
     assert line.endswith(" met")
+    line = next(one for one in said.splitlines() if one.startswith("gp "))
+    assert line.split()[1] == "5"
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
 
 
 def test_what_was_learned_is_a_policy_like_the_others(tmp_path: Path) -> None:
