@@ -20,17 +20,17 @@ import numpy as np
 import tyro
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from experiments.speed.machine import load
-from experiments.speed.report import Measurement, Value, at_least, measure_all
-from experiments.speed.timing import Timed, after, measure
-from experiments.teacher import Teacher
+from gplfd.experiments.speed.machine import load
+from gplfd.experiments.speed.report import Measurement, Value, at_least, measure_all
+from gplfd.experiments.speed.timing import Timed, after, measure
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies.lockstep import batch_agents
+from gplfd.policies.method import TrainingInput
+from gplfd.policies.registry import policy_named
 from gplfd_env import ENVIRONMENT_ID, RL_ENVIRONMENT_ID
 from gplfd_env.sb3 import make_sb3
 from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
 from gplfd_env.wrappers import RelativeAction, VectorGentleReward, action_of
-from policies.lockstep import batch_agents
-from policies.method import TrainingInput
-from policies.registry import policy_named
 
 JUDGED: Final = (0.35, 0.42, 0.50, 0.58, 0.65)
 """Radii of the doors on which learners are judged [m]."""

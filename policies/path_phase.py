@@ -16,11 +16,11 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
-from policies.aligned import AlignedDemonstrations
-from policies.heading import Heading, directions
-from policies.members import EVERY_MEMBER, Members, Numbers
-from policies.movement import Predictor
-from policies.phase import PhaseEstimate, PhaseNoise, Phases, Poses
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.heading import Heading, directions
+from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
+from gplfd.policies.movement import Predictor
+from gplfd.policies.phase import PhaseEstimate, PhaseNoise, Phases, Poses
 
 Observed = Float[np.ndarray, "*E"]
 """ρ, θ, u and the variance of u, of N poses: (8, *N)."""
@@ -71,7 +71,7 @@ class PathPhase:
 
     Args:
         demonstrated: Predicts μ and σ: the learned movement, or for a method without
-            uncertainty `policies.empirical.EmpiricalDistribution`.
+            uncertainty `gplfd.policies.empirical.EmpiricalDistribution`.
         aligned: The demonstrations, for û and ς.
         noise: Errors of the observed pose beyond the demonstrations' spread.
         window: How far the phase may move per observation: backward, forward.

@@ -10,15 +10,15 @@ from typing import Annotated, Final
 
 import tyro
 
-from experiments.commands.options import (
+from gplfd.experiments.commands.options import (
     ON_THIS_MACHINE,
     EngineOptions,
     Json,
     next_command,
     recorded,
 )
-from experiments.interruption import postponed_interruption
-from experiments.study.settings import StudySettings
+from gplfd.experiments.interruption import postponed_interruption
+from gplfd.experiments.study.settings import StudySettings
 
 FAILED: Final = 1
 """Exit status of a study some of whose tasks ended in errors."""
@@ -63,12 +63,12 @@ class Benchmark:
     def execute(self) -> int:
         """Run the study, print its tables, and return `FAILED` if a task failed."""
         with postponed_interruption():
-            from experiments.arguments import check_folder
-            from experiments.files.plain_data import json_text
-            from experiments.results.table import study_rows, write_tables
-            from experiments.study.plan import checked, tasks
-            from experiments.study.session import carry_out
-            from experiments.study.settings_file import write_settings
+            from gplfd.experiments.arguments import check_folder
+            from gplfd.experiments.files.plain_data import json_text
+            from gplfd.experiments.results.table import study_rows, write_tables
+            from gplfd.experiments.study.plan import checked, tasks
+            from gplfd.experiments.study.session import carry_out
+            from gplfd.experiments.study.settings_file import write_settings
 
         settings = checked(self.study)
         engine = self.where.made()
@@ -82,7 +82,7 @@ class Benchmark:
         print(json_text(study_rows(self.out, settings)) if self.json else tables)
         if self.record:
             with postponed_interruption():
-                from experiments.extremes import record_extremes
+                from gplfd.experiments.extremes import record_extremes
 
             record_extremes(self.out)
         if not self.json:
@@ -107,6 +107,6 @@ def benchmark_from(arguments: Sequence[str]) -> Callable[..., Benchmark]:
     if list(arguments[:1]) != ["benchmark"] or given.config is None:
         return Benchmark
     with postponed_interruption():
-        from experiments.study.settings_file import settings_named
+        from gplfd.experiments.study.settings_file import settings_named
 
     return partial(Benchmark, study=settings_named(given.config))

@@ -10,9 +10,9 @@ import rerun.blueprint as rrb
 from numpy.typing import ArrayLike
 from rerun.chunk import Chunk, RrdReader
 
-from experiments.recording import motion, outside, panels, stages
-from experiments.recording.colours import BACKGROUND
-from experiments.recording.stream import APPLICATION, TIMELINE
+from gplfd.experiments.recording import motion, outside, panels, stages
+from gplfd.experiments.recording.colours import BACKGROUND
+from gplfd.experiments.recording.stream import APPLICATION, TIMELINE
 
 Corner = Literal["LeftTop", "LeftBottom", "RightTop", "RightBottom"]
 
