@@ -9,6 +9,7 @@ from gplfd_env import (
     ENVIRONMENT_ID,
     IMPEDANCE_ENVIRONMENT_ID,
     MOBILE_ENVIRONMENT_ID,
+    RL_ENVIRONMENT_ID,
 )
 from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.fields import allowed_range
@@ -52,6 +53,7 @@ def _sections() -> Mapping[str, Mapping[str, str]]:
             ENVIRONMENT_ID: "command the hand's pose in the task frame",
             IMPEDANCE_ENVIRONMENT_ID: "command its pose and its stiffness",
             MOBILE_ENVIRONMENT_ID: "command its pose and the twist of the base",
+            RL_ENVIRONMENT_ID: "for learners: flat, within ±1, and gentleness pays",
         },
         "randomizations (of doors, placement, grasp, sensors and delay)": {
             "none": "every episode the same door",

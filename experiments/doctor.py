@@ -30,6 +30,7 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
         "lerobot": "data sets of LeRobot",
         "robomimic": "files of robomimic",
         "minari": "data sets of episodes",
+        "sb3": "learners of Stable-Baselines3",
         "tiago": "the manufacturer's meshes in recordings",
         "bench": "the libraries that are compared with",
     }

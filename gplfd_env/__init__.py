@@ -31,6 +31,10 @@ MOBILE_ENVIRONMENT_ID = "gplfd/DoorOpeningMobile-v0"
 """Commands are poses and twists of the base; see
 `gplfd_env.door_opening.DoorOpeningMobileEnv`."""
 
+RL_ENVIRONMENT_ID = "gplfd/DoorOpeningRL-v0"
+"""Flat observations, actions within ±1 relative to the hand, a reward that prefers a
+gentle opening; see `gplfd_env.wrappers`."""
+
 ENVIRONMENT_IDS: Final[Mapping[Control, str]] = MappingProxyType(
     {"pose": ENVIRONMENT_ID, "impedance": IMPEDANCE_ENVIRONMENT_ID}
 )
@@ -57,6 +61,12 @@ gymnasium.register(
     vector_entry_point="gplfd_env.vector:DoorOpeningMobileVectorEnv",
     max_episode_steps=TIME_LIMIT,
 )
+gymnasium.register(
+    id=RL_ENVIRONMENT_ID,
+    entry_point="gplfd_env.reinforcement:door_opening_rl",
+    vector_entry_point="gplfd_env.reinforcement:door_opening_rl_vector",
+    max_episode_steps=TIME_LIMIT,
+)
 
 __all__ = [
     "DISTURBANCES",
@@ -66,6 +76,7 @@ __all__ = [
     "IMPEDANCE_ENVIRONMENT_ID",
     "MOBILE_ENVIRONMENT_ID",
     "RANDOMIZATIONS",
+    "RL_ENVIRONMENT_ID",
     "TIME_LIMIT",
     "Control",
     "Disturbance",

@@ -13,6 +13,7 @@ import tyro
 from gplfd.experiments.commands.options import (
     ON_THIS_MACHINE,
     EngineOptions,
+    Json,
     next_command,
     recorded,
 )
@@ -54,6 +55,8 @@ class Benchmark:
     record: bool = False
     """Also record the best, the median and the worst episode of every policy."""
 
+    json: Json = False
+
     quiet: tyro.conf.FlagCreatePairsOff[bool] = False
     """Show no progress, only results and what went wrong."""
 
@@ -61,7 +64,8 @@ class Benchmark:
         """Run the study, print its tables, and return `FAILED` if a task failed."""
         with postponed_interruption():
             from gplfd.experiments.arguments import check_folder
-            from gplfd.experiments.results.table import write_tables
+            from gplfd.experiments.files.plain_data import json_text
+            from gplfd.experiments.results.table import study_rows, write_tables
             from gplfd.experiments.study.plan import checked, tasks
             from gplfd.experiments.study.session import carry_out
             from gplfd.experiments.study.settings_file import write_settings
@@ -74,14 +78,16 @@ class Benchmark:
         check_folder(self.out)
         write_settings(self.out / "study.toml", settings)
         errors = carry_out(tasks(settings), options, self.out, engine)
-        print(write_tables(self.out, settings))
+        tables = write_tables(self.out, settings)
+        print(json_text(study_rows(self.out, settings)) if self.json else tables)
         if self.record:
             with postponed_interruption():
                 from gplfd.experiments.extremes import record_extremes
 
             record_extremes(self.out)
-        report = next_command("report", self.out)
-        print(f"\nresults are in {self.out}; compare them:  {report}")
+        if not self.json:
+            report = next_command("report", self.out)
+            print(f"\nresults are in {self.out}; compare them:  {report}")
         return FAILED if errors else 0
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from gplfd.experiments.commands.options import Quiet
+from gplfd.experiments.commands.options import Json, Quiet
 from gplfd.experiments.interruption import postponed_interruption
 
 
@@ -31,18 +31,24 @@ class Tune:
     workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Number of processes; one per core by default."""
 
+    json: Json = False
+
     quiet: Quiet = False
     """Show no progress, only results and what went wrong."""
 
     def execute(self) -> int:
         """Tune, and print methods as published and tuned."""
         with postponed_interruption():
+            from gplfd.experiments.files.plain_data import json_text, read_json
             from gplfd.experiments.study.engines import engine_named
             from gplfd.experiments.tuning.candidates import checked_policies
             from gplfd.experiments.tuning.search import FILE, tune
 
         policies = checked_policies(self.policies)
         engine = engine_named("loky", workers=self.workers)
-        print(tune(policies, self.out, engine))
-        print(f"\nthe settings are in {self.out / FILE}")
+        table = tune(policies, self.out, engine)
+        if self.json:
+            print(json_text(read_json(self.out / FILE)["policies"]))
+        else:
+            print(f"{table}\n\nthe settings are in {self.out / FILE}")
         return 0

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from gplfd.experiments.episodes.metrics import EpisodeMetrics
 from gplfd.experiments.files.table import Table, markdown_table
@@ -16,7 +16,7 @@ from gplfd.experiments.results.reading import read_files
 from gplfd.experiments.results.records import EpisodeResult
 from gplfd.experiments.results.statistics import success_rate
 from gplfd.experiments.study.plan import conditions, episodes
-from gplfd.experiments.study.settings import StudySettings
+from gplfd.experiments.study.settings import Condition, StudySettings
 from gplfd.experiments.study.store import result_path
 from gplfd.policies.storage import complete_or_absent
 
@@ -110,14 +110,43 @@ def write_tables(folder: Path, settings: StudySettings) -> str:
     return text
 
 
+def study_rows(folder: Path, settings: StudySettings) -> list[dict[str, Any]]:
+    """Return the numbers of the tables: a row per condition, policy and door.
+
+    Each has ``condition``, ``policy``, ``door``, ``episodes`` that ran, ``opened``,
+    ``errors``, and by their metrics' names the medians of `study_table`, in its units;
+    None where there is nothing to take one of.
+    """
+    rows: list[dict[str, Any]] = []
+    for condition in conditions(settings):
+        results, _ = _results(folder, settings, condition)
+        groups = grouped(results, lambda one: (one.policy, one.task.door))
+        for (policy, door), own in groups.items():
+            ran = [one for one in own if not one.error]
+            solved = [one for one in ran if one.solved]
+            said = {"condition": str(condition), "policy": policy, "door": door}
+            counts = {"episodes": len(ran), "opened": len(solved)}
+            medians = {one.metric: one.median(solved) for one in _OF_SOLVED} | {
+                one.metric: one.median(ran) for one in _OF_ALL
+            }
+            rows.append(said | counts | {"errors": len(own) - len(ran)} | medians)
+    return rows
+
+
+def _results(
+    folder: Path, settings: StudySettings, condition: Condition
+) -> tuple[list[EpisodeResult], Sequence[str]]:
+    """Return a condition's episodes, and remarks on files that cannot be read."""
+    tasks = episodes(settings, condition, range(settings.seeds))
+    found, unreadable = read_files(result_path(folder, task) for task in tasks)
+    return [one for one in found if isinstance(one, EpisodeResult)], unreadable
+
+
 def _tables(folder: Path, settings: StudySettings) -> Iterator[str]:
     """Yield a table per condition of the study, and what is missing in it."""
     several = list(conditions(settings))
     for condition in several:
-        tasks = episodes(settings, condition, range(settings.seeds))
-        files = (result_path(folder, task) for task in tasks)
-        found, unreadable = read_files(files)
-        results = [one for one in found if isinstance(one, EpisodeResult)]
+        results, unreadable = _results(folder, settings, condition)
         if len(several) > 1:
             yield f"{condition}:"
         yield from filter(None, (error_count(results), *unreadable))

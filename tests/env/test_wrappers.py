@@ -1,8 +1,6 @@
-"""What an environment says, in other forms; and Gymnasium's corners."""
+"""What an environment says, in other forms."""
 
 import re
-import subprocess
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -110,17 +108,3 @@ def test_the_number_of_steps_stands_beside_the_time() -> None:
     assert (observation["step"], observation["time"]) == (1, pytest.approx(0.01))
     assert observation in timed.observation_space
     env.close()
-
-
-def test_without_the_import_the_error_is_that_of_the_page(tmp_path: Path) -> None:
-    program = "import gymnasium; gymnasium.make('gplfd/DoorOpening-v0')"
-    ran = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-    )
-    said = "Namespace gplfd not found"
-    assert said in ran.stderr
-    assert said in PAGE.read_text()

@@ -188,6 +188,23 @@ def test_options_win_over_the_saved_study(tmp_path: Path, ran: list[Any]) -> Non
     )
 
 
+def test_tables_as_json_are_numbers_and_nothing_else(
+    tmp_path: Path,
+    ran: list[Any],
+    episode_result: Any,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    chosen = ("--policies", "gp", "--doors", "small", "--seeds", "2", "--no-skill")
+    assert benchmark(tmp_path / "out", *chosen, "--json") == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    metrics = episode_result("gp", radius=0.35)["metrics"]
+    assert (row["policy"], row["door"]) == ("gp", "small")
+    assert (row["episodes"], row["errors"]) == (2, 0)
+    assert row["opened"] == 2 * metrics["success"]
+    assert row["force_radial_peak"] == metrics["force_radial_peak"]
+    assert "| gp | small |" in (tmp_path / "out" / "table.md").read_text()
+
+
 def test_what_a_study_wrote_runs_it_again(tmp_path: Path, ran: list[Any]) -> None:
     first, second = tmp_path / "first", tmp_path / "second"
     assert benchmark(first, "--config", "small", "--seeds", "1") == 0

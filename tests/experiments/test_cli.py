@@ -23,6 +23,7 @@ from gplfd_env import (
     ENVIRONMENT_IDS,
     MOBILE_ENVIRONMENT_ID,
     RANDOMIZATIONS,
+    RL_ENVIRONMENT_ID,
 )
 
 Gplfd = Callable[..., int]
@@ -261,6 +262,7 @@ def test_list_as_json_names_what_can_be_given(
     assert set(listed["environments"]) == {
         *ENVIRONMENT_IDS.values(),
         MOBILE_ENVIRONMENT_ID,
+        RL_ENVIRONMENT_ID,
     }
     assert set(listed["randomizations"]) == set(RANDOMIZATIONS)
     assert set(listed["disturbances"]) == set(DISTURBANCES)

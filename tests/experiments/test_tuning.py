@@ -6,6 +6,7 @@ import pytest
 
 from gplfd.experiments.cli import main
 from gplfd.experiments.learning_tests.scores import method_metrics
+from gplfd.experiments.study import engines
 from gplfd.experiments.study.engines import Lost
 from gplfd.experiments.study.engines.serial import Serial
 from gplfd.experiments.study.settings import PRESETS
@@ -215,6 +216,16 @@ def test_the_file_is_what_the_registry_reads(tmp_path, monkeypatch):
     assert {"command", "versions", "git"} <= written.keys()
     assert written["policies"]["gmr"]["published"]["nlpd"] == 0.0
     assert written["policies"]["gmr"]["tuned"]["force_radial_peak_median"] == 1.0
+
+
+def test_as_json_it_prints_what_the_file_has(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(search, "evaluate", pretended)
+    monkeypatch.setattr(engines, "engine_named", lambda *_, **__: Serial())
+    command = ["tune", "--policies", "gmr", "--out", str(tmp_path), "--json"]
+    assert main(command) == 0
+    printed = json.loads(capsys.readouterr().out)
+    written = json.loads((tmp_path / "tuned.json").read_text())
+    assert printed == written["policies"]
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,8 @@ SAYS = {
 
 def test_every_script_is_known() -> None:
     known = {module.__name__ for module in (*SMALL, contact_loop, recorded_tasks)}
-    assert known == {path.stem for path in FOLDER.glob("*.py")}
+    # It needs the extra sb3 and is run by tests/learners.
+    assert known | {"learners"} == {path.stem for path in FOLDER.glob("*.py")}
 
 
 def test_documents_name_every_script_and_no_other() -> None:

@@ -138,6 +138,28 @@ def test_the_hosted_workflow_runs_the_script_and_nothing_else() -> None:
     assert re.findall(r"\brun: (.*)", workflow) == ["bash .ci/run"]
 
 
+def test_what_brings_gigabytes_is_installed_on_request_alone() -> None:
+    """The extra sb3 brings PyTorch; tests that need it have a script of their own."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    extras = project["project"]["optional-dependencies"]
+
+    def brought(extra: str) -> set[str]:
+        own = re.match(r"gplfd\[(.*)\]", extras[extra][0])
+        others = own[1].split(",") if own else []
+        return {extra}.union(*map(brought, others))
+
+    assert extras["sb3"] == ["stable-baselines3>=2.7"]
+    assert brought("dev") >= {"docs", "test", "minari"}
+    assert "sb3" not in brought("dev")
+    folders = project["tool"]["pytest"]["ini_options"]["testpaths"]
+    there = {str(each.relative_to(ROOT)) for each in (ROOT / "tests").glob("*/")}
+    separate = there - set(folders) - {"tests/__pycache__"}
+    assert separate == {"tests/learners"}
+    assert "pytest -q -p no:cacheprovider tests/learners" in (
+        (ROOT / ".ci" / "learners").read_text()
+    )
+
+
 @pytest.mark.parametrize("name", ["run", "test"])
 def test_readme_has_each_marked_command_once(name: str) -> None:
     """The continuous integration runs the README's own text."""

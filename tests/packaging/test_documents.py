@@ -1,5 +1,6 @@
 """The documents speak of things that exist."""
 
+import importlib
 import os
 import re
 import subprocess
@@ -7,8 +8,11 @@ import sys
 import tomllib
 from pathlib import Path
 
+import gymnasium
 import pytest
 import yaml
+
+import gplfd_env  # noqa: F401  (registers the ids)
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [
@@ -97,3 +101,42 @@ def test_code_in_the_readme_runs(number: int, first_run: Path) -> None:
         check=False,
     )
     assert ran.returncode == 0, ran.stderr
+
+
+def test_every_public_name_has_a_place_in_the_reference() -> None:
+    """Whatever a module exports, and every class that an environment's id makes."""
+    pages = "".join(path.read_text() for path in (ROOT / "docs" / "api").glob("*.md"))
+    described = re.findall(r"^::: ([\w.]+)$", pages, re.MULTILINE)
+    exporting = set()
+    for package in ("gplfd_env", "policies", "experiments"):
+        folder = Path(importlib.import_module(package).__path__[0])
+        for path in folder.rglob("*.py"):
+            if re.search(r"^__all__ = ", path.read_text(), re.MULTILINE):
+                parts = (package, *path.relative_to(folder).with_suffix("").parts)
+                exporting.add(".".join(parts).removesuffix(".__init__"))
+    assert exporting - set(described) == set()
+    made = set()
+    for spec in gymnasium.registry.values():
+        if spec.namespace == "gplfd":
+            made |= {str(spec.entry_point), str(spec.vector_entry_point)}
+    assert len(made) == 8
+    for module, name in (each.split(":") for each in made):
+        (shown,) = re.findall(rf"^::: {module}\n(?: +(.*))?", pages, re.MULTILINE)
+        assert not shown or name in shown, f"{module}.{name}"
+
+
+def test_every_page_is_three_clicks_away() -> None:
+    """From the start page: by its links, and by the navigation beside it."""
+    pages = {path.name for path in (ROOT / "docs").glob("*.md")}
+    reached, front = {"index.md"}, {"index.md"}
+    for _ in range(3):
+        links = {
+            link
+            for page in front
+            for link in re.findall(
+                r"\]\((?!https?://|#)([\w-]+\.md)", (ROOT / "docs" / page).read_text()
+            )
+        }
+        front = links - reached
+        reached |= links
+    assert pages - reached == set()

@@ -1,4 +1,4 @@
-"""Wrappers for those who learn: what the environments say, in other forms."""
+"""Codes in the place of the strings of an info."""
 
 from collections.abc import Mapping
 from functools import partial

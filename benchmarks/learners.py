@@ -1,0 +1,263 @@
+"""What adapters cost, and what a slam earns: python benchmarks/learners.py.
+
+Steps per second of many doors, as Gymnasium's vector environment, in the learners'
+wrappers, and as Stable-Baselines3's; and the return of a gentle and of a violent script
+under the dense reward and under that of ``gplfd/DoorOpeningRL-v0``; and what policies
+reach that learned from six demonstrations. Needs the extra sb3.
+"""
+
+import copy
+import json
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import gymnasium as gym
+import matplotlib.pyplot as plt
+import numpy as np
+import tyro
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from gplfd.experiments.speed.machine import load
+from gplfd.experiments.speed.report import Measurement, Value, at_least, measure_all
+from gplfd.experiments.speed.timing import Timed, after, measure
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies.lockstep import batch_agents
+from gplfd.policies.method import TrainingInput
+from gplfd.policies.registry import policy_named
+from gplfd_env import ENVIRONMENT_ID, RL_ENVIRONMENT_ID
+from gplfd_env.sb3 import make_sb3
+from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
+from gplfd_env.wrappers import RelativeAction, VectorGentleReward, action_of
+
+JUDGED: Final = (0.35, 0.42, 0.50, 0.58, 0.65)
+"""Radii of the doors on which learners are judged [m]."""
+CLONE: Final = f"{Path(__file__).parents[1] / 'examples' / 'cloned_policy.py'}:make"
+"""A network that imitates gp."""
+
+_PERIODS: Final = 30
+_REST: Final = np.zeros(6, np.float32)
+
+
+def measure_steps(repeats: int, counts: tuple[int, ...] = (2, 8, 32)) -> Measurement:
+    """Let hands rest in every form of n doors, in turns.
+
+    Args:
+        repeats: Rounds of at least 800 steps each.
+        counts: Numbers of doors n.
+    """
+    times = measure(
+        {f"{name}, {n}": way for n in counts for name, way in _ways(n).items()},
+        repeats,
+        least_operations=800,
+    )
+    rates = {
+        name: times[name].speed_over(times[f"{_WRAPPED}, {name.split(', ')[-1]}"])
+        for name in times
+    }
+    return Measurement(
+        title=f"control steps of n doors ({load()})",
+        rows={
+            name: {"steps/s": time.rate, "of the wrapped": rates[name]}
+            for name, time in times.items()
+        },
+        targets=tuple(
+            at_least(f"{_ADAPTED}, {n}: of the wrapped", rates[f"{_ADAPTED}, {n}"], 0.8)
+            for n in counts
+        ),
+    )
+
+
+_PLAIN: Final = ENVIRONMENT_ID
+_WRAPPED: Final = RL_ENVIRONMENT_ID
+_ADAPTED: Final = "make_sb3"
+_OWN: Final = "DummyVecEnv"
+
+
+def _ways(n: int) -> dict[str, Timed]:
+    """Return the forms of n doors, each resting for some periods."""
+
+    def stepped(envs: Any, reset: Any) -> Timed:
+        actions = np.tile(_REST, (n, 1))
+
+        def action() -> None:
+            for _ in range(_PERIODS):
+                envs.step(actions)
+
+        return after(reset, action, operations=n * _PERIODS)
+
+    plain, wrapped = (
+        gym.make_vec(id, n, autoreset_mode="SameStep") for id in (_PLAIN, _WRAPPED)
+    )
+    adapted = make_sb3(n)
+    own = DummyVecEnv(n * [lambda: gym.make(RL_ENVIRONMENT_ID)])
+    return {
+        _PLAIN: stepped(plain, lambda: plain.reset(seed=0)),
+        _WRAPPED: stepped(wrapped, lambda: wrapped.reset(seed=0)),
+        _ADAPTED: stepped(adapted, adapted.reset),
+        _OWN: stepped(own, own.reset),
+    }
+
+
+def measure_scripts(repeats: int) -> Measurement:
+    """Open doors along their true arc in 6 s, and by pulling with all that is allowed.
+
+    Args:
+        repeats: Not needed: nothing is drawn.
+    """
+    rows: dict[str, dict[str, Value]] = {}
+    for door in ("small", "medium", "large", "heavy"):
+        for script in (gentle, slam):
+            rows[f"{door}, {script.__name__}"] = _played(door, script)
+    behind = [
+        float(rows[f"{door}, gentle"]["return"])  # type: ignore[arg-type]
+        - float(rows[f"{door}, slam"]["return"])  # type: ignore[arg-type]
+        for door in ("small", "medium", "large", "heavy")
+    ]
+    return Measurement(
+        title="what two scripts earn",
+        rows=rows,
+        targets=(at_least("a slam's return below a gentle one's", min(behind), 0.5),),
+    )
+
+
+def gentle(step: int, hand: np.ndarray, radius: float) -> np.ndarray:
+    """Return the action that follows the true arc to 66° in 6 s."""
+    s = min(step * CONTROL_PERIOD / 6.0, 1.0)
+    angle = math.radians(66.0) * (10 * s**3 - 15 * s**4 + 6 * s**5)
+    return action_of(handle_pose_on_arc(radius, angle), hand)
+
+
+def slam(step: int, hand: np.ndarray, radius: float) -> np.ndarray:
+    """Return the action that pulls as far as it may, turning with the hand."""
+    return np.array([math.cos(hand[4]), 0.0, -math.sin(hand[4]), 0.0, 0.5, 0.0])
+
+
+def _played(door: str, script: Any) -> dict[str, Value]:
+    """Return what an episode came to under both rewards; it is the same episode."""
+    learner: Any = gym.make(RL_ENVIRONMENT_ID, door=door)
+    plain = RelativeAction(gym.make(ENVIRONMENT_ID, door=door))
+    learner.reset(seed=0)
+    observation, _ = plain.reset(seed=0)
+    radius, dense, over = learner.unwrapped.door.radius, 0.0, False
+    step = 0
+    while not over:
+        step += 1
+        action = script(step, observation["ee_pose"], radius)
+        observation, reward, *_ = plain.step(action)
+        *_, terminated, truncated, info = learner.step(action)
+        dense += float(reward)
+        over = terminated or truncated
+    for env in (learner, plain):
+        env.close()
+    return {
+        "opened": "yes" if info["success"] else "no",
+        "angle [deg]": math.degrees(info["door_angle"]),
+        "time [s]": step * CONTROL_PERIOD,
+        "peak radial [N]": info["peak_force"],
+        "peak slip [mm]": 1e3 * info["peak_slip"],
+        "dense return": dense,
+        "return": info["return"],
+    }
+
+
+def measure_policies(repeats: int, policies: tuple[str, ...]) -> Measurement:
+    """Let policies that learned from six demonstrations open the judged doors.
+
+    Args:
+        repeats: Not needed: nothing is drawn.
+        policies: Names, or file.py:function.
+    """
+    training = TrainingInput(demonstrations=Teacher().standard_demonstrations(seed=0))
+    rows: dict[str, dict[str, Value]] = {}
+    for name in policies:
+        agent = policy_named(name).make(training)
+        rows[Path(name).stem] = _judged([copy.deepcopy(agent) for _ in JUDGED])
+    return Measurement(title=f"doors of {', '.join(map(str, JUDGED))} m", rows=rows)
+
+
+def _judged(alone: Sequence[object]) -> dict[str, Value]:
+    """Return what came of one episode per door, as a learner's curve has it."""
+    agents = batch_agents(alone)
+    made = gym.make_vec(
+        ENVIRONMENT_ID, len(JUDGED), door=list(JUDGED), autoreset_mode="Disabled"
+    )
+    envs = VectorGentleReward(made)
+    observations, infos = envs.reset(seed=0)
+    agents.reset(observations)
+    acting, steps = np.ones(len(JUDGED), dtype=bool), 0
+    while acting.any():
+        steps += np.count_nonzero(acting)
+        actions = agents.act(observations, acting).action
+        observations, _, terminated, truncated, infos = envs.step(actions)
+        acting = acting & ~(terminated | truncated)
+    envs.close()
+    return {
+        "opened": int(np.count_nonzero(infos["success"])),
+        "return": float(np.mean(infos["return"])),
+        "angle_deg": float(np.degrees(np.mean(infos["door_angle"]))),
+        "peak_force": float(np.median(infos["peak_force"])),
+        "steps": steps,
+    }
+
+
+def draw(curve: Path, rows: Mapping[str, Mapping[str, Value]], figure: Path) -> None:
+    """Draw a learner's curve beside what policies reach from six demonstrations.
+
+    Args:
+        curve: What ``examples/learned_policy.py`` wrote.
+        rows: Of `measure_policies`.
+        figure: File to write.
+    """
+    judged = json.loads(curve.read_text())
+    steps = [1e-3 * row["steps"] for row in judged]
+    panels = (
+        ("opened", f"doors opened, of {len(JUDGED)}"),
+        ("angle_deg", "angle at the end [°], mean"),
+        ("peak_force", "peak radial force [N], median"),
+    )
+    drawing, places = plt.subplots(1, len(panels), figsize=(10.0, 3.0))
+    for place, (name, title) in zip(places, panels, strict=True):
+        place.plot(steps, [row[name] for row in judged], color="C1", label="PPO")
+        for number, (policy, row) in enumerate(rows.items()):
+            style = {"color": ("C0", "C2")[number % 2], "linestyle": "--"}
+            place.axhline(row[name], label=f"{policy}, 6 demonstrations", **style)
+        place.set(xlabel="thousand control steps", ylabel=title)
+        place.set_ylim(bottom=0.0)
+        place.spines[["top", "right"]].set_visible(False)
+    places[0].legend(frameon=False, fontsize=8, loc="center left")
+    drawing.tight_layout()
+    drawing.savefig(figure, dpi=110)
+    plt.close(drawing)
+
+
+def main(
+    repeats: int = 5,
+    counts: tuple[int, ...] = (2, 8, 32),
+    policies: tuple[str, ...] = ("gp", CLONE),
+    curve: Path | None = None,
+    figure: Path = Path("learners.png"),
+) -> None:
+    """Measure what adapters cost, what scripts earn, and what policies reach.
+
+    Args:
+        repeats: Measurements of every time.
+        counts: Numbers of doors.
+        policies: That learn from six demonstrations.
+        curve: A curve.json of examples/learned_policy.py, to be drawn beside them.
+        figure: Picture to write if there is a curve.
+    """
+    measures = {
+        "steps": partial(measure_steps, counts=counts),
+        "scripts": measure_scripts,
+        "policies": partial(measure_policies, policies=policies),
+    }
+    found = measure_all(measures, repeats)
+    if curve is not None:
+        draw(curve, found["policies"].rows, figure)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,86 @@
+"""A small network that imitates the policy `gp`, measured like the policies.
+
+The network sees what ``gplfd/DoorOpeningRL-v0`` shows, one vector, and says what that
+takes, a set-point relative to the hand. It learns from episodes in which `gp`, which
+itself learned from a few demonstrations, opens doors that differ a little every time.
+
+    gplfd run --policy examples/cloned_policy.py:make
+    gplfd benchmark --config small --policies gp examples/cloned_policy.py:make
+"""
+
+import copy
+
+import gymnasium as gym
+import numpy as np
+from sklearn.neural_network import MLPRegressor
+from sklearn.preprocessing import StandardScaler
+
+from gplfd.policies import make_agent
+from gplfd.policies.lockstep import batch_agents
+from gplfd_env import ENVIRONMENT_ID
+from gplfd_env.wrappers import action_of, command_of, flat_of
+
+RADII = np.linspace(0.30, 0.65, 16)  # [m]; the doors in which `gp` teaches
+EPISODES = 2  # of every door
+EPOCHS = 30
+
+
+class Clone:
+    """An agent: the network's action for what is observed, as a pose."""
+
+    def __init__(self, seen, said, seed):
+        self.inputs, self.outputs = StandardScaler().fit(seen), StandardScaler()
+        targets = self.outputs.fit_transform(said)
+        self.network = MLPRegressor(
+            hidden_layer_sizes=(64, 64),
+            activation="tanh",
+            batch_size=256,
+            random_state=np.random.RandomState(seed),
+        )
+        for _ in range(EPOCHS):
+            self.network.partial_fit(self.inputs.transform(seen), targets)
+
+    def act(self, observation):
+        seen = self.inputs.transform(flat_of(observation)[None])
+        action = self.outputs.inverse_transform(self.network.predict(seen))[0]
+        return command_of(action, observation["ee_pose"])
+
+
+def lessons(teacher, seed):
+    """Return what `gp` sees and does on the way, (N, 33) and (N, 6) in units of ±1."""
+    envs = gym.make_vec(
+        ENVIRONMENT_ID,
+        num_envs=len(RADII),
+        door=RADII.tolist(),
+        randomization="mild",
+        autoreset_mode="Disabled",
+    )
+    teachers = batch_agents([copy.deepcopy(teacher) for _ in RADII])
+    observations, _ = envs.reset(seed=seed)
+    teachers.reset(observations)
+    acting = np.ones(len(RADII), dtype=bool)
+    seen, said = [], []
+    while acting.any():
+        commands = teachers.act(observations, acting).action
+        seen.append(flat_of(observations)[acting])
+        said.append(action_of(commands, observations["ee_pose"])[acting])
+        observations, _, terminated, truncated, _ = envs.step(commands)
+        acting &= ~(terminated | truncated)
+    envs.close()
+    return np.concatenate(seen), np.concatenate(said)
+
+
+def make(training):
+    """Imitation of `gp` by a network of two layers of 64."""
+    seed = training.seed
+    teacher = make_agent("gp", training.demonstrations, seed=seed)
+    rounds = [lessons(teacher, 1000 * seed + each) for each in range(EPISODES)]
+    seen, said = map(np.concatenate, zip(*rounds, strict=True))
+    return Clone(seen, np.clip(said, -1.0, 1.0), seed)
+
+
+if __name__ == "__main__":
+    from gplfd.experiments.cli import main  # the command line: only to run this file
+
+    chosen = ["--policy", f"{__file__}:make", "--doors", "medium"]
+    main(["run", *chosen, "--out", "results/clone"])

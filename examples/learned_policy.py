@@ -1,0 +1,171 @@
+"""PPO on `gplfd/DoorOpeningRL-v0`, measured like the policies; needs the extra sb3.
+
+    python examples/learned_policy.py --steps 700000 --out results/ppo
+    gplfd run --policy examples/learned_policy.py:make
+    gplfd benchmark --config small --policies gp examples/learned_policy.py:make
+
+The first command learns and writes `results/ppo/model.zip` and `curve.json`: how many
+doors the policy opened, and with what force, after how many steps. The others read the
+model from there, or from the folder that the environment variable GPLFD_LEARNED names.
+
+Decisions are made ten times a second and held: noise that changes a hundred times a
+second is felt as force but moves no door, so that nothing would be found out.
+"""
+
+import argparse
+import json
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import (
+    VecEnvWrapper,
+    VecMonitor,
+    VecNormalize,
+)
+
+from gplfd_env.sb3 import make_sb3
+from gplfd_env.wrappers import command_of, flat_of
+
+FOLDER = Path(os.environ.get("GPLFD_LEARNED", "results/ppo"))
+RADII = [0.30, 0.35, 0.40, 0.45, 0.50, 0.55, 0.60, 0.65]  # [m]
+JUDGED = [0.35, 0.42, 0.50, 0.58, 0.65]  # [m]
+HELD = 10  # control periods
+
+
+class HeldActions(VecEnvWrapper):
+    """Holds every action for `HELD` control periods; rewards are summed.
+
+    A simulation whose episode ends meanwhile rests in the next one until all go on.
+    """
+
+    def reset(self):
+        return self.venv.reset()
+
+    def step_async(self, actions):
+        self.actions = actions.copy()
+
+    def step_wait(self):
+        total = np.zeros(self.num_envs, dtype=np.float32)
+        ended = np.zeros(self.num_envs, dtype=bool)
+        said = [{} for _ in ended]
+        for _ in range(HELD):
+            seen, rewards, dones, infos = self.venv.step(self.actions)
+            total[~ended] += rewards[~ended]
+            said = [
+                old if over else new
+                for old, new, over in zip(said, infos, ended, strict=True)
+            ]
+            ended |= dones
+            self.actions[ended] = 0.0
+        return seen, total, ended, said
+
+
+class Learned:
+    """An agent: the network's mean action for what is observed, as a pose."""
+
+    def __init__(self, model, normal):
+        self.model, self.normal = model, normal
+
+    def reset(self, observation):
+        self.steps = 0
+
+    def act(self, observation):
+        if self.steps % HELD == 0:
+            seen = self.normal.normalize_obs(flat_of(observation))
+            self.action, _ = self.model.predict(seen, deterministic=True)
+        self.steps += 1
+        return command_of(self.action, observation["ee_pose"])
+
+
+class Curve(BaseCallback):
+    """Judges the policy every now and then, without noise, and keeps the best."""
+
+    def __init__(self, normal, every, out):
+        super().__init__()
+        self.normal, self.every, self.out = normal, every, out
+        self.rows, self.due = [], 0
+        self.began = time.process_time()
+
+    def _on_step(self):
+        return True
+
+    def _on_rollout_start(self):
+        if self.num_timesteps < self.due:
+            return
+        self.due += self.every
+        spent = time.process_time() - self.began
+        row = {
+            "steps": HELD * self.num_timesteps,
+            "cpu_s": round(spent),
+            **self.judged(),
+        }
+        print(json.dumps(row), flush=True)
+        if not self.rows or row["return"] > max(one["return"] for one in self.rows):
+            self.model.save(self.out / "model.zip")
+            self.normal.save(str(self.out / "normal.pkl"))
+        self.rows.append(row)
+        (self.out / "curve.json").write_text(json.dumps(self.rows, indent=1) + "\n")
+
+    def judged(self):
+        """Return what came of one episode per door."""
+        envs = HeldActions(make_sb3(len(JUDGED), door=JUDGED))
+        seen, ended = envs.reset(), {}
+        while len(ended) < len(JUDGED):
+            action, _ = self.model.predict(
+                self.normal.normalize_obs(seen), deterministic=True
+            )
+            seen, _, dones, infos = envs.step(action)
+            for row in np.flatnonzero(dones):
+                ended.setdefault(int(row), infos[row])
+        envs.close()
+        said = list(ended.values())
+        return {
+            "opened": sum(info["success"] for info in said),
+            "of": len(said),
+            "return": float(np.mean([info["return"] for info in said])),
+            "angle_deg": float(np.degrees(np.mean([i["door_angle"] for i in said]))),
+            "peak_force": float(np.median([info["peak_force"] for info in said])),
+        }
+
+
+def learn(steps, out, seed=0):
+    """Learn, and write model and curve into a folder."""
+    torch.set_num_threads(1)
+    out.mkdir(parents=True, exist_ok=True)
+    envs = make_sb3(len(RADII), door=RADII)
+    normal = VecNormalize(VecMonitor(HeldActions(envs)), gamma=0.99)
+    model = PPO(
+        "MlpPolicy",
+        normal,
+        n_steps=64,
+        batch_size=128,
+        n_epochs=10,
+        gamma=0.99,
+        learning_rate=lambda left: 1e-3 * (0.2 + 0.8 * left),
+        seed=seed,
+        policy_kwargs={"log_std_init": -2.3, "net_arch": [64, 64]},
+    )
+    decisions = steps // HELD
+    model.learn(decisions, callback=Curve(normal, decisions // 40, out))
+
+
+def make(training):
+    """What PPO learned, from the folder that it was written to."""
+    envs = make_sb3(1)
+    normal = VecNormalize.load(str(FOLDER / "normal.pkl"), envs)
+    normal.training = False
+    return Learned(PPO.load(FOLDER / "model.zip", device="cpu"), normal)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--steps", type=int, default=700_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=FOLDER)
+    given = parser.parse_args()
+    learn(given.steps, given.out, given.seed)

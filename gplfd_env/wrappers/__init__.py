@@ -1,0 +1,44 @@
+"""Wrappers for those who learn: what the environments say, in other forms.
+
+Each for one environment and, with ``Vector`` before its name, for a vector environment;
+one and many give the same numbers, bit for bit. ``gplfd/DoorOpeningRL-v0`` is
+``gplfd/DoorOpening-v0`` in three of them: `RelativeAction`, `GentleReward`,
+`FlatObservation`.
+"""
+
+from gplfd_env.wrappers.flat_observation import (
+    FlatObservation,
+    VectorFlatObservation,
+    flat_of,
+)
+from gplfd_env.wrappers.gentle_reward import GentleReward, VectorGentleReward
+from gplfd_env.wrappers.numeric_info import (
+    FAILURES,
+    REASONS,
+    NumericInfo,
+    VectorNumericInfo,
+)
+from gplfd_env.wrappers.relative_action import (
+    LIMITS,
+    RelativeAction,
+    VectorRelativeAction,
+    action_of,
+    command_of,
+)
+
+__all__ = [
+    "FAILURES",
+    "LIMITS",
+    "REASONS",
+    "FlatObservation",
+    "GentleReward",
+    "NumericInfo",
+    "RelativeAction",
+    "VectorFlatObservation",
+    "VectorGentleReward",
+    "VectorNumericInfo",
+    "VectorRelativeAction",
+    "action_of",
+    "command_of",
+    "flat_of",
+]

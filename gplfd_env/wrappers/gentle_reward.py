@@ -1,0 +1,186 @@
+"""A reward that prefers a gentle opening: what the episode has come to, so far.
+
+The reward of a step is the gain of a score in that step, so that an episode's return is
+the score at its end:
+
+    min(φ, 60°)/60° - max |F|/20 N - max s/20 mm + 1 if held
+
+with the opening angle φ, and the greatest force F and slip s so far. Nothing in it
+grows with time; what it derives from stands in docs/environment.md.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final, cast
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from gplfd_env.convention import masked
+from gplfd_env.task import SUCCESS_ANGLE
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Info = dict[str, Any]
+
+FORCE_SCALE: Final = 20.0
+"""Force that costs what the whole progress earns [N]: what the grasp holds."""
+
+SLIP_SCALE: Final = 0.02
+"""Slip that costs as much [m]: where the handle leaves the fingers."""
+
+_HARMFUL: Final = ("force_radial", "person_force", "stop_force")
+"""Forces that no opening needs: across the handle's path, on people, on stops [N]."""
+
+
+class GentleReward(gym.Wrapper[Any, Any, Any, Any]):
+    """Reward the opening, and charge for the greatest force and the greatest slip.
+
+    In ``info``, besides: ``peak_force`` [N] and ``peak_slip`` [m] so far, ``return``,
+    the sum of the rewards so far, and this reward's ``reward_terms``: ``progress``,
+    ``force``, ``slip``, ``success``.
+    """
+
+    _score: "Score"
+
+    def reset(
+        self, *, seed: int | None = None, options: Info | None = None
+    ) -> tuple[Any, Info]:
+        """Begin an episode."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._score = Score(info)
+        return observation, {**info, **_floats(self._score.info)}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, Info]:
+        """Act for one control period."""
+        observation, _, terminated, truncated, info = self.env.step(action)
+        score = self._score
+        score.advance(info)
+        said = {**info, **_floats(score.info)}
+        return observation, float(score.reward), terminated, truncated, said
+
+
+class VectorGentleReward(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
+    """The same of a vector environment, in every autoreset mode."""
+
+    def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
+        super().__init__(env)
+        self._mode = env.metadata["autoreset_mode"]
+        self._score: Score | None = None
+        self._ended = np.zeros(env.num_envs, dtype=bool)
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
+        """Begin episodes."""
+        observations, infos = self.env.reset(seed=seed, options=options)
+        rows = infos["_door_angle"]
+        if self._score is None:
+            self._score = Score(infos)
+        self._score.restart(infos, rows)
+        self._ended = self._ended & ~rows
+        return observations, infos | masked(self._score.info, rows)
+
+    def step(self, actions: Any) -> tuple[Any, Array, Mask, Mask, Info]:
+        """Act for one control period."""
+        observations, _, terminations, truncations, infos = self.env.step(actions)
+        # A step before the first reset has ended in the environment's error.
+        score, everyone = cast("Score", self._score), np.ones(self.num_envs, bool)
+        if self._mode is AutoresetMode.NEXT_STEP:
+            score.restart(infos, self._ended)
+        self._ended = terminations | truncations
+        at_once = self._mode is AutoresetMode.SAME_STEP and bool(self._ended.any())
+        score.advance(_ended_as(infos, self._ended) if at_once else infos)
+        rewards = score.reward
+        if at_once:
+            final = infos["final_info"] | masked(score.info, self._ended)
+            score.restart(infos, self._ended)
+            infos = {**infos, "final_info": final}
+        infos = infos | masked(score.info, everyone)
+        return observations, rewards, terminations, truncations, infos
+
+
+class Score:
+    """What one episode, or each of many, has come to.
+
+    Args:
+        info: Of the reset; numbers, or arrays (n,).
+
+    Attributes:
+        peak_force: Greatest of the forces that no opening needs, so far [N].
+        peak_slip: Greatest slip so far [m].
+        earned: Sum of the rewards so far.
+        terms: Of the last step's reward.
+    """
+
+    def __init__(self, info: Mapping[str, Any]) -> None:
+        self.peak_force, self.peak_slip = _harm(info), np.abs(info["slip"])
+        self._values = self._now(info)
+        self.terms = {name: value - value for name, value in self._values.items()}
+        self.earned = self.reward
+
+    @property
+    def reward(self) -> Any:
+        """Of the last step."""
+        progress, force, slip, success = self.terms.values()
+        return progress + force + slip + success
+
+    @property
+    def info(self) -> Info:
+        """What is told of it; arrays are the caller's own."""
+        return {
+            "reward_terms": dict(self.terms),
+            "peak_force": self.peak_force + 0.0,
+            "peak_slip": self.peak_slip + 0.0,
+            "return": self.earned + 0.0,
+        }
+
+    def advance(self, info: Mapping[str, Any]) -> None:
+        """Take in the info of the next step."""
+        self.peak_force = np.maximum(self.peak_force, _harm(info))
+        self.peak_slip = np.maximum(self.peak_slip, info["slip"])
+        before, self._values = self._values, self._now(info)
+        self.terms = {name: self._values[name] - before[name] for name in before}
+        self.earned = self.earned + self.reward
+
+    def restart(self, info: Mapping[str, Any], rows: Mask) -> None:
+        """Begin anew in some of many."""
+        if not rows.any():
+            return
+        fresh = Score(info)
+        for name in ("peak_force", "peak_slip", "earned"):
+            chosen = np.where(rows, getattr(fresh, name), getattr(self, name))
+            setattr(self, name, chosen)
+        for old, new in ((self._values, fresh._values), (self.terms, fresh.terms)):
+            old.update({name: np.where(rows, new[name], old[name]) for name in old})
+
+    def _now(self, info: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the terms of the score."""
+        return {
+            "progress": np.minimum(info["door_angle"], SUCCESS_ANGLE) / SUCCESS_ANGLE,
+            "force": -self.peak_force / FORCE_SCALE,
+            "slip": -self.peak_slip / SLIP_SCALE,
+            "success": np.multiply(info["success"], 1.0),
+        }
+
+
+def _harm(info: Mapping[str, Any]) -> Any:
+    """Return the greatest of the forces that no opening needs [N]."""
+    radial, *others = (np.abs(info[name]) for name in _HARMFUL)
+    for other in others:
+        radial = np.maximum(radial, other)
+    return radial
+
+
+def _floats(values: Info) -> Info:
+    """Return the numbers of one episode as Python's own."""
+    return {
+        name: _floats(value) if isinstance(value, dict) else float(value)
+        for name, value in values.items()
+    }
+
+
+def _ended_as(infos: Info, ended: Mask) -> Info:
+    """Return infos in which ended episodes are as they ended, not begun anew."""
+    final = infos["final_info"]
+    read = (*_HARMFUL, "slip", "door_angle", "success")
+    return {name: np.where(ended, final[name], infos[name]) for name in read}

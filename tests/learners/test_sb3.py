@@ -1,0 +1,244 @@
+"""Stable-Baselines3 on these environments; needs the extra sb3, run by .ci/learners."""
+
+import json
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import data_equivalence
+
+import gplfd_env
+
+if os.environ.get("GPLFD_REQUIRE_ALL") != "1":
+    pytest.importorskip("stable_baselines3", reason="needs pip install '.[sb3]'")
+
+import torch
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.env_checker import check_env
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+
+from gplfd_env.sb3 import SB3VecEnv, make_sb3
+from gplfd_env.wrappers import NumericInfo, VectorNumericInfo
+
+POSE, RL = gplfd_env.ENVIRONMENT_ID, gplfd_env.RL_ENVIRONMENT_ID
+LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}
+DOORS = ["small", LEVER, "heavy"]
+LIMIT = 60
+
+
+def drawn_actions(n: int, seed: int = 0) -> np.ndarray:
+    """Return actions that pull the first hand off its handle and spare the others."""
+    rng = np.random.default_rng(seed)
+    actions = rng.uniform(-1.0, 1.0, (n, 3, 6)).astype(np.float32)
+    actions[:, 0] = [1, 1, 1, 0, 0, 0]
+    actions[:, 1:] *= 0.2
+    return actions
+
+
+@pytest.fixture(params=["none", "hard"])
+def pair(request: pytest.FixtureRequest) -> Any:
+    """Ours, and Stable-Baselines3's own of single environments."""
+    arguments = {"randomization": request.param, "max_episode_steps": LIMIT}
+    ours = make_sb3(3, door=DOORS, **arguments)
+    model = DummyVecEnv(
+        [lambda door=door: gym.make(RL, door=door, **arguments) for door in DOORS]
+    )
+    yield ours, model
+    ours.close()
+    model.close()
+
+
+def test_it_is_stable_baselines3_s_own_bit_for_bit(pair: Any) -> None:
+    for envs in pair:
+        envs.seed(4)
+    ours, model = pair
+    first, expected = ours.reset(), model.reset()
+    assert np.array_equal(first, expected)
+    assert first.dtype == expected.dtype
+    assert data_equivalence(ours.reset_infos, model.reset_infos, exact=True)
+    cut = []
+    for actions in drawn_actions(2 * LIMIT + 5):
+        result, wanted = ours.step(actions), model.step(actions)
+        assert data_equivalence(result, wanted, exact=True)
+        assert data_equivalence(ours.reset_infos, model.reset_infos, exact=True)
+        *_, dones, infos = result
+        for done, info in zip(dones, infos, strict=True):
+            assert ("terminal_observation" in info) is bool(done)
+            cut += [info["TimeLimit.truncated"]] if done else []
+    assert True in cut
+    assert False in cut, "some must end by themselves"
+
+
+def test_it_is_the_vector_environment_step_for_step() -> None:
+    ours = make_sb3(3, door=DOORS, max_episode_steps=LIMIT)
+    model = gym.make_vec(
+        RL, 3, door=DOORS, max_episode_steps=LIMIT, autoreset_mode="SameStep"
+    )
+    ours.seed(2)
+    assert np.array_equal(ours.reset(), model.reset(seed=2)[0])
+    for actions in drawn_actions(LIMIT + 20):
+        observations, rewards, dones, infos = ours.step(actions)
+        seen, earned, terminations, truncations, said = model.step(actions)
+        assert np.array_equal(observations, seen)
+        assert np.array_equal(rewards, earned.astype(np.float32))
+        assert np.array_equal(dones, terminations | truncations)
+        for row in range(3):
+            if dones[row]:
+                last = infos[row]["terminal_observation"]
+                assert np.array_equal(last, said["final_obs"][row])
+                known = said["final_info"]
+            else:
+                known = said
+            assert infos[row]["TimeLimit.truncated"] == (
+                truncations[row] and not terminations[row]
+            )
+            for name in ("door_angle", "return", "peak_force", "failure"):
+                assert infos[row][name] == known[name][row]
+    ours.close()
+    model.close()
+
+
+@pytest.mark.parametrize("door", ["medium", LEVER])
+def test_stable_baselines3_s_checker_is_silent(door: Any) -> None:
+    env = gym.make(RL, door=door)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env)
+    env.close()
+
+
+def test_dictionaries_are_taken_too() -> None:
+    envs = make_sb3(2, id=POSE, max_episode_steps=5)
+    model = PPO("MultiInputPolicy", envs, n_steps=8, batch_size=16, n_epochs=1)
+    model.learn(32)
+    envs.close()
+
+
+@pytest.mark.parametrize("seed", [0, 7])
+def test_learners_learn_from_it_and_equal_seeds_learn_equally(seed: int) -> None:
+    weights = []
+    for _ in range(2):
+        envs = VecMonitor(make_sb3(2, door="small", max_episode_steps=30))
+        model = PPO("MlpPolicy", envs, n_steps=32, batch_size=32, n_epochs=2, seed=seed)
+        model.learn(128)
+        assert model.ep_info_buffer[0]["l"] == 30
+        weights.append(torch.cat([p.flatten() for p in model.policy.parameters()]))
+        envs.close()
+    assert torch.equal(*weights)
+
+
+def test_an_off_policy_learner_and_its_evaluation() -> None:
+    envs = VecMonitor(make_sb3(2, door="small", max_episode_steps=30))
+    model = SAC("MlpPolicy", envs, learning_starts=20, batch_size=16, seed=0)
+    model.learn(60)
+    mean, _ = evaluate_policy(model, envs, n_eval_episodes=2)
+    assert np.isfinite(mean)
+    envs.close()
+
+
+def test_seeds_and_options_are_used_once() -> None:
+    envs = make_sb3(2, door="small", randomization="hard")
+    envs.seed(5)
+    envs.set_options({"door": ["small", 0.42]})
+    envs.reset()
+    assert envs.unwrapped.env.unwrapped.np_random_seed == (5, 6)
+    radii = [info["door_radius"] for info in envs.reset_infos]
+    first = envs.get_attr("variation")
+    assert radii == [each.door.radius for each in first]
+    envs.reset()
+    assert envs.get_attr("variation") != first
+    envs.set_options([{"door": "small"}, {"door": "large"}])
+    with pytest.raises(ValueError, match="must be one for all simulations"):
+        envs.reset()
+    envs.close()
+
+
+def test_what_it_does_not_have_is_said() -> None:
+    envs = make_sb3(3, door=DOORS)
+    envs.reset()
+    geometries = envs.get_attr("door_geometry", indices=[0, 2])
+    assert [each.radius for each in geometries] == [0.35, 0.5]
+    assert envs.get_attr("num_envs") == [3, 3, 3]
+    assert not envs.has_attr("spoons")
+    assert envs.env_is_wrapped(gym.Wrapper) == 3 * [False]
+    with pytest.raises(AttributeError, match="none has an own attribute 'x' to set"):
+        envs.set_attr("x", 1)
+    with pytest.raises(AttributeError, match=r"method 'reset' to call.*DummyVecEnv"):
+        envs.env_method("reset")
+    with pytest.raises(
+        ValueError, match=r'make the vector.*"SameStep", not.*NEXT_STEP'
+    ):
+        SB3VecEnv(gym.make_vec(RL, 2))
+    envs.close()
+
+
+@pytest.mark.needs("opengl")
+def test_pictures_are_tiled() -> None:
+    envs = make_sb3(2, render_mode="rgb_array", width=64, height=48)
+    envs.reset()
+    assert envs.render("rgb_array").shape == (96, 64, 3)
+    envs.close()
+
+
+def test_gymnasium_s_tensors() -> None:
+    """`NumpyToTorch` takes numbers alone, hence the wrapper below it."""
+    one = gym.wrappers.NumpyToTorch(NumericInfo(gym.make(RL)))
+    many = gym.wrappers.vector.NumpyToTorch(VectorNumericInfo(gym.make_vec(RL, 2)))
+    for env, shape in ((one, (6,)), (many, (2, 6))):
+        env.reset(seed=0)
+        observation, *_, info = env.step(torch.zeros(shape))
+        assert observation.dtype == torch.float32
+        assert observation.shape == (*shape[:-1], 33)
+        assert torch.is_tensor(info["handle_pose"])
+        env.close()
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_benchmark_runs_and_draws(tmp_path: Path) -> None:
+    row = {"opened": 1, "angle_deg": 20.0, "peak_force": 3.0}
+    curve = [{"steps": steps, **row} for steps in (0, 1000)]
+    (tmp_path / "curve.json").write_text(json.dumps(curve))
+    small = ("--repeats", "1", "--counts", "2", "--policies", "gp")
+    drawn = ("--curve", "curve.json", "--figure", "figure.png")
+    said = ran(tmp_path, "benchmarks/learners.py", *small, *drawn)
+    assert "make_sb3, 2: of the wrapped" in said
+    line = next(one for one in said.splitlines() if one.startswith("a slam's return"))
+    assert line.endswith(" met")
+    line = next(one for one in said.splitlines() if one.startswith("gp "))
+    assert line.split()[1] == "5"
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+
+
+def test_what_was_learned_is_a_policy_like_the_others(tmp_path: Path) -> None:
+    """Learned for a moment, it opens nothing; that is a result, too."""
+    example = ROOT / "examples" / "learned_policy.py"
+    ran(tmp_path, example, "--steps", "10000", "--out", "results/ppo")
+    curve = json.loads((tmp_path / "results/ppo/curve.json").read_text())
+    assert curve[0]["steps"] == 0
+    assert curve[0]["of"] == 5
+    command = ("run", "--policy", f"{example}:make", "--doors", "small", "--json")
+    (metrics,) = json.loads(ran(tmp_path, "-m", "gplfd", *command, "--quiet"))
+    assert metrics["door"] == "small"
+    assert not metrics["success"]
+
+
+def ran(folder: Path, *arguments: Any) -> str:
+    command = [ROOT / one if str(one).startswith("bench") else one for one in arguments]
+    result = subprocess.run(
+        [sys.executable, *command],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
