@@ -37,6 +37,7 @@ def script(name: str) -> ModuleType:
     calibration,
     contact_loop,
     door_forecasts,
+    gallery,
     person_limit,
     recorded_tasks,
     renderings,
@@ -51,6 +52,7 @@ def script(name: str) -> ModuleType:
         "calibration",
         "contact_loop",
         "door_forecasts",
+        "gallery",
         "person_limit",
         "recorded_tasks",
         "renderings",
@@ -86,7 +88,9 @@ SAYS = {
 
 
 def test_every_script_is_known() -> None:
-    known = {module.__name__ for module in (*SMALL, contact_loop, recorded_tasks)}
+    known = {
+        module.__name__ for module in (*SMALL, contact_loop, gallery, recorded_tasks)
+    }
     assert known == {path.stem for path in FOLDER.glob("*.py")}
 
 
@@ -131,6 +135,23 @@ def test_deciding_is_counted_per_control_step(monkeypatch: pytest.MonkeyPatch) -
     )
     rows = agents.measure_loops(2, counts=(2,), periods=4).rows
     assert [row["of which agent"] for row in rows.values()] == pytest.approx([1.0, 0.5])
+
+
+# --- Pictures ----------------------------------------------------------------
+
+
+def test_pictures_stand_side_by_side_pixel_by_pixel() -> None:
+    colours = {"a": 10, "b": 90, "c": 170}
+    pictures = {
+        name: np.full((40, 40, 3), value, np.uint8) for name, value in colours.items()
+    }
+    canvas = gallery.side_by_side(pictures, 2).canvas
+    canvas.draw()
+    drawn = np.asarray(canvas.buffer_rgba())[..., 0]
+    assert drawn.shape == (2 * (40 + 26), 80)
+    for value, row, column in ((10, 0, 0), (90, 0, 40), (170, 66, 0)):
+        inside = drawn[row + 1 : row + 39, column + 1 : column + 39]
+        assert np.all(inside == value)
 
 
 # --- A held hand -------------------------------------------------------------
