@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from policies.aligned import AlignedDemonstrations
+from policies.handle import TurnedHandle, seen_at, turned_handle
 from policies.heading import Heading, directions
 from policies.members import EVERY_MEMBER, Members, Numbers
 from policies.movement import Predictor
@@ -47,7 +48,9 @@ class PathPhase:
     """The phase at which the demonstrated distribution is nearest to a pose.
 
     The features of a pose are the distance ρ = |v| of the hand from the closed handle,
-    the direction u = v/|v| of that displacement, and the hand's rotation θ. Doors of
+    the direction u = v/|v| of that displacement, and the hand's rotation θ. Where a
+    handle is turned first, v is the displacement of the handle's axis
+    (`policies.handle`): the hand's own way about it is no door's. Doors of
     different radius share u at equal phase, though not ρ: it tells progress
     independently of the radius and of how the hand lies on the bar. A robot that stands
     askew by ψ sees u turned by ψ about the vertical, which `Heading` estimates from the
@@ -98,8 +101,11 @@ class PathPhase:
                 f"{type(demonstrated).__name__} predicts NaN or infinity; give it "
                 "EmpiricalDistribution(aligned) instead"
             )
+        handle, means = turned_handle(aligned), prediction.mean
+        if handle is not None:
+            aligned, means = seen_at(aligned, handle), handle.places(means)
         direction, variance = directions(aligned, _GRID)
-        distance = np.sqrt((prediction.mean[:, :3] ** 2).sum(axis=1))
+        distance = np.sqrt((means[:, :3] ** 2).sum(axis=1))
         # As of doors of different size, whose positions differ along û alone.
         radial = (np.abs(direction) * prediction.std[:, :3]).sum(axis=1)
         # Long enough for any window, of which rounding may cut a point more or less.
@@ -121,6 +127,7 @@ class PathPhase:
         )
         self._features, self._rates = features, prediction.mean_rate
         self._numbers: Int[np.ndarray, "*N"] = np.zeros((), dtype=np.int64)
+        self._handles: list[TurnedHandle | None] = [handle]
         self.noise, self._window = noise, window
         self._headings = [
             Heading(
@@ -140,6 +147,7 @@ class PathPhase:
         together._features = np.hstack([rule._features for rule in rules])
         together._rates = np.vstack([rule._rates for rule in rules])
         together._numbers = np.arange(len(together._rates) // _GRID.size)
+        together._handles = [handle for rule in rules for handle in rule._handles]
         together._headings = [
             heading.afresh() for rule in rules for heading in rule._headings
         ]
@@ -191,7 +199,9 @@ class PathPhase:
         rows = []
         for number, pose in zip(numbers, poses.reshape(-1, 6).tolist(), strict=True):
             x, y, z, *rotation = pose
-            heading = self._headings[number]
+            handle, heading = self._handles[number], self._headings[number]
+            if handle is not None:
+                x, y, z = handle.place(pose)
             heading.see(math.hypot(x, z), math.atan2(-z, x))
             far = math.sqrt(x * x + y * y + z * z) + 1e-9
             cosine, sine = math.cos(heading.yaw), math.sin(heading.yaw)
