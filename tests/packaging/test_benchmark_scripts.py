@@ -34,6 +34,7 @@ def script(name: str) -> ModuleType:
 (
     agents,
     alignments,
+    building_doors,
     calibration,
     contact_loop,
     door_forecasts,
@@ -49,6 +50,7 @@ def script(name: str) -> ModuleType:
     (
         "agents",
         "alignments",
+        "building_doors",
         "calibration",
         "contact_loop",
         "door_forecasts",
@@ -65,6 +67,7 @@ def script(name: str) -> ModuleType:
 SMALL = {
     agents: ["--repeats", "1", "--counts", "2", "3", "--periods", "4"],
     alignments: ["--seeds", "1", "--habits", "other starts"],
+    building_doors: ["--seeds", "1", "--draws", "1", "--repeats", "1"],
     calibration: ["--draws", "1"],
     door_forecasts: ["--draws", "1", "--every", "80"],
     person_limit: ["--seeds", "1"],
@@ -76,6 +79,7 @@ SMALL = {
 SAYS = {
     agents: "3 agents in lockstep",
     alignments: "directions / interpolation, worst habit",
+    building_doors: "standard: share opened by the oracle",
     calibration: "accuracy, 20 smooth: in stated 95 %",
     door_forecasts: "2 of 3 radii, process",
     person_limit: "command follows the hand",
