@@ -80,6 +80,36 @@ class TurnedHandle:
             return 0.0, 0.0, 0.0
         return _turned((x / arm, y / arm, z / arm), pose[3:])
 
+    def turns(self, rotation: list[float]) -> tuple[Vector, float]:
+        """Return the leaf's turn and the handle's: hand = leaf ∘ handle.
+
+        The handle's is the twist about its axis, the leaf's the swing that is left.
+
+        Args:
+            rotation: Of the hand, a rotation vector (3,) [rad].
+
+        Returns:
+            A rotation vector across the axis, and an angle [rad].
+        """
+        a, b, c = rotation
+        angle = math.sqrt(a * a + b * b + c * c)
+        share = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
+        w, x, y, z = math.cos(0.5 * angle), a * share, b * share, c * share
+        ax, ay, az = self.axis
+        half = math.atan2(x * ax + y * ay + z * az, w)
+        cosine, sine = math.cos(half), -math.sin(half)
+        ax, ay, az = ax * sine, ay * sine, az * sine
+        # q ∘ twist⁻¹.
+        w, x, y, z = (
+            w * cosine - x * ax - y * ay - z * az,
+            w * ax + x * cosine + y * az - z * ay,
+            w * ay - x * az + y * cosine + z * ax,
+            w * az + x * ay - y * ax + z * cosine,
+        )
+        length = math.sqrt(x * x + y * y + z * z)
+        scale = 2.0 if length < 1e-9 else 2.0 * math.atan2(length, w) / length
+        return (x * scale, y * scale, z * scale), 2.0 * half
+
     def places(self, poses: Poses) -> Poses:
         """Return poses (*N, 6) with the point's places instead of the hand's."""
         moved = poses.copy()

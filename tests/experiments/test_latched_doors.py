@@ -67,6 +67,13 @@ def test_doors_of_rooms_are_opened_with_less_force_than_the_standard_allows() ->
         assert metrics.force_handle_peak < 22.2
 
 
+def test_a_handle_is_turned_alone_as_in_company() -> None:
+    (alone,) = opened("gp", ROOM)
+    _, beside = opened("gp", DOORS["room-834"], ROOM)
+    for name in ("ee_pose", "wrench", "action", "observed_phase"):
+        np.testing.assert_array_equal(getattr(alone, name), getattr(beside, name))
+
+
 def test_a_circle_fit_does_not_open_a_latch() -> None:
     (log,) = opened("hinge-fit", ROOM)
     assert not log.success

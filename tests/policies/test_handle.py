@@ -11,9 +11,11 @@ from gplfd_env.config import DoorConfig
 from policies.alignment import align
 from policies.controllers.stiffness import DEFAULT_PROFILE
 from policies.demonstrations import Demonstration
+from policies.empirical import EmpiricalDistribution
 from policies.handle import TurnedHandle, turned_handle
 from policies.handle_load import HandleAndDoor
 from policies.load import CarriedLoad, Encounter, LearnedLoad
+from policies.path_phase import PathPhase
 
 LEVER = DoorConfig(radius=0.65, handle="lever", latch="spring")
 # Preparing demonstrations says what it found.
@@ -76,6 +78,33 @@ def test_the_way_is_where_the_hand_goes_while_the_handle_turns(
     before, here, after = GEOMETRY.hand_poses(angle, turn + np.array([-1e-4, 0, 1e-4]))
     way = (after - before)[:3]
     assert_allclose(EXACT.way(here.tolist()), way / np.linalg.norm(way), atol=1e-6)
+
+
+@pytest.mark.parametrize(("angle", "turn"), [(0.0, 0.0), (0.4, 0.7), (1.2, -0.1)])
+def test_a_hand_s_turn_is_the_leaf_s_and_the_handle_s(
+    angle: float, turn: float
+) -> None:
+    rotation = GEOMETRY.hand_poses(angle, turn)[3:].tolist()
+    leaf, handle = EXACT.turns(rotation)
+    assert_allclose(leaf, (0.0, angle, 0.0), atol=1e-12)
+    assert handle == pytest.approx(turn)
+
+
+def test_a_handle_that_goes_back_tells_nothing_of_the_door() -> None:
+    """It goes back because the policy has it go: the phase is that of the leaf."""
+    aligned = align(Teacher().standard_demonstrations(seed=0, like=LEVER))
+    angles = np.linspace(0.0, 0.6, 200)
+    pressed = np.minimum(np.linspace(0.0, 4.0, 200), 1.0) * 0.75
+    phases = []
+    for kept in (1.0, 0.2):
+        back = np.where(angles > 0.15, kept, 1.0)
+        rule, phase = PathPhase(EmpiricalDistribution(aligned), aligned), np.zeros(())
+        opening = np.maximum(angles - 0.15, 0.0)
+        for pose in GEOMETRY.hand_poses(opening, pressed * back):
+            phase = rule.update(pose, phase, phase).phase
+        phases.append(float(phase))
+    assert phases[0] > 0.3
+    assert phases[0] == pytest.approx(phases[1], abs=0.01)
 
 
 def test_a_knob_has_no_way() -> None:
