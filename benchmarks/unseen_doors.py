@@ -83,12 +83,16 @@ def arc(radius: float, rng: np.random.Generator) -> Demonstration:
     return Demonstration(times=6.0 * clock, poses=pose)
 
 
-def _doors(
-    open_door: Callable[[float, np.random.Generator], Demonstration], seed: int
+def doors(
+    open_door: Callable[[float, np.random.Generator], Demonstration],
+    seed: int,
+    per_radius: int = 2,
+    unseen_radii: Sequence[float] = _UNSEEN,
 ) -> Task:
+    """Draw doors of three radii to learn from, and of others to predict."""
     rng = np.random.default_rng(seed)
-    given = [open_door(radius, rng) for radius in _LEARNED for _ in range(2)]
-    unseen = [open_door(radius, rng) for radius in _UNSEEN]
+    given = [open_door(radius, rng) for radius in _LEARNED for _ in range(per_radius)]
+    unseen = [open_door(radius, rng) for radius in unseen_radii]
     return Task(given=tuple(given), unseen=tuple(unseen), moving=(0, 2))
 
 
@@ -214,7 +218,10 @@ FORMS: Final[Mapping[str, AdaptationForm]] = {
 
 
 def measure(
-    draws: int, recording: Path | None, forms: Mapping[str, AdaptationForm]
+    draws: int,
+    recording: Path | None,
+    forms: Mapping[str, AdaptationForm],
+    unseen: Sequence[float] = _UNSEEN,
 ) -> Measurement:
     """Predict motions of every generator, and of a recording if there is one.
 
@@ -222,17 +229,19 @@ def measure(
         draws: Draws of every generator.
         recording: File of `experiments.datasets.npz`; see `gplfd demos import`.
         forms: What is compared.
+        unseen: Radii of the doors that are predicted [m].
     """
+    generators = {"clean arcs": arc, "synthetic human": Teacher().demonstrate}
     sets = {
-        "clean arcs": [_doors(arc, seed) for seed in range(draws)],
-        "synthetic human": [_doors(Teacher().demonstrate, s) for s in range(draws)],
+        name: [doors(opening, seed, unseen_radii=unseen) for seed in range(draws)]
+        for name, opening in generators.items()
     }
     if recording is not None:
         recorded = load_demonstrations(recording).demonstrations
         sets["recorded"] = [_left_out(recorded, one) for one in range(len(recorded))]
     found = {name: judge(forms, tasks) for name, tasks in sets.items()}
     return Measurement(
-        title=f"unseen: radii {_LEARNED} learned, {_UNSEEN} forecast",
+        title=f"unseen: radii {_LEARNED} learned, {tuple(unseen)} forecast",
         rows={
             f"{name}, {form}": scores
             for name, by_form in found.items()
@@ -256,14 +265,19 @@ def _targets(name: str, scores: Mapping[str, float]) -> list[Target]:
     return wanted
 
 
-def main(draws: int = 4, recording: Path | None = None) -> None:
+def main(
+    draws: int = 4,
+    recording: Path | None = None,
+    unseen: tuple[float, ...] = _UNSEEN,
+) -> None:
     """Forecast motions that were not demonstrated.
 
     Args:
         draws: Draws of every generator.
         recording: Also recordings, a file of `gplfd demos import`.
+        unseen: Radii of the doors that are predicted [m].
     """
-    measured = partial(measure, recording=recording, forms=FORMS)
+    measured = partial(measure, recording=recording, forms=FORMS, unseen=unseen)
     measure_all({"unseen": measured}, draws)
 
 

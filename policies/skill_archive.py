@@ -71,7 +71,7 @@ def write_skill(
 
 
 def read_skill(path: str | Path) -> Parts:
-    """Read what `write_skill` wrote; raises as `policies.storage.read_archive`."""
+    """Read what `write_skill` wrote; raises as `read_archive`."""
     return read_archive(path, kind=KIND, version=VERSION, build=_parts)
 
 

@@ -242,15 +242,15 @@ def _policy(module: ModuleType, attribute: str) -> Policy:
     if not callable(found):
         raise ValueError(
             f"{attribute} of {where} is a {type(found).__name__}; it must be a "
-            "function from policies.TrainingInput to an agent, a policies.Method or a "
-            "policies.Policy"
+            "function from TrainingInput to an agent, a Method or a Policy, all of "
+            "them of gplfd.policies"
         )
     try:
         inspect.signature(found).bind("training input")
     except TypeError:
         raise ValueError(
             f"{attribute}{inspect.signature(found)} of {where} cannot be called with "
-            "one argument, the policies.TrainingInput that an agent is made from"
+            "one argument, the TrainingInput that an agent is made from"
         ) from None
     except ValueError:
         pass  # Written in C: it does not say what it takes.

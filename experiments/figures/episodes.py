@@ -13,10 +13,9 @@ from typing import Any, Final
 import gymnasium as gym
 import numpy as np
 
-import experiments.episodes
-import experiments.teacher
 import gplfd_env
 import policies
+from experiments import episodes, teacher
 from experiments.datasets.npz import (
     LabelledDemonstrations,
     load_demonstrations,
@@ -88,7 +87,7 @@ def _settings(seed: int) -> dict[str, Any]:
 def _source_digest() -> str:
     """Hash of the code that acts in a run: a changed policy makes old runs stale."""
     digest = hashlib.sha256()
-    for package in (gplfd_env, policies, experiments.teacher, experiments.episodes):
+    for package in (gplfd_env, policies, teacher, episodes):
         for file in sorted(Path(package.__path__[0]).rglob("*.py")):
             digest.update(file.read_bytes())
     return digest.hexdigest()[:16]

@@ -16,7 +16,7 @@ from policies.adaptation.conditioning import (
     basis_for_grid,
 )
 from policies.aligned import thinned
-from policies.gp.deviations import EMPIRICAL_SHARE, DeviationProcess
+from policies.gp.deviations import DeviationProcess, conjugate_share
 from policies.gp.factorisation import factorise
 from policies.skill import Skill
 from policies.trajectory import GaussianTrajectory, ViaPoint
@@ -108,7 +108,7 @@ class ProcessAdaptation(StudentProcess):
         self,
         skill: Skill,
         grid: Float[np.ndarray, " M"],
-        empirical_share: float = EMPIRICAL_SHARE,
+        empirical_share: float | None = None,
     ) -> None:
         """Start from the demonstrations.
 
@@ -116,7 +116,8 @@ class ProcessAdaptation(StudentProcess):
             skill: the demonstrated skill, from at least two demonstrations.
             grid: phases at which the distribution is reported, shape (M,).
             empirical_share: share of the deviations' covariance taken from the
-                demonstrations' own curves, within [0, 1].
+                demonstrations' own curves, within [0, 1]; without, what their number
+                says (`policies.gp.deviations.conjugate_share`).
 
         Raises:
             ValueError: for a share outside [0, 1], a single demonstration, or a grid
@@ -143,9 +144,11 @@ class IndependentPhaseAdaptation(ProcessAdaptation):
 def demonstrated_repetition(
     skill: Skill,
     grid: Float[np.ndarray, " M"],
-    empirical_share: float = EMPIRICAL_SHARE,
+    empirical_share: float | None = None,
 ) -> Repetition:
     """What the demonstrations say of a repetition; arguments as above."""
+    if empirical_share is None:
+        empirical_share = conjugate_share(skill.count)
     if not 0.0 <= empirical_share <= 1.0:
         raise ValueError(
             f"empirical_share must be within [0, 1], got {empirical_share}."

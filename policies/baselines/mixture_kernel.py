@@ -1,4 +1,4 @@
-"""The kernel of `policies.baselines.gmm_gp` and the likelihood of its length-scales.
+"""The kernel of GMM-GP, `fit_gmm_gp`, and the likelihood of its length-scales.
 
 Equation numbers refer to Jaquier, Ginsbourger, Calinon, *Learning from demonstration
 with model-based Gaussian process*, CoRL 2019.

@@ -21,6 +21,7 @@ to zero, which leaves D − 1 independent ones
 """
 
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 from jaxtyping import Float
@@ -45,11 +46,31 @@ _SHARPNESS = 2.0
 """p, how sharply the wobble turns from the spread's size to its own."""
 _WOBBLE = (1e-6, 1e1)
 """Range of c, relative to the average of r."""
-EMPIRICAL_SHARE = 0.3
-"""Share of a forecast's covariance taken from the demonstrations' own curves: they know
-the shape of what varies, the model knows what else could."""
+MODEL_WORTH = Fraction(35, 3)
+"""Independent deviations that the model's covariance is worth: with as many of the
+demonstrations, both have an equal say. Forecasts hardly depend on it, see
+docs/method.md."""
 _RELATIVE_JITTER = 1e-6
 """White variance relative to r that keeps C positive definite."""
+
+
+def conjugate_share(count: int) -> float:
+    """The demonstrations' own share of the covariance of a deviation.
+
+    A process's covariance C that is inverse-Wishart a priori, around the model's and
+    worth w independent deviations, is a posteriori (w C_model + S)/(w + D − 1) on
+    average, with S = Σ_k e_k e_kᵀ: the demonstrations know the shape of what varies,
+    the model what else could, and the more demonstrations, the more they say
+    (``test_mixed_covariance_is_the_mean_of_the_inverse_wishart_posterior``).
+
+    Args:
+        count: D ≥ 1 demonstrations; their deviations from their mean are D − 1
+            independent ones.
+
+    Returns:
+        (D − 1)/(w + D − 1), the share of S/(D − 1).
+    """
+    return float((count - 1) / (MODEL_WORTH + count - 1))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from scipy.special import gammaln
 
 from policies.aligned import thinned
-from policies.gp.deviations import EMPIRICAL_SHARE, DeviationProcess
+from policies.gp.deviations import DeviationProcess, conjugate_share
 
 _FACTORS = 2.0 ** np.arange(-2.0, 8.0)
 """Factors on c among which is chosen; beyond them all or nothing of r is wobble."""
@@ -54,13 +54,15 @@ def wobbling(
         for factor in _FACTORS.tolist()
     ]
 
+    share = conjugate_share(len(deviations))
+
     def score(choice: Sequence[DeviationProcess]) -> float:
         return sum(
             forecast_score(
                 each.smooth_covariance(times[thin], spread),
                 each.white_variance(spread),
                 curves,
-                EMPIRICAL_SHARE,
+                share,
             )
             for each, spread, curves in zip(
                 choice,

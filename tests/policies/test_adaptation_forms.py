@@ -17,6 +17,7 @@ from policies.adaptation import (
 )
 from policies.aligned import AlignedDemonstrations
 from policies.baselines.promp import fit_promp
+from policies.gp.deviations import conjugate_share
 from policies.skill import Skill, fit_skill
 from policies.trajectory import ViaPoint
 
@@ -296,6 +297,16 @@ def test_product_refuses_what_it_cannot_use(skill):
 def test_shares_of_the_demonstrations_own_curves(skill, share):
     with pytest.raises(ValueError, match=r"empirical_share must be within \[0, 1\]"):
         ProcessAdaptation(skill, TIMES, empirical_share=share)
+
+
+def test_without_a_share_their_number_says_how_much_the_curves_count(skill):
+    told = ProcessAdaptation(skill, TIMES, empirical_share=conjugate_share(8))
+    for adaptation in (told, default := ProcessAdaptation(skill, TIMES)):
+        adaptation.observe(via(skill, 0.4, 0.03))
+    np.testing.assert_array_equal(default.mean, told.mean)
+    other = ProcessAdaptation(skill, TIMES, empirical_share=conjugate_share(6))
+    other.observe(via(skill, 0.4, 0.03))
+    assert np.abs(other.mean - told.mean).max() > 1e-5
 
 
 def test_curves_of_the_demonstrations_alone_are_soon_known(skill):

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import invwishart
 from scipy.stats import t as student
 
-from policies.gp.deviations import EMPIRICAL_SHARE, DeviationProcess
+from policies.gp.deviations import MODEL_WORTH, DeviationProcess, conjugate_share
 from policies.gp.left_out import forecast_score, wobbling
 
 TIMES = np.linspace(0.0, 1.0, 30)
@@ -66,7 +67,7 @@ def test_wobble_is_what_forecasts_left_out_demonstrations_best():
         smooth = process.smooth_covariance(TIMES, noise[:, 0])
         white = process.white_variance(noise[:, 0])
         return sum(
-            forecast_score(smooth, white, curves[:, :, output], EMPIRICAL_SHARE)
+            forecast_score(smooth, white, curves[:, :, output], conjugate_share(8))
             for output in range(6)
         )
 
@@ -79,3 +80,31 @@ def test_two_demonstrations_have_none_to_leave_out():
     curves = wandering(2, 0)
     processes = [PROCESS] * 6
     assert wobbling(processes, TIMES, curves, np.ones((30, 6))) == tuple(processes)
+
+
+def test_mixed_covariance_is_the_mean_of_the_inverse_wishart_posterior():
+    """By weighing 400,000 covariances drawn a priori with the likelihood."""
+    worth, count = float(MODEL_WORTH), 6
+    model = np.array([[2.0, 0.6], [0.6, 1.0]])
+    rng = np.random.default_rng(0)
+    deviations = rng.multivariate_normal([0.0, 0.0], [[1.0, -0.5], [-0.5, 1.5]], 5)
+    scatter = deviations.T @ deviations
+    prior = invwishart(df=worth + 3.0, scale=worth * model)
+    drawn = prior.rvs(400_000, random_state=rng)
+    inverse = np.linalg.inv(drawn)
+    log_likelihood = 0.5 * (count - 1) * np.linalg.slogdet(inverse)[1]
+    log_likelihood -= 0.5 * np.einsum("nij,ji->n", inverse, scatter)
+    weights = np.exp(log_likelihood - log_likelihood.max())
+    expected = np.einsum("n,nij->ij", weights / weights.sum(), drawn)
+    share = conjugate_share(count)
+    mixed = (1.0 - share) * model + share * scatter / (count - 1)
+    np.testing.assert_allclose(mixed, expected, atol=0.01)
+
+
+def test_share_of_the_demonstrations_grows_with_their_number():
+    shares = [conjugate_share(count) for count in (1, 2, 3, 6, 12, 1000)]
+    assert shares[0] == 0.0
+    assert shares == sorted(shares)
+    assert shares[-1] > 0.98
+    # As many independent deviations as the model is worth have half of the say.
+    assert conjugate_share(12) < 0.5 < conjugate_share(13)
