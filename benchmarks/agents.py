@@ -13,16 +13,16 @@ import gymnasium as gym
 import numpy as np
 import tyro
 
-from experiments.episodes.rollout import rollout
-from experiments.recording import record_episode
-from experiments.speed.machine import load
-from experiments.speed.report import Measurement, at_least, at_most, measure_all
-from experiments.speed.timing import Action, Timed, after, measure, repeated
-from experiments.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd.experiments.episodes.rollout import rollout
+from gplfd.experiments.recording import record_episode
+from gplfd.experiments.speed.machine import load
+from gplfd.experiments.speed.report import Measurement, at_least, at_most, measure_all
+from gplfd.experiments.speed.timing import Action, Timed, after, measure, repeated
+from gplfd.experiments.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd.policies.agent import Agent
+from gplfd.policies.lockstep import batch_agents
+from gplfd.policies.registry import make_agent
 from gplfd_env import ENVIRONMENT_ID
-from policies.agent import Agent
-from policies.lockstep import batch_agents
-from policies.registry import make_agent
 
 ALONE = "one agent, gym.make"
 TOGETHER = "{} agents in lockstep, gym.make_vec on 2 threads"

@@ -15,17 +15,17 @@ import gymnasium as gym
 import numpy as np
 import tyro
 
-from experiments.episodes.agents import learned
-from experiments.episodes.metrics import EpisodeMetrics, episode_metrics
-from experiments.episodes.rollouts import rollouts
-from experiments.results.measures import ADA_FORCE
-from experiments.speed.report import Measurement, Value, at_least, measure_all
-from experiments.speed.timing import Timed, measure, repeated
-from experiments.teacher import Teacher
+from gplfd.experiments.episodes.agents import learned
+from gplfd.experiments.episodes.metrics import EpisodeMetrics, episode_metrics
+from gplfd.experiments.episodes.rollouts import rollouts
+from gplfd.experiments.results.measures import ADA_FORCE
+from gplfd.experiments.speed.report import Measurement, Value, at_least, measure_all
+from gplfd.experiments.speed.timing import Timed, measure, repeated
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies import POLICIES, TrainingInput, batch_agents
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.task import Base
-from policies import POLICIES, TrainingInput, batch_agents
 
 _WIDE: Final = "lever at 0.90 m"
 

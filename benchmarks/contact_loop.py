@@ -16,12 +16,12 @@ import gymnasium as gym
 import numpy as np
 import tyro
 
-from experiments.speed.report import Measurement, Target, at_most, measure_all
+from gplfd.experiments.speed.report import Measurement, Target, at_most, measure_all
+from gplfd.policies.controllers.admittance import Admittance
+from gplfd.policies.controllers.contact import HELD_HAND, SERVO_LAG
+from gplfd.policies.controllers.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.task import CONTROL_PERIOD
-from policies.controllers.admittance import Admittance
-from policies.controllers.contact import HELD_HAND, SERVO_LAG
-from policies.controllers.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
 
 PERIODS: Final = (0, 1, 2, 3)
 """Delays [control periods]."""

@@ -12,16 +12,22 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from experiments.arrays import FloatArray
-from experiments.speed.report import Measurement, Target, at_most, between, measure_all
-from experiments.teacher import Teacher
-from experiments.teacher.random_motion import minimum_jerk, smooth_functions
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.speed.report import (
+    Measurement,
+    Target,
+    at_most,
+    between,
+    measure_all,
+)
+from gplfd.experiments.teacher import Teacher
+from gplfd.experiments.teacher.random_motion import minimum_jerk, smooth_functions
+from gplfd.policies.adaptation import ADAPTATIONS
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.alignment import align
+from gplfd.policies.skill import fit_skill
+from gplfd.policies.trajectory import ViaPoint
 from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
-from policies.adaptation import ADAPTATIONS
-from policies.aligned import AlignedDemonstrations
-from policies.alignment import align
-from policies.skill import fit_skill
-from policies.trajectory import ViaPoint
 
 Openings = tuple[AlignedDemonstrations, FloatArray]
 """Demonstrations on one clock, and the radius of the door of each [m]."""
@@ -125,7 +131,7 @@ def judge_form(form: str, draws: Sequence[Openings], every: int) -> dict[str, fl
     not dominate.
 
     Args:
-        form: Name in `policies.adaptation.ADAPTATIONS`.
+        form: Name in `gplfd.policies.adaptation.ADAPTATIONS`.
         draws: Draws of demonstrations.
         every: Samples between via-points.
     """

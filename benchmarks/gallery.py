@@ -16,11 +16,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from gplfd.policies.reference.oracle import OracleAgent
+from gplfd.policies.storage import complete_or_absent
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DoorSpec, Swing
 from gplfd_env.task import Base
-from policies.reference.oracle import OracleAgent
-from policies.storage import complete_or_absent
 
 Picture = NDArray[np.uint8]
 

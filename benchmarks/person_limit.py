@@ -13,10 +13,10 @@ import gymnasium as gym
 import numpy as np
 import tyro
 
-from experiments.speed.report import Measurement, Value, at_most, measure_all
-from experiments.teacher import Teacher
+from gplfd.experiments.speed.report import Measurement, Value, at_most, measure_all
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies import make_agent
 from gplfd_env import ENVIRONMENT_ID
-from policies import make_agent
 
 _WATCHED = 100
 """Steps after the first touch; the peak comes within twenty."""

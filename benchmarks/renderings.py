@@ -11,14 +11,14 @@ from typing import Final
 
 import tyro
 
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.metrics import EpisodeMetrics, episode_metrics
-from experiments.speed.report import Measurement, Value, at_least, measure_all
-from experiments.study.jobs import episode_logs
-from experiments.study.tasks import EpisodeTask, jobs_of
-from experiments.trials.plan import trial_tasks
-from experiments.trials.protocol import TRIALS
-from experiments.trials.records import Level, Trial
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.metrics import EpisodeMetrics, episode_metrics
+from gplfd.experiments.speed.report import Measurement, Value, at_least, measure_all
+from gplfd.experiments.study.jobs import episode_logs
+from gplfd.experiments.study.tasks import EpisodeTask, jobs_of
+from gplfd.experiments.trials.plan import trial_tasks
+from gplfd.experiments.trials.protocol import TRIALS
+from gplfd.experiments.trials.records import Level, Trial
 
 POLICIES: Final = ("gp", "gp-impedance")
 """What is compared: the same method, rendered by virtual dynamics and by the arm."""

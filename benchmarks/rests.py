@@ -17,24 +17,24 @@ import gymnasium as gym
 import numpy as np
 import tyro
 
-from experiments.episodes.agents import learned
-from experiments.episodes.metrics import EpisodeMetrics, episode_metrics
-from experiments.episodes.rollouts import rollouts
-from experiments.progress import LOG
-from experiments.speed.report import (
+from gplfd.experiments.episodes.agents import learned
+from gplfd.experiments.episodes.metrics import EpisodeMetrics, episode_metrics
+from gplfd.experiments.episodes.rollouts import rollouts
+from gplfd.experiments.progress import LOG
+from gplfd.experiments.speed.report import (
     Measurement,
     Value,
     at_least,
     measure_all,
 )
-from experiments.teacher.random_motion import minimum_jerk
+from gplfd.experiments.teacher.random_motion import minimum_jerk
+from gplfd.policies import POLICIES
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.lockstep import batch_agents
+from gplfd.policies.method import TrainingInput
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DOORS
 from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
-from policies import POLICIES
-from policies.demonstrations import Demonstration
-from policies.lockstep import batch_agents
-from policies.method import TrainingInput
 
 METHODS: Final = ("gp", "kmp", "promp")
 RESTS: Final = (0.0, 1.0, 2.0)

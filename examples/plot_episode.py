@@ -10,11 +10,11 @@ import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
 
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.rollout import rollout
-from experiments.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.rollout import rollout
+from gplfd.experiments.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd.policies import make_agent
 from gplfd_env import ENVIRONMENT_ID
-from policies import make_agent
 
 PICTURE = Path("episode.png")
 

@@ -10,10 +10,10 @@ import time
 import gymnasium as gym
 import numpy as np
 
-from experiments.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd.experiments.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd.policies import make_agent
+from gplfd.policies.lockstep import batch_agents
 from gplfd_env import ENVIRONMENT_ID
-from policies import make_agent
-from policies.lockstep import batch_agents
 
 RADII, EPISODES = (0.32, 0.41, 0.50, 0.59), 5
 

@@ -9,7 +9,7 @@ handle of the others. Run it by itself, or by name:
 
 import numpy as np
 
-from policies import align, fit_skill
+from gplfd.policies import align, fit_skill
 
 
 class Replay:
@@ -35,6 +35,6 @@ def make(training):
 
 
 if __name__ == "__main__":
-    from experiments.cli import main  # the command line: only to run this file
+    from gplfd.experiments.cli import main  # the command line: only to run this file
 
     main(["run", "--policy", f"{__file__}:make", "--out", "results/replay"])

@@ -3,6 +3,8 @@
 import re
 from collections.abc import Mapping
 
+from gplfd.policies.registry import POLICIES
+from gplfd.policies.user_policies import packaged_policies
 from gplfd_env import (
     ENVIRONMENT_ID,
     IMPEDANCE_ENVIRONMENT_ID,
@@ -11,8 +13,6 @@ from gplfd_env import (
 from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.fields import allowed_range
 from gplfd_env.stance import stance_of
-from policies.registry import POLICIES
-from policies.user_policies import packaged_policies
 
 
 def catalogue() -> str:

@@ -16,21 +16,21 @@ from typing import Final, Protocol
 
 import tyro
 
-from experiments.commands.benchmark import Benchmark, benchmark_from
-from experiments.commands.catalogue import Catalogue
-from experiments.commands.demos import Demos
-from experiments.commands.doctor import Doctor
-from experiments.commands.doors import Doors
-from experiments.commands.figures import Figures
-from experiments.commands.learn import Learn
-from experiments.commands.report import Report
-from experiments.commands.run import Run
-from experiments.commands.skill import SkillTests
-from experiments.commands.speed import Speed
-from experiments.commands.trials import Trials
-from experiments.commands.tune import Tune
-from experiments.commands.view import View
-from experiments.study.engines import ONE_THREAD
+from gplfd.experiments.commands.benchmark import Benchmark, benchmark_from
+from gplfd.experiments.commands.catalogue import Catalogue
+from gplfd.experiments.commands.demos import Demos
+from gplfd.experiments.commands.doctor import Doctor
+from gplfd.experiments.commands.doors import Doors
+from gplfd.experiments.commands.figures import Figures
+from gplfd.experiments.commands.learn import Learn
+from gplfd.experiments.commands.report import Report
+from gplfd.experiments.commands.run import Run
+from gplfd.experiments.commands.skill import SkillTests
+from gplfd.experiments.commands.speed import Speed
+from gplfd.experiments.commands.trials import Trials
+from gplfd.experiments.commands.tune import Tune
+from gplfd.experiments.commands.view import View
+from gplfd.experiments.study.engines import ONE_THREAD
 
 BAD_INPUT: Final = 2
 """Exit status for bad arguments or files."""

@@ -19,9 +19,9 @@ from typing import Any, Final
 
 import loky
 
-from experiments.files.provenance import versions
-from experiments.recording.viewer import has_display, viewer
-from experiments.speed.machine import processor
+from gplfd.experiments.files.provenance import versions
+from gplfd.experiments.recording.viewer import has_display, viewer
+from gplfd.experiments.speed.machine import processor
 
 EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
     {

@@ -10,23 +10,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from experiments.files.plain_data import write_json
-from experiments.progress import LOG
-from experiments.recording import record_episode
-from experiments.recording.compared import RADIAL
-from experiments.recording.comparison import record_comparison
-from experiments.repetition import Repeated, repeat
-from experiments.report.recordings import (
+from gplfd.experiments.files.plain_data import write_json
+from gplfd.experiments.progress import LOG
+from gplfd.experiments.recording import record_episode
+from gplfd.experiments.recording.compared import RADIAL
+from gplfd.experiments.recording.comparison import record_comparison
+from gplfd.experiments.repetition import Repeated, repeat
+from gplfd.experiments.report.recordings import (
     COMPARISONS,
     FOLDER,
     INDEX,
     RANKS,
     recording_name,
 )
-from experiments.results.grouping import by_condition, by_policy, ranked
-from experiments.results.reading import read_results
-from experiments.results.records import NON_STANDARD, EpisodeResult
-from experiments.teacher import DEMONSTRATED_RADII
+from gplfd.experiments.results.grouping import by_condition, by_policy, ranked
+from gplfd.experiments.results.reading import read_results
+from gplfd.experiments.results.records import NON_STANDARD, EpisodeResult
+from gplfd.experiments.teacher import DEMONSTRATED_RADII
 
 COMPARED: Final = 6
 """Policies in the comparison: more would be too small to see."""

@@ -14,13 +14,13 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.metrics import episode_metrics
-from experiments.results.records import EpisodeResult
-from experiments.study.jobs import demonstrations_of, episode_logs
-from experiments.study.tasks import EpisodeTask
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.metrics import episode_metrics
+from gplfd.experiments.results.records import EpisodeResult
+from gplfd.experiments.study.jobs import demonstrations_of, episode_logs
+from gplfd.experiments.study.tasks import EpisodeTask
+from gplfd.policies.demonstrations import Demonstration
 from gplfd_env import ENVIRONMENT_ID
-from policies.demonstrations import Demonstration
 
 _FORECAST_PERIOD: Final = 0.2
 """Least time between forecasts in a recording [s]; the study takes more of them."""

@@ -10,37 +10,37 @@ from typing import Any, Final, Literal
 
 import gymnasium as gym
 
-from experiments.arguments import check_circumstances, check_folder, check_least
-from experiments.datasets.npz import (
+from gplfd.experiments.arguments import check_circumstances, check_folder, check_least
+from gplfd.experiments.datasets.npz import (
     FILE,
     LabelledDemonstrations,
     demonstrations_file,
     load_demonstrations,
     save_demonstrations,
 )
-from experiments.episodes.agents import learned, reported_errors
-from experiments.episodes.doors import named_doors, reset_seed
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.metrics import EpisodeMetrics, episode_metrics
-from experiments.episodes.rollout import Progress, rollout
-from experiments.files.plain_data import entry, read_json, write_json
-from experiments.files.provenance import content_hash, provenance
-from experiments.progress import LOG, progress_bar
-from experiments.recording import record_episode
-from experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
-from experiments.skills import skill_method
-from experiments.study.sources import source_of
-from experiments.teacher import Teacher, doors_like
+from gplfd.experiments.episodes.agents import learned, reported_errors
+from gplfd.experiments.episodes.doors import named_doors, reset_seed
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.metrics import EpisodeMetrics, episode_metrics
+from gplfd.experiments.episodes.rollout import Progress, rollout
+from gplfd.experiments.files.plain_data import entry, read_json, write_json
+from gplfd.experiments.files.provenance import content_hash, provenance
+from gplfd.experiments.progress import LOG, progress_bar
+from gplfd.experiments.recording import record_episode
+from gplfd.experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
+from gplfd.experiments.skills import skill_method
+from gplfd.experiments.study.sources import source_of
+from gplfd.experiments.teacher import Teacher, doors_like
+from gplfd.policies.agent import Agent
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.method import TrainingInput
+from gplfd.policies.policy import Policy
+from gplfd.policies.registry import policy_named
+from gplfd.policies.skill import load_skill
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DoorConfig
 from gplfd_env.scene import build_scene
 from gplfd_env.stance import base_for
-from policies.agent import Agent
-from policies.demonstrations import Demonstration
-from policies.method import TrainingInput
-from policies.policy import Policy
-from policies.registry import policy_named
-from policies.skill import load_skill
 
 CONFIGURATION: Final = "run.json"
 METRICS: Final = "metrics.json"

@@ -8,22 +8,22 @@ from typing import Any, Final
 
 from threadpoolctl import threadpool_limits
 
-from experiments.arguments import check_folder, check_least
-from experiments.datasets.npz import load_demonstrations
-from experiments.learning_tests.methods import learn
-from experiments.learning_tests.recorded import FEWEST
-from experiments.progress import LOG
-from experiments.recording.learned import record_learned
-from experiments.report.page import write_report
-from experiments.report.recorded import overview
-from experiments.results.reading import TASKS, read_files, read_results
-from experiments.study.engines import Engine
-from experiments.study.plan import recorded_tasks
-from experiments.study.session import carry_out
-from policies.demonstrations import Demonstration
-from policies.method import Method, TrainingInput
-from policies.registry import POLICIES, policy_named
-from policies.skill import Skill, fit_skill
+from gplfd.experiments.arguments import check_folder, check_least
+from gplfd.experiments.datasets.npz import load_demonstrations
+from gplfd.experiments.learning_tests.methods import learn
+from gplfd.experiments.learning_tests.recorded import FEWEST
+from gplfd.experiments.progress import LOG
+from gplfd.experiments.recording.learned import record_learned
+from gplfd.experiments.report.page import write_report
+from gplfd.experiments.report.recorded import overview
+from gplfd.experiments.results.reading import TASKS, read_files, read_results
+from gplfd.experiments.study.engines import Engine
+from gplfd.experiments.study.plan import recorded_tasks
+from gplfd.experiments.study.session import carry_out
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.method import Method, TrainingInput
+from gplfd.policies.registry import POLICIES, policy_named
+from gplfd.policies.skill import Skill, fit_skill
 
 RECORDING: Final = "skill.rrd"
 """What was learned, in a folder of `judge`."""
@@ -58,7 +58,7 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     """Learn a skill from a file of demonstrations and keep it in another.
 
     Args:
-        demonstrations: File of `experiments.datasets.npz`.
+        demonstrations: File of `gplfd.experiments.datasets.npz`.
         file: Where to write the skill; an existing file is replaced.
         policy: Name of a policy that learns skills.
         seed: Seeds whatever is random in the learning.
@@ -104,9 +104,9 @@ def judge(
     """Leave each recording out in turn, let every method predict it, and report.
 
     Args:
-        recordings: File of `experiments.datasets.npz`.
+        recordings: File of `gplfd.experiments.datasets.npz`.
         folder: Where results, report and recording are written; may have results.
-        policies: Names of methods; see `experiments.study.plan`.
+        policies: Names of methods; see `gplfd.experiments.study.plan`.
         reference: With which the others are compared, one of them.
         engine: Where to run.
         options: The command's, for the record; JSON-able.

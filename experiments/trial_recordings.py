@@ -8,16 +8,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from experiments.extremes import COMPARED, compare
-from experiments.files.plain_data import write_json
-from experiments.progress import LOG
-from experiments.recording.compared import MEASURED, RADIAL
-from experiments.report.recordings import FOLDER, INDEX, trial_recording_name
-from experiments.results.reading import read_results
-from experiments.results.records import EpisodeResult
-from experiments.results.trials import of_trial
-from experiments.trials.protocol import TRIALS
-from experiments.trials.records import Side, Trial
+from gplfd.experiments.extremes import COMPARED, compare
+from gplfd.experiments.files.plain_data import write_json
+from gplfd.experiments.progress import LOG
+from gplfd.experiments.recording.compared import MEASURED, RADIAL
+from gplfd.experiments.report.recordings import FOLDER, INDEX, trial_recording_name
+from gplfd.experiments.results.reading import read_results
+from gplfd.experiments.results.records import EpisodeResult
+from gplfd.experiments.results.trials import of_trial
+from gplfd.experiments.trials.protocol import TRIALS
+from gplfd.experiments.trials.records import Side, Trial
 
 _ALWAYS: Final = (Side(policy="gp"), Side(policy="hinge-fit"))
 

@@ -2,26 +2,26 @@
 
 Nothing here knows a simulator::
 
-    from policies import ViaPoint, adapt, align, fit_skill, make_agent
+    from gplfd.policies import ViaPoint, adapt, align, fit_skill, make_agent
 
     skill = fit_skill(align(demonstrations))
     adapted = adapt(skill, [ViaPoint(phase=0.3, pose=pose)])
     agent = make_agent("gp", demonstrations)
 """
 
-from policies.adaptation import adapt
-from policies.agent import Agent, as_agent
-from policies.aligned import AlignedDemonstrations
-from policies.alignment import align
-from policies.demonstrations import Demonstration
-from policies.lockstep import batch_agents
-from policies.method import Method, TrainingInput
-from policies.policy import Policy, PolicyOrigin
-from policies.prior_mean import PosePath, PriorMean
-from policies.registry import POLICIES, load_policy, make_agent, policy_named
-from policies.skill import Skill, fit_skill, load_skill
-from policies.steps import AgentStep
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd.policies.adaptation import adapt
+from gplfd.policies.agent import Agent, as_agent
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.alignment import align
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.lockstep import batch_agents
+from gplfd.policies.method import Method, TrainingInput
+from gplfd.policies.policy import Policy, PolicyOrigin
+from gplfd.policies.prior_mean import PosePath, PriorMean
+from gplfd.policies.registry import POLICIES, load_policy, make_agent, policy_named
+from gplfd.policies.skill import Skill, fit_skill, load_skill
+from gplfd.policies.steps import AgentStep
+from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
 __all__ = [
     "POLICIES",

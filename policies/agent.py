@@ -1,7 +1,7 @@
 """One agent: what acts in an episode, and the one that the paper describes.
 
 The paper is Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979; `policies.compliance` is what its agent does.
+Demonstration*, arXiv:2002.09979; `gplfd.policies.compliance` is what its agent does.
 """
 
 import textwrap
@@ -10,13 +10,13 @@ from typing import Any, Final, Protocol, get_args, runtime_checkable
 
 import numpy as np
 
+from gplfd.policies.compliance import ComplianceConfig, ComplianceController
+from gplfd.policies.gridded import GriddedMovement
+from gplfd.policies.phase import PhaseRule
+from gplfd.policies.steps import AgentStep, Observation
+from gplfd.policies.trajectory import GaussianTrajectory
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.task import Control
-from policies.compliance import ComplianceConfig, ComplianceController
-from policies.gridded import GriddedMovement
-from policies.phase import PhaseRule
-from policies.steps import AgentStep, Observation
-from policies.trajectory import GaussianTrajectory
 
 
 @runtime_checkable
@@ -129,7 +129,8 @@ class CheckedAgent:
             return forecast
         raise ValueError(
             f"{type(self._candidate).__name__}.forecast returned {type(forecast)}; it "
-            "must return a policies.GaussianTrajectory over the whole task, or None"
+            "must return a gplfd.policies.GaussianTrajectory over the whole task, or "
+            "None"
         )
 
 
@@ -170,7 +171,7 @@ class CompliantAgent:
     """Follows a learned movement with variable-stiffness admittance control.
 
     The command phase runs by the clock, at the demonstrations' mean speed, unless the
-    load rule makes it wait. `policies.lockstep` lets many of them act together.
+    load rule makes it wait. `gplfd.policies.lockstep` lets many of them act together.
 
     Attributes:
         movement: The movement on a grid of phases, adapted in place.

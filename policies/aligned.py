@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from policies.records import freeze, short_repr
-from policies.rests import Rest
+from gplfd.policies.records import freeze, short_repr
+from gplfd.policies.rests import Rest
 
 FINEST = 1e-6
 """No pose is known, scaled or predicted more finely than to a micrometre or a
@@ -33,7 +33,7 @@ class AlignedDemonstrations:
     was looked for."""
     end: float = 1.0
     """Phase at which the demonstrations end; what follows is their continuation, see
-    `policies.continuation`."""
+    `gplfd.policies.continuation`."""
     drift: Float[np.ndarray, " 6"] = field(default_factory=lambda: np.zeros(6))
     """Standard deviation that the continuation gains per phase [m, rad]."""
     clocks: Float[np.ndarray, "K M"] | None = None

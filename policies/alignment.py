@@ -1,8 +1,8 @@
 """Temporal alignment: one clock for demonstrations of different timing.
 
 Demonstrations are matched where the same part of the task is done, measured by the
-task completion index of `policies.completion`. Equation numbers refer to Arduengo et
-al., *Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979.
+task completion index of `gplfd.policies.completion`. Equation numbers refer to Arduengo
+et al., *Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,14 +12,14 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.completion import measure_completion, warn_of_noise
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.directions import corrected_completions
+from gplfd.policies.dynamic_time_warping import dynamic_time_warping
+from gplfd.policies.rests import Rest, warn_of_rests, without_rests
 from gplfd_env.rotation_paths import unwrap_rotvecs
 from gplfd_env.se3 import pose_distance
-from policies.aligned import AlignedDemonstrations
-from policies.completion import measure_completion, warn_of_noise
-from policies.demonstrations import Demonstration
-from policies.directions import corrected_completions
-from policies.dynamic_time_warping import dynamic_time_warping
-from policies.rests import Rest, warn_of_rests, without_rests
 
 _TIME_SHARE = 1e-6
 """Share of normalised time mixed into the completion: it orders the samples of a rest,
@@ -55,8 +55,8 @@ def align(
       a given completion is the mean over the demonstrations of their normalised times
       there, so that the common timing (starting and stopping gently) survives.
     * ``"directions"`` does the same after completion was corrected so that the hands
-      move in the same directions, see `policies.directions`: for demonstrations from
-      different starts, with stretches done twice, or with parts of other sizes.
+      move in the same directions, see `gplfd.policies.directions`: for demonstrations
+      from different starts, with stretches done twice, or with parts of other sizes.
     * ``"dtw"`` is the published method: dynamic time warping on |ζ_a - ζ_b| against the
       demonstration with the most samples, matches averaged per sample of it. Where ζ
       rises strictly, it finds the same matches to within half a sample, as a staircase.
@@ -72,8 +72,8 @@ def align(
         denoise: Whether completion is measured on the denoised paths; the resulting
             poses are interpolated from the samples as recorded in any case.
         trim_rests: Whether stretches in which nothing moves are left out first, see
-            `policies.rests`. Kept, rests that all demonstrations make become rests of
-            the result.
+            `gplfd.policies.rests`. Kept, rests that all demonstrations make become
+            rests of the result.
 
     Returns:
         The aligned demonstrations with the mean duration and each one's clock.

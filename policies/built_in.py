@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from policies.adaptation import (
+from gplfd.policies.adaptation import (
     ExactAdaptation,
     IndependentPhaseAdaptation,
     OwnAdaptation,
@@ -16,27 +16,27 @@ from policies.adaptation import (
     ProcessAdaptation,
     ProductAdaptation,
 )
-from policies.aligned import AlignedDemonstrations
-from policies.alignment import align
-from policies.baselines.dmp import fit_dmp
-from policies.baselines.gmm_gp import fit_gmm_gp
-from policies.baselines.gmr import fit_gmr
-from policies.baselines.kmp import KMPConfig, fit_kmp
-from policies.baselines.local_gp import LocalGPConfig, fit_local_gp
-from policies.baselines.promp import fit_promp
-from policies.baselines.tp_gmm import fit_tp_gmm
-from policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
-from policies.compliance import ComplianceConfig
-from policies.controllers.rendering import ARM_DYNAMICS, ArmRendering
-from policies.controllers.stiffness import (
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.alignment import align
+from gplfd.policies.baselines.dmp import fit_dmp
+from gplfd.policies.baselines.gmm_gp import fit_gmm_gp
+from gplfd.policies.baselines.gmr import fit_gmr
+from gplfd.policies.baselines.kmp import KMPConfig, fit_kmp
+from gplfd.policies.baselines.local_gp import LocalGPConfig, fit_local_gp
+from gplfd.policies.baselines.promp import fit_promp
+from gplfd.policies.baselines.tp_gmm import fit_tp_gmm
+from gplfd.policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
+from gplfd.policies.compliance import ComplianceConfig
+from gplfd.policies.controllers.rendering import ARM_DYNAMICS, ArmRendering
+from gplfd.policies.controllers.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
     PAPER_DYNAMICS,
     PAPER_PROFILE,
 )
-from policies.demonstrations import Demonstration
-from policies.load import CarriedLoad, YieldToAll
-from policies.method import (
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.load import CarriedLoad, YieldToAll
+from gplfd.policies.method import (
     FixedProfile,
     Method,
     TrainingInput,
@@ -44,13 +44,13 @@ from policies.method import (
     demonstrated_phase,
     heading_trusting_phase,
 )
-from policies.policy import Policy
-from policies.reference.compliant_pull import CompliantPullAgent
-from policies.reference.displacement import ChordAgent, ReflexAgent
-from policies.reference.hinge_fit import HingeFitAgent
-from policies.reference.oracle import OracleAgent
-from policies.reference.told_handle import ToldHandleAgent
-from policies.skill import fit_skill
+from gplfd.policies.policy import Policy
+from gplfd.policies.reference.compliant_pull import CompliantPullAgent
+from gplfd.policies.reference.displacement import ChordAgent, ReflexAgent
+from gplfd.policies.reference.hinge_fit import HingeFitAgent
+from gplfd.policies.reference.oracle import OracleAgent
+from gplfd.policies.reference.told_handle import ToldHandleAgent
+from gplfd.policies.skill import fit_skill
 
 
 def _reference(agent: Callable[[], object], summary: str) -> Policy:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.denoising import denoised_steps
 from gplfd_env.se3 import pose_steps
-from policies.demonstrations import Demonstration
-from policies.denoising import denoised_steps
 
 _NOISY_LENGTH_RATIO = 1.1
 

@@ -22,22 +22,22 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gplfd_env.task import CONTROL_PERIOD
-from policies.controllers.rendering import Rendering, VirtualRendering
-from policies.controllers.stability import GovernedStiffness, StiffnessGovernor
-from policies.controllers.stiffness import (
+from gplfd.policies.controllers.rendering import Rendering, VirtualRendering
+from gplfd.policies.controllers.stability import GovernedStiffness, StiffnessGovernor
+from gplfd.policies.controllers.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
     StiffnessProfile,
     VirtualDynamics,
 )
-from policies.gridded import GriddedMovement, GriddedMovements
-from policies.handle_load import HandleAndDoor
-from policies.load import Encounter, LearnedLoad, LoadRule, Response
-from policies.members import EVERY_MEMBER, Members, Numbers
-from policies.phase import POSE_ERROR, PhaseRule
-from policies.steps import AgentStep
-from policies.trajectory import ViaPoint
+from gplfd.policies.gridded import GriddedMovement, GriddedMovements
+from gplfd.policies.handle_load import HandleAndDoor
+from gplfd.policies.load import Encounter, LearnedLoad, LoadRule, Response
+from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
+from gplfd.policies.phase import POSE_ERROR, PhaseRule
+from gplfd.policies.steps import AgentStep
+from gplfd.policies.trajectory import ViaPoint
+from gplfd_env.task import CONTROL_PERIOD
 
 Poses = Float[np.ndarray, "*N 6"]
 Phases = Float[Numbers, "*N"]
@@ -89,7 +89,7 @@ class ComplianceConfig:
         if not isinstance(self.load, LoadRule):
             raise ValueError(
                 "ComplianceConfig.load must be a load rule, with begin(profile, shape) "
-                f"(policies.load.LoadRule), got {self.load!r}"
+                f"(gplfd.policies.load.LoadRule), got {self.load!r}"
             )
         lowest, highest = np.repeat(self.rendering.stiffness_range, 3, axis=0).T
         asked = self.profile

@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gplfd.policies.aligned import AlignedDemonstrations
 from gplfd_env.rotation_paths import unwrap_rotvecs
 from gplfd_env.se3 import pose_steps
-from policies.aligned import AlignedDemonstrations
 
 _TAIL: Final = 0.25
 """Share of the path before its end whose screw is carried on."""

@@ -6,9 +6,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from gplfd.policies.records import freeze, short_repr
 from gplfd_env.rotation_paths import rotvecs_from_quaternions, unwrap_rotvecs
 from gplfd_env.se3 import relative_poses
-from policies.records import freeze, short_repr
 
 _REST = 1e-9
 """A motion within this of its first pose [m, rad] is no motion."""

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
-from policies.dynamic_time_warping import dynamic_time_warping
+from gplfd.policies.dynamic_time_warping import dynamic_time_warping
 
 _STEPS: Final = 100
 """Of completion, at which directions are compared."""

@@ -5,8 +5,8 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from policies.aligned import AlignedDemonstrations
-from policies.trajectory import GaussianTrajectory
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.trajectory import GaussianTrajectory
 
 
 class EmpiricalDistribution:

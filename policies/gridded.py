@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float, Int
 
-from policies.adaptation import Adaptation, AdaptationForm, begin_adaptation
-from policies.handle import TurnedHandle, turned_handle
-from policies.members import EVERY_MEMBER, Members, Numbers
-from policies.movement import Movement
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd.policies.adaptation import Adaptation, AdaptationForm, begin_adaptation
+from gplfd.policies.handle import TurnedHandle, turned_handle
+from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
+from gplfd.policies.movement import Movement
+from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
 Pose = Float[np.ndarray, " 6"]
 
@@ -24,8 +24,8 @@ class GriddedMovement:
 
     Args:
         movement: What was learned; NaN σ for a method without any.
-        form: In which form it adapts to via-points, see `policies.adaptation`; None
-            for a movement that does not.
+        form: In which form it adapts to via-points, see `gplfd.policies.adaptation`;
+            None for a movement that does not.
         n_grid: Number of grid points M, at least 2.
 
     Raises:

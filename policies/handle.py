@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from policies.aligned import AlignedDemonstrations
+from gplfd.policies.aligned import AlignedDemonstrations
 
 Vector = tuple[float, float, float]
 Poses = Float[np.ndarray, "*N 6"]

@@ -13,10 +13,10 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from policies.controllers.stiffness import StiffnessProfile
-from policies.handle import TurnedHandle
-from policies.load import Encounter, LoadRule, Response
-from policies.members import EVERY_MEMBER, Members
+from gplfd.policies.controllers.stiffness import StiffnessProfile
+from gplfd.policies.handle import TurnedHandle
+from gplfd.policies.load import Encounter, LoadRule, Response
+from gplfd.policies.members import EVERY_MEMBER, Members
 
 Poses = Float[np.ndarray, "*N 6"]
 

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from policies.aligned import AlignedDemonstrations
+from gplfd.policies.aligned import AlignedDemonstrations
 
 _SIZES: Final = np.linspace(-2.5, 2.5, 41)
 """Sizes that are compared, in standard deviations of the logarithm of size."""

@@ -15,8 +15,8 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from policies.controllers.stiffness import StiffnessProfile
-from policies.members import EVERY_MEMBER, Members, Numbers
+from gplfd.policies.controllers.stiffness import StiffnessProfile
+from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
 
 Wrench = Float[np.ndarray, "*N 6"]
 Direction = Float[np.ndarray, "*N 3"]
@@ -286,7 +286,7 @@ class YieldToAll:
 
 def _along(direction: Direction, vectors: Float[np.ndarray, "*N V"]) -> Amount:
     """Return the component of the first three numbers along a direction."""
-    # Not `vecdot`: see `policies.compliance`.
+    # Not `vecdot`: see `gplfd.policies.compliance`.
     return np.asarray(np.add.reduce(direction * vectors[..., :3], axis=-1))
 
 

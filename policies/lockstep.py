@@ -10,14 +10,14 @@ from typing import Any, Protocol, SupportsIndex, runtime_checkable
 
 import numpy as np
 
+from gplfd.policies.agent import Agent, CompliantAgent, as_agent
+from gplfd.policies.compliance import ComplianceController
+from gplfd.policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
+from gplfd.policies.members import members_of
+from gplfd.policies.steps import AgentStep, Observation
+from gplfd.policies.trajectory import GaussianTrajectory
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.task import Control
-from policies.agent import Agent, CompliantAgent, as_agent
-from policies.compliance import ComplianceController
-from policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
-from policies.members import members_of
-from policies.steps import AgentStep, Observation
-from policies.trajectory import GaussianTrajectory
 
 Mask = np.ndarray
 """Boolean, (N,), which is checked."""
@@ -63,7 +63,7 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
 
     Args:
         agents: One per member, each an object of its own, as `make_agent` makes them,
-            or anything else that `policies.agent.as_agent` takes.
+            or anything else that `gplfd.policies.agent.as_agent` takes.
 
     Returns:
         A batch that decides for all members at once if they are `CompliantAgent`s with

@@ -9,24 +9,24 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from policies.agent import CompliantAgent
-from policies.aligned import AlignedDemonstrations
-from policies.alignment import align
-from policies.compliance import ComplianceConfig
-from policies.continuation import continued
-from policies.controllers.stiffness import (
+from gplfd.policies.agent import CompliantAgent
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.alignment import align
+from gplfd.policies.compliance import ComplianceConfig
+from gplfd.policies.continuation import continued
+from gplfd.policies.controllers.stiffness import (
     DEFAULT_PROFILE,
     StiffnessProfile,
     spread_profile,
 )
-from policies.demonstrations import Demonstration
-from policies.empirical import EmpiricalDistribution
-from policies.gridded import GriddedMovement
-from policies.movement import AdaptationForm, Movement
-from policies.path_phase import PathPhase
-from policies.phase import ClockPhase, PhaseNoise, PhaseRule
-from policies.prior_mean import PriorMean, Stretched
-from policies.residual import fit_residual
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.empirical import EmpiricalDistribution
+from gplfd.policies.gridded import GriddedMovement
+from gplfd.policies.movement import AdaptationForm, Movement
+from gplfd.policies.path_phase import PathPhase
+from gplfd.policies.phase import ClockPhase, PhaseNoise, PhaseRule
+from gplfd.policies.prior_mean import PriorMean, Stretched
+from gplfd.policies.residual import fit_residual
 
 _GRID: Final = 100
 """Phases at which an agent knows its movement."""
@@ -58,8 +58,8 @@ class TrainingInput:
         several = tuple(given) if isinstance(given, Iterable) else (None,)
         if not all(isinstance(one, Demonstration) for one in several):
             raise TypeError(
-                "demonstrations must be a sequence of policies.Demonstration, got "
-                f"{textwrap.shorten(repr(given), 80, placeholder=' ...')}; put a "
+                "demonstrations must be a sequence of gplfd.policies.Demonstration, "
+                f"got {textwrap.shorten(repr(given), 80, placeholder=' ...')}; put a "
                 "single one into a list: [demonstration]"
             )
         object.__setattr__(self, "demonstrations", several)

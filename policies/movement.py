@@ -1,6 +1,6 @@
 """What every learned movement can be asked, whatever method learned it.
 
-`policies.skill.Skill` and each baseline of Table 1 in Arduengo et al., *Gaussian-
+`gplfd.policies.skill.Skill` and each baseline of Table 1 in Arduengo et al., *Gaussian-
 Process-based Robot Learning from Demonstration*, arXiv:2002.09979, are movements: they
 predict a distribution over poses at any phase, and adapt to via-points if they can.
 """
@@ -12,9 +12,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from policies.aligned import AlignedDemonstrations
-from policies.records import freeze
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.records import freeze
+from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
 
 @runtime_checkable

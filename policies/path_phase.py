@@ -16,12 +16,12 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
-from policies.aligned import AlignedDemonstrations
-from policies.handle import TurnedHandle, seen_at, turned_handle
-from policies.heading import Heading, directions
-from policies.members import EVERY_MEMBER, Members, Numbers
-from policies.movement import Predictor
-from policies.phase import PhaseEstimate, PhaseNoise, Phases, Poses
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.handle import TurnedHandle, seen_at, turned_handle
+from gplfd.policies.heading import Heading, directions
+from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
+from gplfd.policies.movement import Predictor
+from gplfd.policies.phase import PhaseEstimate, PhaseNoise, Phases, Poses
 
 Observed = Float[np.ndarray, "*E"]
 """ρ, θ, u and the variance of u, of N poses: (8, *N)."""
@@ -50,8 +50,8 @@ class PathPhase:
     The features of a pose are the distance ρ = |v| of the hand from the closed handle,
     the direction u = v/|v| of that displacement, and the hand's rotation θ. Where a
     handle is turned first, v is the displacement of the handle's axis and θ the leaf's
-    turn with the handle's greatest so far (`policies.handle`): the hand's way about
-    the axis is no door's, and the way back the policy's own. Doors of
+    turn with the handle's greatest so far (`gplfd.policies.handle`): the hand's way
+    about the axis is no door's, and the way back the policy's own. Doors of
     different radius share u at equal phase, though not ρ: it tells progress
     independently of the radius and of how the hand lies on the bar. A robot that stands
     askew by ψ sees u turned by ψ about the vertical, which `Heading` estimates from the
@@ -75,7 +75,7 @@ class PathPhase:
 
     Args:
         demonstrated: Predicts μ and σ: the learned movement, or for a method without
-            uncertainty `policies.empirical.EmpiricalDistribution`.
+            uncertainty `gplfd.policies.empirical.EmpiricalDistribution`.
         aligned: The demonstrations, for û and ς.
         noise: Errors of the observed pose beyond the demonstrations' spread.
         window: How far the phase may move per observation: backward, forward.

@@ -17,7 +17,7 @@ from typing import Any, Final, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from policies.members import EVERY_MEMBER, Members, Numbers
+from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
 
 Poses = Float[np.ndarray, "*N 6"]
 Phases = Float[Numbers, "*N"]

@@ -4,21 +4,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from policies.method import Method, TrainingInput
+from gplfd.policies.method import Method, TrainingInput
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PolicyOrigin:
     """Where a policy was found: plain data, for files and for other processes.
 
-    `policies.registry.load_policy` finds it again.
+    `gplfd.policies.registry.load_policy` finds it again.
     """
 
     name: str
     """What it was asked for by."""
     kind: Literal["built-in", "package", "module"] = "built-in"
-    """An entry of `policies.registry.POLICIES`, an installed package's entry point, or
-    an attribute of a module of the user's."""
+    """An entry of `gplfd.policies.registry.POLICIES`, an installed package's entry
+    point, or an attribute of a module of the user's."""
     folder: str = ""
     """Folder in which a module was looked for first."""
     file: str = ""
@@ -49,12 +49,12 @@ class Policy:
     """One line for people."""
     make: Callable[[TrainingInput], object]
     """Learns from the training input and returns an agent, or anything that
-    `policies.agent.as_agent` takes: a `Method`, or any function."""
+    `gplfd.policies.agent.as_agent` takes: a `Method`, or any function."""
     kind: Literal["method", "ablation", "reference"] = "method"
     """Something to compare; what is left of it without one idea, or with another in its
     place; or what every method is measured against, which learns nothing."""
     origin: PolicyOrigin | None = None
-    """Where it was found; `policies.registry.policy_named` fills it in."""
+    """Where it was found; `gplfd.policies.registry.policy_named` fills it in."""
 
     @property
     def method(self) -> Method | None:

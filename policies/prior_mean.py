@@ -2,7 +2,7 @@
 
 The m(t) of Eq. (1) in Arduengo et al., *Gaussian-Process-based Robot Learning from
 Demonstration*, arXiv:2002.09979, where it is zero for want of knowledge.
-`policies.residual` learns around it.
+`gplfd.policies.residual` learns around it.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 
-from policies.records import freeze, short_repr
+from gplfd.policies.records import freeze, short_repr
 
 
 @runtime_checkable
@@ -21,8 +21,8 @@ class PriorMean(Protocol):
     """Poses that are expected where nothing was demonstrated.
 
     Phases are those of the aligned demonstrations, 0 at their start and 1 at their end;
-    methods that go on beyond it (`policies.method.Method.beyond`) also ask for later
-    ones. Rotation vectors are on the same branch as theirs.
+    methods that go on beyond it (`gplfd.policies.method.Method.beyond`) also ask for
+    later ones. Rotation vectors are on the same branch as theirs.
     """
 
     def mean(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6"]:

@@ -7,15 +7,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from policies.agent import Agent, as_agent
-from policies.built_in import AS_PUBLISHED
-from policies.demonstrations import Demonstration
-from policies.method import TrainingInput
-from policies.one_thread import one_thread
-from policies.policy import Policy, PolicyOrigin
-from policies.prior_mean import PriorMean
-from policies.tuning_spaces import SPACES, Values, tuned_settings
-from policies.user_policies import module_policy, packaged_names, packaged_policy
+from gplfd.policies.agent import Agent, as_agent
+from gplfd.policies.built_in import AS_PUBLISHED
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.method import TrainingInput
+from gplfd.policies.one_thread import one_thread
+from gplfd.policies.policy import Policy, PolicyOrigin
+from gplfd.policies.prior_mean import PriorMean
+from gplfd.policies.tuning_spaces import SPACES, Values, tuned_settings
+from gplfd.policies.user_policies import module_policy, packaged_names, packaged_policy
 
 
 def make_agent(
@@ -67,7 +67,7 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
     Args:
         name: A key of `POLICIES`; a name that an installed package offers in the
             entry-point group ``gplfd.policies``; or ``module:attribute`` or
-            ``path/to/file.py:attribute``, see `policies.user_policies`.
+            ``path/to/file.py:attribute``, see `gplfd.policies.user_policies`.
         folder: Where modules and files are looked for first; the working folder by
             default.
 
@@ -110,7 +110,7 @@ def load_policy(origin: PolicyOrigin) -> Policy:
 
 
 def tuned(name: str, values: Values) -> Policy:
-    """Return a policy of `policies.tuning_spaces.SPACES` with other settings.
+    """Return a policy of `gplfd.policies.tuning_spaces.SPACES` with other settings.
 
     Raises:
         ValueError: The settings are outside the method's space.

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from policies.aligned import AlignedDemonstrations
-from policies.movement import (
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.movement import (
     AdaptationForm,
     LearnedMovement,
     Movement,
 )
-from policies.prior_mean import PriorMean
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd.policies.prior_mean import PriorMean
+from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
+from gplfd.policies.demonstrations import Demonstration
 from gplfd_env.se3 import pose_distance, pose_steps
-from policies.demonstrations import Demonstration
 
 _BLUR: Final = 0.015
 """Standard deviation of the smoother under which speed is measured, as a share of the

@@ -13,17 +13,17 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from policies.aligned import AlignedDemonstrations
-from policies.gp.deviations import DeviationProcess, fit_deviations
-from policies.gp.kersting import KerstingNoise
-from policies.gp.left_out import wobbling
-from policies.gp.multi_output import MultiOutputGP, OutputMoments
-from policies.gp.noise import HomoscedasticNoise, MapNoise
-from policies.gp.noise_profile import NoiseModel
-from policies.movement import LearnedMovement
-from policies.one_thread import one_thread
-from policies.skill_archive import read_skill, write_skill
-from policies.trajectory import GaussianTrajectory, checked_times
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.gp.deviations import DeviationProcess, fit_deviations
+from gplfd.policies.gp.kersting import KerstingNoise
+from gplfd.policies.gp.left_out import wobbling
+from gplfd.policies.gp.multi_output import MultiOutputGP, OutputMoments
+from gplfd.policies.gp.noise import HomoscedasticNoise, MapNoise
+from gplfd.policies.gp.noise_profile import NoiseModel
+from gplfd.policies.movement import LearnedMovement
+from gplfd.policies.one_thread import one_thread
+from gplfd.policies.skill_archive import read_skill, write_skill
+from gplfd.policies.trajectory import GaussianTrajectory, checked_times
 
 NOISE_MODELS: dict[str, NoiseModel] = {
     "map": MapNoise(),
@@ -165,7 +165,7 @@ class Skill(LearnedMovement):
 
         Raises:
             ValueError: if a user's own noise model does not build on
-                `policies.gp.noise_profile.NoiseProfile.basis_over`.
+                `gplfd.policies.gp.noise_profile.NoiseProfile.basis_over`.
             OSError: if the file cannot be written.
         """
         deviations = self.deviations if self.count > 1 else ()
@@ -204,7 +204,7 @@ def fit_skill(
         noise: how the spread r(t) is estimated: a name in `NOISE_MODELS` or a noise
             model object, such as ``KerstingNoise(n_iterations=30)``.
         centred: whether the prior mean is the demonstrations' average, or zero; for
-            any other see `policies.residual.fit_residual`.
+            any other see `gplfd.policies.residual.fit_residual`.
 
     Raises:
         TypeError: for anything else than aligned demonstrations.
@@ -216,9 +216,9 @@ def fit_skill(
     """
     if not isinstance(aligned, AlignedDemonstrations):
         raise TypeError(
-            "fit_skill learns from policies.AlignedDemonstrations, got a "
+            "fit_skill learns from gplfd.policies.AlignedDemonstrations, got a "
             f"{type(aligned).__name__}; call fit_skill(align(demonstrations)) with a "
-            "sequence of policies.Demonstration"
+            "sequence of gplfd.policies.Demonstration"
         )
     if isinstance(noise, str):
         if noise not in NOISE_MODELS:

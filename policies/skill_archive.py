@@ -7,14 +7,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from policies.aligned import AlignedDemonstrations
-from policies.gp.deviations import DeviationProcess
-from policies.gp.heteroscedastic import HeteroscedasticGP
-from policies.gp.kernels import RBF
-from policies.gp.multi_output import MultiOutputGP
-from policies.gp.noise_profile import NoiseProfile
-from policies.gp.replicates import Replicates
-from policies.storage import Members, read_archive, write_archive
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.gp.deviations import DeviationProcess
+from gplfd.policies.gp.heteroscedastic import HeteroscedasticGP
+from gplfd.policies.gp.kernels import RBF
+from gplfd.policies.gp.multi_output import MultiOutputGP
+from gplfd.policies.gp.noise_profile import NoiseProfile
+from gplfd.policies.gp.replicates import Replicates
+from gplfd.policies.storage import Members, read_archive, write_archive
 
 KIND: Final = "a gplfd skill"
 """What the file says it holds."""

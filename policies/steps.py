@@ -12,8 +12,8 @@ from typing import Any, Final, SupportsIndex
 import numpy as np
 from jaxtyping import Bool, Float
 
+from gplfd.policies.members import Members, Numbers
 from gplfd_env.task import Control
-from policies.members import Members, Numbers
 
 Observation = Mapping[str, Float[np.ndarray, "..."]]
 """What the robot measures, by name; of a batch, one row per member."""
@@ -53,7 +53,7 @@ class AgentStep:
     """Pointwise stability bound minus `stiffness_rate` [N/(m s), N m/(rad s)]."""
     contact_margin: Poses = _NAN
     """Delay that a held hand tolerates beyond the longest expected [s], see
-    `policies.controllers.contact`."""
+    `gplfd.policies.controllers.contact`."""
     carried_load: Phases | float = _NAN
     """Resistance along the path that the hand carries without yielding [N]."""
     give: Phases | float = _NAN

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri, stdtrit
 
-from policies.aligned import FINEST
-from policies.one_thread import one_thread
-from policies.records import freeze, read_only, short_repr
-from policies.trajectory_csv import write_csv
+from gplfd.policies.aligned import FINEST
+from gplfd.policies.one_thread import one_thread
+from gplfd.policies.records import freeze, read_only, short_repr
+from gplfd.policies.trajectory_csv import write_csv
 
 
 def checked_times(times: np.ndarray) -> Float[np.ndarray, " M"]:
@@ -214,9 +214,9 @@ class GaussianTrajectory:
         """Write the trajectory as a table for a robot, complete or not at all.
 
         Columns with their units: time, position, quaternion (scalar last, continuous
-        sign), and the standard deviations; `policies.trajectory_csv` says in which
-        frame. One row per time of this trajectory, so predict at those that the robot
-        needs::
+        sign), and the standard deviations; `gplfd.policies.trajectory_csv` says in
+        which frame. One row per time of this trajectory, so predict at those that the
+        robot needs::
 
             times = np.arange(0.0, duration, 0.01)
             skill.predict(times / duration).to_csv("opening.csv", duration=duration)

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from policies.storage import complete_or_absent
+from gplfd.policies.storage import complete_or_absent
 
 COLUMNS: Final = (
     "time [s],x [m],y [m],z [m],qx,qy,qz,qw,std_x [m],std_y [m],std_z [m],"

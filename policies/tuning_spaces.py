@@ -2,7 +2,7 @@
 
 A method must not win by its settings. For each there is a space of what its authors
 would tune, with the limits within which they would; the controller, the same for all,
-is in none of them. The best of a space, found as `experiments.tuning` says, is in
+is in none of them. The best of a space, found as `gplfd.experiments.tuning` says, is in
 ``tuned.json`` and registered as ``<name>-tuned``.
 """
 
@@ -16,19 +16,19 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from policies.adaptation import ProcessAdaptation
-from policies.baselines.dmp import DMPConfig, fit_dmp
-from policies.baselines.gmm_gp import GMMGPConfig, fit_gmm_gp
-from policies.baselines.gmr import GMRConfig
-from policies.baselines.kmp import KMPConfig, fit_kmp
-from policies.baselines.local_gp import LocalGPConfig, fit_local_gp
-from policies.baselines.mixture_kernel import LengthScaleConfig
-from policies.baselines.promp import ProMPConfig, fit_promp
-from policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
-from policies.gp.kersting import KerstingNoise
-from policies.gp.noise import MapNoise
-from policies.method import Method
-from policies.skill import fit_skill
+from gplfd.policies.adaptation import ProcessAdaptation
+from gplfd.policies.baselines.dmp import DMPConfig, fit_dmp
+from gplfd.policies.baselines.gmm_gp import GMMGPConfig, fit_gmm_gp
+from gplfd.policies.baselines.gmr import GMRConfig
+from gplfd.policies.baselines.kmp import KMPConfig, fit_kmp
+from gplfd.policies.baselines.local_gp import LocalGPConfig, fit_local_gp
+from gplfd.policies.baselines.mixture_kernel import LengthScaleConfig
+from gplfd.policies.baselines.promp import ProMPConfig, fit_promp
+from gplfd.policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
+from gplfd.policies.gp.kersting import KerstingNoise
+from gplfd.policies.gp.noise import MapNoise
+from gplfd.policies.method import Method
+from gplfd.policies.skill import fit_skill
 
 TUNED_FILE: Final = Path(__file__).with_name("tuned.json")
 """What tuning found, and how."""

@@ -5,8 +5,8 @@
   the file were run as a script, and not longer.
 * A package offers policies by name in the entry-point group ``gplfd.policies``.
 
-Either way the attribute is a function from `policies.TrainingInput` to an agent, a
-`policies.Method` or a `policies.Policy`.
+Either way the attribute is a function from `gplfd.policies.TrainingInput` to an agent,
+a `gplfd.policies.Method` or a `gplfd.policies.Policy`.
 """
 
 import contextlib
@@ -23,8 +23,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
-from policies.module_files import content_hash, module_file, module_files, place_in
-from policies.policy import Policy, PolicyOrigin
+from gplfd.policies.module_files import (
+    content_hash,
+    module_file,
+    module_files,
+    place_in,
+)
+from gplfd.policies.policy import Policy, PolicyOrigin
 
 GROUP: Final = "gplfd.policies"
 """The entry-point group of packages."""

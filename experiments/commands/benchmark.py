@@ -10,14 +10,14 @@ from typing import Annotated, Final
 
 import tyro
 
-from experiments.commands.options import (
+from gplfd.experiments.commands.options import (
     ON_THIS_MACHINE,
     EngineOptions,
     next_command,
     recorded,
 )
-from experiments.interruption import postponed_interruption
-from experiments.study.settings import StudySettings
+from gplfd.experiments.interruption import postponed_interruption
+from gplfd.experiments.study.settings import StudySettings
 
 FAILED: Final = 1
 """Exit status of a study some of whose tasks ended in errors."""
@@ -60,11 +60,11 @@ class Benchmark:
     def execute(self) -> int:
         """Run the study, print its tables, and return `FAILED` if a task failed."""
         with postponed_interruption():
-            from experiments.arguments import check_folder
-            from experiments.results.table import write_tables
-            from experiments.study.plan import checked, tasks
-            from experiments.study.session import carry_out
-            from experiments.study.settings_file import write_settings
+            from gplfd.experiments.arguments import check_folder
+            from gplfd.experiments.results.table import write_tables
+            from gplfd.experiments.study.plan import checked, tasks
+            from gplfd.experiments.study.session import carry_out
+            from gplfd.experiments.study.settings_file import write_settings
 
         settings = checked(self.study)
         engine = self.where.made()
@@ -77,7 +77,7 @@ class Benchmark:
         print(write_tables(self.out, settings))
         if self.record:
             with postponed_interruption():
-                from experiments.extremes import record_extremes
+                from gplfd.experiments.extremes import record_extremes
 
             record_extremes(self.out)
         report = next_command("report", self.out)
@@ -101,6 +101,6 @@ def benchmark_from(arguments: Sequence[str]) -> Callable[..., Benchmark]:
     if list(arguments[:1]) != ["benchmark"] or given.config is None:
         return Benchmark
     with postponed_interruption():
-        from experiments.study.settings_file import settings_named
+        from gplfd.experiments.study.settings_file import settings_named
 
     return partial(Benchmark, study=settings_named(given.config))

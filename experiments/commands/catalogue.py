@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from experiments.commands.options import Json
-from experiments.interruption import postponed_interruption
+from gplfd.experiments.commands.options import Json
+from gplfd.experiments.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -15,8 +15,8 @@ class Catalogue:
     def execute(self) -> int:
         """Print the catalogue."""
         with postponed_interruption():
-            from experiments.catalogue import catalogue, catalogue_json
-            from experiments.files.plain_data import json_text
+            from gplfd.experiments.catalogue import catalogue, catalogue_json
+            from gplfd.experiments.files.plain_data import json_text
 
         print(json_text(catalogue_json()) if self.json else catalogue())
         return 0

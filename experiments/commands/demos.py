@@ -6,9 +6,9 @@ from typing import Annotated, Final
 
 import tyro
 
-from experiments.commands.options import Quiet, next_command, recorded
-from experiments.commands.recordings import Export, Import
-from experiments.interruption import postponed_interruption
+from gplfd.experiments.commands.options import Quiet, next_command, recorded
+from gplfd.experiments.commands.recordings import Export, Import
+from gplfd.experiments.interruption import postponed_interruption
 
 DEPARTED: Final = 1
 """Exit status of a replay that is not the recording, bit for bit."""
@@ -58,8 +58,8 @@ class Record:
     def execute(self) -> int:
         """Record the data set and print where it is."""
         with postponed_interruption():
-            from experiments.datasets.record import record_dataset
-            from experiments.files.names import file_name
+            from gplfd.experiments.datasets.record import record_dataset
+            from gplfd.experiments.files.names import file_name
 
         folder = self.out or Path("results/demos") / f"{file_name(self.policy)}-v0"
         number = record_dataset(
@@ -97,9 +97,9 @@ class Replay:
     def execute(self) -> int:
         """Print a line per episode; return `DEPARTED` if one departs."""
         with postponed_interruption():
-            from experiments.datasets.minari import open_dataset
-            from experiments.datasets.minari.contents import title
-            from experiments.datasets.replay import changes_since, replays
+            from gplfd.experiments.datasets.minari import open_dataset
+            from gplfd.experiments.datasets.minari.contents import title
+            from gplfd.experiments.datasets.replay import changes_since, replays
 
         dataset = open_dataset(self.dataset)
         numbers = self.episodes or tuple(range(dataset.n_episodes))
@@ -128,8 +128,8 @@ class Inspect:
     def execute(self) -> int:
         """Print the contents."""
         with postponed_interruption():
-            from experiments.datasets.minari import open_dataset
-            from experiments.datasets.minari.contents import contents
+            from gplfd.experiments.datasets.minari import open_dataset
+            from gplfd.experiments.datasets.minari.contents import contents
 
         print(contents(open_dataset(self.dataset)))
         return 0

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from experiments.commands.options import Json
-from experiments.interruption import postponed_interruption
+from gplfd.experiments.commands.options import Json
+from gplfd.experiments.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -19,8 +19,8 @@ class Doctor:
     def execute(self) -> int:
         """Look, and print what was found."""
         with postponed_interruption():
-            from experiments.doctor import examined, text
-            from experiments.files.plain_data import json_text
+            from gplfd.experiments.doctor import examined, text
+            from gplfd.experiments.files.plain_data import json_text
 
         found = examined()
         print(json_text(found.as_json()) if self.json else text(found))

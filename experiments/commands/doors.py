@@ -27,9 +27,9 @@ class Doors:
 
     def execute(self) -> int:
         """Write the door and print what of it is lost."""
-        from experiments.datasets.doorbench import read_doorbench
-        from experiments.files.names import file_name
-        from experiments.files.plain_data import write_json
+        from gplfd.experiments.datasets.doorbench import read_doorbench
+        from gplfd.experiments.files.names import file_name
+        from gplfd.experiments.files.plain_data import write_json
 
         found = read_doorbench(self.file)
         path = self.out or Path(f"{file_name(found.name)}.json")

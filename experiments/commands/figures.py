@@ -6,8 +6,8 @@ from typing import Annotated
 
 import tyro
 
-from experiments.commands.options import Quiet, recorded
-from experiments.interruption import postponed_interruption
+from gplfd.experiments.commands.options import Quiet, recorded
+from gplfd.experiments.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -33,7 +33,7 @@ class Figures:
     def execute(self) -> int:
         """Draw the figures and print where they are."""
         with postponed_interruption():
-            from experiments.figures.drawing import draw_figures
+            from gplfd.experiments.figures.drawing import draw_figures
 
         number = draw_figures(
             self.out, self.only, seed=self.seed, options=recorded(self)

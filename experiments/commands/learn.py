@@ -6,8 +6,8 @@ from typing import Annotated
 
 import tyro
 
-from experiments.commands.options import Quiet, next_command
-from experiments.interruption import postponed_interruption
+from gplfd.experiments.commands.options import Quiet, next_command
+from gplfd.experiments.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -15,7 +15,7 @@ class Learn:
     """Learn a skill from demonstrations and keep it in a file.
 
     The file holds arrays only, no code; `gplfd run --skill FILE` and
-    `policies.load_skill` read it.
+    `gplfd.policies.load_skill` read it.
     """
 
     demonstrations: Annotated[
@@ -37,7 +37,7 @@ class Learn:
     def execute(self) -> int:
         """Learn, and print how to use the file."""
         with postponed_interruption():
-            from experiments.skills import learn_skill
+            from gplfd.experiments.skills import learn_skill
 
         skill = learn_skill(
             self.demonstrations, self.out, policy=self.policy, seed=self.seed

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final
 
 import tyro
 
-from experiments.study.engines import Engine, EngineName, engine_named
+from gplfd.experiments.study.engines import Engine, EngineName, engine_named
 
 Quiet = Annotated[
     tyro.conf.FlagCreatePairsOff[bool],

@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from experiments.commands.options import Quiet, next_command, recorded
-from experiments.interruption import postponed_interruption
+from gplfd.experiments.commands.options import Quiet, next_command, recorded
+from gplfd.experiments.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -85,8 +85,8 @@ class Import:
     def execute(self) -> int:
         """Make the set, print the report and what to do next."""
         with postponed_interruption():
-            from experiments.datasets.importing import PICTURE, import_recordings
-            from experiments.datasets.readers.selection import Selection
+            from gplfd.experiments.datasets.importing import PICTURE, import_recordings
+            from gplfd.experiments.datasets.readers.selection import Selection
 
         if not self.files:
             raise ValueError("give at least one file to import")
@@ -123,7 +123,7 @@ class Import:
         return 0
 
     def _preparation(self) -> Any:
-        from experiments.datasets.preparation.settings import Preparation
+        from gplfd.experiments.datasets.preparation.settings import Preparation
 
         frame = _pose("--frame", self.frame) if "," in self.frame else self.frame
         return Preparation(
@@ -169,7 +169,7 @@ class Export:
     def execute(self) -> int:
         """Write it, and say where it is."""
         with postponed_interruption():
-            from experiments.datasets.writers import export_demonstrations
+            from gplfd.experiments.datasets.writers import export_demonstrations
 
         number = export_demonstrations(
             self.demonstrations,

@@ -6,7 +6,7 @@ from typing import Annotated, Final
 
 import tyro
 
-from experiments.interruption import postponed_interruption
+from gplfd.experiments.interruption import postponed_interruption
 
 FAILED: Final = 1
 """Exit status if there are only errors, or results do not follow the protocol."""
@@ -40,9 +40,9 @@ class Report:
     def execute(self) -> int:
         """Write the pages, print where they are; `FAILED` if all tasks failed."""
         with postponed_interruption():
-            from experiments.arguments import check_folder
-            from experiments.report.page import write_report
-            from experiments.results.reading import is_measured
+            from gplfd.experiments.arguments import check_folder
+            from gplfd.experiments.report.page import write_report
+            from gplfd.experiments.results.reading import is_measured
 
         if not self.folders:
             raise ValueError("give the folder of a study: gplfd report DIR")
@@ -57,9 +57,9 @@ class Report:
 
     def _check(self) -> int:
         with postponed_interruption():
-            from experiments.results.protocol_check import protocol_problems
-            from experiments.results.reading import read_all
-            from experiments.trials.protocol import VERSION
+            from gplfd.experiments.results.protocol_check import protocol_problems
+            from gplfd.experiments.results.reading import read_all
+            from gplfd.experiments.trials.protocol import VERSION
 
         problems = protocol_problems(read_all(self.folders))
         for problem in problems:

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 import tyro
 
-from experiments.commands.options import Json, Quiet, next_command, recorded
-from experiments.interruption import postponed_interruption
+from gplfd.experiments.commands.options import Json, Quiet, next_command, recorded
+from gplfd.experiments.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -58,11 +58,11 @@ class Run:
     def execute(self) -> int:
         """Open the doors and print a table, or what metrics.json holds."""
         with postponed_interruption():
-            from experiments.files.names import file_name
-            from experiments.files.plain_data import json_text
-            from experiments.files.table import text_table
-            from experiments.results.table import run_table
-            from experiments.runs import open_doors
+            from gplfd.experiments.files.names import file_name
+            from gplfd.experiments.files.plain_data import json_text
+            from gplfd.experiments.files.table import text_table
+            from gplfd.experiments.results.table import run_table
+            from gplfd.experiments.runs import open_doors
 
         if self.skill is not None and self.demonstrations is not None:
             raise ValueError("--skill is learned already: leave out --demonstrations")

@@ -6,15 +6,15 @@ from typing import Annotated, Final
 
 import tyro
 
-from experiments.commands.options import (
+from gplfd.experiments.commands.options import (
     ON_THIS_MACHINE,
     EngineOptions,
     Quiet,
     next_command,
     recorded,
 )
-from experiments.interruption import postponed_interruption
-from experiments.study.settings import TABLE_1_NAME
+from gplfd.experiments.interruption import postponed_interruption
+from gplfd.experiments.study.settings import TABLE_1_NAME
 
 FAILED: Final = 1
 """Exit status if a method could not learn from the recordings."""
@@ -54,7 +54,7 @@ class SkillTests:
     def execute(self) -> int:
         """Judge, print a table, and return `FAILED` if a method could not learn."""
         with postponed_interruption():
-            from experiments.skills import judge
+            from gplfd.experiments.skills import judge
 
         errors = judge(
             self.recordings,

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 import tyro
 
-from experiments.commands.options import Quiet, recorded
-from experiments.interruption import postponed_interruption
+from gplfd.experiments.commands.options import Quiet, recorded
+from gplfd.experiments.interruption import postponed_interruption
 
 RESULTS = "speed.json"
 
@@ -38,13 +38,13 @@ class Speed:
     def execute(self) -> int:
         """Measure, print tables and write the results."""
         with postponed_interruption():
-            from experiments.arguments import check_folder, check_least
-            from experiments.files.plain_data import write_json
-            from experiments.files.provenance import provenance
-            from experiments.progress import LOG
-            from experiments.speed.machine import machine
-            from experiments.speed.parts import PARTS, announcement
-            from experiments.speed.report import measure_all
+            from gplfd.experiments.arguments import check_folder, check_least
+            from gplfd.experiments.files.plain_data import write_json
+            from gplfd.experiments.files.provenance import provenance
+            from gplfd.experiments.progress import LOG
+            from gplfd.experiments.speed.machine import machine
+            from gplfd.experiments.speed.parts import PARTS, announcement
+            from gplfd.experiments.speed.report import measure_all
 
         check_least("--repeats", self.repeats, 1)
         check_folder(self.out)

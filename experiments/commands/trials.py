@@ -6,13 +6,13 @@ from typing import Annotated, Literal
 
 import tyro
 
-from experiments.commands.options import (
+from gplfd.experiments.commands.options import (
     ON_THIS_MACHINE,
     EngineOptions,
     next_command,
     recorded,
 )
-from experiments.interruption import postponed_interruption
+from gplfd.experiments.interruption import postponed_interruption
 
 FAILED = 1
 """Exit status if some episodes ended in errors."""
@@ -53,8 +53,8 @@ class Trials:
     def execute(self) -> int:
         """Run the trials and return `FAILED` if an episode failed."""
         with postponed_interruption():
-            from experiments.study.session import carry_out
-            from experiments.trials.plan import named_trials, trial_tasks
+            from gplfd.experiments.study.session import carry_out
+            from gplfd.experiments.trials.plan import named_trials, trial_tasks
 
         tasks = trial_tasks(
             named_trials(self.trials), policies=self.policies, part=self.part
@@ -63,7 +63,7 @@ class Trials:
         errors = carry_out(tasks, recorded(self), self.out, engine)
         if self.record:
             with postponed_interruption():
-                from experiments.trial_recordings import record_trials
+                from gplfd.experiments.trial_recordings import record_trials
 
             record_trials(self.out)
         report = next_command("report", self.out)

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import tyro
 
-from experiments.commands.options import Quiet
-from experiments.interruption import postponed_interruption
+from gplfd.experiments.commands.options import Quiet
+from gplfd.experiments.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -37,9 +37,9 @@ class Tune:
     def execute(self) -> int:
         """Tune, and print methods as published and tuned."""
         with postponed_interruption():
-            from experiments.study.engines import engine_named
-            from experiments.tuning.candidates import checked_policies
-            from experiments.tuning.search import FILE, tune
+            from gplfd.experiments.study.engines import engine_named
+            from gplfd.experiments.tuning.candidates import checked_policies
+            from gplfd.experiments.tuning.search import FILE, tune
 
         policies = checked_policies(self.policies)
         engine = engine_named("loky", workers=self.workers)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from experiments.interruption import postponed_interruption
+from gplfd.experiments.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -47,12 +47,12 @@ class View:
         """Show the recording or the episode until the viewer is closed."""
         if not self.live:
             with postponed_interruption():
-                from experiments.recording.viewer import open_recording
+                from gplfd.experiments.recording.viewer import open_recording
 
             return open_recording(self._recording())
         with postponed_interruption():
-            from experiments.arguments import check_circumstances
-            from experiments.recording.live_view import watch
+            from gplfd.experiments.arguments import check_circumstances
+            from gplfd.experiments.recording.live_view import watch
 
         if self.file is not None:
             raise ValueError(f"--live runs an episode; it does not go with {self.file}")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from experiments.files.plain_data import entry, read_json
+from gplfd.experiments.files.plain_data import entry, read_json
 from gplfd_env.config import DoorConfig
 from gplfd_env.fields import allowed_range
 

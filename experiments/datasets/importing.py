@@ -5,25 +5,25 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from experiments.arguments import check_folder
-from experiments.datasets.npz import (
+from gplfd.experiments.arguments import check_folder
+from gplfd.experiments.datasets.npz import (
     FILE,
     FIRST_POSE,
     FRAME,
     OTHER,
     save_demonstrations,
 )
-from experiments.datasets.preparation import Motion, prepare
-from experiments.datasets.preparation.picture import draw
-from experiments.datasets.preparation.report import report, warnings_in
-from experiments.datasets.preparation.settings import Preparation
-from experiments.datasets.raw import RawRecording
-from experiments.datasets.readers import read_recordings
-from experiments.datasets.readers.selection import Selection
-from experiments.files.folders import complete_folder
-from experiments.files.plain_data import write_json
-from experiments.files.provenance import content_hash, provenance
-from experiments.progress import progress_bar
+from gplfd.experiments.datasets.preparation import Motion, prepare
+from gplfd.experiments.datasets.preparation.picture import draw
+from gplfd.experiments.datasets.preparation.report import report, warnings_in
+from gplfd.experiments.datasets.preparation.settings import Preparation
+from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers import read_recordings
+from gplfd.experiments.datasets.readers.selection import Selection
+from gplfd.experiments.files.folders import complete_folder
+from gplfd.experiments.files.plain_data import write_json
+from gplfd.experiments.files.provenance import content_hash, provenance
+from gplfd.experiments.progress import progress_bar
 
 REPORT: Final = "report.txt"
 PICTURE: Final = "before_after.png"
@@ -55,8 +55,8 @@ def import_recordings(
 ) -> Imported:
     """Read recordings, prepare them, and write a set that is complete or absent.
 
-    The set holds the demonstrations (`experiments.datasets.npz`), the report, a picture
-    of before and after, and where everything came from.
+    The set holds the demonstrations (`gplfd.experiments.datasets.npz`), the report, a
+    picture of before and after, and where everything came from.
 
     Args:
         files: Files or folders, of any kinds that are read.

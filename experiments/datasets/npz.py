@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.demonstrations import Demonstration
-from policies.storage import Members, read_archive, write_archive
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.storage import Members, read_archive, write_archive
 
 KIND: Final = "gplfd demonstrations"
 """What the file says it holds."""

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from experiments.arrays import FloatArray
-from policies.records import freeze, read_only
+from gplfd.experiments.arrays import FloatArray
+from gplfd.policies.records import freeze, read_only
 
 METRES: Final[Mapping[str, float]] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 """Units of length by name, in metres."""
@@ -23,7 +23,7 @@ class RawRecording:
     """One recording of a hand: what a file says, whether or not it can be used.
 
     Samples may be missing (NaN), repeated, out of order and in any unit; that is what
-    `experiments.datasets.preparation` mends, and reports.
+    `gplfd.experiments.datasets.preparation` mends, and reports.
 
     Raises:
         ValueError: The shapes do not belong together, or there are fewer than two

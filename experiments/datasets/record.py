@@ -9,19 +9,19 @@ from typing import Any
 import gymnasium as gym
 from threadpoolctl import threadpool_limits
 
-from experiments.arguments import check_circumstances, check_folder, check_least
-from experiments.datasets.minari import RecordedEpisode, Recorder, write_dataset
-from experiments.datasets.minari.contents import outcome
-from experiments.episodes.agents import learned, reported_errors
-from experiments.episodes.doors import named_doors
-from experiments.progress import LOG, progress_bar
-from experiments.teacher import Teacher
+from gplfd.experiments.arguments import check_circumstances, check_folder, check_least
+from gplfd.experiments.datasets.minari import RecordedEpisode, Recorder, write_dataset
+from gplfd.experiments.datasets.minari.contents import outcome
+from gplfd.experiments.episodes.agents import learned, reported_errors
+from gplfd.experiments.episodes.doors import named_doors
+from gplfd.experiments.progress import LOG, progress_bar
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies.agent import Agent
+from gplfd.policies.method import TrainingInput
+from gplfd.policies.policy import Policy
+from gplfd.policies.registry import policy_named
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DoorConfig
-from policies.agent import Agent
-from policies.method import TrainingInput
-from policies.policy import Policy
-from policies.registry import policy_named
 
 _Plan = Sequence[tuple[str, DoorConfig, int]]
 """Door's name, its configuration and the seed of every episode."""

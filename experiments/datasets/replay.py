@@ -13,12 +13,12 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.arrays import FloatArray
-from experiments.datasets.minari.episode import RecordedEpisode, Recorder
-from experiments.datasets.minari.reading import Dataset
-from experiments.datasets.minari.writing import REPRODUCING
-from experiments.files.provenance import arithmetic, versions
-from experiments.progress import progress_bar
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.minari.episode import RecordedEpisode, Recorder
+from gplfd.experiments.datasets.minari.reading import Dataset
+from gplfd.experiments.datasets.minari.writing import REPRODUCING
+from gplfd.experiments.files.provenance import arithmetic, versions
+from gplfd.experiments.progress import progress_bar
 
 Array = NDArray[Any]
 

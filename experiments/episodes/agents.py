@@ -3,12 +3,12 @@
 import contextlib
 from collections.abc import Callable, Iterator
 
-from policies.agent import Agent, as_agent
-from policies.method import TrainingInput
-from policies.module_files import place_in
-from policies.one_thread import one_thread
-from policies.policy import Policy
-from policies.user_policies import source_files
+from gplfd.policies.agent import Agent, as_agent
+from gplfd.policies.method import TrainingInput
+from gplfd.policies.module_files import place_in
+from gplfd.policies.one_thread import one_thread
+from gplfd.policies.policy import Policy
+from gplfd.policies.user_policies import source_files
 
 
 def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:

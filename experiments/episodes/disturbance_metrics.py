@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 from scipy.signal import savgol_filter
 
-from experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.log import EpisodeLog
 
 FloatArray = NDArray[np.float64]
 

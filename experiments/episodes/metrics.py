@@ -4,7 +4,7 @@ The prediction error is that of Arduengo et al., *Gaussian-Process-based Robot L
 from Demonstration*, arXiv:2002.09979, Section IV-B; smoothness is the log
 dimensionless jerk of Balasubramanian et al., *On the analysis of movement smoothness*,
 Journal of NeuroEngineering and Rehabilitation 12:112, 2015. Errors of forecasts are in
-`experiments.episodes.forecast_error`.
+`gplfd.experiments.episodes.forecast_error`.
 """
 
 import dataclasses
@@ -15,13 +15,13 @@ from typing import Any, Final
 import numpy as np
 from scipy.signal import savgol_filter
 
-from experiments.arrays import FloatArray
-from experiments.episodes.disturbance_metrics import disturbance_metrics
-from experiments.episodes.forecast_error import (
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.episodes.disturbance_metrics import disturbance_metrics
+from gplfd.experiments.episodes.forecast_error import (
     PROGRESS,
     forecast_errors,
 )
-from experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd_env.capability import STAGES
 from gplfd_env.task import DEMONSTRATED_ANGLE
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.episodes.log import PER_STEP, EpisodeLog
-from policies.trajectory import GaussianTrajectory
+from gplfd.experiments.episodes.log import PER_STEP, EpisodeLog
+from gplfd.policies.trajectory import GaussianTrajectory
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -37,8 +37,8 @@ class StepRecorder:
         Args:
             observation: What the agent saw.
             info: What the environment says of the same moment.
-            step: What the agent decided: `policies.steps.AgentStep`, or the steps of a
-                batch.
+            step: What the agent decided: `gplfd.policies.steps.AgentStep`, or the steps
+                of a batch.
             known: Everything else by its name in the log.
 
         Raises:

@@ -8,10 +8,10 @@ from typing import Any
 import gymnasium as gym
 from threadpoolctl import threadpool_limits
 
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
-from policies.agent import Agent, as_agent
-from policies.steps import AgentStep
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
+from gplfd.policies.agent import Agent, as_agent
+from gplfd.policies.steps import AgentStep
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -44,7 +44,7 @@ def rollout(
     Args:
         env: Door environment of the agent's control, see `gplfd_env.ENVIRONMENT_IDS`;
             its ``unwrapped`` has the MuJoCo state and the variation.
-        agent: Anything that `policies.agent.as_agent` takes.
+        agent: Anything that `gplfd.policies.agent.as_agent` takes.
         policy: Name of the policy, for the log.
         door: Name of the door, for the log.
         seed: Seed of the environment's reset.

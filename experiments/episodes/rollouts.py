@@ -7,10 +7,10 @@ from functools import partial
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
+from gplfd.policies.lockstep import AgentBatch
 from gplfd_env.vector import DoorOpeningVectorEnv
-from policies.lockstep import AgentBatch
 
 
 def rollouts(
@@ -24,9 +24,9 @@ def rollouts(
 ) -> tuple[EpisodeLog, ...]:
     """Let every agent open its door once, and log each episode.
 
-    An episode's log is that of `experiments.episodes.rollout.rollout` with the single
-    environment and the agent alone, bit for bit, but for ``latency_s``: each member's
-    share of the batch's decision.
+    An episode's log is that of `gplfd.experiments.episodes.rollout.rollout` with the
+    single environment and the agent alone, bit for bit, but for ``latency_s``: each
+    member's share of the batch's decision.
 
     Args:
         envs: N simulations with ``autoreset_mode="Disabled"``, of the agents' control.
@@ -40,7 +40,7 @@ def rollouts(
         ValueError: The simulations reset by themselves, or N differs.
     """
     _check(envs, doors, seeds)
-    # See `experiments.episodes.rollout.rollout`.
+    # See `gplfd.experiments.episodes.rollout.rollout`.
     with threadpool_limits(limits=1, user_api="blas"):
         observations, infos = envs.reset(seed=list(seeds))
         agents.inform(envs.door_geometries)

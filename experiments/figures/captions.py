@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from policies.storage import complete_or_absent
+from gplfd.policies.storage import complete_or_absent
 
 FILE: Final = "captions.md"
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Final
 
-from experiments.figures import (
+from gplfd.experiments.figures import (
     fig02_heteroscedastic,
     fig03_alignment,
     fig04_via_points,
@@ -14,7 +14,7 @@ from experiments.figures import (
     fig10_stiffness,
     forecasts,
 )
-from experiments.figures.material import PaperFigure
+from gplfd.experiments.figures.material import PaperFigure
 
 FIGURES: Final[Mapping[str, PaperFigure]] = MappingProxyType(
     {

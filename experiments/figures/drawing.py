@@ -4,14 +4,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from experiments.arguments import check_folder, check_least
-from experiments.figures.captions import section, update_captions
-from experiments.figures.catalogue import FIGURES, chosen
-from experiments.figures.episodes import material
-from experiments.figures.style import paper_style, write_figure
-from experiments.files.plain_data import write_json
-from experiments.files.provenance import provenance
-from experiments.progress import progress_bar
+from gplfd.experiments.arguments import check_folder, check_least
+from gplfd.experiments.figures.captions import section, update_captions
+from gplfd.experiments.figures.catalogue import FIGURES, chosen
+from gplfd.experiments.figures.episodes import material
+from gplfd.experiments.figures.style import paper_style, write_figure
+from gplfd.experiments.files.plain_data import write_json
+from gplfd.experiments.files.provenance import provenance
+from gplfd.experiments.progress import progress_bar
 
 PROVENANCE: Final = "figures.json"
 LOGS: Final = "logs"

@@ -14,24 +14,24 @@ import gymnasium as gym
 import numpy as np
 
 import gplfd_env
-import policies
-from experiments import episodes, teacher
-from experiments.datasets.npz import (
+from gplfd import policies
+from gplfd.experiments import episodes, teacher
+from gplfd.experiments.datasets.npz import (
     LabelledDemonstrations,
     load_demonstrations,
     save_demonstrations,
 )
-from experiments.episodes.doors import named_doors
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.rollout import rollout
-from experiments.figures.material import Material
-from experiments.files.plain_data import write_json
-from experiments.files.provenance import versions
-from experiments.progress import progress_bar
-from experiments.teacher import DEMONSTRATED_RADII, Teacher, standard_teacher
+from gplfd.experiments.episodes.doors import named_doors
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.rollout import rollout
+from gplfd.experiments.figures.material import Material
+from gplfd.experiments.files.plain_data import write_json
+from gplfd.experiments.files.provenance import versions
+from gplfd.experiments.progress import progress_bar
+from gplfd.experiments.teacher import DEMONSTRATED_RADII, Teacher, standard_teacher
+from gplfd.policies.registry import make_agent
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DoorConfig
-from policies.registry import make_agent
 
 POLICY: Final = "gp"
 """Policy whose episodes figures show; others are shown the same observations."""

@@ -15,10 +15,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
-from experiments.arrays import FloatArray
-from experiments.figures import style
-from experiments.figures.material import Material
-from experiments.figures.pick_and_place import (
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.figures import style
+from gplfd.experiments.figures.material import Material
+from gplfd.experiments.figures.pick_and_place import (
     HEIGHT,
     PHASES,
     constrained_set,
@@ -26,9 +26,9 @@ from experiments.figures.pick_and_place import (
     true_height,
     true_spread,
 )
-from policies.gp.noise_profile import NoiseModel, NoiseProfile
-from policies.skill import fit_skill
-from policies.trajectory import GaussianTrajectory
+from gplfd.policies.gp.noise_profile import NoiseModel, NoiseProfile
+from gplfd.policies.skill import fit_skill
+from gplfd.policies.trajectory import GaussianTrajectory
 
 TITLE: Final = "One noise level against a local one"
 DOORS: Final = ()

@@ -12,14 +12,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.arrays import FloatArray
-from experiments.figures import style
-from experiments.figures.material import Material
-from experiments.figures.pick_and_place import HEIGHT, ShelfMotion, shelf_motions
-from policies import AlignedDemonstrations, align
-from policies.alignment import AlignmentMethod
-from policies.completion import task_completion_index
-from policies.demonstrations import Demonstration
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.figures import style
+from gplfd.experiments.figures.material import Material
+from gplfd.experiments.figures.pick_and_place import HEIGHT, ShelfMotion, shelf_motions
+from gplfd.policies import AlignedDemonstrations, align
+from gplfd.policies.alignment import AlignmentMethod
+from gplfd.policies.completion import task_completion_index
+from gplfd.policies.demonstrations import Demonstration
 
 TITLE: Final = "Alignment by distance and by task completion"
 DOORS: Final = ()

@@ -14,18 +14,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import ndtri
 
-from experiments.arrays import FloatArray
-from experiments.figures import style
-from experiments.figures.material import Material
-from experiments.figures.pick_and_place import HEIGHT, PHASES, constrained_set
-from policies.adaptation import (
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.figures import style
+from gplfd.experiments.figures.material import Material
+from gplfd.experiments.figures.pick_and_place import HEIGHT, PHASES, constrained_set
+from gplfd.policies.adaptation import (
     AdaptationForm,
     ProcessAdaptation,
     ProductAdaptation,
     adapt,
 )
-from policies.skill import Skill, fit_skill
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd.policies.skill import Skill, fit_skill
+from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
 TITLE: Final = "Strong and weak via-points"
 DOORS: Final = ()

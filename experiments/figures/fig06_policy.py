@@ -13,13 +13,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from experiments.arrays import FloatArray
-from experiments.datasets.npz import LabelledDemonstrations
-from experiments.figures import style
-from experiments.figures.material import Material
-from policies.alignment import align
-from policies.skill import Skill, fit_skill
-from policies.trajectory import GaussianTrajectory
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.npz import LabelledDemonstrations
+from gplfd.experiments.figures import style
+from gplfd.experiments.figures.material import Material
+from gplfd.policies.alignment import align
+from gplfd.policies.skill import Skill, fit_skill
+from gplfd.policies.trajectory import GaussianTrajectory
 
 TITLE: Final = "From demonstrations to a policy, output by output"
 DOORS: Final = ()

@@ -14,15 +14,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import chdtri, fdtri
 
-from experiments.arrays import FloatArray
-from experiments.datasets.npz import LabelledDemonstrations
-from experiments.figures import style
-from experiments.figures.fig06_policy import door_colours
-from experiments.figures.material import Material
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.npz import LabelledDemonstrations
+from gplfd.experiments.figures import style
+from gplfd.experiments.figures.fig06_policy import door_colours
+from gplfd.experiments.figures.material import Material
+from gplfd.policies.alignment import align
+from gplfd.policies.skill import Skill, fit_skill
+from gplfd.policies.trajectory import GaussianTrajectory
 from gplfd_env.task import handle_pose_on_arc
-from policies.alignment import align
-from policies.skill import Skill, fit_skill
-from policies.trajectory import GaussianTrajectory
 
 TITLE: Final = "The policy on the plane of the door"
 DOORS: Final = ()

@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from experiments.figures import style
-from experiments.figures.material import Material
-from experiments.figures.opening import Opening, reviewed
-from policies.registry import make_agent
-from policies.trajectory import GaussianTrajectory
+from gplfd.experiments.figures import style
+from gplfd.experiments.figures.material import Material
+from gplfd.experiments.figures.opening import Opening, reviewed
+from gplfd.policies.registry import make_agent
+from gplfd.policies.trajectory import GaussianTrajectory
 
 TITLE: Final = "Adaptation while the door opens"
 SHOWN: Final = "large"

@@ -13,18 +13,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from experiments.arrays import FloatArray
-from experiments.episodes.log import EpisodeLog
-from experiments.figures import style
-from experiments.figures.episodes import POLICY
-from experiments.figures.material import Material
-from policies.agent import CompliantAgent
-from policies.controllers.stability import (
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.figures import style
+from gplfd.experiments.figures.episodes import POLICY
+from gplfd.experiments.figures.material import Material
+from gplfd.policies.agent import CompliantAgent
+from gplfd.policies.controllers.stability import (
     printed_uncertainty_fall_bound,
     uncertainty_fall_bound,
 )
-from policies.controllers.stiffness import DEFAULT_DYNAMICS, StiffnessProfile
-from policies.registry import make_agent
+from gplfd.policies.controllers.stiffness import DEFAULT_DYNAMICS, StiffnessProfile
+from gplfd.policies.registry import make_agent
 
 TITLE: Final = "Stiffness and its stability"
 DOORS: Final = ("medium", "heavy")

@@ -15,15 +15,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from experiments.arrays import FloatArray
-from experiments.episodes.log import EpisodeLog
-from experiments.figures import style
-from experiments.figures.fig07_region import PLANE, arc, shade_region
-from experiments.figures.hindsight import decisions, expectation
-from experiments.figures.material import Material
-from policies.agent import Agent
-from policies.registry import make_agent
-from policies.trajectory import GaussianTrajectory
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.figures import style
+from gplfd.experiments.figures.fig07_region import PLANE, arc, shade_region
+from gplfd.experiments.figures.hindsight import decisions, expectation
+from gplfd.experiments.figures.material import Material
+from gplfd.policies.agent import Agent
+from gplfd.policies.registry import make_agent
+from gplfd.policies.trajectory import GaussianTrajectory
 
 TITLE: Final = "Forecasts of the rest of the opening"
 FORMS: Final = {"gp-product": "product", "gp-exact": "exact", "gp": "process"}

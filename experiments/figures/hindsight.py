@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
-from experiments.episodes.log import EpisodeLog
-from policies.agent import Agent
-from policies.steps import AgentStep, Observation
-from policies.trajectory import GaussianTrajectory
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.policies.agent import Agent
+from gplfd.policies.steps import AgentStep, Observation
+from gplfd.policies.trajectory import GaussianTrajectory
 
 
 def decisions(log: EpisodeLog, agent: Agent) -> Iterator[AgentStep]:

@@ -6,8 +6,8 @@ from typing import Any, Protocol
 
 from matplotlib.figure import Figure
 
-from experiments.datasets.npz import LabelledDemonstrations
-from experiments.episodes.log import EpisodeLog
+from gplfd.experiments.datasets.npz import LabelledDemonstrations
+from gplfd.experiments.episodes.log import EpisodeLog
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.metrics import opening_motion, prediction_errors
-from experiments.figures.hindsight import decisions, expectation
-from policies.agent import Agent
-from policies.trajectory import GaussianTrajectory
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.metrics import opening_motion, prediction_errors
+from gplfd.experiments.figures.hindsight import decisions, expectation
+from gplfd.policies.agent import Agent
+from gplfd.policies.trajectory import GaussianTrajectory
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

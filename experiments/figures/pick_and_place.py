@@ -11,13 +11,13 @@ from typing import Final
 
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.teacher.random_motion import (
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.teacher.random_motion import (
     minimum_jerk,
     smooth_functions,
     uneven_timing,
 )
-from policies import AlignedDemonstrations, Demonstration
+from gplfd.policies import AlignedDemonstrations, Demonstration
 
 HEIGHT: Final = 1
 """Output that figures of one dimension show: y, upwards."""

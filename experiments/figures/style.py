@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from experiments.recording import colours
-from policies.storage import complete_or_absent
-from policies.trajectory import GaussianTrajectory
+from gplfd.experiments.recording import colours
+from gplfd.policies.storage import complete_or_absent
+from gplfd.policies.trajectory import GaussianTrajectory
 
 COLUMN: Final = 3.5
 """Width of a journal's column [inch]."""

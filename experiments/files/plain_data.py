@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from policies.storage import complete_or_absent
+from gplfd.policies.storage import complete_or_absent
 
 _LARGEST: Final = 2**24
 """Size of the largest file that is read [bytes]; a result has a few thousand."""

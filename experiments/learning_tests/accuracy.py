@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gplfd.policies.aligned import FINEST
+from gplfd.policies.trajectory import GaussianTrajectory
 from gplfd_env.se3 import rotation_distance
-from policies.aligned import FINEST
-from policies.trajectory import GaussianTrajectory
 
 FloatArray = NDArray[np.float64]
 

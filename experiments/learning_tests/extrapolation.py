@@ -5,13 +5,13 @@ from typing import Final
 
 import numpy as np
 
-from experiments.learning_tests.folds import Fold
-from experiments.learning_tests.methods import learn
-from policies.completion import task_completion_index
-from policies.demonstrations import Demonstration
-from policies.method import Method
-from policies.movement import Movement
-from policies.prior_mean import PosePath
+from gplfd.experiments.learning_tests.folds import Fold
+from gplfd.experiments.learning_tests.methods import learn
+from gplfd.policies.completion import task_completion_index
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.method import Method
+from gplfd.policies.movement import Movement
+from gplfd.policies.prior_mean import PosePath
 
 _MOVING: Final = [0, 2, 4]
 """Outputs that a door moves: x, z and θu_y. The others stay where they are beyond the

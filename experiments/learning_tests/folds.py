@@ -16,9 +16,9 @@ from typing import Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.aligned import AlignedDemonstrations
-from policies.completion import measure_completion
-from policies.demonstrations import Demonstration
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.completion import measure_completion
+from gplfd.policies.demonstrations import Demonstration
 
 FloatArray = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from typing import TypeVar
 import numpy as np
 import scipy.signal  # noqa: F401  (a method imports it late: not part of its learning)
 
-from policies.demonstrations import Demonstration
-from policies.method import Method, TrainingInput
-from policies.movement import Movement
-from policies.prior_mean import PriorMean
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.method import Method, TrainingInput
+from gplfd.policies.movement import Movement
+from gplfd.policies.prior_mean import PriorMean
 
 
 def learn(

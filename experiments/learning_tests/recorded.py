@@ -1,9 +1,9 @@
 """What a method learned from recordings, compared with the one it did not see.
 
-The numbers are those of `experiments.learning_tests.scores` for one recording that is
-left out; densities and coverage are those of the outputs that move, so that recordings
-of positions alone are judged by positions. Besides, once 10, 25 and 50 % of it have
-been seen as via-points:
+The numbers are those of `gplfd.experiments.learning_tests.scores` for one recording
+that is left out; densities and coverage are those of the outputs that move, so that
+recordings of positions alone are judged by positions. Besides, once 10, 25 and 50 % of
+it have been seen as via-points:
 
 ============================= ======================================================
 ``forecast_10_position_m``    root mean square error of the rest
@@ -21,14 +21,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.learning_tests.folds import OnPhases, aligned_to
-from experiments.learning_tests.methods import learn
-from experiments.learning_tests.scores import of_the_movement, of_the_prediction
-from experiments.learning_tests.via_points import adaptation, forecasts
-from policies.aligned import FINEST
-from policies.demonstrations import Demonstration
-from policies.method import Method
-from policies.movement import Movement
+from gplfd.experiments.learning_tests.folds import OnPhases, aligned_to
+from gplfd.experiments.learning_tests.methods import learn
+from gplfd.experiments.learning_tests.scores import of_the_movement, of_the_prediction
+from gplfd.experiments.learning_tests.via_points import adaptation, forecasts
+from gplfd.policies.aligned import FINEST
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.method import Method
+from gplfd.policies.movement import Movement
 
 FEWEST: Final = 3
 """Recordings; one is left out, and a spread takes two."""

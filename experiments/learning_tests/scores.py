@@ -11,15 +11,15 @@ same for every method, by name.
 ``coverage_95_stated``      share within the 95 % intervals of the method itself
 ``spread_followed``         correlation of std and the learned demonstrations' spread
 ``log_dimensionless_jerk``  of the mean, larger is smoother
-``via_...``                 see `experiments.learning_tests.via_points.adaptation`
+``via_...``                 see `gplfd.experiments.learning_tests.via_points.adaptation`
 ``..._rest_...``            the same
 ``cpu_fit_s``               to align, learn and predict once
 ``cpu_predict_s``           200 phases
 ``cpu_adapt_s``             one via-point of those of the first 30 %
-``uncertainty_growth``      see `experiments.learning_tests.extrapolation.beyond`
+``uncertainty_growth``      see `gplfd.experiments.learning_tests.extrapolation.beyond`
 ``coverage_95_beyond``      the same
 ``prior_mean_used``         see `prior_mean_used` of the same module
-``outputs_...``             see `experiments.learning_tests.tumbling.tumbling`
+``outputs_...``             see `gplfd.experiments.learning_tests.tumbling.tumbling`
 ``tumbling_error``          the same
 =========================== ==========================================================
 
@@ -34,16 +34,20 @@ from typing import Any, Final
 
 import numpy as np
 
-from experiments.episodes.metrics import log_dimensionless_jerk
-from experiments.learning_tests.accuracy import accuracy, averaged, spread_followed
-from experiments.learning_tests.extrapolation import beyond
-from experiments.learning_tests.folds import Fold, OnPhases, aligned_to, folds
-from experiments.learning_tests.methods import cpu_seconds, learn
-from experiments.learning_tests.tumbling import tumbling
-from experiments.learning_tests.via_points import adaptation
-from experiments.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
-from policies.method import Method
-from policies.movement import Movement
+from gplfd.experiments.episodes.metrics import log_dimensionless_jerk
+from gplfd.experiments.learning_tests.accuracy import (
+    accuracy,
+    averaged,
+    spread_followed,
+)
+from gplfd.experiments.learning_tests.extrapolation import beyond
+from gplfd.experiments.learning_tests.folds import Fold, OnPhases, aligned_to, folds
+from gplfd.experiments.learning_tests.methods import cpu_seconds, learn
+from gplfd.experiments.learning_tests.tumbling import tumbling
+from gplfd.experiments.learning_tests.via_points import adaptation
+from gplfd.experiments.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
+from gplfd.policies.method import Method
+from gplfd.policies.movement import Movement
 
 _SAMPLES: Final = 200
 _REPEATS: Final = 3
@@ -65,7 +69,7 @@ def method_metrics(
         method: How to learn and to adapt.
         seed: Seeds teacher and learning, and chooses what is left out.
         demonstrations_per_door: How often each of the three doors is demonstrated.
-        teacher: Fields of `experiments.teacher.TeacherConfig`.
+        teacher: Fields of `gplfd.experiments.teacher.TeacherConfig`.
         held_out: "demonstration" or "radius"; see `folds` of `learning_tests.folds`.
 
     Returns:

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from experiments.learning_tests.accuracy import known, rms_rotation
-from experiments.learning_tests.methods import learn
-from experiments.teacher.random_motion import smooth_functions
-from policies.demonstrations import Demonstration
-from policies.method import Method
-from policies.movement import Movement
+from gplfd.experiments.learning_tests.accuracy import known, rms_rotation
+from gplfd.experiments.learning_tests.methods import learn
+from gplfd.experiments.teacher.random_motion import smooth_functions
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.method import Method
+from gplfd.policies.movement import Movement
 
 FloatArray = NDArray[np.float64]
 

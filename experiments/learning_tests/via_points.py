@@ -6,19 +6,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.learning_tests.accuracy import (
+from gplfd.experiments.learning_tests.accuracy import (
     averaged,
     known,
     rms_distance,
     rms_rotation,
 )
-from experiments.learning_tests.folds import OnPhases
-from experiments.learning_tests.methods import cpu_seconds
-from policies.adaptation import begin_adaptation
-from policies.compliance import ComplianceConfig
-from policies.method import Method
-from policies.movement import AdaptationForm, Movement
-from policies.trajectory import ViaPoint
+from gplfd.experiments.learning_tests.folds import OnPhases
+from gplfd.experiments.learning_tests.methods import cpu_seconds
+from gplfd.policies.adaptation import begin_adaptation
+from gplfd.policies.compliance import ComplianceConfig
+from gplfd.policies.method import Method
+from gplfd.policies.movement import AdaptationForm, Movement
+from gplfd.policies.trajectory import ViaPoint
 
 FloatArray = NDArray[np.float64]
 
@@ -156,7 +156,7 @@ def forecasts(
         left_out: A demonstration on its phases.
 
     Returns:
-        Numbers by name, as `experiments.learning_tests.recorded` lists them.
+        Numbers by name, as `gplfd.experiments.learning_tests.recorded` lists them.
     """
     truth, found = left_out.at(GRID), dict[str, float | None]()
     for share in FORECASTS:

@@ -5,11 +5,11 @@ import math
 import rerun as rr
 from rerun.chunk import Chunk
 
-from experiments.episodes.log import EpisodeLog
-from experiments.files.provenance import versions
-from experiments.recording.layout import TEXT
-from experiments.recording.outside import causes_of
-from experiments.recording.stream import static
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.files.provenance import versions
+from gplfd.experiments.recording.layout import TEXT
+from gplfd.experiments.recording.outside import causes_of
+from gplfd.experiments.recording.stream import static
 
 
 def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk:

@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.episodes.log import EpisodeLog
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.episodes.log import EpisodeLog
 
 
 class Measured(NamedTuple):

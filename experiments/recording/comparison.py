@@ -15,11 +15,11 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from experiments.episodes.log import EpisodeLog
-from experiments.recording import colours, motion
-from experiments.recording.colours import Colour
-from experiments.recording.compared import MEASURED, RADIAL, Measured
-from experiments.recording.comparison_layout import (
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.recording import colours, motion
+from gplfd.experiments.recording.colours import Colour
+from gplfd.experiments.recording.compared import MEASURED, RADIAL, Measured
+from gplfd.experiments.recording.comparison_layout import (
     ABOUT,
     ANGLE,
     OVERLAY,
@@ -30,14 +30,14 @@ from experiments.recording.comparison_layout import (
     comparison_layout,
     robot_entity,
 )
-from experiments.recording.episode import check_model, stage_setting
-from experiments.recording.motion import hand_motion, policy_motion
-from experiments.recording.outside import balls
-from experiments.recording.part import Part
-from experiments.recording.scene import moved_scene
-from experiments.recording.stream import moving, recording_file, seconds, static
+from gplfd.experiments.recording.episode import check_model, stage_setting
+from gplfd.experiments.recording.motion import hand_motion, policy_motion
+from gplfd.experiments.recording.outside import balls
+from gplfd.experiments.recording.part import Part
+from gplfd.experiments.recording.scene import moved_scene
+from gplfd.experiments.recording.stream import moving, recording_file, seconds, static
+from gplfd.policies.demonstrations import Demonstration
 from gplfd_env.task import SUCCESS_ANGLE
-from policies.demonstrations import Demonstration
 
 COLOURS: Final[tuple[Colour, ...]] = (
     colours.ADAPTED,

@@ -10,11 +10,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
-from experiments.episodes.log import EpisodeLog
-from experiments.recording import motion
-from experiments.recording.compared import Measured
-from experiments.recording.kinematics import task_frame
-from experiments.recording.layout import Eye, as_chunks, only, view_3d
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.recording import motion
+from gplfd.experiments.recording.compared import Measured
+from gplfd.experiments.recording.kinematics import task_frame
+from gplfd.experiments.recording.layout import Eye, as_chunks, only, view_3d
 
 ABOUT: Final = "/about"
 """Entity of the page that explains the view."""

@@ -7,19 +7,19 @@ from pathlib import Path
 import mujoco
 from rerun.chunk import Chunk
 
-from experiments.episodes.log import EpisodeLog
-from experiments.recording.about import page
-from experiments.recording.layout import layout_chunks
-from experiments.recording.mechanism import mechanism, mechanism_of
-from experiments.recording.motion import door_frame, hand_motion, policy_motion
-from experiments.recording.outside import causes_of, from_outside
-from experiments.recording.panels import panels
-from experiments.recording.part import Part
-from experiments.recording.scene import drawn_scene, moved_scene
-from experiments.recording.stages import stage_lane
-from experiments.recording.stream import recording_file
-from experiments.recording.tiago_meshes import TiagoLooks
-from policies.demonstrations import Demonstration
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.recording.about import page
+from gplfd.experiments.recording.layout import layout_chunks
+from gplfd.experiments.recording.mechanism import mechanism, mechanism_of
+from gplfd.experiments.recording.motion import door_frame, hand_motion, policy_motion
+from gplfd.experiments.recording.outside import causes_of, from_outside
+from gplfd.experiments.recording.panels import panels
+from gplfd.experiments.recording.part import Part
+from gplfd.experiments.recording.scene import drawn_scene, moved_scene
+from gplfd.experiments.recording.stages import stage_lane
+from gplfd.experiments.recording.stream import recording_file
+from gplfd.experiments.recording.tiago_meshes import TiagoLooks
+from gplfd.policies.demonstrations import Demonstration
 
 
 def record_episode(

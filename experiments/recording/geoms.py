@@ -10,9 +10,9 @@ import rerun as rr
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
-from experiments.arrays import FloatArray
-from experiments.recording.kinematics import poses_on_carriers
-from experiments.recording.stream import static
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.recording.kinematics import poses_on_carriers
+from gplfd.experiments.recording.stream import static
 
 _GEOM: Final = mujoco.mjtGeom
 _MESH: Final = int(_GEOM.mjGEOM_MESH)

@@ -11,9 +11,9 @@ import rerun.blueprint as rrb
 from numpy.typing import ArrayLike
 from rerun.chunk import Chunk, RrdReader
 
-from experiments.recording import mechanism, motion, outside, panels, stages
-from experiments.recording.colours import BACKGROUND
-from experiments.recording.stream import APPLICATION, TIMELINE
+from gplfd.experiments.recording import mechanism, motion, outside, panels, stages
+from gplfd.experiments.recording.colours import BACKGROUND
+from gplfd.experiments.recording.stream import APPLICATION, TIMELINE
 from gplfd_env.config import HingeSide
 
 Corner = Literal["LeftTop", "LeftBottom", "RightTop", "RightBottom"]
@@ -55,7 +55,7 @@ def layout(
 
     Args:
         causes: Names of what happens from outside.
-        there: Names of what `experiments.recording.mechanism` shows.
+        there: Names of what `gplfd.experiments.recording.mechanism` shows.
         hinge: Where the door's hinge is.
         live: Whether time follows what comes in, and does not play what is there.
     """
@@ -118,7 +118,7 @@ def layout_chunks(
 
     Args:
         causes: Names of what happens from outside.
-        there: Names of what `experiments.recording.mechanism` shows.
+        there: Names of what `gplfd.experiments.recording.mechanism` shows.
         hinge: Where the door's hinge is.
     """
     return as_chunks(layout(causes, there, hinge))

@@ -9,12 +9,12 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
-from experiments.arrays import FloatArray
-from experiments.recording import colours
-from experiments.recording.layout import TEXT, Eye, as_chunks, only, view_3d
-from experiments.recording.stream import moving, recording_file, seconds, static
-from experiments.recording.tube import QUANTILE, tube_triangles, tube_vertices
-from policies.movement import Movement
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.recording import colours
+from gplfd.experiments.recording.layout import TEXT, Eye, as_chunks, only, view_3d
+from gplfd.experiments.recording.stream import moving, recording_file, seconds, static
+from gplfd.experiments.recording.tube import QUANTILE, tube_triangles, tube_vertices
+from gplfd.policies.movement import Movement
 
 _SCENE: Final = "/learned"
 _PLOTS: Final = "/outputs"

@@ -10,14 +10,14 @@ import gymnasium as gym
 import mujoco
 import rerun as rr
 
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.rollout import Progress, rollout
-from experiments.recording.about import page
-from experiments.recording.episode import happening, recording_name, stage_setting
-from experiments.recording.part import Part
-from experiments.recording.stages import stage_lane, stages
-from policies.agent import Agent
-from policies.demonstrations import Demonstration
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.rollout import Progress, rollout
+from gplfd.experiments.recording.about import page
+from gplfd.experiments.recording.episode import happening, recording_name, stage_setting
+from gplfd.experiments.recording.part import Part
+from gplfd.experiments.recording.stages import stage_lane, stages
+from gplfd.policies.agent import Agent
+from gplfd.policies.demonstrations import Demonstration
 
 FORECAST_PERIOD: Final = 0.2
 """Simulated time between the forecasts of a live view [s]."""

@@ -15,22 +15,22 @@ import gymnasium as gym
 import rerun as rr
 import rerun.blueprint as rrb
 
-from experiments.arguments import check_least
-from experiments.episodes.agents import learned, reported_errors
-from experiments.episodes.doors import named_doors
-from experiments.episodes.log import EpisodeLog
-from experiments.progress import LOG
-from experiments.recording.layout import layout
-from experiments.recording.live import LiveRecording, watched_rollout
-from experiments.recording.mechanism import mechanism_of
-from experiments.recording.outside import CAUSES
-from experiments.recording.stream import open_stream
-from experiments.recording.viewer import has_display, viewer
-from experiments.teacher import Teacher
+from gplfd.experiments.arguments import check_least
+from gplfd.experiments.episodes.agents import learned, reported_errors
+from gplfd.experiments.episodes.doors import named_doors
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.progress import LOG
+from gplfd.experiments.recording.layout import layout
+from gplfd.experiments.recording.live import LiveRecording, watched_rollout
+from gplfd.experiments.recording.mechanism import mechanism_of
+from gplfd.experiments.recording.outside import CAUSES
+from gplfd.experiments.recording.stream import open_stream
+from gplfd.experiments.recording.viewer import has_display, viewer
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies.method import TrainingInput
+from gplfd.policies.registry import policy_named
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.disturbance import disturbance_named
-from policies.method import TrainingInput
-from policies.registry import policy_named
 
 LOOPBACK: Final = "127.0.0.1"
 """Where the viewer listens: nobody on another machine can reach it."""

@@ -14,11 +14,11 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from experiments.arrays import FloatArray
-from experiments.episodes.log import EpisodeLog
-from experiments.recording import colours, panels, stages
-from experiments.recording.part import Part
-from experiments.recording.stream import moving, seconds, static
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.recording import colours, panels, stages
+from gplfd.experiments.recording.part import Part
+from gplfd.experiments.recording.stream import moving, seconds, static
 from gplfd_env.latch import GAP
 from gplfd_env.looks import CLOSER_ARM
 from gplfd_env.mobile_base import BASE_JOINTS
@@ -60,7 +60,7 @@ PANELS: Final[Mapping[str, Panel]] = MappingProxyType(
         "base": Panel("Base [m, rad]: x orange, y blue, turn violet", BASE_JOINTS[0]),
     }
 )
-"""By the entity below `experiments.recording.panels.ROOT`."""
+"""By the entity below `gplfd.experiments.recording.panels.ROOT`."""
 
 
 def mechanism_of(

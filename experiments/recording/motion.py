@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
-from experiments.arrays import FloatArray
-from experiments.recording import colours
-from experiments.recording.kinematics import task_frame
-from experiments.recording.part import Part
-from experiments.recording.stream import moving, seconds, static
-from experiments.recording.tube import tube_triangles, tube_vertices
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.recording import colours
+from gplfd.experiments.recording.kinematics import task_frame
+from gplfd.experiments.recording.part import Part
+from gplfd.experiments.recording.stream import moving, seconds, static
+from gplfd.experiments.recording.tube import tube_triangles, tube_vertices
+from gplfd.policies.demonstrations import Demonstration
 from gplfd_env.config import DoorConfig
 from gplfd_env.task import handle_pose_on_arc
-from policies.demonstrations import Demonstration
 
 ROOT: Final = "/world/task"
 """Entity whose transform is the task frame: closed handle, x pull, y up."""

@@ -14,16 +14,16 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import Chunk
 
-from experiments.arrays import FloatArray
-from experiments.episodes.log import EpisodeLog
-from experiments.recording import colours, motion, panels
-from experiments.recording.part import Part
-from experiments.recording.stream import moving, seconds, static
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.recording import colours, motion, panels
+from gplfd.experiments.recording.part import Part
+from gplfd.experiments.recording.stream import moving, seconds, static
 
 LOG: Final = "/outside/log"
 """Entity of the text that says what begins and ends."""
 PANEL: Final = "outside"
-"""Of the time series, below `experiments.recording.panels.ROOT`."""
+"""Of the time series, below `gplfd.experiments.recording.panels.ROOT`."""
 LIMITS: Final = (140.0, 280.0)
 """Force on a hand that ISO/TS 15066 allows, and for an instant [N]."""
 

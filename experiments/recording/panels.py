@@ -8,13 +8,13 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from experiments.arrays import FloatArray
-from experiments.episodes.log import EpisodeLog
-from experiments.recording import colours
-from experiments.recording.colours import Colour
-from experiments.recording.part import Part
-from experiments.recording.stream import moving, seconds, static
-from experiments.recording.tube import QUANTILE
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.recording import colours
+from gplfd.experiments.recording.colours import Colour
+from gplfd.experiments.recording.part import Part
+from gplfd.experiments.recording.stream import moving, seconds, static
+from gplfd.experiments.recording.tube import QUANTILE
 
 ROOT: Final = "/plots"
 ANGLE_MARKS_DEG: Final = (15.0, 30.0, 60.0)

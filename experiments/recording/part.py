@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.arrays import FloatArray
-from experiments.episodes.log import EpisodeLog
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.episodes.log import EpisodeLog
 
 FRAMES_PER_SECOND: Final = 30.0
 """How often what moves in the scene is shown; no more than a video has."""

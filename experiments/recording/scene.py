@@ -4,11 +4,11 @@ import mujoco
 import rerun as rr
 from rerun.chunk import Chunk
 
-from experiments.recording.geoms import drawn_geoms, visual_geoms, xyzw
-from experiments.recording.kinematics import ROOT, body_poses, entity_of_body
-from experiments.recording.part import Part
-from experiments.recording.stream import moving, seconds, static, stretch
-from experiments.recording.tiago_meshes import TiagoLooks
+from gplfd.experiments.recording.geoms import drawn_geoms, visual_geoms, xyzw
+from gplfd.experiments.recording.kinematics import ROOT, body_poses, entity_of_body
+from gplfd.experiments.recording.part import Part
+from gplfd.experiments.recording.stream import moving, seconds, static, stretch
+from gplfd.experiments.recording.tiago_meshes import TiagoLooks
 
 
 def drawn_scene(model: mujoco.MjModel, looks: TiagoLooks | None = None) -> list[Chunk]:

@@ -9,9 +9,9 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from experiments.episodes.log import EpisodeLog
-from experiments.recording.colours import BEFORE, FORCE, HAND, TRUTH
-from experiments.recording.stream import moving, seconds, static
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.recording.colours import BEFORE, FORCE, HAND, TRUTH
+from gplfd.experiments.recording.stream import moving, seconds, static
 from gplfd_env.task import STALL_ANGLE, SUCCESS_ANGLE
 
 ENTITY: Final = "/stage"

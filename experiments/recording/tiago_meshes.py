@@ -17,9 +17,9 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from experiments.arrays import FloatArray
-from experiments.recording.kinematics import entity_of_body
-from experiments.recording.stream import static
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.recording.kinematics import entity_of_body
+from gplfd.experiments.recording.stream import static
 
 DISTRIBUTION: Final = "example-robot-data"
 _DESCRIPTION: Final = "tiago_description/robots/tiago_no_hand.urdf"

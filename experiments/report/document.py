@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from experiments.files.table import Table
+from gplfd.experiments.files.table import Table
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -47,7 +47,7 @@ class Picture:
     name: str
     """Of its files, without suffix."""
     draw: Callable[[], Figure]
-    """Makes it, inside `experiments.figures.style.paper_style`."""
+    """Makes it, inside `gplfd.experiments.figures.style.paper_style`."""
     caption: str
     """What is seen, in a sentence or two."""
     alternative: str

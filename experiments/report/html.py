@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from experiments.files.table import Table, html_table
-from experiments.report.document import (
+from gplfd.experiments.files.table import Table, html_table
+from gplfd.experiments.report.document import (
     Block,
     Details,
     Document,

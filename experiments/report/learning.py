@@ -4,14 +4,25 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Final
 
-from experiments.files.table import Table
-from experiments.report.document import Block, Items, Paragraph, Picture, Section, code
-from experiments.report.plots import LeftOut, coverage, prediction_scores
-from experiments.report.policy_table import Cell, medians, policy_table
-from experiments.report.sentences import value_sentence
-from experiments.results.grouping import by_condition, by_policy, numbers
-from experiments.results.measures import LEARNING_HEADLINES, LEARNING_MEASURES, median
-from experiments.results.records import LearningTestResult, RecordedResult
+from gplfd.experiments.files.table import Table
+from gplfd.experiments.report.document import (
+    Block,
+    Items,
+    Paragraph,
+    Picture,
+    Section,
+    code,
+)
+from gplfd.experiments.report.plots import LeftOut, coverage, prediction_scores
+from gplfd.experiments.report.policy_table import Cell, medians, policy_table
+from gplfd.experiments.report.sentences import value_sentence
+from gplfd.experiments.results.grouping import by_condition, by_policy, numbers
+from gplfd.experiments.results.measures import (
+    LEARNING_HEADLINES,
+    LEARNING_MEASURES,
+    median,
+)
+from gplfd.experiments.results.records import LearningTestResult, RecordedResult
 
 Tests = Sequence[LearningTestResult]
 

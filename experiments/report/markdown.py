@@ -3,8 +3,8 @@
 import re
 from typing import Final
 
-from experiments.files.table import Table, markdown_table
-from experiments.report.document import (
+from gplfd.experiments.files.table import Table, markdown_table
+from gplfd.experiments.report.document import (
     Block,
     Details,
     Document,

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from experiments.report.document import (
+from gplfd.experiments.report.document import (
     Block,
     Items,
     Paragraph,
@@ -15,9 +15,9 @@ from experiments.report.document import (
     literal,
     names,
 )
-from experiments.results.grouping import by_policy, grouped
-from experiments.results.records import EpisodeResult, StudyResults, TaskResult
-from experiments.results.table import error_count
+from gplfd.experiments.results.grouping import by_policy, grouped
+from gplfd.experiments.results.records import EpisodeResult, StudyResults, TaskResult
+from gplfd.experiments.results.table import error_count
 
 TITLE = "What was run"
 _LEFT_OUT = "Files without a result, left out"

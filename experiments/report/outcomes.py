@@ -6,13 +6,13 @@ from operator import attrgetter, methodcaller
 from statistics import median
 from typing import Final
 
-from experiments.files.table import Table
-from experiments.report.document import Details, literal
-from experiments.report.policy_table import Cell, medians, policy_table
-from experiments.results.grouping import Runs, door_name, of_kind, without_errors
-from experiments.results.measures import ADA_FORCE, EPISODE_MEASURES
-from experiments.results.records import KINDS, EpisodeResult
-from experiments.results.statistics import success_rate
+from gplfd.experiments.files.table import Table
+from gplfd.experiments.report.document import Details, literal
+from gplfd.experiments.report.policy_table import Cell, medians, policy_table
+from gplfd.experiments.results.grouping import Runs, door_name, of_kind, without_errors
+from gplfd.experiments.results.measures import ADA_FORCE, EPISODE_MEASURES
+from gplfd.experiments.results.records import KINDS, EpisodeResult
+from gplfd.experiments.results.statistics import success_rate
 
 Episodes = Sequence[EpisodeResult]
 

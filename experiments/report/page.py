@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
-from experiments.figures.style import paper_style, write_figure
-from experiments.files.plain_data import write_json
-from experiments.report.document import (
+from gplfd.experiments.figures.style import paper_style, write_figure
+from gplfd.experiments.files.plain_data import write_json
+from gplfd.experiments.report.document import (
     Block,
     Document,
     Paragraph,
@@ -15,28 +15,28 @@ from experiments.report.document import (
     code,
     names,
 )
-from experiments.report.html import html_page
-from experiments.report.learning import learning_section
-from experiments.report.markdown import FIGURES, markdown_page
-from experiments.report.origin import header, origin_section
-from experiments.report.outcomes import outcome_details, outcome_table
-from experiments.report.paired import paired_tests, standing
-from experiments.report.plots import (
+from gplfd.experiments.report.html import html_page
+from gplfd.experiments.report.learning import learning_section
+from gplfd.experiments.report.markdown import FIGURES, markdown_page
+from gplfd.experiments.report.origin import header, origin_section
+from gplfd.experiments.report.outcomes import outcome_details, outcome_table
+from gplfd.experiments.report.paired import paired_tests, standing
+from gplfd.experiments.report.plots import (
     force_by_radius,
     forecast_by_progress,
     success_by_radius,
 )
-from experiments.report.recorded import recorded_section
-from experiments.report.recordings import recording_section
-from experiments.report.sentences import PRIVILEGED
-from experiments.report.table_one import table_one_section
-from experiments.report.trials import trial_sections
-from experiments.results.grouping import Runs, conditions, without_errors
-from experiments.results.reading import read_all
-from experiments.results.records import StudyResults
-from experiments.results.trials_file import FILE as ANSWERS
-from experiments.results.trials_file import trial_answers
-from policies.storage import complete_or_absent
+from gplfd.experiments.report.recorded import recorded_section
+from gplfd.experiments.report.recordings import recording_section
+from gplfd.experiments.report.sentences import PRIVILEGED
+from gplfd.experiments.report.table_one import table_one_section
+from gplfd.experiments.report.trials import trial_sections
+from gplfd.experiments.results.grouping import Runs, conditions, without_errors
+from gplfd.experiments.results.reading import read_all
+from gplfd.experiments.results.records import StudyResults
+from gplfd.experiments.results.trials_file import FILE as ANSWERS
+from gplfd.experiments.results.trials_file import trial_answers
+from gplfd.policies.storage import complete_or_absent
 
 HTML, MARKDOWN = "report.html", "report.md"
 

@@ -3,19 +3,19 @@
 from collections.abc import Callable, Mapping
 from functools import partial
 
-from experiments.files.table import Table
-from experiments.report.document import Block, Items, Paragraph, code
-from experiments.report.sentences import rate_sentence, value_sentence
-from experiments.results.grouping import Runs, numbers, of_kind
-from experiments.results.measures import (
+from gplfd.experiments.files.table import Table
+from gplfd.experiments.report.document import Block, Items, Paragraph, code
+from gplfd.experiments.report.sentences import rate_sentence, value_sentence
+from gplfd.experiments.results.grouping import Runs, numbers, of_kind
+from gplfd.experiments.results.measures import (
     EPISODE_MEASURES,
     HEADLINES,
     TESTED,
     Measure,
     number_text,
 )
-from experiments.results.records import UNDEMONSTRATED
-from experiments.results.statistics import (
+from gplfd.experiments.results.records import UNDEMONSTRATED
+from gplfd.experiments.results.statistics import (
     Key,
     Pairs,
     holm,

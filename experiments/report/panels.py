@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
-from experiments.figures import style
+from gplfd.experiments.figures import style
 
 Draw = Callable[[Axes, str, str], None]
 """Draws a policy into a panel in a colour, `FAINT` for the reference in the others'."""

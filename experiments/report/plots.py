@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.figures import style
-from experiments.report.panels import (
+from gplfd.experiments.figures import style
+from gplfd.experiments.report.panels import (
     BAR,
     DOTS,
     FAINT,
@@ -20,22 +20,22 @@ from experiments.report.panels import (
     short,
     small_multiples,
 )
-from experiments.results.grouping import Runs, door_name, grouped
-from experiments.results.measures import (
+from gplfd.experiments.results.grouping import Runs, door_name, grouped
+from gplfd.experiments.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
     LEARNING_HEADLINES,
     LEARNING_MEASURES,
     median,
 )
-from experiments.results.records import (
+from gplfd.experiments.results.records import (
     NON_STANDARD,
     EpisodeResult,
     LearningTestResult,
     RecordedResult,
 )
-from experiments.results.statistics import success_rate
-from experiments.teacher import DEMONSTRATED_RADII
+from gplfd.experiments.results.statistics import success_rate
+from gplfd.experiments.teacher import DEMONSTRATED_RADII
 
 LeftOut = LearningTestResult | RecordedResult
 

@@ -3,10 +3,10 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from experiments.files.table import Table
-from experiments.report.document import code
-from experiments.results.grouping import without_errors
-from experiments.results.measures import Measure
+from gplfd.experiments.files.table import Table
+from gplfd.experiments.report.document import code
+from gplfd.experiments.results.grouping import without_errors
+from gplfd.experiments.results.measures import Measure
 
 Cell = Callable[[Sequence[Any]], str]
 """Says what some results of a policy are, none of them an error."""

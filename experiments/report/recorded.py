@@ -6,20 +6,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
-from experiments.files.table import Table, text_table
-from experiments.report.document import Block, Items, Paragraph, Section, code
-from experiments.report.learning import prediction_plots
-from experiments.report.policy_table import Cell, medians, policy_table
-from experiments.report.sentences import value_sentence
-from experiments.results.grouping import by_policy, numbers
-from experiments.results.measures import (
+from gplfd.experiments.files.table import Table, text_table
+from gplfd.experiments.report.document import Block, Items, Paragraph, Section, code
+from gplfd.experiments.report.learning import prediction_plots
+from gplfd.experiments.report.policy_table import Cell, medians, policy_table
+from gplfd.experiments.report.sentences import value_sentence
+from gplfd.experiments.results.grouping import by_policy, numbers
+from gplfd.experiments.results.measures import (
     LEARNING_HEADLINES,
     LEARNING_MEASURES,
     RECORDED_MEASURES,
     Measure,
     median,
 )
-from experiments.results.records import RecordedResult
+from gplfd.experiments.results.records import RecordedResult
 
 Results = Sequence[RecordedResult]
 

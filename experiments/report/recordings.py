@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from experiments.files.names import file_name
-from experiments.files.plain_data import entry, read_json
-from experiments.files.table import Table
-from experiments.report.document import Block, Paragraph, Section, code, literal
+from gplfd.experiments.files.names import file_name
+from gplfd.experiments.files.plain_data import entry, read_json
+from gplfd.experiments.files.table import Table
+from gplfd.experiments.report.document import Block, Paragraph, Section, code, literal
 
 FOLDER, INDEX = "recordings", "index.json"
 COMPARISONS: Final = ("comparison.rrd", "comparison-widest.rrd")

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from experiments.report.document import code, names
-from experiments.results.measures import Measure, median
-from experiments.results.statistics import (
+from gplfd.experiments.report.document import code, names
+from gplfd.experiments.results.measures import Measure, median
+from gplfd.experiments.results.statistics import (
     Key,
     Pairs,
     Rate,

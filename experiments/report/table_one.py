@@ -2,16 +2,16 @@
 
 The paper is Arduengo et al., *Gaussian-Process-based Robot Learning from
 Demonstration*, arXiv:2002.09979. What is measured, and what it must be for a mark, is
-said in `experiments.learning_tests.criteria`.
+said in `gplfd.experiments.learning_tests.criteria`.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from experiments.files.table import Table
-from experiments.learning_tests.criteria import CRITERIA, Criterion, Mark, mark
-from experiments.report.document import (
+from gplfd.experiments.files.table import Table
+from gplfd.experiments.learning_tests.criteria import CRITERIA, Criterion, Mark, mark
+from gplfd.experiments.report.document import (
     Block,
     Items,
     Paragraph,
@@ -19,9 +19,9 @@ from experiments.report.document import (
     code,
     names,
 )
-from experiments.results.grouping import by_condition, by_policy
-from experiments.results.records import LearningTestResult
-from policies.built_in import TABLE_1
+from gplfd.experiments.results.grouping import by_condition, by_policy
+from gplfd.experiments.results.records import LearningTestResult
+from gplfd.policies.built_in import TABLE_1
 
 _SIGN: Final = {True: "✓", False: "✗", None: "?"}
 _TUNED: Final = tuple(f"{policy}-tuned" for policy in TABLE_1)

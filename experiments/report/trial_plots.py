@@ -8,13 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.figures import style
-from experiments.report.panels import log_scale, short
-from experiments.results.grouping import Runs
-from experiments.results.records import EpisodeResult
-from experiments.results.trials import Answer, Verdict, seed_means, summary
-from experiments.trials.records import MEASURES
-from policies.registry import POLICIES
+from gplfd.experiments.figures import style
+from gplfd.experiments.report.panels import log_scale, short
+from gplfd.experiments.results.grouping import Runs
+from gplfd.experiments.results.records import EpisodeResult
+from gplfd.experiments.results.trials import Answer, Verdict, seed_means, summary
+from gplfd.experiments.trials.records import MEASURES
+from gplfd.policies.registry import POLICIES
 
 _KINDS: Final[Mapping[str, tuple[str, dict[str, Any]]]] = {
     "method": ("learns", {"marker": "o", "color": style.DOORS[1]}),

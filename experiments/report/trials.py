@@ -6,8 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from experiments.files.table import Table
-from experiments.report.document import (
+from gplfd.experiments.files.table import Table
+from gplfd.experiments.report.document import (
     Block,
     Items,
     Paragraph,
@@ -15,21 +15,21 @@ from experiments.report.document import (
     Section,
     code,
 )
-from experiments.report.recordings import trial_recording
-from experiments.report.trial_plots import deciding_numbers, ideas, kind_of
-from experiments.results.grouping import Runs
-from experiments.results.measures import number_text
-from experiments.results.records import EpisodeResult
-from experiments.results.statistics import Rate, Shift
-from experiments.results.trials import (
+from gplfd.experiments.report.recordings import trial_recording
+from gplfd.experiments.report.trial_plots import deciding_numbers, ideas, kind_of
+from gplfd.experiments.results.grouping import Runs
+from gplfd.experiments.results.measures import number_text
+from gplfd.experiments.results.records import EpisodeResult
+from gplfd.experiments.results.statistics import Rate, Shift
+from gplfd.experiments.results.trials import (
     SHARES,
     Answer,
     answered,
     of_trial,
     summary,
 )
-from experiments.trials.protocol import TRIALS, VERSION
-from experiments.trials.records import MEASURES, Trial
+from gplfd.experiments.trials.protocol import TRIALS, VERSION
+from gplfd.experiments.trials.records import MEASURES, Trial
 
 Levels = Mapping[str, Sequence[EpisodeResult]]
 

@@ -4,10 +4,10 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, TypeVar
 
-from experiments.results.measures import EPISODE_MEASURES, Measure
-from experiments.results.records import EpisodeResult, TaskResult, TaughtResult
-from experiments.results.statistics import Key
-from experiments.study.settings import Condition
+from gplfd.experiments.results.measures import EPISODE_MEASURES, Measure
+from gplfd.experiments.results.records import EpisodeResult, TaskResult, TaughtResult
+from gplfd.experiments.results.statistics import Key
+from gplfd.experiments.study.settings import Condition
 from gplfd_env.randomization import RANDOMIZATIONS
 
 ResultT = TypeVar("ResultT", bound=TaskResult)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from experiments.results.records import TaskResult
+from gplfd.experiments.results.records import TaskResult
 
 ADA_FORCE: Final = 22.2
 """Largest force that opens an interior hinged door, 5 lbf, by section 404.2.9 of the

@@ -5,11 +5,11 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from experiments.results.grouping import by_policy
-from experiments.results.records import EpisodeResult, StudyResults
-from experiments.study.jobs import demonstrations_hash
-from experiments.study.tasks import EpisodeTask
-from experiments.trials.plan import named_trials, trial_tasks
+from gplfd.experiments.results.grouping import by_policy
+from gplfd.experiments.results.records import EpisodeResult, StudyResults
+from gplfd.experiments.study.jobs import demonstrations_hash
+from gplfd.experiments.study.tasks import EpisodeTask
+from gplfd.experiments.trials.plan import named_trials, trial_tasks
 
 _SHOWN: Final = 3
 

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from experiments.episodes.metrics import EpisodeMetrics
-from experiments.files.plain_data import entry, read_json
-from experiments.learning_tests.folds import HELD_OUT
-from experiments.results.measures import LEARNING_MEASURES, RECORDED_MEASURES
-from experiments.results.records import (
+from gplfd.experiments.episodes.metrics import EpisodeMetrics
+from gplfd.experiments.files.plain_data import entry, read_json
+from gplfd.experiments.learning_tests.folds import HELD_OUT
+from gplfd.experiments.results.measures import LEARNING_MEASURES, RECORDED_MEASURES
+from gplfd.experiments.results.records import (
     DEMONSTRATED,
     NON_STANDARD,
     UNDEMONSTRATED,
@@ -21,8 +21,8 @@ from experiments.results.records import (
     StudyResults,
     TaskResult,
 )
-from experiments.study.settings import Condition
-from experiments.study.tasks import (
+from gplfd.experiments.study.settings import Condition
+from gplfd.experiments.study.tasks import (
     EpisodeTask,
     RecordedTask,
     SkillTask,
@@ -30,7 +30,7 @@ from experiments.study.tasks import (
     TaughtTask,
     task_from,
 )
-from experiments.teacher import Habits, TeacherConfig
+from gplfd.experiments.teacher import Habits, TeacherConfig
 from gplfd_env.config import DoorConfig
 from gplfd_env.disturbance import disturbance_named
 from gplfd_env.randomization import door_randomization

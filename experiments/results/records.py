@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from experiments.results.statistics import Key
-from experiments.study.settings import Condition
-from experiments.study.tasks import EpisodeTask, RecordedTask, SkillTask, Task
+from gplfd.experiments.results.statistics import Key
+from gplfd.experiments.study.settings import Condition
+from gplfd.experiments.study.tasks import EpisodeTask, RecordedTask, SkillTask, Task
 
 DEMONSTRATED: Final = "demonstrated radii"
 UNDEMONSTRATED: Final = "undemonstrated radii"

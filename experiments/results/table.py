@@ -4,21 +4,21 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from experiments.episodes.metrics import EpisodeMetrics
-from experiments.files.table import Table, markdown_table
-from experiments.results.grouping import by_policy, grouped
-from experiments.results.measures import (
+from gplfd.experiments.episodes.metrics import EpisodeMetrics
+from gplfd.experiments.files.table import Table, markdown_table
+from gplfd.experiments.results.grouping import by_policy, grouped
+from gplfd.experiments.results.measures import (
     EPISODE_MEASURES,
     PREDICTION_ERROR,
     Measure,
 )
-from experiments.results.reading import read_files
-from experiments.results.records import EpisodeResult
-from experiments.results.statistics import success_rate
-from experiments.study.plan import conditions, episodes
-from experiments.study.settings import StudySettings
-from experiments.study.store import result_path
-from policies.storage import complete_or_absent
+from gplfd.experiments.results.reading import read_files
+from gplfd.experiments.results.records import EpisodeResult
+from gplfd.experiments.results.statistics import success_rate
+from gplfd.experiments.study.plan import conditions, episodes
+from gplfd.experiments.study.settings import StudySettings
+from gplfd.experiments.study.store import result_path
+from gplfd.policies.storage import complete_or_absent
 
 _OF_SOLVED: Final = (
     Measure("time_to_60_deg", "to 60° [s]", digits=1),

@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from experiments.results.records import EpisodeResult
-from experiments.results.statistics import (
+from gplfd.experiments.results.records import EpisodeResult
+from gplfd.experiments.results.statistics import (
     Key,
     Rate,
     Shift,
@@ -15,7 +15,7 @@ from experiments.results.statistics import (
     shift,
     success_rate,
 )
-from experiments.trials.records import MEASURES, Contrast, Side, value_of
+from gplfd.experiments.trials.records import MEASURES, Contrast, Side, value_of
 
 SHARES: Final = frozenset({"success", "grasp_kept"})
 """Measures that are shares of episodes."""

@@ -4,11 +4,11 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from experiments.results.records import EpisodeResult, StudyResults
-from experiments.results.statistics import Rate, Shift
-from experiments.results.trials import answered, of_trial, seed_means, summary
-from experiments.trials.protocol import TRIALS, VERSION
-from experiments.trials.records import Trial
+from gplfd.experiments.results.records import EpisodeResult, StudyResults
+from gplfd.experiments.results.statistics import Rate, Shift
+from gplfd.experiments.results.trials import answered, of_trial, seed_means, summary
+from gplfd.experiments.trials.protocol import TRIALS, VERSION
+from gplfd.experiments.trials.records import Trial
 
 FILE: Final = "trials.json"
 """Name of the file in the folder of a report."""

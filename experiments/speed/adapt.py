@@ -6,12 +6,12 @@ from typing import Final
 
 import numpy as np
 
-from experiments.speed.known_process import KnownProcess
-from experiments.speed.report import Measurement, at_least, at_most
-from experiments.speed.timing import Action, Timed, measure, repeated
-from policies.adaptation import ADAPTATIONS, AdaptationForm
-from policies.skill import Skill, fit_skill
-from policies.trajectory import ViaPoint
+from gplfd.experiments.speed.known_process import KnownProcess
+from gplfd.experiments.speed.report import Measurement, at_least, at_most
+from gplfd.experiments.speed.timing import Action, Timed, measure, repeated
+from gplfd.policies.adaptation import ADAPTATIONS, AdaptationForm
+from gplfd.policies.skill import Skill, fit_skill
+from gplfd.policies.trajectory import ViaPoint
 
 _GRID: Final = np.linspace(0.0, 1.0, 200)
 _VIA_POINTS: Final = 10

@@ -6,15 +6,15 @@ from functools import partial
 
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.speed.peers import NOT_INSTALLED, dtw_python, installed
-from experiments.speed.report import Measurement, at_least
-from experiments.speed.timing import Timed, measure, repeated
-from experiments.teacher import Teacher
-from policies.alignment import align
-from policies.completion import measure_completion
-from policies.demonstrations import Demonstration
-from policies.dynamic_time_warping import dynamic_time_warping
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.speed.peers import NOT_INSTALLED, dtw_python, installed
+from gplfd.experiments.speed.report import Measurement, at_least
+from gplfd.experiments.speed.timing import Timed, measure, repeated
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies.alignment import align
+from gplfd.policies.completion import measure_completion
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.dynamic_time_warping import dynamic_time_warping
 
 _SIZES = (200, 1000, 5000)
 _MATCH, _MATCH_PEER = "matching: interpolation", "matching: dtw-python"

@@ -10,9 +10,9 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.speed.report import Measurement, Target, Value, at_most
-from experiments.speed.timing import Timed, after, measure, repeated
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.speed.report import Measurement, Target, Value, at_most
+from gplfd.experiments.speed.timing import Timed, after, measure, repeated
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.task import handle_pose_on_arc
 

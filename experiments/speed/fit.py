@@ -6,14 +6,19 @@ from typing import Final, get_args
 
 import numpy as np
 
-from experiments.speed.known_process import Deviations, KnownProcess
-from experiments.speed.peers import NOT_INSTALLED, hetgpy_fit, installed, sklearn_fit
-from experiments.speed.report import Measurement, Target, Value, at_least, at_most
-from experiments.speed.scores import score
-from experiments.speed.timing import Timing, measure, repeated
-from policies.aligned import AlignedDemonstrations
-from policies.skill import fit_skill
-from policies.trajectory import GaussianTrajectory
+from gplfd.experiments.speed.known_process import Deviations, KnownProcess
+from gplfd.experiments.speed.peers import (
+    NOT_INSTALLED,
+    hetgpy_fit,
+    installed,
+    sklearn_fit,
+)
+from gplfd.experiments.speed.report import Measurement, Target, Value, at_least, at_most
+from gplfd.experiments.speed.scores import score
+from gplfd.experiments.speed.timing import Timing, measure, repeated
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.skill import fit_skill
+from gplfd.policies.trajectory import GaussianTrajectory
 
 OURS, HETGPY, SKLEARN = "gplfd", "hetgpy hetGP", "scikit-learn, collapsed"
 _DEMONSTRATIONS, _SAMPLES, _HELD_OUT = 6, 200, 100

@@ -6,10 +6,10 @@ from typing import Literal, Self
 
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.teacher.random_motion import smooth_functions
-from policies.aligned import AlignedDemonstrations
-from policies.trajectory import GaussianTrajectory
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.teacher.random_motion import smooth_functions
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.trajectory import GaussianTrajectory
 
 Deviations = Literal["independent", "smooth"]
 """Of a demonstration from the mean: independent from sample to sample, as

@@ -8,7 +8,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from experiments.speed.peers import DISTRIBUTIONS, NOT_INSTALLED, installed
+from gplfd.experiments.speed.peers import DISTRIBUTIONS, NOT_INSTALLED, installed
 
 
 def machine() -> dict[str, Any]:

@@ -4,13 +4,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from experiments.speed.adapt import measure_adaptation
-from experiments.speed.align import measure_alignment
-from experiments.speed.environment import measure_resets, measure_steps
-from experiments.speed.fit import compare_fits
-from experiments.speed.peers import DISTRIBUTIONS, installed
-from experiments.speed.report import Measurement
-from experiments.speed.vectors import measure_vectors
+from gplfd.experiments.speed.adapt import measure_adaptation
+from gplfd.experiments.speed.align import measure_alignment
+from gplfd.experiments.speed.environment import measure_resets, measure_steps
+from gplfd.experiments.speed.fit import compare_fits
+from gplfd.experiments.speed.peers import DISTRIBUTIONS, installed
+from gplfd.experiments.speed.report import Measurement
+from gplfd.experiments.speed.vectors import measure_vectors
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 from scipy.special import digamma, polygamma
 
-from experiments.arrays import FloatArray
-from policies.aligned import AlignedDemonstrations
-from policies.trajectory import GaussianTrajectory
+from gplfd.experiments.arrays import FloatArray
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.trajectory import GaussianTrajectory
 
 NOT_INSTALLED: Final = "not installed"
 """What stands in a table for a library that is missing."""

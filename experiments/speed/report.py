@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from threadpoolctl import threadpool_limits
 
-from experiments.files.table import Table, text_table
-from experiments.progress import LOG
-from experiments.speed.timing import Timing
+from gplfd.experiments.files.table import Table, text_table
+from gplfd.experiments.progress import LOG
+from gplfd.experiments.speed.timing import Timing
 
 Value = float | Timing | str | None
 """A number, a time, a word, or nothing where there is none."""

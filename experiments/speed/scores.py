@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.trajectory import GaussianTrajectory
+from gplfd.policies.trajectory import GaussianTrajectory
 
 
 def score(

@@ -7,10 +7,10 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.speed.machine import load
-from experiments.speed.report import Measurement, at_least, at_most
-from experiments.speed.timing import Timed, after, measure
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.speed.machine import load
+from gplfd.experiments.speed.report import Measurement, at_least, at_most
+from gplfd.experiments.speed.timing import Timed, after, measure
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DOORS
 from gplfd_env.scene import GRASP_KEY

@@ -13,32 +13,32 @@ import gymnasium as gym
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from experiments.datasets.npz import hash_of
-from experiments.episodes.agents import learned, where
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.metrics import episode_metrics
-from experiments.episodes.rollouts import rollouts
-from experiments.files.provenance import code_state
-from experiments.learning_tests.recorded import recorded_metrics
-from experiments.learning_tests.scores import method_metrics
-from experiments.study.sources import NO_FILES, Files, policy_of
-from experiments.study.tasks import (
+from gplfd.experiments.datasets.npz import hash_of
+from gplfd.experiments.episodes.agents import learned, where
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.metrics import episode_metrics
+from gplfd.experiments.episodes.rollouts import rollouts
+from gplfd.experiments.files.provenance import code_state
+from gplfd.experiments.learning_tests.recorded import recorded_metrics
+from gplfd.experiments.learning_tests.scores import method_metrics
+from gplfd.experiments.study.sources import NO_FILES, Files, policy_of
+from gplfd.experiments.study.tasks import (
     EpisodeTask,
     Job,
     Result,
     SkillTask,
     Task,
 )
-from experiments.teacher import Habits, Teacher, TeacherConfig
+from gplfd.experiments.teacher import Habits, Teacher, TeacherConfig
+from gplfd.policies.agent import Agent
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.lockstep import batch_agents
+from gplfd.policies.method import TrainingInput
+from gplfd.policies.policy import Policy
+from gplfd.policies.prior_mean import PosePath
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DoorConfig
 from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
-from policies.agent import Agent
-from policies.demonstrations import Demonstration
-from policies.lockstep import batch_agents
-from policies.method import TrainingInput
-from policies.policy import Policy
-from policies.prior_mean import PosePath
 
 FORECAST_PERIOD: Final = 0.05
 """Simulated time between forecasts [s]: at most a degree of a demonstrated opening."""

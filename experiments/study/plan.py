@@ -7,29 +7,30 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from experiments.arguments import check_circumstances
-from experiments.datasets.npz import hash_of
-from experiments.episodes.doors import named_doors
-from experiments.learning_tests.folds import HELD_OUT
-from experiments.study.settings import (
+from gplfd.experiments.arguments import check_circumstances
+from gplfd.experiments.datasets.npz import hash_of
+from gplfd.experiments.episodes.doors import named_doors
+from gplfd.experiments.learning_tests.folds import HELD_OUT
+from gplfd.experiments.study.settings import (
     TABLE_1_NAME,
     TUNED_NAME,
     Condition,
     StudySettings,
 )
-from experiments.study.sources import chosen, source_of
-from experiments.study.tasks import EpisodeTask, RecordedTask, SkillTask, Task
-from experiments.teacher import doors_like, standard_teacher
+from gplfd.experiments.study.sources import chosen, source_of
+from gplfd.experiments.study.tasks import EpisodeTask, RecordedTask, SkillTask, Task
+from gplfd.experiments.teacher import doors_like, standard_teacher
+from gplfd.policies.built_in import TABLE_1
+from gplfd.policies.demonstrations import Demonstration
 from gplfd_env.config import DoorConfig
 from gplfd_env.stance import base_for
-from policies.built_in import TABLE_1
-from policies.demonstrations import Demonstration
 
 _NOISY: Final = (
     *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),
     *("vertical_drift_std", "noise_position_std", "noise_rotation_std"),
 )
-"""Fields of `experiments.teacher.TeacherConfig` that the noise level multiplies."""
+"""Fields of `gplfd.experiments.teacher.TeacherConfig` that the noise level
+multiplies."""
 
 _MOST_GIVEN: Final = 1_000
 """Demonstrations per door; exact Gaussian processes of as many take hours."""

@@ -6,14 +6,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from experiments.files.plain_data import write_json
-from experiments.study.engines import Engine, Lost
-from experiments.study.engines.serial import Serial
-from experiments.study.jobs import failed, run_job
-from experiments.study.sources import files_of
-from experiments.study.store import is_finished, result_path, stored_result
-from experiments.study.tasks import Result, Task, jobs_of
-from policies.demonstrations import Demonstration
+from gplfd.experiments.files.plain_data import write_json
+from gplfd.experiments.study.engines import Engine, Lost
+from gplfd.experiments.study.engines.serial import Serial
+from gplfd.experiments.study.jobs import failed, run_job
+from gplfd.experiments.study.sources import files_of
+from gplfd.experiments.study.store import is_finished, result_path, stored_result
+from gplfd.experiments.study.tasks import Result, Task, jobs_of
+from gplfd.policies.demonstrations import Demonstration
 
 
 def run_study(

@@ -5,21 +5,21 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from experiments.arguments import check_folder
-from experiments.files.plain_data import write_json
-from experiments.files.provenance import provenance
-from experiments.progress import LOG, counter
-from experiments.study.engines import Engine
-from experiments.study.runner import run_study
-from experiments.study.store import (
+from gplfd.experiments.arguments import check_folder
+from gplfd.experiments.files.plain_data import write_json
+from gplfd.experiments.files.provenance import provenance
+from gplfd.experiments.progress import LOG, counter
+from gplfd.experiments.study.engines import Engine
+from gplfd.experiments.study.runner import run_study
+from gplfd.experiments.study.store import (
     damaged_results,
     is_finished,
     made_by_other_code,
     made_elsewhere,
     stored_result,
 )
-from experiments.study.tasks import Result, Task
-from policies.demonstrations import Demonstration
+from gplfd.experiments.study.tasks import Result, Task
+from gplfd.policies.demonstrations import Demonstration
 
 
 def carry_out(

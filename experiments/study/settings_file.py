@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from experiments.files.plain_data import entry, read_toml
-from experiments.study.settings import PRESETS, StudySettings
+from gplfd.experiments.files.plain_data import entry, read_toml
+from gplfd.experiments.study.settings import PRESETS, StudySettings
+from gplfd.policies.storage import complete_or_absent
 from gplfd_env.named import nearest_name
-from policies.storage import complete_or_absent
 
 
 def settings_named(name: str) -> StudySettings:

@@ -14,10 +14,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from experiments.study.tasks import PolicySource, Task
-from policies.policy import Policy
-from policies.registry import policy_named
-from policies.storage import complete_or_absent
+from gplfd.experiments.study.tasks import PolicySource, Task
+from gplfd.policies.policy import Policy
+from gplfd.policies.registry import policy_named
+from gplfd.policies.storage import complete_or_absent
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -11,9 +11,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
-from experiments.episodes.doors import reset_seed
-from experiments.learning_tests.folds import HeldOut
-from experiments.teacher import DEMONSTRATED_RADII, standard_teacher
+from gplfd.experiments.episodes.doors import reset_seed
+from gplfd.experiments.learning_tests.folds import HeldOut
+from gplfd.experiments.teacher import DEMONSTRATED_RADII, standard_teacher
 from gplfd_env.task import Base
 
 Result = dict[str, Any]
@@ -84,7 +84,7 @@ class TaughtTask(Task):
     demonstrations_per_door: int = 2
     """How often the teacher opens each of the three demonstrated doors."""
     teacher: Mapping[str, float] = field(default_factory=standard_teacher)
-    """Fields of `experiments.teacher.TeacherConfig`."""
+    """Fields of `gplfd.experiments.teacher.TeacherConfig`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -106,7 +106,7 @@ class EpisodeTask(TaughtTask):
     base: Base = _seldom("fixed")
     """Whether the robot drives."""
     habits: Mapping[str, Any] | None = _seldom(None)
-    """Fields of `experiments.teacher.Habits`; None for a tidy teacher."""
+    """Fields of `gplfd.experiments.teacher.Habits`; None for a tidy teacher."""
     prior_radius: float | None = _seldom(None)
     """Radius of the arc that is given as a prior mean [m]; None for none."""
     trial: str = _seldom("")
@@ -152,7 +152,7 @@ class RecordedTask(Task):
     """
 
     recordings: str
-    """Hash of all of them, `experiments.datasets.npz.hash_of`."""
+    """Hash of all of them, `gplfd.experiments.datasets.npz.hash_of`."""
     kind: Literal["recorded"] = field(default="recorded", init=False)
     """What tells it from other tasks in a file."""
 

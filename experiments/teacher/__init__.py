@@ -1,12 +1,12 @@
 """The synthetic human that demonstrates doors, and random smooth motion."""
 
-from experiments.teacher.habits import MESSY, TIDY, Habits
-from experiments.teacher.handle_motion import (
+from gplfd.experiments.teacher.habits import MESSY, TIDY, Habits
+from gplfd.experiments.teacher.handle_motion import (
     DEMONSTRATED_RADII,
     ROOM_RADII,
     doors_like,
 )
-from experiments.teacher.synthetic_human import (
+from gplfd.experiments.teacher.synthetic_human import (
     Teacher,
     TeacherConfig,
     standard_teacher,

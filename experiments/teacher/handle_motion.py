@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.teacher.random_motion import minimum_jerk
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.teacher.random_motion import minimum_jerk
 from gplfd_env.config import DoorConfig
 
 DEMONSTRATED_RADII: Final = (0.35, 0.50, 0.65)

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from scipy.signal import butter, sosfilt
 
-from experiments.arrays import FloatArray
+from gplfd.experiments.arrays import FloatArray
 
 _N_COSINES: Final = 64
 """Terms of a smooth random function; enough for its values to be near Gaussian."""

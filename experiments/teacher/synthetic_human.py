@@ -9,11 +9,12 @@ angle, uneven timing (the person hurries and hesitates, always forwards), the ha
 moving a little on the bar, a hand sensor that is not at the bar's centre, slow
 vertical drift of the suit, and the suit's sampling rate and coloured noise.
 
-An untidy person and recording are described by `experiments.teacher.habits`: pauses,
-backward motion, rests, dropped samples, outliers.
+An untidy person and recording are described by `gplfd.experiments.teacher.habits`:
+pauses, backward motion, rests, dropped samples, outliers.
 
 A handle that turns is pressed first, the door pulled or pushed as soon as the latch is
-free, and the handle let go back while it opens (`experiments.teacher.handle_motion`).
+free, and the handle let go back while it opens
+(`gplfd.experiments.teacher.handle_motion`).
 
 Not modelled: reaching for the handle and letting go, a suit whose axes are turned
 against the door, magnetic disturbance, and one person's habits that persist from one
@@ -28,26 +29,26 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.arrays import FloatArray
-from experiments.teacher.habits import TIDY, Habits, lose_samples, untidy_clock
-from experiments.teacher.handle_motion import (
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.teacher.habits import TIDY, Habits, lose_samples, untidy_clock
+from gplfd.experiments.teacher.handle_motion import (
     doors_like,
     draw_press,
     duration,
     let_back,
     worked,
 )
-from experiments.teacher.random_motion import (
+from gplfd.experiments.teacher.random_motion import (
     coloured_noise,
     minimum_jerk,
     smooth_functions,
     uneven_timing,
 )
+from gplfd.policies.demonstrations import Demonstration
 from gplfd_env.config import DoorConfig
 from gplfd_env.fields import check_quantities, quantity
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.task import DEMONSTRATED_ANGLE
-from policies.demonstrations import Demonstration
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

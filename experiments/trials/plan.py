@@ -5,12 +5,12 @@ import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from experiments.episodes.doors import named_doors
-from experiments.study.sources import chosen, source_of
-from experiments.study.tasks import EpisodeTask
-from experiments.teacher import standard_teacher
-from experiments.trials.protocol import PARTS, TRIALS, TUNED, Part
-from experiments.trials.records import Level, Trial
+from gplfd.experiments.episodes.doors import named_doors
+from gplfd.experiments.study.sources import chosen, source_of
+from gplfd.experiments.study.tasks import EpisodeTask
+from gplfd.experiments.teacher import standard_teacher
+from gplfd.experiments.trials.protocol import PARTS, TRIALS, TUNED, Part
+from gplfd.experiments.trials.records import Level, Trial
 from gplfd_env.named import nearest_name
 
 

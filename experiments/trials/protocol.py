@@ -21,10 +21,10 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, Literal
 
-from experiments.teacher import MESSY
-from experiments.trials.records import Contrast, Level, Side, Trial
-from policies.built_in import TABLE_1
-from policies.tuning_spaces import tuned_settings
+from gplfd.experiments.teacher import MESSY
+from gplfd.experiments.trials.records import Contrast, Level, Side, Trial
+from gplfd.policies.built_in import TABLE_1
+from gplfd.policies.tuning_spaces import tuned_settings
 
 VERSION: Final = 2
 """Of the protocol."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from experiments.teacher import DEMONSTRATED_RADII
+from gplfd.experiments.teacher import DEMONSTRATED_RADII
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -26,7 +26,7 @@ class Level:
     teacher: Mapping[str, float] = field(default_factory=dict)
     """Fields of the teacher that differ from the standard one."""
     habits: Mapping[str, Any] | None = None
-    """Fields of `experiments.teacher.Habits`; None for a tidy teacher."""
+    """Fields of `gplfd.experiments.teacher.Habits`; None for a tidy teacher."""
     prior_radius: float | None = None
     """Radius of the arc that methods are given as a prior mean [m]; those alone that
     take one take part."""

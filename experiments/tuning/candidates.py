@@ -10,8 +10,8 @@ from typing import Any, Final
 
 from scipy.stats import qmc
 
+from gplfd.policies.tuning_spaces import SPACES, Values
 from gplfd_env.named import nearest_name
-from policies.tuning_spaces import SPACES, Values
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -81,7 +81,7 @@ def candidates(policy: str, protocol: Protocol = STANDARD) -> tuple[Candidate, .
     """Return a method as published, and points of a Sobol sequence in its space.
 
     Args:
-        policy: A key of `policies.tuning_spaces.SPACES`.
+        policy: A key of `gplfd.policies.tuning_spaces.SPACES`.
         protocol: Says how many, and seeds the sequence.
     """
     space = SPACES[policy]

@@ -4,8 +4,8 @@ Two numbers, from the seeds and doors of the protocol, which no study uses:
 
 1. *Density*: the mean negative log predictive density of demonstrations left out, two
    per seed, one at a time, as in the learning tests of a study
-   (`experiments.learning_tests`). A candidate without a density comes after all that
-   have one.
+   (`gplfd.experiments.learning_tests`). A candidate without a density comes after all
+   that have one.
 2. *Task*: first the number of doors that stayed closed, then the median over all
    episodes of the peak radial force.
 
@@ -35,21 +35,21 @@ import numpy as np
 from scipy.stats import rankdata
 from threadpoolctl import threadpool_limits
 
-from experiments.episodes.agents import learned
-from experiments.episodes.metrics import episode_metrics
-from experiments.episodes.rollouts import rollouts
-from experiments.files.provenance import code_state
-from experiments.learning_tests.accuracy import accuracy
-from experiments.learning_tests.folds import aligned_to, folds
-from experiments.learning_tests.methods import learn
-from experiments.teacher import DEMONSTRATED_RADII, Teacher
-from experiments.tuning.candidates import Candidate
+from gplfd.experiments.episodes.agents import learned
+from gplfd.experiments.episodes.metrics import episode_metrics
+from gplfd.experiments.episodes.rollouts import rollouts
+from gplfd.experiments.files.provenance import code_state
+from gplfd.experiments.learning_tests.accuracy import accuracy
+from gplfd.experiments.learning_tests.folds import aligned_to, folds
+from gplfd.experiments.learning_tests.methods import learn
+from gplfd.experiments.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd.experiments.tuning.candidates import Candidate
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.lockstep import batch_agents
+from gplfd.policies.method import Method, TrainingInput
+from gplfd.policies.policy import Policy
+from gplfd.policies.registry import tuned
 from gplfd_env import ENVIRONMENT_IDS
-from policies.demonstrations import Demonstration
-from policies.lockstep import batch_agents
-from policies.method import Method, TrainingInput
-from policies.policy import Policy
-from policies.registry import tuned
 
 Evaluation = dict[str, Any]
 """What a candidate came to: ``candidate``, ``versions``, ``git``, ``arithmetic``,

@@ -7,14 +7,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from experiments.arguments import check_folder
-from experiments.files.plain_data import entry, read_json, write_json
-from experiments.files.provenance import code_state, provenance
-from experiments.files.table import Table, text_table
-from experiments.progress import LOG, counter
-from experiments.study.engines import Engine, Lost
-from experiments.tuning.candidates import STANDARD, Candidate, Protocol, candidates
-from experiments.tuning.objective import (
+from gplfd.experiments.arguments import check_folder
+from gplfd.experiments.files.plain_data import entry, read_json, write_json
+from gplfd.experiments.files.provenance import code_state, provenance
+from gplfd.experiments.files.table import Table, text_table
+from gplfd.experiments.progress import LOG, counter
+from gplfd.experiments.study.engines import Engine, Lost
+from gplfd.experiments.tuning.candidates import (
+    STANDARD,
+    Candidate,
+    Protocol,
+    candidates,
+)
+from gplfd.experiments.tuning.objective import (
     Evaluation,
     best,
     evaluate,
@@ -35,7 +40,7 @@ def tune(
     """Evaluate what has no evaluation, or an error; write down each method's best.
 
     Args:
-        policies: Keys of `policies.tuning_spaces.SPACES`.
+        policies: Keys of `gplfd.policies.tuning_spaces.SPACES`.
         folder: Evaluations are kept in ``folder/evaluations/<key>.json``.
         engine: Where to run.
         protocol: On what.

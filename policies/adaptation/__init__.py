@@ -8,8 +8,8 @@ rest of the motion. "own-clock" is "process" where timing is unknown, too. Other
 movements are conditioned by their own ``adapt``.
 """
 
-from policies.adaptation.exact import ExactAdaptation
-from policies.adaptation.forms import (
+from gplfd.policies.adaptation.exact import ExactAdaptation
+from gplfd.policies.adaptation.forms import (
     ADAPTATIONS,
     AdaptedMovement,
     NoAdaptation,
@@ -17,13 +17,13 @@ from policies.adaptation.forms import (
     adapt,
     begin_adaptation,
 )
-from policies.adaptation.own_clock import OwnClockAdaptation
-from policies.adaptation.process import (
+from gplfd.policies.adaptation.own_clock import OwnClockAdaptation
+from gplfd.policies.adaptation.process import (
     IndependentPhaseAdaptation,
     ProcessAdaptation,
 )
-from policies.adaptation.product import ProductAdaptation
-from policies.movement import Adaptation, AdaptationForm
+from gplfd.policies.adaptation.product import ProductAdaptation
+from gplfd.policies.movement import Adaptation, AdaptationForm
 
 __all__ = [
     "ADAPTATIONS",

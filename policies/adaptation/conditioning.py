@@ -27,8 +27,8 @@ from jaxtyping import Float
 from scipy.linalg.blas import dgemm
 from scipy.linalg.lapack import dtrtri
 
-from policies.gp.legendre import LegendreBasis
-from policies.trajectory import GaussianTrajectory
+from gplfd.policies.gp.legendre import LegendreBasis
+from gplfd.policies.trajectory import GaussianTrajectory
 
 _STRONGEST = 1e-8
 """Least via-point variance, relative to the largest variance of the output. A via-point

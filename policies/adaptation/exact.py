@@ -3,13 +3,13 @@
 import numpy as np
 from jaxtyping import Float
 
-from policies.adaptation.conditioning import (
+from gplfd.policies.adaptation.conditioning import (
     ConditionedProcess,
     Repetition,
     basis_for_grid,
 )
-from policies.skill import Skill
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd.policies.skill import Skill
+from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
 
 class ExactAdaptation(ConditionedProcess):

@@ -8,21 +8,21 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from policies.adaptation.exact import ExactAdaptation
-from policies.adaptation.own_clock import OwnClockAdaptation
-from policies.adaptation.process import ProcessAdaptation
-from policies.adaptation.product import ProductAdaptation
-from policies.movement import (
+from gplfd.policies.adaptation.exact import ExactAdaptation
+from gplfd.policies.adaptation.own_clock import OwnClockAdaptation
+from gplfd.policies.adaptation.process import ProcessAdaptation
+from gplfd.policies.adaptation.product import ProductAdaptation
+from gplfd.policies.movement import (
     Adaptable,
     Adaptation,
     AdaptationForm,
     Movement,
     Predictor,
 )
-from policies.one_thread import one_thread
-from policies.residual import ResidualAdaptation, ResidualMovement
-from policies.skill import Skill
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd.policies.one_thread import one_thread
+from gplfd.policies.residual import ResidualAdaptation, ResidualMovement
+from gplfd.policies.skill import Skill
+from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
 ADAPTATIONS: Final[Mapping[str, AdaptationForm]] = MappingProxyType(
     {

@@ -1,7 +1,7 @@
 """Via-points by the task's own clock: when is unknown, too.
 
-This form is ours. A repetition runs early or late (`policies.gp.timing`), and that one
-error moves all outputs together along the path:
+This form is ours. A repetition runs early or late (`gplfd.policies.gp.timing`), and
+that one error moves all outputs together along the path:
 
     y_i(t) = m_i(t) + e_i(t) + λ ṁ_i(t) δτ(t),   δτ ~ N(0, K_τ).
 
@@ -21,11 +21,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial.hermite_e import hermegauss
 
-from policies.adaptation.conditioning import Repetition, leading_curves
-from policies.adaptation.process import StudentProcess, demonstrated_repetition
-from policies.gp.timing import timing_covariance
-from policies.skill import Skill
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd.policies.adaptation.conditioning import Repetition, leading_curves
+from gplfd.policies.adaptation.process import StudentProcess, demonstrated_repetition
+from gplfd.policies.gp.timing import timing_covariance
+from gplfd.policies.skill import Skill
+from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
 _NEGLIGIBLE = 1e-4
 """Directions of K_τ with less than this share of its largest are left out: a hundredth
@@ -57,8 +57,9 @@ class OwnClockAdaptation:
         if aligned.clocks is None:
             raise ValueError(
                 "Timing is learned from the demonstrations' clocks, and here are none: "
-                "align the demonstrations with policies.align, learn without a prior "
-                'mean, or adapt with form="process", for which phases are certain.'
+                "align the demonstrations with gplfd.policies.align, learn without a "
+                'prior mean, or adapt with form="process", for which phases are '
+                "certain."
             )
         registered = demonstrated_repetition(skill, grid)
         basis = registered.basis

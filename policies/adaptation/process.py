@@ -1,8 +1,9 @@
 """Conditioning the demonstrated process, whose deviations are smooth.
 
-This form is ours; the paper's is `policies.adaptation.product`. A repetition of the
-task deviates from the mean as the demonstrations did (`policies.gp.deviations`): where
-the door's radius is once known, it is known for the rest of the motion.
+This form is ours; the paper's is `gplfd.policies.adaptation.product`. A repetition of
+the task deviates from the mean as the demonstrations did
+(`gplfd.policies.gp.deviations`): where the door's radius is once known, it is known for
+the rest of the motion.
 """
 
 from dataclasses import replace
@@ -10,16 +11,16 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from policies.adaptation.conditioning import (
+from gplfd.policies.adaptation.conditioning import (
     ConditionedProcess,
     Repetition,
     basis_for_grid,
 )
-from policies.aligned import thinned
-from policies.gp.deviations import DeviationProcess, conjugate_share
-from policies.gp.factorisation import factorise
-from policies.skill import Skill
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd.policies.aligned import thinned
+from gplfd.policies.gp.deviations import DeviationProcess, conjugate_share
+from gplfd.policies.gp.factorisation import factorise
+from gplfd.policies.skill import Skill
+from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
 _SMOOTHING_GRID = 60
 
@@ -101,7 +102,7 @@ class ProcessAdaptation(StudentProcess):
     * Mean and covariance do not depend on the order of the via-points or on the grid.
 
     Phases are those of the alignment, as where they are told from the path. For
-    via-points by a clock see `policies.adaptation.own_clock`.
+    via-points by a clock see `gplfd.policies.adaptation.own_clock`.
     """
 
     def __init__(
@@ -117,7 +118,7 @@ class ProcessAdaptation(StudentProcess):
             grid: phases at which the distribution is reported, shape (M,).
             empirical_share: share of the deviations' covariance taken from the
                 demonstrations' own curves, within [0, 1]; without, what their number
-                says (`policies.gp.deviations.conjugate_share`).
+                says (`gplfd.policies.gp.deviations.conjugate_share`).
 
         Raises:
             ValueError: for a share outside [0, 1], a single demonstration, or a grid

@@ -6,11 +6,11 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from policies.gp.exact import ExactGP
-from policies.gp.factorisation import factorise
-from policies.gp.kernels import RBF
-from policies.skill import Skill
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd.policies.gp.exact import ExactGP
+from gplfd.policies.gp.factorisation import factorise
+from gplfd.policies.gp.kernels import RBF
+from gplfd.policies.skill import Skill
+from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
 _STRONGEST = 1e-8
 """Least via-point variance relative to the prior's, so that σ_v = 0 and repeated

@@ -43,13 +43,17 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.empirical import EmpiricalDistribution
+from gplfd.policies.movement import LearnedMovement
+from gplfd.policies.trajectory import (
+    GaussianTrajectory,
+    checked_times,
+    white_covariance,
+)
 from gplfd_env.fields import check_quantities, quantity
 from gplfd_env.rotation_paths import unwrap_rotvecs
 from gplfd_env.se3 import compose_rotvecs
-from policies.aligned import AlignedDemonstrations
-from policies.empirical import EmpiricalDistribution
-from policies.movement import LearnedMovement
-from policies.trajectory import GaussianTrajectory, checked_times, white_covariance
 
 _STEPS = 1000
 """Integration steps per τ."""

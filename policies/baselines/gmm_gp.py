@@ -28,21 +28,21 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from gplfd_env.fields import check_quantities, quantity
-from policies.aligned import AlignedDemonstrations
-from policies.baselines.gmr import (
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.baselines.gmr import (
     GaussianMixtureRegression,
     GMRConfig,
     fit_gmr,
 )
-from policies.baselines.mixture_kernel import (
+from gplfd.policies.baselines.mixture_kernel import (
     LengthScaleConfig,
     MixtureKernel,
     fit_kernel,
 )
-from policies.baselines.moments import MomentMovement, Moments
-from policies.one_thread import one_thread
-from policies.trajectory import ViaPoint
+from gplfd.policies.baselines.moments import MomentMovement, Moments
+from gplfd.policies.one_thread import one_thread
+from gplfd.policies.trajectory import ViaPoint
+from gplfd_env.fields import check_quantities, quantity
 
 _STRONGEST = 1e-4
 """Least standard deviation of a via-point, standardised, so that demands of zero,

@@ -1,8 +1,9 @@
 """Gaussian mixture regression: a joint density of phase and pose, conditioned on phase.
 
 The GMM-GMR of Table 1 in Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979, and the reference of `policies.baselines.kmp` and
-`policies.baselines.gmm_gp`. Equation numbers refer to Jaquier, Ginsbourger, Calinon,
+Demonstration*, arXiv:2002.09979, and the reference of `gplfd.policies.baselines.kmp`
+and `gplfd.policies.baselines.gmm_gp`. Equation numbers refer to Jaquier, Ginsbourger,
+Calinon,
 *Learning from demonstration with model-based Gaussian process*, CoRL 2019, Section 2.1.
 
 Outputs are standardised per axis before the mixture is fitted, because its
@@ -20,12 +21,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import softmax
 
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.baselines.moments import MomentMovement, Moments
+from gplfd.policies.baselines.standardisation import Standardisation
+from gplfd.policies.one_thread import one_thread
+from gplfd.policies.trajectory import white_covariance
 from gplfd_env.fields import check_quantities, quantity
-from policies.aligned import AlignedDemonstrations
-from policies.baselines.moments import MomentMovement, Moments
-from policies.baselines.standardisation import Standardisation
-from policies.one_thread import one_thread
-from policies.trajectory import white_covariance
 
 if TYPE_CHECKING:
     from sklearn.mixture import GaussianMixture

@@ -17,16 +17,16 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.fields import check_quantities, quantity
-from policies.aligned import AlignedDemonstrations
-from policies.baselines.gmr import (
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.baselines.gmr import (
     GaussianMixtureRegression,
     GMRConfig,
     fit_gmr,
 )
-from policies.baselines.moments import MomentMovement, Moments
-from policies.baselines.smoothed_reference import Reference, SmoothedReference
-from policies.trajectory import ViaPoint
+from gplfd.policies.baselines.moments import MomentMovement, Moments
+from gplfd.policies.baselines.smoothed_reference import Reference, SmoothedReference
+from gplfd.policies.trajectory import ViaPoint
+from gplfd_env.fields import check_quantities, quantity
 
 _STRONGEST = 1e-4
 """Least standard deviation of a via-point, standardised. A demand of zero would have

@@ -32,14 +32,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import softmax
 
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.baselines.moments import MomentMovement, Moments
+from gplfd.policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
+from gplfd.policies.gp.hyperparameters import fit_kernel_and_noise
+from gplfd.policies.gp.noise_profile import NoiseProfile
+from gplfd.policies.gp.replicates import Replicates
+from gplfd.policies.one_thread import one_thread
 from gplfd_env.fields import check_quantities, quantity
-from policies.aligned import AlignedDemonstrations
-from policies.baselines.moments import MomentMovement, Moments
-from policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
-from policies.gp.hyperparameters import fit_kernel_and_noise
-from policies.gp.noise_profile import NoiseProfile
-from policies.gp.replicates import Replicates
-from policies.one_thread import one_thread
 
 _FEWEST_SAMPLES = 4
 """A cluster needs more samples than its process has hyper-parameters."""
@@ -135,8 +135,9 @@ def fit_local_gp(
 ) -> LocalGaussianProcesses:
     """Learn local Gaussian processes from aligned demonstrations.
 
-    The replicates collapse exactly (`policies.gp.replicates`), so the cost does not
-    grow with the number of demonstrations. With a single one the noise is the scatter
+    The replicates collapse exactly (`gplfd.policies.gp.replicates`), so the cost does
+    not grow with the number of demonstrations. With a single one the noise is the
+    scatter
     of its samples around smooth curves: nothing is known about repetitions.
 
     Args:

@@ -11,9 +11,9 @@ from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
+from gplfd.policies.aligned import thinned
+from gplfd.policies.baselines.gmr import GaussianMixtureRegression
 from gplfd_env.fields import check_quantities, quantity
-from policies.aligned import thinned
-from policies.baselines.gmr import GaussianMixtureRegression
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

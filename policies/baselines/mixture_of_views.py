@@ -3,7 +3,8 @@
 The expectation maximisation of Calinon, *A tutorial on task-parameterized movement
 learning and retrieval*, Intelligent Service Robotics 9, 2016: the views of a sample are
 independent given its component. With one view it is that of
-`policies.baselines.gmr.fit_gmr` (``test_one_frame_is_gaussian_mixture_regression``).
+`gplfd.policies.baselines.gmr.fit_gmr`
+(``test_one_frame_is_gaussian_mixture_regression``).
 """
 
 from collections.abc import Sequence
@@ -12,9 +13,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from policies.baselines.gmr import GMRConfig, warn_of_early_stop
-from policies.baselines.standardisation import Standardisation
-from policies.one_thread import one_thread
+from gplfd.policies.baselines.gmr import GMRConfig, warn_of_early_stop
+from gplfd.policies.baselines.standardisation import Standardisation
+from gplfd.policies.one_thread import one_thread
 
 
 def fit_mixture_of_views(

@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from policies.movement import LearnedMovement
-from policies.one_thread import one_thread
-from policies.trajectory import GaussianTrajectory, checked_times
+from gplfd.policies.movement import LearnedMovement
+from gplfd.policies.one_thread import one_thread
+from gplfd.policies.trajectory import GaussianTrajectory, checked_times
 
 Moments = tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]
 """Mean and standard deviation at M phases, or mean and variance."""

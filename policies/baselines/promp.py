@@ -30,11 +30,11 @@ from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve, pinvh
 from scipy.special import softmax
 
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.movement import LearnedMovement
+from gplfd.policies.one_thread import one_thread
+from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
 from gplfd_env.fields import check_quantities, quantity
-from policies.aligned import AlignedDemonstrations
-from policies.movement import LearnedMovement
-from policies.one_thread import one_thread
-from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
 
 _SINGULAR = 1e-9
 """Share of a demand's whole variance that must be its own tolerance, so that rounding

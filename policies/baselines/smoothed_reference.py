@@ -1,4 +1,4 @@
-"""The mathematics of `policies.baselines.kmp`: a reference smoothed by a kernel.
+"""The mathematics of `gplfd.policies.baselines.kmp`: a reference smoothed by a kernel.
 
 Equation numbers refer to Huang, Rozo, Silvério, Caldwell, *Kernelized movement
 primitives*, IJRR 2019. Everything is standardised. With N phases t_i, means μ_i and
@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve, eigh
 
-from policies.gp.kernels import RBF
+from gplfd.policies.gp.kernels import RBF
 
 _NODES_PER_SCALE = 4
 """Nodes per length-scale that carry the kernel, besides `_MORE_NODES`."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from policies.aligned import FINEST
-from policies.records import freeze
+from gplfd.policies.aligned import FINEST
+from gplfd.policies.records import freeze
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -1,6 +1,6 @@
 """Frames from which a door's opening is seen: at its closed handle, and at its hinge.
 
-They belong to `policies.baselines.tp_gmm`. A frame {A, b} sees a pose ξ as
+They belong to `gplfd.policies.baselines.tp_gmm`. A frame {A, b} sees a pose ξ as
 A⁻¹ (ξ − b). The hinge is the centre c of a circle through the hand's path, after Kåsa:
 |p|² = 2 pᵀc + k is linear in (c, k), so that a Gaussian over both stays one when
 further points of the circle are seen.
@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve
 
-from policies.records import freeze
-from policies.trajectory import ViaPoint
+from gplfd.policies.records import freeze
+from gplfd.policies.trajectory import ViaPoint
 
 PLANE = [0, 2]
 """x and z, the plane in which a door turns."""

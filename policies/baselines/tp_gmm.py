@@ -9,7 +9,7 @@ situation every Gaussian is brought there by the new frames, and these are multi
     Σ_i⁻¹ = Σ_j Σ̂_ij⁻¹,   μ_i = Σ_i Σ_j Σ̂_ij⁻¹ μ̂_ij,                            Eq. (6)
 
 with μ̂_ij = A_j μ_ij + b_j and Σ̂_ij = A_j Σ_ij A_jᵀ. What results is a mixture of phase
-and pose, which `policies.baselines.gmr` regresses. Frames that agree count as
+and pose, which `gplfd.policies.baselines.gmr` regresses. Frames that agree count as
 independent witnesses: where both say the same the spread is 1/√2 of theirs, as
 published (``test_two_equal_frames_halve_the_variance``).
 
@@ -41,11 +41,11 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from policies.aligned import AlignedDemonstrations
-from policies.baselines.gmr import GaussianMixtureRegression, GMRConfig
-from policies.baselines.mixture_of_views import fit_mixture_of_views
-from policies.baselines.standardisation import Standardisation
-from policies.baselines.task_frames import (
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.baselines.gmr import GaussianMixtureRegression, GMRConfig
+from gplfd.policies.baselines.mixture_of_views import fit_mixture_of_views
+from gplfd.policies.baselines.standardisation import Standardisation
+from gplfd.policies.baselines.task_frames import (
     HANDLE,
     PLANE,
     Circle,
@@ -53,9 +53,9 @@ from policies.baselines.task_frames import (
     fit_circle,
     hinge_frame,
 )
-from policies.movement import LearnedMovement
-from policies.records import freeze
-from policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
+from gplfd.policies.movement import LearnedMovement
+from gplfd.policies.records import freeze
+from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -4,7 +4,7 @@ The method of Umlauft, Fanger and Hirche (*Bayesian Uncertainty Modeling for Pro
 by Demonstration*, ICRA 2017). The uncertainty of the mean and the variation of the
 demonstrations are learned separately: the former is the variance of a Gaussian process,
 the latter a covariance matrix of all outputs that changes with time, inferred as a
-generalised Wishart process (`policies.baselines.wishart_process`).
+generalised Wishart process (`gplfd.policies.baselines.wishart_process`).
 
 This is a **reconstruction**: it was written without access to the original, from its
 abstract and how others describe it. Assumed here:
@@ -30,18 +30,18 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.fields import check_quantities, quantity
-from policies.aligned import FINEST, AlignedDemonstrations, thinned
-from policies.baselines.moments import MomentMovement, Moments
-from policies.baselines.wishart_process import (
+from gplfd.policies.aligned import FINEST, AlignedDemonstrations, thinned
+from gplfd.policies.baselines.moments import MomentMovement, Moments
+from gplfd.policies.baselines.wishart_process import (
     WishartLikelihood,
     WishartPosterior,
     WishartPrior,
     sample_posterior,
 )
-from policies.gp.multi_output import MultiOutputGP
-from policies.gp.noise import HomoscedasticNoise
-from policies.one_thread import one_thread
+from gplfd.policies.gp.multi_output import MultiOutputGP
+from gplfd.policies.gp.noise import HomoscedasticNoise
+from gplfd.policies.one_thread import one_thread
+from gplfd_env.fields import check_quantities, quantity
 
 _SHRINKAGE = 1e-6
 """Share of independence in the pooled correlations: outputs may be proportional."""

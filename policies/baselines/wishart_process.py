@@ -34,10 +34,10 @@ from jaxtyping import Float
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
-from policies.baselines.elliptical_slice import elliptical_slice_chain
-from policies.gp.kernels import RBF
-from policies.gp.legendre import LegendreBasis
-from policies.gp.spectral import square_root
+from gplfd.policies.baselines.elliptical_slice import elliptical_slice_chain
+from gplfd.policies.gp.kernels import RBF
+from gplfd.policies.gp.legendre import LegendreBasis
+from gplfd.policies.gp.spectral import square_root
 
 _MODE_ITERATIONS = 50
 

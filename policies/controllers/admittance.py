@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
-from policies.controllers.stiffness import VirtualDynamics
-from policies.members import EVERY_MEMBER, Members
+from gplfd.policies.controllers.stiffness import VirtualDynamics
+from gplfd.policies.members import EVERY_MEMBER, Members
 
 
 class Admittance:

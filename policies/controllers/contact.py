@@ -1,13 +1,14 @@
 """Stability of the admittance while something rigid holds the hand.
 
-The conditions of `policies.controllers.stability` are those of the virtual dynamics
-alone, Eq. (22) with F = 0. A hand that is held closes another loop: the displacement e
-of the command stretches the servo, whose force comes back as F after a delay τ,
+The conditions of `gplfd.policies.controllers.stability` are those of the virtual
+dynamics alone, Eq. (22) with F = 0. A hand that is held closes another loop: the
+displacement e of the command stretches the servo, whose force comes back as F after a
+delay τ,
 
     m ë(t) + d ė(t) + k e(t) = F(t) = -k_s e(t - τ),
 
 k_s the stiffness of the servo in series with what holds the hand. At a control period h
-and integrated as `policies.controllers.admittance.Admittance` does it, this is
+and integrated as `gplfd.policies.controllers.admittance.Admittance` does it, this is
 
     M (e' - 2e + e⁻) + D (e' - e) + k e' = -k_s e_q,    M = m/h²,  D = d/h,
 
@@ -22,8 +23,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from gplfd.policies.records import freeze
 from gplfd_env.task import CONTROL_PERIOD
-from policies.records import freeze
 
 Axes = Float[np.ndarray, "*N 6"]
 

@@ -14,12 +14,12 @@ from typing import ClassVar, Final, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from gplfd.policies.controllers.admittance import Admittance
+from gplfd.policies.controllers.contact import HELD_HAND
+from gplfd.policies.controllers.stiffness import VirtualDynamics
+from gplfd.policies.members import EVERY_MEMBER, Members
 from gplfd_env.se3 import compose_rotvecs
 from gplfd_env.task import Control
-from policies.controllers.admittance import Admittance
-from policies.controllers.contact import HELD_HAND
-from policies.controllers.stiffness import VirtualDynamics
-from policies.members import EVERY_MEMBER, Members
 
 Axes = Float[np.ndarray, "*N 6"]
 Vectors = Float[np.ndarray, "*N 3"]
@@ -153,7 +153,8 @@ class ArmRendering:
       leads by f (1/k - 1/K), K the greatest stiffness of the arm: a hand that lags by x
       pulls along its load with K x, as the stiff arm of the other rendering does. Of a
       held hand's force the share 1 - k/K < 1 comes back as carried load, so that it
-      settles at every delay. The loop of `policies.controllers.contact` does not exist.
+      settles at every delay. The loop of `gplfd.policies.controllers.contact` does not
+      exist.
     * The servo's damper brakes the hand's own motion, that of the virtual dynamics its
       deviation. The set-point leads by d v/k where it moves at v, smoothed: load sets
       the clock's pace, and with it v, which sets the load.

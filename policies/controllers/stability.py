@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
-from policies.members import EVERY_MEMBER, Members
+from gplfd.policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
+from gplfd.policies.members import EVERY_MEMBER, Members
 
 _USED_SHARE = 0.999
 """The conditions are strict inequalities: the governor stops just short of equality."""
@@ -144,9 +144,10 @@ class StiffnessGovernor:
     free. d(k) grows no faster than 2δ√(m k), which is concave, so a step h that
     satisfies (k' - k)/h < bound(k) also satisfies the condition in finite differences,
     (k' - k) + γ(d' - d) - 2γ h k < 0, for every h.
-    Together with the implicit step of `policies.controllers.admittance.Admittance` the
-    function m(v + γe)²/2 + (k' + γd' - γ²m)e²/2 then never grows without external
-    force, whatever the uncertainty does: `test_lyapunov_function_never_grows`.
+    Together with the implicit step of
+    `gplfd.policies.controllers.admittance.Admittance` the function m(v + γe)²/2 + (k' +
+    γd' - γ²m)e²/2 then never grows without external force, whatever the uncertainty
+    does: `test_lyapunov_function_never_grows`.
 
     Args:
         profile: Gives k_min, hence γ; wishes below k_min are raised to it.

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import expit
 
-from policies.controllers.contact import HELD_HAND
-from policies.records import read_only
+from gplfd.policies.controllers.contact import HELD_HAND
+from gplfd.policies.records import read_only
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -28,9 +28,9 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from policies.aligned import thinned
-from policies.gp.factorisation import factorise
-from policies.gp.kernels import RBF
+from gplfd.policies.aligned import thinned
+from gplfd.policies.gp.factorisation import factorise
+from gplfd.policies.gp.kernels import RBF
 
 _GRID = 60
 """Samples of a demonstration used: deviations are smooth, and the cost is cubic."""

@@ -6,7 +6,7 @@ over the M samples once and then costs O(q³) per evaluation, whatever M; `Dense
 costs O(M³).
 
 Spectral form, with A = a_i(t_m) (M × q) and S the kernel in the basis
-(`policies.gp.legendre`): the QR factorisation N^(−½) A = Q R, u = Qᵀ N^(−½) y and
+(`gplfd.policies.gp.legendre`): the QR factorisation N^(−½) A = Q R, u = Qᵀ N^(−½) y and
 ρ² = ‖N^(−½) y − Q u‖² give
 
     log |K + c N| = log |c N| + log |B|,   B = I + R S Rᵀ / c,
@@ -23,9 +23,9 @@ from jaxtyping import Float
 from scipy.linalg import qr
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
-from policies.gp.exact import LOG_2PI, ExactGP
-from policies.gp.kernels import RBF
-from policies.gp.legendre import LegendreBasis
+from gplfd.policies.gp.exact import LOG_2PI, ExactGP
+from gplfd.policies.gp.kernels import RBF
+from gplfd.policies.gp.legendre import LegendreBasis
 
 Evidence = Callable[[RBF, float], tuple[float, np.ndarray]]
 """A log marginal likelihood of kernel and noise scale c: its value, and its derivatives

@@ -1,8 +1,8 @@
 """Exact Gaussian-process regression of one output.
 
 Eqs. (1)–(5), (7), and (10)–(11) when the noise differs from point to point. Dense,
-O(N³); `policies.gp.legendre` has the form whose cost does not grow with the number of
-samples.
+O(N³); `gplfd.policies.gp.legendre` has the form whose cost does not grow with the
+number of samples.
 """
 
 from collections.abc import Callable
@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from policies.gp.factorisation import CholeskyFactor, factorise
-from policies.gp.kernels import RBF
+from gplfd.policies.gp.factorisation import CholeskyFactor, factorise
+from gplfd.policies.gp.kernels import RBF
 
 LOG_2PI = float(np.log(2.0 * np.pi))
 

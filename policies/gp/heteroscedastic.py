@@ -9,15 +9,15 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from policies.aligned import FINEST
-from policies.gp.exact import ExactGP
-from policies.gp.hyperparameters import fit_kernel
-from policies.gp.kernels import RBF
-from policies.gp.legendre import LegendreBasis
-from policies.gp.noise_profile import NoiseModel, NoiseProfile
-from policies.gp.replicates import Replicates
-from policies.gp.spectral import SpectralPosterior
-from policies.records import short_repr
+from gplfd.policies.aligned import FINEST
+from gplfd.policies.gp.exact import ExactGP
+from gplfd.policies.gp.hyperparameters import fit_kernel
+from gplfd.policies.gp.kernels import RBF
+from gplfd.policies.gp.legendre import LegendreBasis
+from gplfd.policies.gp.noise_profile import NoiseModel, NoiseProfile
+from gplfd.policies.gp.replicates import Replicates
+from gplfd.policies.gp.spectral import SpectralPosterior
+from gplfd.policies.records import short_repr
 
 
 def offset_and_scale(
@@ -43,7 +43,8 @@ class HeteroscedasticGP:
     Inside, the output is centred and scaled to order one; `offset` and `scale` map
     back. The prior mean is therefore the average of the demonstrations, where the
     paper's is zero: it only matters outside the demonstrated interval. What is left
-    over by a prior mean (`policies.residual`) is not centred: its prior mean is zero.
+    over by a prior mean (`gplfd.policies.residual`) is not centred: its prior mean is
+    zero.
     """
 
     offset: float

@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize
 
-from policies.gp.evidence import DenseEvidence, Evidence, SpectralEvidence
-from policies.gp.kernels import RBF
-from policies.gp.legendre import SIZES, LegendreBasis
-from policies.gp.replicates import Replicates
+from gplfd.policies.gp.evidence import DenseEvidence, Evidence, SpectralEvidence
+from gplfd.policies.gp.kernels import RBF
+from gplfd.policies.gp.legendre import SIZES, LegendreBasis
+from gplfd.policies.gp.replicates import Replicates
 
 _LONGEST = 3.0
 """Longest length-scale, as a fraction of the time span."""

@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.fields import check_quantities, quantity
-from policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
-from policies.gp.kernels import RBF
-from policies.gp.legendre import LegendreBasis
-from policies.gp.noise_profile import (
+from gplfd.policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
+from gplfd.policies.gp.kernels import RBF
+from gplfd.policies.gp.legendre import LegendreBasis
+from gplfd.policies.gp.noise_profile import (
     LEAST_SCALE,
     LEAST_VARIANCE,
     SHORTEST_SCALE,
     NoiseProfile,
 )
-from policies.gp.replicates import Replicates
+from gplfd.policies.gp.replicates import Replicates
+from gplfd_env.fields import check_quantities, quantity
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

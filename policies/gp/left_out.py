@@ -1,7 +1,7 @@
 """How well deviations forecast a demonstration that is left out.
 
-The likelihood of `policies.gp.deviations` asks for the most probable covariance of
-whole curves, in which every sample after the first is told by its neighbours: it
+The likelihood of `gplfd.policies.gp.deviations` asks for the most probable covariance
+of whole curves, in which every sample after the first is told by its neighbours: it
 settles how curves wobble from sample to sample, and says little of how far they have
 wandered half a task later. That is what a forecast needs. So every demonstration in
 turn is compared to the mean of the others, e_k D/(D − 1), its start is conditioned on,
@@ -19,8 +19,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import gammaln
 
-from policies.aligned import thinned
-from policies.gp.deviations import DeviationProcess, conjugate_share
+from gplfd.policies.aligned import thinned
+from gplfd.policies.gp.deviations import DeviationProcess, conjugate_share
 
 _FACTORS = 2.0 ** np.arange(-2.0, 8.0)
 """Factors on c among which is chosen; beyond them all or nothing of r is wobble."""

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial.legendre import leggauss, legvander
 
-from policies.gp.kernels import RBF
+from gplfd.policies.gp.kernels import RBF
 
 SIZES = {48: 0.1, 96: 0.05, 192: 0.02}
 """Basis sizes and the shortest RBF length-scale, as a fraction of the interval, that

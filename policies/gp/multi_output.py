@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from policies.gp.heteroscedastic import HeteroscedasticGP
-from policies.gp.legendre import LegendreBasis
-from policies.gp.noise_profile import NoiseModel
-from policies.gp.spectral import SpectralPosterior
-from policies.records import short_repr
+from gplfd.policies.gp.heteroscedastic import HeteroscedasticGP
+from gplfd.policies.gp.legendre import LegendreBasis
+from gplfd.policies.gp.noise_profile import NoiseModel
+from gplfd.policies.gp.spectral import SpectralPosterior
+from gplfd.policies.records import short_repr
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -2,7 +2,7 @@
 
 The paper models z(t) = log r(t) with a second Gaussian process and takes its most
 likely value, Eq. (15). A noise model is an object with one method, ``fit``; the paper's
-own is in `policies.gp.kersting`.
+own is in `gplfd.policies.gp.kersting`.
 
 Note:
     The logarithm of an empirical variance with k degrees of freedom is biased:
@@ -16,18 +16,18 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import digamma, polygamma
 
-from gplfd_env.fields import check_quantities, quantity
-from policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
-from policies.gp.kernels import RBF
-from policies.gp.legendre import LegendreBasis
-from policies.gp.noise_profile import (
+from gplfd.policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
+from gplfd.policies.gp.kernels import RBF
+from gplfd.policies.gp.legendre import LegendreBasis
+from gplfd.policies.gp.noise_profile import (
     LEAST_SCALE,
     LEAST_VARIANCE,
     SHORTEST_SCALE,
     NoiseProfile,
 )
-from policies.gp.replicates import Replicates
-from policies.gp.spectral import square_root
+from gplfd.policies.gp.replicates import Replicates
+from gplfd.policies.gp.spectral import square_root
+from gplfd_env.fields import check_quantities, quantity
 
 LEAST_SPREAD = 3e-3
 """By default, the least standard deviation of repetitions, relative to that of the

@@ -9,8 +9,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from policies.gp.legendre import LegendreBasis
-from policies.records import short_repr
+from gplfd.policies.gp.legendre import LegendreBasis
+from gplfd.policies.records import short_repr
 
 LEAST_VARIANCE = 1e-10
 """Smallest observation of exp z(t), relative to the variance of the output."""

@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from policies.gp.evidence import SpectralEvidence
-from policies.gp.exact import ExactGP
-from policies.gp.kernels import RBF
-from policies.gp.legendre import LegendreBasis
-from policies.gp.spectral import SpectralPosterior
-from policies.records import short_repr
+from gplfd.policies.gp.evidence import SpectralEvidence
+from gplfd.policies.gp.exact import ExactGP
+from gplfd.policies.gp.kernels import RBF
+from gplfd.policies.gp.legendre import LegendreBasis
+from gplfd.policies.gp.spectral import SpectralPosterior
+from gplfd.policies.records import short_repr
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -1,7 +1,8 @@
 """The posterior of one output in the spectral form.
 
-With f(t) = Σ_i a_i(t) w_i, w ~ N(0, S) (`policies.gp.legendre`), S = F₀ F₀ᵀ, and the
-reduced data R, u of `policies.gp.evidence`, the posterior of Eqs. (10)–(11) is
+With f(t) = Σ_i a_i(t) w_i, w ~ N(0, S) (`gplfd.policies.gp.legendre`), S = F₀ F₀ᵀ, and
+the reduced data R, u of `gplfd.policies.gp.evidence`, the posterior of Eqs. (10)–(11)
+is
 
     Λ = I + F₀ᵀ Rᵀ R F₀ = L Lᵀ,   F = F₀ L⁻ᵀ,   cov w = F Fᵀ,   E w = F Fᵀ Rᵀ u:
 
@@ -15,8 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import cholesky, solve_triangular
 
-from policies.gp.evidence import SpectralEvidence
-from policies.gp.kernels import RBF
+from gplfd.policies.gp.evidence import SpectralEvidence
+from gplfd.policies.gp.kernels import RBF
 
 _RANK_TOLERANCE = 1e-16
 

@@ -14,7 +14,7 @@ clocks span only a few shapes, and the next may take another of the same size
 import numpy as np
 from jaxtyping import Float
 
-from policies.gp.kernels import RBF
+from gplfd.policies.gp.kernels import RBF
 
 _STATIONARY = 0.5
 """Share of the variance that may take any smooth shape."""

@@ -4,8 +4,8 @@ from typing import Final
 
 import numpy as np
 
-from policies.reference.yielding import Yielding
-from policies.steps import AgentStep, Observation
+from gplfd.policies.reference.yielding import Yielding
+from gplfd.policies.steps import AgentStep, Observation
 
 _PULL: Final = np.array([16.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 """Force with which the set-point is drawn away from the door [N, N m]."""

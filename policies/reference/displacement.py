@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
+from gplfd.policies.load import CarriedLoad
+from gplfd.policies.reference.path import HandPath, turned_towards
+from gplfd.policies.reference.yielding import Yielding
+from gplfd.policies.steps import AgentStep, Observation
 from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE
-from policies.load import CarriedLoad
-from policies.reference.path import HandPath, turned_towards
-from policies.reference.yielding import Yielding
-from policies.steps import AgentStep, Observation
 
 _SPEED: Final = 0.12
 """Of the reflex's set-point [m/s]."""

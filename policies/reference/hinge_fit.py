@@ -1,6 +1,6 @@
 """What an engineer who knows that it is a door would write, without demonstrations.
 
-Where the hinge is, is estimated online from the hand's path (`policies.reference.
+Where the hinge is, is estimated online from the hand's path (`gplfd.policies.reference.
 circle`); the hand is pulled along the estimated circle at a set pace, turns with the
 angle, and yields to every force but the door's resistance along the way, so that a
 lasting radial force, which says that the circle is wrong, moves the command.
@@ -11,12 +11,12 @@ from typing import Final
 
 import numpy as np
 
+from gplfd.policies.load import CarriedLoad
+from gplfd.policies.reference.circle import UPRIGHT, Circle
+from gplfd.policies.reference.path import HandPath
+from gplfd.policies.reference.yielding import Yielding
+from gplfd.policies.steps import AgentStep, Observation
 from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE
-from policies.load import CarriedLoad
-from policies.reference.circle import UPRIGHT, Circle
-from policies.reference.path import HandPath
-from policies.reference.yielding import Yielding
-from policies.steps import AgentStep, Observation
 
 _PACE: Final = 0.25
 """Angular speed of the opening [rad/s]."""

@@ -2,9 +2,9 @@
 
 import math
 
+from gplfd.policies.steps import AgentStep, Observation
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE
-from policies.steps import AgentStep, Observation
 
 _DURATION = 6.0
 """Time from the closed door to `DEMONSTRATED_ANGLE` [s]."""

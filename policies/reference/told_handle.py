@@ -1,9 +1,9 @@
 """What it is worth to know how far a handle has to be turned, and nothing else.
 
-The circle fit of `policies.reference.hinge_fit`, after the handle has been turned by as
-much as it was told, about the axis that it was told. While the handle is turned by θ,
-the leaf's own motion is seen and commanded through the handle's known displacement: of
-poses as rigid motions, hand = leaf ∘ handle(θ).
+The circle fit of `gplfd.policies.reference.hinge_fit`, after the handle has been turned
+by as much as it was told, about the axis that it was told. While the handle is turned
+by θ, the leaf's own motion is seen and commanded through the handle's known
+displacement: of poses as rigid motions, hand = leaf ∘ handle(θ).
 """
 
 import math
@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from gplfd.policies.reference.hinge_fit import HingeFitAgent
+from gplfd.policies.steps import AgentStep, Observation
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.task import CONTROL_PERIOD
-from policies.reference.hinge_fit import HingeFitAgent
-from policies.steps import AgentStep, Observation
 
 Pose = Float[np.ndarray, " 6"]
 

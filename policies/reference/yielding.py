@@ -13,11 +13,11 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Float
 
+from gplfd.policies.controllers.admittance import Admittance
+from gplfd.policies.controllers.stiffness import VirtualDynamics
+from gplfd.policies.steps import AgentStep
 from gplfd_env.se3 import compose_rotvecs
 from gplfd_env.task import CONTROL_PERIOD
-from policies.controllers.admittance import Admittance
-from policies.controllers.stiffness import VirtualDynamics
-from policies.steps import AgentStep
 
 _STIFFNESS: Final = np.repeat([5.0, 0.5], 3)
 """K [N/m, N m/rad]."""

@@ -12,14 +12,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.metrics import episode_metrics
-from experiments.teacher import standard_teacher
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.metrics import episode_metrics
+from gplfd.experiments.teacher import standard_teacher
+from gplfd.policies.steps import AgentStep
+from gplfd.policies.trajectory import GaussianTrajectory
 from gplfd_env.config import DoorConfig
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc
-from policies.steps import AgentStep
-from policies.trajectory import GaussianTrajectory
 
 RADIUS = 0.5
 FINAL_ANGLE = math.radians(66.0)

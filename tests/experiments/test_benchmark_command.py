@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from experiments.cli import main
-from experiments.study import jobs, runner, store
-from experiments.study.engines import Lost
-from experiments.study.settings import StudySettings
-from experiments.study.settings_file import read_settings, write_settings
+from gplfd.experiments.cli import main
+from gplfd.experiments.study import jobs, runner, store
+from gplfd.experiments.study.engines import Lost
+from gplfd.experiments.study.settings import StudySettings
+from gplfd.experiments.study.settings_file import read_settings, write_settings
 
 
 @pytest.fixture
@@ -120,7 +120,7 @@ def test_workers_that_die_are_errors_of_the_study(
                 yield item, Lost(reason="its worker process died")
 
     monkeypatch.setattr(
-        "experiments.commands.options.engine_named", lambda *_, **__: Deadly()
+        "gplfd.experiments.commands.options.engine_named", lambda *_, **__: Deadly()
     )
     options = ["--policies", "oracle", "--doors", "small", "--seeds", "2"]
     assert benchmark(tmp_path, *options) == 1
@@ -202,7 +202,7 @@ def test_recordings_are_made_when_asked_for(
 ) -> None:
     recorded: list[Path] = []
     module = types.SimpleNamespace(record_extremes=recorded.append)
-    monkeypatch.setitem(sys.modules, "experiments.extremes", module)
+    monkeypatch.setitem(sys.modules, "gplfd.experiments.extremes", module)
     options = ["--policies", "gp", "--doors", "small", "--seeds", "1", "--no-skill"]
     assert benchmark(tmp_path, *options) == 0
     assert recorded == []
@@ -325,7 +325,7 @@ def test_a_folder_that_cannot_be_written_ends_with_status_2(
 WAITING = """\
 import time
 from pathlib import Path
-from policies import make_agent
+from gplfd.policies import make_agent
 
 def make(training):
     while training.seed >= int(Path("allowed").read_text()):

@@ -10,12 +10,12 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from experiments.episodes.metrics import episode_metrics
-from experiments.recording.compared import MEASURED
-from experiments.recording.comparison import COLOURS, record_comparison
-from experiments.recording.comparison_layout import ROW, SPACING
-from experiments.teacher import Teacher
-from experiments.trials.protocol import TRIALS
+from gplfd.experiments.episodes.metrics import episode_metrics
+from gplfd.experiments.recording.compared import MEASURED
+from gplfd.experiments.recording.comparison import COLOURS, record_comparison
+from gplfd.experiments.recording.comparison_layout import ROW, SPACING
+from gplfd.experiments.teacher import Teacher
+from gplfd.experiments.trials.protocol import TRIALS
 
 
 @pytest.fixture(autouse=True)

@@ -25,21 +25,21 @@ import h5py
 import numpy as np
 import pytest
 
-import policies
-from experiments.datasets.minari import Recorder, open_dataset, write_dataset
-from experiments.datasets.minari.contents import contents
-from experiments.datasets.npz import load_demonstrations, save_demonstrations
-from experiments.datasets.replay import replays
-from experiments.episodes.log import EpisodeLog
-from experiments.files.plain_data import read_json, write_json
-from experiments.files.provenance import content_hash
-from experiments.study.settings import StudySettings
-from experiments.study.settings_file import read_settings, write_settings
-from experiments.study.store import damaged_results, result_path
-from experiments.study.tasks import EpisodeTask
-from experiments.teacher import Teacher
+from gplfd import policies
+from gplfd.experiments.datasets.minari import Recorder, open_dataset, write_dataset
+from gplfd.experiments.datasets.minari.contents import contents
+from gplfd.experiments.datasets.npz import load_demonstrations, save_demonstrations
+from gplfd.experiments.datasets.replay import replays
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.files.plain_data import read_json, write_json
+from gplfd.experiments.files.provenance import content_hash
+from gplfd.experiments.study.settings import StudySettings
+from gplfd.experiments.study.settings_file import read_settings, write_settings
+from gplfd.experiments.study.store import damaged_results, result_path
+from gplfd.experiments.study.tasks import EpisodeTask
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies.demonstrations import Demonstration
 from gplfd_env import ENVIRONMENT_ID
-from policies.demonstrations import Demonstration
 
 VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "8"))
 """Files per kind of file and of damage."""

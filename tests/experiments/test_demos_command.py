@@ -13,12 +13,12 @@ import minari
 import numpy as np
 import pytest
 
-from experiments import cli
-from experiments.datasets.minari import open_dataset
-from experiments.datasets.minari.contents import title
+from gplfd.experiments import cli
+from gplfd.experiments.datasets.minari import open_dataset
+from gplfd.experiments.datasets.minari.contents import title
 
 Gplfd = Callable[..., int]
-DATASETS = "experiments.datasets."
+DATASETS = "gplfd.experiments.datasets."
 
 
 @pytest.fixture

@@ -14,15 +14,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from experiments import cli
-from experiments.datasets.minari import open_dataset
-from experiments.datasets.npz import save_demonstrations
-from experiments.datasets.preparation.samples import usable
-from experiments.datasets.readers import read_recordings
-from experiments.datasets.readers.selection import Selection
-from experiments.teacher import Teacher
+from gplfd.experiments import cli
+from gplfd.experiments.datasets.minari import open_dataset
+from gplfd.experiments.datasets.npz import save_demonstrations
+from gplfd.experiments.datasets.preparation.samples import usable
+from gplfd.experiments.datasets.readers import read_recordings
+from gplfd.experiments.datasets.readers.selection import Selection
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies.demonstrations import Demonstration
 from gplfd_env.se3 import rotation_distance
-from policies.demonstrations import Demonstration
 
 
 @pytest.fixture(autouse=True)

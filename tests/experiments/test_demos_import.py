@@ -12,10 +12,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from experiments import cli
-from experiments.datasets.npz import FIRST_POSE, FRAME, load_demonstrations
-from experiments.teacher import DEMONSTRATED_RADII, Teacher
-from policies.demonstrations import Demonstration
+from gplfd.experiments import cli
+from gplfd.experiments.datasets.npz import FIRST_POSE, FRAME, load_demonstrations
+from gplfd.experiments.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd.policies.demonstrations import Demonstration
 
 START = np.array([1.0, 2.0, 0.9])
 TURN = Rotation.from_rotvec([0.4, -0.2, 1.1])

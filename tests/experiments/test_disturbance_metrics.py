@@ -6,13 +6,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from experiments.episodes.disturbance_metrics import (
+from gplfd.experiments.episodes.disturbance_metrics import (
     door_acceleration,
     release,
     sustained,
 )
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.metrics import episode_metrics
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.metrics import episode_metrics
 
 MakeLog = Callable[..., EpisodeLog]
 DT = 0.01

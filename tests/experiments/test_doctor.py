@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from experiments import cli, doctor
+from gplfd.experiments import cli, doctor
 
 
 @pytest.fixture

@@ -13,12 +13,12 @@ from typing import Any
 
 import pytest
 
-from experiments.study.engines import ATTEMPTS, Lost, engine_named
-from experiments.study.engines.processes import Processes
-from experiments.study.engines.serial import Serial
-from experiments.study.plan import checked, tasks
-from experiments.study.runner import run_study
-from experiments.study.settings import StudySettings
+from gplfd.experiments.study.engines import ATTEMPTS, Lost, engine_named
+from gplfd.experiments.study.engines.processes import Processes
+from gplfd.experiments.study.engines.serial import Serial
+from gplfd.experiments.study.plan import checked, tasks
+from gplfd.experiments.study.runner import run_study
+from gplfd.experiments.study.settings import StudySettings
 
 # The work of these tests are local functions, which travel to workers by value.
 
@@ -113,7 +113,9 @@ def test_options_an_engine_does_not_have_are_refused(
 
 def test_without_dask_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    monkeypatch.delitem(sys.modules, "experiments.study.engines.cluster", raising=False)
+    monkeypatch.delitem(
+        sys.modules, "gplfd.experiments.study.engines.cluster", raising=False
+    )
     with pytest.raises(ValueError, match=r"pip install 'gplfd\[dask\]'"):
         engine_named("dask", address="tcp://127.0.0.1:1")
 
@@ -232,7 +234,7 @@ def silent() -> Iterator[str]:
 def test_an_address_without_a_scheduler_is_an_os_error(
     monkeypatch: pytest.MonkeyPatch, silent: str, address: str, reason: str
 ) -> None:
-    from experiments.study.engines import cluster
+    from gplfd.experiments.study.engines import cluster
 
     monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
     address = silent if address == "silent" else address

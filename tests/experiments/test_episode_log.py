@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.log import EpisodeLog
 
 MakeLog = Callable[..., EpisodeLog]
 

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.metrics import (
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.metrics import (
     episode_metrics,
     log_dimensionless_jerk,
     opening_motion,

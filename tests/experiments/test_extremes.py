@@ -5,13 +5,13 @@ import json
 
 import pytest
 
-from experiments import extremes as module
-from experiments.extremes import COMPARED, extremes, record_extremes, same_door
-from experiments.repetition import differences
-from experiments.report.recordings import recording_name
-from experiments.results.reading import read_results
-from experiments.study.runner import run_study
-from experiments.study.tasks import EpisodeTask
+from gplfd.experiments import extremes as module
+from gplfd.experiments.extremes import COMPARED, extremes, record_extremes, same_door
+from gplfd.experiments.repetition import differences
+from gplfd.experiments.report.recordings import recording_name
+from gplfd.experiments.results.reading import read_results
+from gplfd.experiments.study.runner import run_study
+from gplfd.experiments.study.tasks import EpisodeTask
 from gplfd_env.config import DoorConfig
 
 CONFIG = dataclasses.asdict(DoorConfig())

@@ -11,23 +11,23 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from experiments.datasets.npz import (
+from gplfd.experiments.datasets.npz import (
     load_demonstrations,
     save_demonstrations,
 )
-from experiments.episodes.log import EpisodeLog
-from experiments.figures import (
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.figures import (
     episodes,
     fig02_heteroscedastic,
     forecasts,
     style,
 )
-from experiments.figures.captions import section, update_captions
-from experiments.figures.catalogue import FIGURES, chosen
-from experiments.figures.hindsight import decisions, expectation
-from experiments.figures.material import Material
-from experiments.teacher import Teacher
-from policies.registry import make_agent
+from gplfd.experiments.figures.captions import section, update_captions
+from gplfd.experiments.figures.catalogue import FIGURES, chosen
+from gplfd.experiments.figures.hindsight import decisions, expectation
+from gplfd.experiments.figures.material import Material
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies.registry import make_agent
 
 Log = Callable[..., EpisodeLog]
 
@@ -46,7 +46,7 @@ def small(tmp_path: Path, make_log: Log, monkeypatch: pytest.MonkeyPatch) -> Mat
         raise AssertionError("a figure has simulated")
 
     monkeypatch.setattr("gymnasium.make", simulate)
-    monkeypatch.setattr("experiments.episodes.rollout.rollout", simulate)
+    monkeypatch.setattr("gplfd.experiments.episodes.rollout.rollout", simulate)
     monkeypatch.setattr(episodes, "rollout", simulate)
     monkeypatch.setattr(fig02_heteroscedastic, "_SETS", 2)
     monkeypatch.setattr(forecasts, "DOORS", ("large", "0.42"))

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from experiments import cli
-from experiments.episodes.log import EpisodeLog
-from experiments.figures import episodes, fig02_heteroscedastic, forecasts, style
-from experiments.figures.catalogue import FIGURES
+from gplfd.experiments import cli
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.figures import episodes, fig02_heteroscedastic, forecasts, style
+from gplfd.experiments.figures.catalogue import FIGURES
 
 Gplfd = Callable[..., int]
 

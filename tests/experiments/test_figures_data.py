@@ -11,13 +11,13 @@ from matplotlib.collections import FillBetweenPolyCollection
 from matplotlib.figure import Figure
 from scipy.stats import f as fisher
 
-from experiments.datasets.npz import (
+from gplfd.experiments.datasets.npz import (
     LabelledDemonstrations,
 )
-from experiments.episodes.forecast_error import forecast_errors
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.metrics import prediction_errors
-from experiments.figures import (
+from gplfd.experiments.episodes.forecast_error import forecast_errors
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.metrics import prediction_errors
+from gplfd.experiments.figures import (
     episodes,
     fig02_heteroscedastic,
     fig03_alignment,
@@ -28,14 +28,14 @@ from experiments.figures import (
     fig10_stiffness,
     forecasts,
 )
-from experiments.figures.material import Material
-from experiments.figures.opening import reviewed
-from experiments.figures.pick_and_place import HEIGHT, PHASES
-from experiments.teacher import Teacher
+from gplfd.experiments.figures.material import Material
+from gplfd.experiments.figures.opening import reviewed
+from gplfd.experiments.figures.pick_and_place import HEIGHT, PHASES
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies.controllers.stiffness import DEFAULT_PROFILE
+from gplfd.policies.registry import make_agent
+from gplfd.policies.trajectory import GaussianTrajectory
 from gplfd_env.task import DEMONSTRATED_ANGLE
-from policies.controllers.stiffness import DEFAULT_PROFILE
-from policies.registry import make_agent
-from policies.trajectory import GaussianTrajectory
 
 Log = Callable[..., EpisodeLog]
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from experiments.figures import style
-from experiments.recording import colours
+from gplfd.experiments.figures import style
+from gplfd.experiments.recording import colours
 
 LINES = {
     name: getattr(style, name)

@@ -8,16 +8,16 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from experiments.episodes.agents import learned
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.metrics import episode_metrics
-from experiments.episodes.rollouts import rollouts
-from experiments.teacher import Teacher
+from gplfd.experiments.episodes.agents import learned
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.metrics import episode_metrics
+from gplfd.experiments.episodes.rollouts import rollouts
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies import POLICIES, batch_agents
+from gplfd.policies.method import TrainingInput
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.task import Base
-from policies import POLICIES, batch_agents
-from policies.method import TrainingInput
 
 ROOM = DoorConfig(radius=0.53, handle="lever", latch="spring")
 

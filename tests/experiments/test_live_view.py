@@ -18,13 +18,13 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 
-from experiments import cli
-from experiments.episodes.log import EpisodeLog
-from experiments.recording import live, live_view, record_episode
-from experiments.recording.layout import layout
-from experiments.recording.live import LiveRecording, watched_rollout
-from experiments.recording.stream import open_stream
-from experiments.teacher import Teacher
+from gplfd.experiments import cli
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.recording import live, live_view, record_episode
+from gplfd.experiments.recording.layout import layout
+from gplfd.experiments.recording.live import LiveRecording, watched_rollout
+from gplfd.experiments.recording.stream import open_stream
+from gplfd.experiments.teacher import Teacher
 
 Gplfd = Callable[..., int]
 NAMES = {

@@ -11,21 +11,27 @@ from typing import Any
 
 import pytest
 
-from experiments import cli
-from experiments.datasets.minari import open_dataset
-from experiments.episodes.agents import reported_errors, where
-from experiments.files.names import file_name
-from experiments.files.provenance import content_hash
-from experiments.report.recordings import recording_name
-from experiments.study.sources import NO_FILES, chosen, files_of, policy_of, source_of
-from experiments.study.tasks import EpisodeTask, task_from
+from gplfd.experiments import cli
+from gplfd.experiments.datasets.minari import open_dataset
+from gplfd.experiments.episodes.agents import reported_errors, where
+from gplfd.experiments.files.names import file_name
+from gplfd.experiments.files.provenance import content_hash
+from gplfd.experiments.report.recordings import recording_name
+from gplfd.experiments.study.sources import (
+    NO_FILES,
+    chosen,
+    files_of,
+    policy_of,
+    source_of,
+)
+from gplfd.experiments.study.tasks import EpisodeTask, task_from
+from gplfd.policies.registry import policy_named
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import door_config
-from policies.registry import policy_named
 
 OWN = """\
 import numpy as np
-from policies import TrainingInput, make_agent
+from gplfd.policies import TrainingInput, make_agent
 
 class Still:
     def act(self, observation):
@@ -368,8 +374,8 @@ def test_names_of_files_are_different_for_different_names() -> None:
 def test_list_says_where_packaged_policies_come_from(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from experiments import catalogue
-    from policies.user_policies import PackagedPolicy
+    from gplfd.experiments import catalogue
+    from gplfd.policies.user_policies import PackagedPolicy
 
     offered: list[Any] = [
         PackagedPolicy(name="theirs", package="robots 1.2", policy=policy_named("gp")),

@@ -13,18 +13,18 @@ import rerun as rr
 from rerun.chunk import Chunk, RrdReader
 from scipy.spatial.transform import Rotation
 
-from experiments.episodes.log import EpisodeLog
-from experiments.recording import record_episode
-from experiments.recording.geoms import visual_geoms
-from experiments.recording.layout import _policy_views, layout
-from experiments.recording.motion import VIEW
-from experiments.recording.panels import share_of_bound
-from experiments.recording.stages import stages
-from experiments.recording.tube import (
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.recording import record_episode
+from gplfd.experiments.recording.geoms import visual_geoms
+from gplfd.experiments.recording.layout import _policy_views, layout
+from gplfd.experiments.recording.motion import VIEW
+from gplfd.experiments.recording.panels import share_of_bound
+from gplfd.experiments.recording.stages import stages
+from gplfd.experiments.recording.tube import (
     N_RINGS,
     N_SIDES,
 )
-from experiments.teacher import Teacher
+from gplfd.experiments.teacher import Teacher
 from gplfd_env.task import handle_pose_on_arc
 
 MakeLog = Callable[..., EpisodeLog]

@@ -11,13 +11,13 @@ import pytest
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
-from experiments.episodes.log import EpisodeLog
-from experiments.recording.episode import happening
-from experiments.recording.geoms import visual_geoms
-from experiments.recording.kinematics import body_poses, task_frame
-from experiments.recording.motion import policy_motion
-from experiments.recording.part import Part
-from experiments.recording.scene import drawn_scene, entity_of_body, moved_scene
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.recording.episode import happening
+from gplfd.experiments.recording.geoms import visual_geoms
+from gplfd.experiments.recording.kinematics import body_poses, task_frame
+from gplfd.experiments.recording.motion import policy_motion
+from gplfd.experiments.recording.part import Part
+from gplfd.experiments.recording.scene import drawn_scene, entity_of_body, moved_scene
 
 MakeLog = Callable[..., EpisodeLog]
 

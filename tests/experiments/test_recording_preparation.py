@@ -9,11 +9,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from experiments.datasets.preparation import Motion, prepare
-from experiments.datasets.preparation.hinge import find_hinge
-from experiments.datasets.preparation.report import report, warnings_in
-from experiments.datasets.preparation.settings import Preparation
-from experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.preparation import Motion, prepare
+from gplfd.experiments.datasets.preparation.hinge import find_hinge
+from gplfd.experiments.datasets.preparation.report import report, warnings_in
+from gplfd.experiments.datasets.preparation.settings import Preparation
+from gplfd.experiments.datasets.raw import RawRecording
 from gplfd_env.se3 import relative_poses
 from gplfd_env.task import handle_pose_on_arc
 

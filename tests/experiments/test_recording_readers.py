@@ -27,14 +27,14 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from experiments.datasets.npz import save_demonstrations
-from experiments.datasets.preparation import prepare
-from experiments.datasets.preparation.settings import Preparation
-from experiments.datasets.raw import METRES, RawRecording
-from experiments.datasets.readers import READERS, read_recordings
-from experiments.datasets.readers.mat5 import read_arrays
-from experiments.datasets.readers.selection import Selection
-from policies.demonstrations import Demonstration
+from gplfd.experiments.datasets.npz import save_demonstrations
+from gplfd.experiments.datasets.preparation import prepare
+from gplfd.experiments.datasets.preparation.settings import Preparation
+from gplfd.experiments.datasets.raw import METRES, RawRecording
+from gplfd.experiments.datasets.readers import READERS, read_recordings
+from gplfd.experiments.datasets.readers.mat5 import read_arrays
+from gplfd.experiments.datasets.readers.selection import Selection
+from gplfd.policies.demonstrations import Demonstration
 
 VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "40"))
 """Damaged files of every kind; 200 take a quarter of a minute each."""

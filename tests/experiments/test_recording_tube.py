@@ -1,7 +1,12 @@
 import numpy as np
 import pytest
 
-from experiments.recording.tube import N_SIDES, QUANTILE, tube_triangles, tube_vertices
+from gplfd.experiments.recording.tube import (
+    N_SIDES,
+    QUANTILE,
+    tube_triangles,
+    tube_vertices,
+)
 
 
 def test_tube_touches_the_ellipse_of_the_normal_quantile() -> None:

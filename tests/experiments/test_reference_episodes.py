@@ -6,11 +6,11 @@ from typing import Any
 import gymnasium as gym
 import pytest
 
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.metrics import episode_metrics
-from experiments.episodes.rollouts import rollouts
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.metrics import episode_metrics
+from gplfd.experiments.episodes.rollouts import rollouts
+from gplfd.policies import batch_agents, make_agent
 from gplfd_env import ENVIRONMENT_ID
-from policies import batch_agents, make_agent
 
 
 def opened(

@@ -8,13 +8,13 @@ import re
 
 import pytest
 
-from experiments import cli
-from experiments.figures import style
-from experiments.report.html import html_page
-from experiments.report.markdown import markdown_page
-from experiments.report.page import report, write_report
-from experiments.report.recordings import RANKS, recording_name
-from experiments.results.reading import read_results
+from gplfd.experiments import cli
+from gplfd.experiments.figures import style
+from gplfd.experiments.report.html import html_page
+from gplfd.experiments.report.markdown import markdown_page
+from gplfd.experiments.report.page import report, write_report
+from gplfd.experiments.report.recordings import RANKS, recording_name
+from gplfd.experiments.results.reading import read_results
 
 ODD = (
     *(None, True, 0, -1, 0.5, 1e308, 10**400, float("nan"), float("inf")),

@@ -9,16 +9,22 @@ import re
 
 import pytest
 
-from experiments import cli
-from experiments.figures import style
-from experiments.files.table import Table
-from experiments.learning_tests.criteria import CRITERIA
-from experiments.report.document import Details, Document, Items, Paragraph, Section
-from experiments.report.html import html_page, inline
-from experiments.report.markdown import markdown_page
-from experiments.report.page import report, write_report
-from experiments.results.reading import read_results
-from experiments.results.statistics import success_rate
+from gplfd.experiments import cli
+from gplfd.experiments.figures import style
+from gplfd.experiments.files.table import Table
+from gplfd.experiments.learning_tests.criteria import CRITERIA
+from gplfd.experiments.report.document import (
+    Details,
+    Document,
+    Items,
+    Paragraph,
+    Section,
+)
+from gplfd.experiments.report.html import html_page, inline
+from gplfd.experiments.report.markdown import markdown_page
+from gplfd.experiments.report.page import report, write_report
+from gplfd.experiments.results.reading import read_results
+from gplfd.experiments.results.statistics import success_rate
 
 VOID = {"meta", "img", "br", "link", "hr"}
 

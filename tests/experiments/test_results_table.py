@@ -3,11 +3,11 @@
 import pytest
 from scipy.stats import binomtest
 
-from experiments.episodes.metrics import episode_metrics
-from experiments.files.table import Table, html_table, markdown_table, text_table
-from experiments.results.reading import read_results
-from experiments.results.statistics import success_rate
-from experiments.results.table import error_count, run_table, study_table
+from gplfd.experiments.episodes.metrics import episode_metrics
+from gplfd.experiments.files.table import Table, html_table, markdown_table, text_table
+from gplfd.experiments.results.reading import read_results
+from gplfd.experiments.results.statistics import success_rate
+from gplfd.experiments.results.table import error_count, run_table, study_table
 
 SMALL = Table(columns=("name", "a|b\n[m]"), rows=(("x", "1"), ("long", "2.5\nmore")))
 

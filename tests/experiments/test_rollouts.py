@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from experiments.episodes.log import EpisodeLog
-from experiments.episodes.rollout import rollout
-from experiments.episodes.rollouts import rollouts
-from experiments.teacher import Teacher
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.rollout import rollout
+from gplfd.experiments.episodes.rollouts import rollouts
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.lockstep import batch_agents
+from gplfd.policies.registry import make_agent
 from gplfd_env import ENVIRONMENT_ID, ENVIRONMENT_IDS
-from policies.demonstrations import Demonstration
-from policies.lockstep import batch_agents
-from policies.registry import make_agent
 
 DOORS, SEEDS = (0.35, 0.42, 0.5), (5, 6, 7)
 

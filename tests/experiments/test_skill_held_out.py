@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from experiments.learning_tests.folds import aligned_to, folds
-from experiments.teacher import Teacher, TeacherConfig
-from policies.alignment import align
-from policies.demonstrations import Demonstration
+from gplfd.experiments.learning_tests.folds import aligned_to, folds
+from gplfd.experiments.teacher import Teacher, TeacherConfig
+from gplfd.policies.alignment import align
+from gplfd.policies.demonstrations import Demonstration
 
 RADII = (0.35, 0.50, 0.65)
 

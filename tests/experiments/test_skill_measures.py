@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from experiments.learning_tests import tumbling as tumbling_module
-from experiments.learning_tests.extrapolation import beyond
-from experiments.learning_tests.folds import OnPhases, folds
-from experiments.learning_tests.tumbling import (
+from gplfd.experiments.learning_tests import tumbling as tumbling_module
+from gplfd.experiments.learning_tests.extrapolation import beyond
+from gplfd.experiments.learning_tests.folds import OnPhases, folds
+from gplfd.experiments.learning_tests.tumbling import (
     TUMBLE_STD,
     tumble,
     tumbled_rotations,
     tumbling,
 )
-from experiments.learning_tests.via_points import GRID, adaptation
-from experiments.teacher import Teacher
-from policies.aligned import AlignedDemonstrations
-from policies.alignment import align
-from policies.demonstrations import Demonstration
-from policies.method import Method, TrainingInput
-from policies.trajectory import GaussianTrajectory, ViaPoint, white_covariance
+from gplfd.experiments.learning_tests.via_points import GRID, adaptation
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.alignment import align
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.method import Method, TrainingInput
+from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint, white_covariance
 
 RADII = (0.35, 0.50, 0.65)
 Curve = Callable[[np.ndarray], np.ndarray]

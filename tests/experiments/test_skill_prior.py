@@ -6,15 +6,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from experiments.learning_tests.extrapolation import prior_mean_used
-from experiments.learning_tests.methods import learn
-from experiments.teacher import Teacher
-from policies.aligned import AlignedDemonstrations
-from policies.alignment import align
-from policies.method import Method, TrainingInput
-from policies.movement import Movement
-from policies.registry import POLICIES
-from policies.trajectory import GaussianTrajectory
+from gplfd.experiments.learning_tests.extrapolation import prior_mean_used
+from gplfd.experiments.learning_tests.methods import learn
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.alignment import align
+from gplfd.policies.method import Method, TrainingInput
+from gplfd.policies.movement import Movement
+from gplfd.policies.registry import POLICIES
+from gplfd.policies.trajectory import GaussianTrajectory
 
 DEMONSTRATIONS = Teacher().demonstrate_doors(
     (0.35, 0.50, 0.65), 2, rng=np.random.default_rng(0)

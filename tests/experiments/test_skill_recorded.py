@@ -8,22 +8,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments import cli
-from experiments.datasets.npz import hash_of, load_demonstrations, save_demonstrations
-from experiments.learning_tests.folds import aligned_to
-from experiments.learning_tests.methods import learn
-from experiments.learning_tests.recorded import recorded_metrics
-from experiments.report.recorded import _advice
-from experiments.results.reading import read_results
-from experiments.results.records import RecordedResult
-from experiments.study.jobs import run_job
-from experiments.study.plan import recorded_tasks
-from experiments.study.tasks import RecordedTask, task_from
-from experiments.teacher import Teacher
+from gplfd.experiments import cli
+from gplfd.experiments.datasets.npz import (
+    hash_of,
+    load_demonstrations,
+    save_demonstrations,
+)
+from gplfd.experiments.learning_tests.folds import aligned_to
+from gplfd.experiments.learning_tests.methods import learn
+from gplfd.experiments.learning_tests.recorded import recorded_metrics
+from gplfd.experiments.report.recorded import _advice
+from gplfd.experiments.results.reading import read_results
+from gplfd.experiments.results.records import RecordedResult
+from gplfd.experiments.study.jobs import run_job
+from gplfd.experiments.study.plan import recorded_tasks
+from gplfd.experiments.study.tasks import RecordedTask, task_from
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies import POLICIES
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.method import Method
 from gplfd_env.task import handle_pose_on_arc
-from policies import POLICIES
-from policies.demonstrations import Demonstration
-from policies.method import Method
 
 
 def arcs(radii: tuple[float, ...] = (0.40, 0.45, 0.50, 0.55)) -> list[Demonstration]:
@@ -187,7 +191,10 @@ def test_recordings_that_no_method_can_learn_from_are_reported(
     command += ["--out", "out"]
     Path("out").mkdir()
     Path("out/skill.rrd").write_text("of an earlier go")
-    for module in ("experiments.learning_tests.recorded", "experiments.skills"):
+    for module in (
+        "gplfd.experiments.learning_tests.recorded",
+        "gplfd.experiments.skills",
+    ):
         monkeypatch.setattr(f"{module}.learn", refused)
     assert cli.main([*command, "--policies", "dmp", "gmr"]) == 1
     said, errors = capsys.readouterr()

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.learning_tests.folds import folds
-from experiments.learning_tests.methods import learn
-from experiments.learning_tests.scores import method_metrics
-from experiments.teacher import Teacher, TeacherConfig
-from policies import registry
-from policies.aligned import AlignedDemonstrations
-from policies.alignment import align
-from policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
-from policies.built_in import TABLE_1
-from policies.method import Method, TrainingInput
-from policies.registry import POLICIES
-from policies.trajectory import GaussianTrajectory
+from gplfd.experiments.learning_tests.folds import folds
+from gplfd.experiments.learning_tests.methods import learn
+from gplfd.experiments.learning_tests.scores import method_metrics
+from gplfd.experiments.teacher import Teacher, TeacherConfig
+from gplfd.policies import registry
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.alignment import align
+from gplfd.policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
+from gplfd.policies.built_in import TABLE_1
+from gplfd.policies.method import Method, TrainingInput
+from gplfd.policies.registry import POLICIES
+from gplfd.policies.trajectory import GaussianTrajectory
 
 RADII = (0.35, 0.50, 0.65)
 TEACHER = dataclasses.asdict(TeacherConfig(duration_mean=2.0, sampling_rate=30.0))

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments import cli
-from experiments.datasets.npz import save_demonstrations
-from experiments.teacher import DEMONSTRATED_RADII, Teacher
-from policies.skill import load_skill
+from gplfd.experiments import cli
+from gplfd.experiments.datasets.npz import save_demonstrations
+from gplfd.experiments.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd.policies.skill import load_skill
 
 
 @pytest.fixture(autouse=True)

@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import cli
-from experiments.commands.speed import PartName
-from experiments.files.table import text_table
-from experiments.speed import fit, peers, timing
-from experiments.speed.known_process import KnownProcess
-from experiments.speed.parts import PARTS, announcement
-from experiments.speed.report import at_least, at_most, between, value_table
-from experiments.speed.scores import score
-from experiments.speed.timing import Timed, Timing, after, measure, repeated
-from policies.dynamic_time_warping import dynamic_time_warping
-from policies.skill import fit_skill
-from policies.trajectory import GaussianTrajectory
+from gplfd.experiments import cli
+from gplfd.experiments.commands.speed import PartName
+from gplfd.experiments.files.table import text_table
+from gplfd.experiments.speed import fit, peers, timing
+from gplfd.experiments.speed.known_process import KnownProcess
+from gplfd.experiments.speed.parts import PARTS, announcement
+from gplfd.experiments.speed.report import at_least, at_most, between, value_table
+from gplfd.experiments.speed.scores import score
+from gplfd.experiments.speed.timing import Timed, Timing, after, measure, repeated
+from gplfd.policies.dynamic_time_warping import dynamic_time_warping
+from gplfd.policies.skill import fit_skill
+from gplfd.policies.trajectory import GaussianTrajectory
 
 Gplfd = Callable[..., int]
 

@@ -6,13 +6,13 @@ import re
 
 import pytest
 
-from experiments.files import provenance
-from experiments.study import jobs, runner, store
-from experiments.study.engines import Lost
-from experiments.study.runner import run_study
-from experiments.study.store import made_by_other_code
-from experiments.study.tasks import EpisodeTask, SkillTask, jobs_of, task_from
-from experiments.teacher import synthetic_human
+from gplfd.experiments.files import provenance
+from gplfd.experiments.study import jobs, runner, store
+from gplfd.experiments.study.engines import Lost
+from gplfd.experiments.study.runner import run_study
+from gplfd.experiments.study.store import made_by_other_code
+from gplfd.experiments.study.tasks import EpisodeTask, SkillTask, jobs_of, task_from
+from gplfd.experiments.teacher import synthetic_human
 
 DOORS = {"small": {"radius": 0.35}, "large": {"radius": 0.65}}
 

@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.episodes.metrics import EpisodeMetrics
-from experiments.study import jobs
-from experiments.study.engines.processes import Processes
-from experiments.study.jobs import episode_logs, run_job
-from experiments.study.runner import run_study
-from experiments.study.store import stored_result
-from experiments.study.tasks import EpisodeTask, SkillTask, jobs_of
+from gplfd.experiments.episodes.metrics import EpisodeMetrics
+from gplfd.experiments.study import jobs
+from gplfd.experiments.study.engines.processes import Processes
+from gplfd.experiments.study.jobs import episode_logs, run_job
+from gplfd.experiments.study.runner import run_study
+from gplfd.experiments.study.store import stored_result
+from gplfd.experiments.study.tasks import EpisodeTask, SkillTask, jobs_of
+from gplfd.policies import registry
+from gplfd.policies.adaptation import ProcessAdaptation
+from gplfd.policies.method import Method, TrainingInput
+from gplfd.policies.skill import fit_skill
 from gplfd_env.config import door_config
-from policies import registry
-from policies.adaptation import ProcessAdaptation
-from policies.method import Method, TrainingInput
-from policies.skill import fit_skill
 
 MakeLog = Callable[..., Any]
 

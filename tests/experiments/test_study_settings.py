@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.study.plan import checked, noisy_teacher, tasks
-from experiments.study.settings import PRESETS, StudySettings
-from experiments.study.settings_file import (
+from gplfd.experiments.study.plan import checked, noisy_teacher, tasks
+from gplfd.experiments.study.settings import PRESETS, StudySettings
+from gplfd.experiments.study.settings_file import (
     read_settings,
     settings_named,
     write_settings,
 )
-from experiments.study.tasks import EpisodeTask, SkillTask
-from experiments.teacher import TeacherConfig, standard_teacher
-from policies.built_in import TABLE_1
+from gplfd.experiments.study.tasks import EpisodeTask, SkillTask
+from gplfd.experiments.teacher import TeacherConfig, standard_teacher
+from gplfd.policies.built_in import TABLE_1
 
 NAMES = st.lists(st.text(st.characters(exclude_categories=["Cs"])), max_size=3)
 

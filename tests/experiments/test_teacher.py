@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from experiments.teacher import Teacher, TeacherConfig
-from experiments.teacher.random_motion import (
+from gplfd.experiments.teacher import Teacher, TeacherConfig
+from gplfd.experiments.teacher.random_motion import (
     coloured_noise,
     minimum_jerk,
     smooth_functions,

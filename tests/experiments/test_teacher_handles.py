@@ -5,9 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from experiments import cli
-from experiments.teacher import DEMONSTRATED_RADII, ROOM_RADII, Teacher, TeacherConfig
-from experiments.teacher.handle_motion import (
+from gplfd.experiments import cli
+from gplfd.experiments.teacher import (
+    DEMONSTRATED_RADII,
+    ROOM_RADII,
+    Teacher,
+    TeacherConfig,
+)
+from gplfd.experiments.teacher.handle_motion import (
     Press,
     doors_like,
     draw_press,
@@ -136,6 +141,6 @@ def test_a_run_opens_doors_of_one_kind(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     doors = {"plain": DoorConfig(), "room": LEVER}
-    monkeypatch.setattr("experiments.runs.named_doors", lambda _: doors)
+    monkeypatch.setattr("gplfd.experiments.runs.named_doors", lambda _: doors)
     assert cli.main(["run", "--doors", "plain", "room"]) == 2
     assert "differ in handle, latch" in capsys.readouterr().err

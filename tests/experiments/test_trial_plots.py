@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
-from experiments.figures import style
-from experiments.report import trials as module
-from experiments.report.page import report
-from experiments.report.trial_plots import deciding_numbers, ideas, kind_of
-from experiments.results.reading import read_results
-from experiments.results.statistics import Shift
-from experiments.results.trials import Answer, of_trial, summary
-from experiments.trials.protocol import TRIALS
-from experiments.trials.records import Contrast, Side
+from gplfd.experiments.figures import style
+from gplfd.experiments.report import trials as module
+from gplfd.experiments.report.page import report
+from gplfd.experiments.report.trial_plots import deciding_numbers, ideas, kind_of
+from gplfd.experiments.results.reading import read_results
+from gplfd.experiments.results.statistics import Shift
+from gplfd.experiments.results.trials import Answer, of_trial, summary
+from gplfd.experiments.trials.protocol import TRIALS
+from gplfd.experiments.trials.records import Contrast, Side
 
 FORCE = "person_force_peak"
 POLICIES = {"kmp": 20.0, "gp": 30.0, "hinge-fit": 40.0, "gp-constant-100": 50.0}

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.cli import main
-from experiments.report.markdown import markdown_page
-from experiments.report.page import report, write_report
-from experiments.results.protocol_check import protocol_problems
-from experiments.results.reading import read_all, read_results
-from experiments.results.trials import answered, of_trial, summary
-from experiments.study import jobs, runner
-from experiments.study.tasks import jobs_of, task_from
-from experiments.trials import plan
-from experiments.trials.plan import named_trials, trial_tasks
-from experiments.trials.protocol import (
+from gplfd.experiments.cli import main
+from gplfd.experiments.report.markdown import markdown_page
+from gplfd.experiments.report.page import report, write_report
+from gplfd.experiments.results.protocol_check import protocol_problems
+from gplfd.experiments.results.reading import read_all, read_results
+from gplfd.experiments.results.trials import answered, of_trial, summary
+from gplfd.experiments.study import jobs, runner
+from gplfd.experiments.study.tasks import jobs_of, task_from
+from gplfd.experiments.trials import plan
+from gplfd.experiments.trials.plan import named_trials, trial_tasks
+from gplfd.experiments.trials.protocol import (
     CONSTANT,
     EVERYWHERE,
     PARTS,
@@ -28,10 +28,10 @@ from experiments.trials.protocol import (
     TUNED,
     VERSION,
 )
-from experiments.trials.records import MEASURES, Contrast, Side
+from gplfd.experiments.trials.records import MEASURES, Contrast, Side
+from gplfd.policies.registry import POLICIES
 from gplfd_env.disturbance import disturbance_named
 from gplfd_env.randomization import door_randomization
-from policies.registry import POLICIES
 
 MakeEpisode = Callable[..., dict[str, Any]]
 ORDINARY: dict[str, Any] = {}

@@ -4,24 +4,24 @@ import json
 
 import pytest
 
-from experiments.cli import main
-from experiments.learning_tests.scores import method_metrics
-from experiments.study.engines import Lost
-from experiments.study.engines.serial import Serial
-from experiments.study.settings import PRESETS
-from experiments.teacher import standard_teacher
-from experiments.tuning import objective, search
-from experiments.tuning.candidates import (
+from gplfd.experiments.cli import main
+from gplfd.experiments.learning_tests.scores import method_metrics
+from gplfd.experiments.study.engines import Lost
+from gplfd.experiments.study.engines.serial import Serial
+from gplfd.experiments.study.settings import PRESETS
+from gplfd.experiments.teacher import standard_teacher
+from gplfd.experiments.tuning import objective, search
+from gplfd.experiments.tuning.candidates import (
     STANDARD,
     Candidate,
     Protocol,
     candidates,
     checked_policies,
 )
-from experiments.tuning.objective import best, evaluate
+from gplfd.experiments.tuning.objective import best, evaluate
+from gplfd.policies import POLICIES
+from gplfd.policies.tuning_spaces import SPACES, tuned_settings
 from gplfd_env.config import DOORS
-from policies import POLICIES
-from policies.tuning_spaces import SPACES, tuned_settings
 
 SMALL = Protocol(evaluations=5, seeds=(1000,), radii=(0.46,))
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import tyro
 
-from experiments.datasets.npz import save_demonstrations
-from experiments.learning_tests.recorded import recorded_metrics
-from experiments.teacher import Teacher
-from policies import POLICIES
+from gplfd.experiments.datasets.npz import save_demonstrations
+from gplfd.experiments.learning_tests.recorded import recorded_metrics
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies import POLICIES
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "benchmarks"

@@ -15,7 +15,12 @@ from hatchling.builders.sdist import SdistBuilder
 from hatchling.builders.wheel import WheelBuilder
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("gplfd_env", "policies", "experiments")
+PACKAGES = {
+    "gplfd_env": "gplfd_env",
+    "policies": "gplfd/policies",
+    "experiments": "gplfd/experiments",
+}
+"""Where folders of the checkout are in a wheel."""
 
 
 @pytest.fixture(scope="module")
@@ -78,11 +83,10 @@ def test_test_files_have_unique_names_and_no_packages(tracked: list[Path]) -> No
 
 def test_wheel_has_every_module_asset_and_marker(wheel: zipfile.ZipFile) -> None:
     names = set(wheel.namelist())
-    for package in PACKAGES:
-        for module in (ROOT / package).rglob("*.py"):
-            assert str(module.relative_to(ROOT)) in names
-        assert f"{package}/py.typed" in names
-    assert "gplfd.py" in names
+    for folder, package in PACKAGES.items():
+        for module in (ROOT / folder).rglob("*.py"):
+            assert f"{package}/{module.relative_to(ROOT / folder)}" in names
+    assert {"gplfd/py.typed", "gplfd_env/py.typed"} <= names
     for asset in (ROOT / "assets").iterdir():
         assert f"gplfd_env/assets/{asset.name}" in names
         assert wheel.read(f"gplfd_env/assets/{asset.name}") == asset.read_bytes()
@@ -90,7 +94,7 @@ def test_wheel_has_every_module_asset_and_marker(wheel: zipfile.ZipFile) -> None
 
 def test_wheel_has_nothing_else(wheel: zipfile.ZipFile) -> None:
     tops = {name.split("/")[0] for name in wheel.namelist()}
-    (metadata,) = tops - {"gplfd.py", *PACKAGES}
+    (metadata,) = tops - {"gplfd", "gplfd_env"}
     assert metadata.endswith(".dist-info")
     modules = [name.split("/")[-1] for name in wheel.namelist()]
     assert not [name for name in modules if name.startswith(("test_", "conftest"))]

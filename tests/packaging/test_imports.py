@@ -11,7 +11,7 @@ from urllib.request import url2pathname
 
 import pytest
 
-PACKAGES = ("gplfd_env", "policies", "experiments")
+PACKAGES = ("gplfd_env", "gplfd.policies", "gplfd.experiments")
 
 
 def run(program: str, folder: Path) -> str:
@@ -27,7 +27,7 @@ def run(program: str, folder: Path) -> str:
     return result.stdout
 
 
-@pytest.mark.parametrize("package", ["gplfd_env", "gplfd_env.task", "policies"])
+@pytest.mark.parametrize("package", ["gplfd_env", "gplfd_env.task", "gplfd.policies"])
 def test_importing_does_not_load_the_simulator(package: str, tmp_path: Path) -> None:
     program = (
         f"import sys, {package}\n"
@@ -65,27 +65,31 @@ def folder_of(package: str) -> Path:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_the_import_names_are_ours(package: str) -> None:
-    """`policies` and `experiments` are generic names that other projects ship, too."""
+    """`policies` and `experiments` are folders of the checkout, and no names to import
+    but within `gplfd`: other projects and users' folders have them, too.
+    """
     distribution = importlib.metadata.distribution("gplfd")
     origin = json.loads(distribution.read_text("direct_url.json") or "{}")
     if origin.get("dir_info", {}).get("editable"):
         # An editable installation lists no packages, only the checkout's address.
         checkout = url2pathname(urlparse(origin["url"]).path)
-        assert folder_of(package).parent == Path(checkout)
+        assert folder_of(package).resolve().parent == Path(checkout).resolve()
     else:
         owners = importlib.metadata.packages_distributions()
-        assert owners[package] == ["gplfd"]
-        assert folder_of(package) == Path(str(distribution.locate_file(package)))
+        assert owners[package.split(".")[0]] == ["gplfd"]
+        assert not {"policies", "experiments"} & set(owners)
+        place = distribution.locate_file(package.replace(".", "/"))
+        assert folder_of(package) == Path(str(place))
 
 
-@pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.parametrize("package", ["gplfd", "gplfd_env"])
 def test_packages_are_marked_as_typed(package: str) -> None:
     assert (folder_of(package) / "py.typed").is_file()
 
 
 def test_console_script_exists_and_explains_itself(tmp_path: Path) -> None:
     (script,) = importlib.metadata.entry_points(group="console_scripts", name="gplfd")
-    assert script.value == "gplfd:main"
+    assert script.value == "gplfd.__main__:main"
     result = subprocess.run(
         [Path(sys.executable).with_name("gplfd"), "--help"],
         capture_output=True,

@@ -103,7 +103,7 @@ def test_a_module_of_the_python_path_is_still_found(tmp_path: Path) -> None:
     (tmp_path / "my_folder").mkdir()
     (tmp_path / "my_folder" / "helper.py").write_text("")
     finished = subprocess.run(
-        [sys.executable, "-c", "import gplfd, helper; print(helper.__file__)"],
+        [sys.executable, "-c", "import gplfd.__main__, helper; print(helper.__file__)"],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": "my_folder"},
         capture_output=True,

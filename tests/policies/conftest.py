@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from gplfd.policies.alignment import align
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.skill import Skill, fit_skill
 from gplfd_env.task import handle_pose_on_arc
-from policies.alignment import align
-from policies.demonstrations import Demonstration
-from policies.skill import Skill, fit_skill
 
 RADII = (0.35, 0.50, 0.65)
 

@@ -3,22 +3,26 @@
 import numpy as np
 import pytest
 
-from policies.adaptation import (
+from gplfd.policies.adaptation import (
     ExactAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
     adapt,
 )
-from policies.adaptation.conditioning import ConditionedProcess, Repetition
-from policies.adaptation.product import product_of_gaussians
-from policies.aligned import AlignedDemonstrations
-from policies.gp.deviations import DeviationLikelihood, DeviationProcess, fit_deviations
-from policies.gp.exact import ExactGP
-from policies.gp.kernels import RBF
-from policies.gp.legendre import LegendreBasis
-from policies.gp.noise import LEAST_SPREAD, MapNoise
-from policies.skill import Skill, fit_skill
-from policies.trajectory import ViaPoint
+from gplfd.policies.adaptation.conditioning import ConditionedProcess, Repetition
+from gplfd.policies.adaptation.product import product_of_gaussians
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.gp.deviations import (
+    DeviationLikelihood,
+    DeviationProcess,
+    fit_deviations,
+)
+from gplfd.policies.gp.exact import ExactGP
+from gplfd.policies.gp.kernels import RBF
+from gplfd.policies.gp.legendre import LegendreBasis
+from gplfd.policies.gp.noise import LEAST_SPREAD, MapNoise
+from gplfd.policies.skill import Skill, fit_skill
+from gplfd.policies.trajectory import ViaPoint
 
 TIMES = np.linspace(0.0, 1.0, 60)
 ANGLE = 1.2

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from policies.adaptation import (
+from gplfd.policies.adaptation import (
     ADAPTATIONS,
     Adaptation,
     ProcessAdaptation,
@@ -15,11 +15,11 @@ from policies.adaptation import (
     adapt,
     begin_adaptation,
 )
-from policies.aligned import AlignedDemonstrations
-from policies.baselines.promp import fit_promp
-from policies.gp.deviations import conjugate_share
-from policies.skill import Skill, fit_skill
-from policies.trajectory import ViaPoint
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.baselines.promp import fit_promp
+from gplfd.policies.gp.deviations import conjugate_share
+from gplfd.policies.skill import Skill, fit_skill
+from gplfd.policies.trajectory import ViaPoint
 
 TIMES = np.linspace(0.0, 1.0, 50)
 FORMS = sorted(ADAPTATIONS)

@@ -6,20 +6,20 @@ from functools import partial
 import numpy as np
 import pytest
 
-from gplfd_env.task import handle_pose_on_arc
-from policies import Demonstration, PosePath, ViaPoint, adapt, align, fit_skill
-from policies.adaptation import OwnClockAdaptation, ProcessAdaptation
-from policies.adaptation.conditioning import (
+from gplfd.policies import Demonstration, PosePath, ViaPoint, adapt, align, fit_skill
+from gplfd.policies.adaptation import OwnClockAdaptation, ProcessAdaptation
+from gplfd.policies.adaptation.conditioning import (
     ConditionedProcess,
     Repetition,
     leading_curves,
 )
-from policies.adaptation.own_clock import delayed
-from policies.adaptation.process import demonstrated_repetition
-from policies.gp.kernels import RBF
-from policies.gp.legendre import LegendreBasis
-from policies.gp.timing import timing_covariance
-from policies.residual import fit_residual
+from gplfd.policies.adaptation.own_clock import delayed
+from gplfd.policies.adaptation.process import demonstrated_repetition
+from gplfd.policies.gp.kernels import RBF
+from gplfd.policies.gp.legendre import LegendreBasis
+from gplfd.policies.gp.timing import timing_covariance
+from gplfd.policies.residual import fit_residual
+from gplfd_env.task import handle_pose_on_arc
 
 TIMES = np.linspace(0.0, 1.0, 60)
 PATH = RBF(length_scale=0.3, signal_std=0.05)

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gplfd.policies.adaptation import ProcessAdaptation
+from gplfd.policies.agent import CompliantAgent
+from gplfd.policies.compliance import ComplianceConfig
+from gplfd.policies.controllers.stability import rate_bound
+from gplfd.policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
+from gplfd.policies.empirical import EmpiricalDistribution
+from gplfd.policies.gridded import GriddedMovement
+from gplfd.policies.load import CarriedLoad, YieldToAll
+from gplfd.policies.members import EVERY_MEMBER
+from gplfd.policies.path_phase import PathPhase
+from gplfd.policies.phase import POSE_ERROR, ClockPhase, PhaseEstimate
+from gplfd.policies.registry import make_agent
+from gplfd.policies.trajectory import GaussianTrajectory
 from gplfd_env.task import handle_pose_on_arc
-from policies.adaptation import ProcessAdaptation
-from policies.agent import CompliantAgent
-from policies.compliance import ComplianceConfig
-from policies.controllers.stability import rate_bound
-from policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
-from policies.empirical import EmpiricalDistribution
-from policies.gridded import GriddedMovement
-from policies.load import CarriedLoad, YieldToAll
-from policies.members import EVERY_MEMBER
-from policies.path_phase import PathPhase
-from policies.phase import POSE_ERROR, ClockPhase, PhaseEstimate
-from policies.registry import make_agent
-from policies.trajectory import GaussianTrajectory
 
 PERIOD = 0.01
 

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.alignment import align
+from gplfd.policies.completion import task_completion_index
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.denoising import denoised_steps
+from gplfd.policies.dynamic_time_warping import dynamic_time_warping
 from gplfd_env.se3 import canonical_rotvec, pose_distance
-from policies.aligned import AlignedDemonstrations
-from policies.alignment import align
-from policies.completion import task_completion_index
-from policies.demonstrations import Demonstration
-from policies.denoising import denoised_steps
-from policies.dynamic_time_warping import dynamic_time_warping
 
 METHODS = ["interpolation", "directions", "dtw", "dtw-euclidean"]
 

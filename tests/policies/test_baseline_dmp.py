@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.alignment import align
+from gplfd.policies.baselines.dmp import DMPConfig, DynamicMovementPrimitive, fit_dmp
+from gplfd.policies.movement import Adaptable, Movement
 from gplfd_env.se3 import compose_rotvecs, rotation_distance
-from policies.aligned import AlignedDemonstrations
-from policies.alignment import align
-from policies.baselines.dmp import DMPConfig, DynamicMovementPrimitive, fit_dmp
-from policies.movement import Adaptable, Movement
 
 GRID = np.linspace(0.0, 1.0, 101)
 TURN = np.array([1.5, -1.0, 0.8])

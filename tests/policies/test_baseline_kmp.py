@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from policies.adaptation import OwnAdaptation
-from policies.aligned import AlignedDemonstrations
-from policies.alignment import align
-from policies.baselines.gmr import GMRConfig
-from policies.baselines.kmp import KernelizedMovementPrimitive, KMPConfig, fit_kmp
-from policies.movement import Adaptable
-from policies.trajectory import ViaPoint
+from gplfd.policies.adaptation import OwnAdaptation
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.alignment import align
+from gplfd.policies.baselines.gmr import GMRConfig
+from gplfd.policies.baselines.kmp import KernelizedMovementPrimitive, KMPConfig, fit_kmp
+from gplfd.policies.movement import Adaptable
+from gplfd.policies.trajectory import ViaPoint
 
 GRID = np.linspace(0.0, 1.0, 41)
 FREE = 1e6

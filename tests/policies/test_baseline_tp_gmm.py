@@ -6,26 +6,26 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.task import handle_pose_on_arc
-from policies.adaptation import OwnAdaptation
-from policies.aligned import AlignedDemonstrations
-from policies.alignment import align
-from policies.baselines.gmr import GMRConfig, fit_gmr
-from policies.baselines.mixture_of_views import fit_mixture_of_views
-from policies.baselines.task_frames import (
+from gplfd.policies.adaptation import OwnAdaptation
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.alignment import align
+from gplfd.policies.baselines.gmr import GMRConfig, fit_gmr
+from gplfd.policies.baselines.mixture_of_views import fit_mixture_of_views
+from gplfd.policies.baselines.task_frames import (
     HANDLE,
     Circle,
     Frame,
     fit_circle,
     hinge_frame,
 )
-from policies.baselines.tp_gmm import (
+from gplfd.policies.baselines.tp_gmm import (
     TaskParameterisedMixture,
     fit_tp_gmm,
     product_of_gaussians,
 )
-from policies.movement import Adaptable
-from policies.trajectory import ViaPoint
+from gplfd.policies.movement import Adaptable
+from gplfd.policies.trajectory import ViaPoint
+from gplfd_env.task import handle_pose_on_arc
 
 GRID = np.linspace(0.0, 1.0, 60)
 

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from gplfd.policies.controllers.admittance import Admittance
+from gplfd.policies.controllers.contact import HELD_HAND, ContactLoop
+from gplfd.policies.controllers.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
 from gplfd_env.robot import SERVO_STIFFNESS
-from policies.controllers.admittance import Admittance
-from policies.controllers.contact import HELD_HAND, ContactLoop
-from policies.controllers.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
 
 H, HELD = 0.01, 2000.0
 LOOP = ContactLoop(stiffness=np.full(6, HELD), delay=0.03)

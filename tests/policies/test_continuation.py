@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gplfd.policies import AlignedDemonstrations, ViaPoint
+from gplfd.policies.adaptation import ProcessAdaptation
+from gplfd.policies.continuation import carried_on, continued, drift
+from gplfd.policies.gridded import GriddedMovement
+from gplfd.policies.prior_mean import PosePath, Stretched
+from gplfd.policies.skill import fit_skill
 from gplfd_env.task import handle_pose_on_arc
-from policies import AlignedDemonstrations, ViaPoint
-from policies.adaptation import ProcessAdaptation
-from policies.continuation import carried_on, continued, drift
-from policies.gridded import GriddedMovement
-from policies.prior_mean import PosePath, Stretched
-from policies.skill import fit_skill
 
 PHASES = np.linspace(0.0, 1.0, 200)
 

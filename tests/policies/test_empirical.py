@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from policies.aligned import AlignedDemonstrations
-from policies.empirical import EmpiricalDistribution
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.empirical import EmpiricalDistribution
 
 
 def test_moments_are_those_of_the_samples(skill):

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from policies.gp.evidence import DenseEvidence, SpectralEvidence
-from policies.gp.exact import ExactGP
-from policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
-from policies.gp.kernels import RBF
-from policies.gp.legendre import SIZES, LegendreBasis
-from policies.gp.replicates import Replicates
-from policies.gp.spectral import SpectralPosterior
+from gplfd.policies.gp.evidence import DenseEvidence, SpectralEvidence
+from gplfd.policies.gp.exact import ExactGP
+from gplfd.policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
+from gplfd.policies.gp.kernels import RBF
+from gplfd.policies.gp.legendre import SIZES, LegendreBasis
+from gplfd.policies.gp.replicates import Replicates
+from gplfd.policies.gp.spectral import SpectralPosterior
 
 KERNEL = RBF(length_scale=0.2, signal_std=1.0)
 

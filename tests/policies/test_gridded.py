@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from policies.adaptation import OwnAdaptation, ProcessAdaptation, adapt
-from policies.alignment import align
-from policies.gridded import GriddedMovement, GriddedMovements
-from policies.skill import fit_skill
-from policies.trajectory import ViaPoint
+from gplfd.policies.adaptation import OwnAdaptation, ProcessAdaptation, adapt
+from gplfd.policies.alignment import align
+from gplfd.policies.gridded import GriddedMovement, GriddedMovements
+from gplfd.policies.skill import fit_skill
+from gplfd.policies.trajectory import ViaPoint
 
 
 def test_interpolation_meets_the_movement(skill):

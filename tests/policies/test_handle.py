@@ -5,17 +5,17 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from experiments.teacher import Teacher
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies.alignment import align
+from gplfd.policies.controllers.stiffness import DEFAULT_PROFILE
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.empirical import EmpiricalDistribution
+from gplfd.policies.handle import TurnedHandle, turned_handle
+from gplfd.policies.handle_load import HandleAndDoor
+from gplfd.policies.load import CarriedLoad, Encounter, LearnedLoad
+from gplfd.policies.path_phase import PathPhase
 from gplfd_env import DoorGeometry
 from gplfd_env.config import DoorConfig
-from policies.alignment import align
-from policies.controllers.stiffness import DEFAULT_PROFILE
-from policies.demonstrations import Demonstration
-from policies.empirical import EmpiricalDistribution
-from policies.handle import TurnedHandle, turned_handle
-from policies.handle_load import HandleAndDoor
-from policies.load import CarriedLoad, Encounter, LearnedLoad
-from policies.path_phase import PathPhase
 
 LEVER = DoorConfig(radius=0.65, handle="lever", latch="spring")
 # Preparing demonstrations says what it found.

@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gplfd.policies import POLICIES, make_agent
+from gplfd.policies.compliance import ComplianceConfig
+from gplfd.policies.load import YieldToAll
+from gplfd.policies.lockstep import AgentBatch, batch_agents
+from gplfd.policies.members import EVERY_MEMBER
+from gplfd.policies.reference.oracle import OracleAgent
+from gplfd.policies.steps import AgentStep
 from gplfd_env import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc
-from policies import POLICIES, make_agent
-from policies.compliance import ComplianceConfig
-from policies.load import YieldToAll
-from policies.lockstep import AgentBatch, batch_agents
-from policies.members import EVERY_MEMBER
-from policies.reference.oracle import OracleAgent
-from policies.steps import AgentStep
 
 RADII = (0.38, 0.50, 0.62)
 WAYS_TO_FOLLOW = {

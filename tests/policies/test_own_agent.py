@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gplfd.policies.agent import Agent, CompliantAgent, as_agent
+from gplfd.policies.compliance import ComplianceConfig
+from gplfd.policies.lockstep import batch_agents
+from gplfd.policies.steps import AgentStep
+from gplfd.policies.trajectory import GaussianTrajectory
 from gplfd_env import DoorGeometry
-from policies.agent import Agent, CompliantAgent, as_agent
-from policies.compliance import ComplianceConfig
-from policies.lockstep import batch_agents
-from policies.steps import AgentStep
-from policies.trajectory import GaussianTrajectory
 
 EXPECTED = GaussianTrajectory.from_moments(
     np.zeros(1), np.zeros((1, 6)), np.zeros((1, 6)), lambda: np.zeros((6, 1, 1))

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from gplfd.policies.alignment import align
+from gplfd.policies.empirical import EmpiricalDistribution
+from gplfd.policies.heading import Heading, directions
+from gplfd.policies.path_phase import PathPhase
+from gplfd.policies.phase import ClockPhase, PhaseNoise
+from gplfd.policies.skill import fit_skill
+from gplfd.policies.trajectory import GaussianTrajectory
 from gplfd_env.task import handle_pose_on_arc
-from policies.alignment import align
-from policies.empirical import EmpiricalDistribution
-from policies.heading import Heading, directions
-from policies.path_phase import PathPhase
-from policies.phase import ClockPhase, PhaseNoise
-from policies.skill import fit_skill
-from policies.trajectory import GaussianTrajectory
 
 FINAL_ANGLE = np.radians(67.0)
 

@@ -7,14 +7,14 @@ from functools import cache
 import numpy as np
 import pytest
 
+from gplfd.policies import POLICIES, ViaPoint, align, make_agent
+from gplfd.policies.adaptation import ADAPTATIONS
+from gplfd.policies.built_in import TABLE_1
+from gplfd.policies.method import TrainingInput
+from gplfd.policies.movement import Adaptable
+from gplfd.policies.skill import Skill
 from gplfd_env import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc
-from policies import POLICIES, ViaPoint, align, make_agent
-from policies.adaptation import ADAPTATIONS
-from policies.built_in import TABLE_1
-from policies.method import TrainingInput
-from policies.movement import Adaptable
-from policies.skill import Skill
 
 PHASES = np.linspace(0.0, 1.0, 30)
 VIA_POINT = ViaPoint(phase=0.3, pose=handle_pose_on_arc(0.42, 0.35), std=1e-3)

@@ -6,22 +6,30 @@ from functools import partial
 import numpy as np
 import pytest
 
-from policies import POLICIES, PosePath, PriorMean, Skill, align, fit_skill, make_agent
-from policies.adaptation import (
+from gplfd.policies import (
+    POLICIES,
+    PosePath,
+    PriorMean,
+    Skill,
+    align,
+    fit_skill,
+    make_agent,
+)
+from gplfd.policies.adaptation import (
     ExactAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
     adapt,
     begin_adaptation,
 )
-from policies.aligned import AlignedDemonstrations
-from policies.baselines.local_gp import LocalGPConfig, fit_local_gp
-from policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
-from policies.gp.exact import ExactGP
-from policies.gp.noise import MapNoise
-from policies.method import TrainingInput
-from policies.residual import ResidualMovement, fit_residual
-from policies.trajectory import ViaPoint
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.baselines.local_gp import LocalGPConfig, fit_local_gp
+from gplfd.policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
+from gplfd.policies.gp.exact import ExactGP
+from gplfd.policies.gp.noise import MapNoise
+from gplfd.policies.method import TrainingInput
+from gplfd.policies.residual import ResidualMovement, fit_residual
+from gplfd.policies.trajectory import ViaPoint
 
 BESIDE = np.array([0.1, 0.02, -0.1, 0.05, 0.3, -0.05])
 GRID = np.linspace(0.0, 1.0, 31)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from policies import POLICIES, AlignedDemonstrations, PosePath, align
-from policies.method import TrainingInput
+from gplfd.policies import POLICIES, AlignedDemonstrations, PosePath, align
+from gplfd.policies.method import TrainingInput
 
 
 def test_a_skill_says_what_it_was_learned_from(skill):

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from gplfd.policies.reference.circle import UPRIGHT, Circle, _distances, fit_circle
 from gplfd_env import DoorGeometry
-from policies.reference.circle import UPRIGHT, Circle, _distances, fit_circle
 
 CERTAIN = replace(UPRIGHT, noise=1e-6)
 RADII = st.floats(0.3, 1.0)

@@ -7,18 +7,18 @@ import pytest
 from jaxtyping import config
 from scipy.spatial.transform import Rotation
 
-from gplfd_env import DoorGeometry
-from policies import POLICIES, Demonstration, TrainingInput, align, make_agent
-from policies.adaptation import (
+from gplfd.policies import POLICIES, Demonstration, TrainingInput, align, make_agent
+from gplfd.policies.adaptation import (
     ExactAdaptation,
     IndependentPhaseAdaptation,
     NoAdaptation,
     OwnClockAdaptation,
     ProductAdaptation,
 )
-from policies.controllers.rendering import ArmRendering
-from policies.load import CarriedLoad, YieldToAll
-from policies.phase import ClockPhase, PhaseNoise
+from gplfd.policies.controllers.rendering import ArmRendering
+from gplfd.policies.load import CarriedLoad, YieldToAll
+from gplfd.policies.phase import ClockPhase, PhaseNoise
+from gplfd_env import DoorGeometry
 
 
 @pytest.mark.parametrize("name", sorted(POLICIES))

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gplfd.policies.alignment import align
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.registry import POLICIES
+from gplfd.policies.rests import without_rests
 from gplfd_env.task import handle_pose_on_arc
-from policies.alignment import align
-from policies.demonstrations import Demonstration
-from policies.registry import POLICIES
-from policies.rests import without_rests
 
 MOVING = 5.0
 FINAL_ANGLE = np.radians(67.0)

@@ -9,13 +9,13 @@ from jaxtyping import config
 from scipy.stats import t as student
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from policies.adaptation import adapt, begin_adaptation, forms
-from policies.aligned import AlignedDemonstrations
-from policies.gp.exact import ExactGP
-from policies.gp.kersting import KerstingNoise
-from policies.gp.multi_output import MultiOutputGP
-from policies.skill import Skill, fit_skill
-from policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd.policies.adaptation import adapt, begin_adaptation, forms
+from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.gp.exact import ExactGP
+from gplfd.policies.gp.kersting import KerstingNoise
+from gplfd.policies.gp.multi_output import MultiOutputGP
+from gplfd.policies.skill import Skill, fit_skill
+from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
 TIMES = np.linspace(0.0, 1.0, 60)
 SPREAD = 0.01 + 0.05 * TIMES**2

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from policies.controllers.stability import (
+from gplfd.policies.controllers.stability import (
     StiffnessGovernor,
     decay_rate,
     printed_rate_bound,
@@ -15,7 +15,7 @@ from policies.controllers.stability import (
     rate_bound,
     uncertainty_fall_bound,
 )
-from policies.controllers.stiffness import (
+from gplfd.policies.controllers.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
     PAPER_DYNAMICS,

@@ -7,26 +7,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.command import STIFFNESS_RANGES
-from gplfd_env.robot import SERVO_DAMPING, SERVO_STIFFNESS
-from gplfd_env.se3 import compose_rotvecs
-from policies.compliance import ComplianceConfig
-from policies.controllers.admittance import Admittance
-from policies.controllers.rendering import (
+from gplfd.policies.compliance import ComplianceConfig
+from gplfd.policies.controllers.admittance import Admittance
+from gplfd.policies.controllers.rendering import (
     ARM_DYNAMICS,
     ArmRendering,
     Renderer,
     Rendering,
     VirtualRendering,
 )
-from policies.controllers.stiffness import (
+from gplfd.policies.controllers.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
     PAPER_PROFILE,
 )
-from policies.load import CarriedLoad
-from policies.registry import POLICIES, make_agent
+from gplfd.policies.load import CarriedLoad
+from gplfd.policies.registry import POLICIES, make_agent
+from gplfd_env import ENVIRONMENT_IDS
+from gplfd_env.command import STIFFNESS_RANGES
+from gplfd_env.robot import SERVO_DAMPING, SERVO_STIFFNESS
+from gplfd_env.se3 import compose_rotvecs
 
 H = 0.01
 DESIRED = np.array([0.2, 0.01, -0.05, 0.02, 0.4, -0.03])

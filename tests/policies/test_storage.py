@@ -8,7 +8,12 @@ import zipfile
 import numpy as np
 import pytest
 
-from policies.storage import complete_or_absent, read_archive, settings, write_archive
+from gplfd.policies.storage import (
+    complete_or_absent,
+    read_archive,
+    settings,
+    write_archive,
+)
 
 KIND = "a test"
 ARRAYS = {

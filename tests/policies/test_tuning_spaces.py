@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gplfd.policies import POLICIES, ViaPoint
+from gplfd.policies.adaptation import begin_adaptation
+from gplfd.policies.built_in import TABLE_1
+from gplfd.policies.method import TrainingInput
+from gplfd.policies.registry import tuned
+from gplfd.policies.tuning_spaces import SPACES, Setting, tuned_settings
 from gplfd_env.task import handle_pose_on_arc
-from policies import POLICIES, ViaPoint
-from policies.adaptation import begin_adaptation
-from policies.built_in import TABLE_1
-from policies.method import TrainingInput
-from policies.registry import tuned
-from policies.tuning_spaces import SPACES, Setting, tuned_settings
 
 GRID = np.linspace(0.0, 1.0, 40)
 SHARES = st.floats(0.0, 1.0)

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from policies import (
+from gplfd.policies import (
     Demonstration,
     Method,
     make_agent,
@@ -22,14 +22,14 @@ from policies import (
     policy_named,
     user_policies,
 )
-from policies.policy import PolicyOrigin
-from policies.registry import POLICIES, load_policy
-from policies.user_policies import packaged_policies
+from gplfd.policies.policy import PolicyOrigin
+from gplfd.policies.registry import POLICIES, load_policy
+from gplfd.policies.user_policies import packaged_policies
 
 MODULE = '''
 """Somebody's policies."""
 import numpy as np
-from policies import Method, Policy, fit_skill
+from gplfd.policies import Method, Policy, fit_skill
 
 
 class Still:
@@ -194,7 +194,7 @@ def test_origins_are_plain_data_with_which_another_process_finds_the_policy(
     assert origin is not None
     assert PolicyOrigin(**json.loads(json.dumps(dataclasses.asdict(origin)))) == origin
     program = (
-        "import pickle, sys; from policies.registry import load_policy\n"
+        "import pickle, sys; from gplfd.policies.registry import load_policy\n"
         "print(load_policy(pickle.load(sys.stdin.buffer)).summary)\n"
     )
     ran = subprocess.run(

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import kstest, multivariate_normal
 
-from policies.baselines.elliptical_slice import elliptical_slice_chain
-from policies.baselines.wishart_process import (
+from gplfd.policies.baselines.elliptical_slice import elliptical_slice_chain
+from gplfd.policies.baselines.wishart_process import (
     WishartLikelihood,
     WishartPosterior,
     WishartPrior,

@@ -14,8 +14,8 @@ except ImportError as error:
         "pip install '.[minari]', elsewhere: pip install 'gplfd[minari]'"
     ) from error
 
-from experiments.datasets.minari.episode import RecordedEpisode, Recorder
-from experiments.datasets.minari.reading import Dataset, open_dataset
-from experiments.datasets.minari.writing import write_dataset
+from gplfd.experiments.datasets.minari.episode import RecordedEpisode, Recorder
+from gplfd.experiments.datasets.minari.reading import Dataset, open_dataset
+from gplfd.experiments.datasets.minari.writing import write_dataset
 
 __all__ = ["Dataset", "RecordedEpisode", "Recorder", "open_dataset", "write_dataset"]

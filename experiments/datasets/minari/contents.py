@@ -4,10 +4,10 @@ import math
 from collections.abc import Mapping
 from itertools import starmap
 
-from experiments.datasets.minari.episode import RecordedEpisode
-from experiments.datasets.minari.physics import model_hash
-from experiments.datasets.minari.reading import Dataset
-from experiments.files.table import Table, text_table
+from gplfd.experiments.datasets.minari.episode import RecordedEpisode
+from gplfd.experiments.datasets.minari.physics import model_hash
+from gplfd.experiments.datasets.minari.reading import Dataset
+from gplfd.experiments.files.table import Table, text_table
 
 
 def title(dataset: Dataset) -> str:

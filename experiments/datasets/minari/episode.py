@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.datasets.minari.physics import (
+from gplfd.experiments.datasets.minari.physics import (
     model_digests,
     physics_state,
     state_layout,

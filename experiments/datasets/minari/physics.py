@@ -7,7 +7,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from experiments.arrays import FloatArray
+from gplfd.experiments.arrays import FloatArray
 
 STATE: Final = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 """All that a step reads: with it, MuJoCo continues bit for bit."""

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import gplfd_env  # noqa: F401 - registers the ids
-from experiments.datasets.minari.episode import RecordedEpisode
-from experiments.datasets.minari.writing import (
+from gplfd.experiments.datasets.minari.episode import RecordedEpisode
+from gplfd.experiments.datasets.minari.writing import (
     DATA,
     KIND,
     LAYOUT,
@@ -21,8 +21,8 @@ from experiments.datasets.minari.writing import (
     PER_STEP,
     REPRODUCING,
 )
-from experiments.files.plain_data import entry, parsed_json, read_json
-from experiments.files.provenance import content_hash
+from gplfd.experiments.files.plain_data import entry, parsed_json, read_json
+from gplfd.experiments.files.provenance import content_hash
 
 _NAMESPACE: Final = "gplfd/"
 _LARGEST_EPISODE: Final = 2**28

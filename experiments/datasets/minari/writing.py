@@ -14,12 +14,12 @@ import minari
 from minari.serialization import serialize_space
 from numpy.typing import NDArray
 
-from experiments.datasets.minari.episode import RecordedEpisode, flat
-from experiments.datasets.minari.physics import model_hash
-from experiments.files.folders import complete_folder
-from experiments.files.plain_data import write_json
-from experiments.files.provenance import provenance
-from policies.storage import complete_or_absent
+from gplfd.experiments.datasets.minari.episode import RecordedEpisode, flat
+from gplfd.experiments.datasets.minari.physics import model_hash
+from gplfd.experiments.files.folders import complete_folder
+from gplfd.experiments.files.plain_data import write_json
+from gplfd.experiments.files.provenance import provenance
+from gplfd.policies.storage import complete_or_absent
 
 KIND: Final = "gplfd"
 """Name under which this package keeps its own entries, per data set and episode."""

@@ -12,28 +12,28 @@ from typing import Final
 
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.datasets.preparation.frames import in_frame, offset_by
-from experiments.datasets.preparation.hinge import suspicious_order
-from experiments.datasets.preparation.samples import (
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.preparation.frames import in_frame, offset_by
+from gplfd.experiments.datasets.preparation.hinge import suspicious_order
+from gplfd.experiments.datasets.preparation.samples import (
     Note,
     Notes,
     Samples,
     usable,
     without_spikes,
 )
-from experiments.datasets.preparation.settings import Preparation
-from experiments.datasets.preparation.timing import (
+from gplfd.experiments.datasets.preparation.settings import Preparation
+from gplfd.experiments.datasets.preparation.timing import (
     at_rate,
     checked_gaps,
     filtered,
     outliers,
     repetitions,
 )
-from experiments.datasets.raw import RawRecording
-from policies.alignment import align
-from policies.demonstrations import Demonstration
-from policies.rests import moving_span
+from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.policies.alignment import align
+from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.rests import moving_span
 
 _LARGE: Final = 3.0
 """A hand that moves further [m] is hardly recorded in metres."""

@@ -6,10 +6,10 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.arrays import FloatArray
-from experiments.datasets.preparation.hinge import find_hinge
-from experiments.datasets.preparation.samples import Note, Notes, Samples
-from experiments.datasets.preparation.settings import FrameName, Transform
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.preparation.hinge import find_hinge
+from gplfd.experiments.datasets.preparation.samples import Note, Notes, Samples
+from gplfd.experiments.datasets.preparation.settings import FrameName, Transform
 
 _STAYS: Final = 0.75
 """A door that is opened ends at more than this share of its widest angle."""

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from experiments.arrays import FloatArray
+from gplfd.experiments.arrays import FloatArray
 
 _SHORTEST: Final = math.radians(10.0)
 """An arc that is shorter tells no hinge [rad]."""

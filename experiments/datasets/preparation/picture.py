@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.datasets.preparation import Motion
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.preparation import Motion
 
 _COMPONENTS = ("x", "y", "z")
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from experiments.datasets.preparation import Motion
-from experiments.datasets.preparation.settings import Preparation
-from experiments.files.table import Table, text_table
+from gplfd.experiments.datasets.preparation import Motion
+from gplfd.experiments.datasets.preparation.settings import Preparation
+from gplfd.experiments.files.table import Table, text_table
 from gplfd_env.se3 import rotation_distance
 
 _COLUMNS = (

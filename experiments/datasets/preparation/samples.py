@@ -10,8 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.datasets.raw import METRES, RawRecording
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.raw import METRES, RawRecording
 
 _NORM_TOLERANCE: Final = 0.05
 """A quaternion whose norm is further from one is none."""

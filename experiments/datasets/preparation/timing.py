@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.signal import butter, sosfiltfilt
 
-from experiments.arrays import FloatArray
-from experiments.datasets.preparation.samples import Note, Notes, Samples
-from experiments.datasets.preparation.settings import Segments
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.preparation.samples import Note, Notes, Samples
+from gplfd.experiments.datasets.preparation.settings import Segments
 
 _SMOOTH: Final = 0.05
 """Standard deviation of the smoother under which speed is measured [s]."""

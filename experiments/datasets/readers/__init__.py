@@ -7,8 +7,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from experiments.datasets.raw import RawRecording
-from experiments.datasets.readers.selection import Selection
+from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers.selection import Selection
 from gplfd_env.named import nearest_name
 
 

@@ -1,10 +1,11 @@
 """Arrays by name: what .npz, .npy and .mat files have in common, and the first two.
 
 Understood are the columns of `readers.tables` as arrays (N,), the arrays of `GROUPS`
-(N, d), a set of `experiments.datasets.npz`, and with ``--columns`` one array (N, C) of
-columns, or (K, N, C) for K recordings. Samples may also stand in columns, as MATLAB has
-them, where the shape leaves no doubt. An array of a .mat file is named by where it
-stands, ``demos{2}.pos``: cells and structures of one name are recordings of one set.
+(N, d), a set of `gplfd.experiments.datasets.npz`, and with ``--columns`` one array (N,
+C) of columns, or (K, N, C) for K recordings. Samples may also stand in columns, as
+MATLAB has them, where the shape leaves no doubt. An array of a .mat file is named by
+where it stands, ``demos{2}.pos``: cells and structures of one name are recordings of
+one set.
 """
 
 import itertools
@@ -16,11 +17,11 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.arrays import FloatArray
-from experiments.datasets.npz import KIND, load_demonstrations
-from experiments.datasets.raw import RawRecording
-from experiments.datasets.readers.selection import Selection, chosen
-from experiments.datasets.readers.tables import (
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.npz import KIND, load_demonstrations
+from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers.selection import Selection, chosen
+from gplfd.experiments.datasets.readers.tables import (
     FORCE,
     NAMES,
     POSITION,
@@ -30,7 +31,7 @@ from experiments.datasets.readers.tables import (
     recording,
     understood,
 )
-from policies.storage import array_of, read_arrays
+from gplfd.policies.storage import array_of, read_arrays
 
 _Any = TypeVar("_Any")
 

@@ -17,9 +17,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.datasets.raw import RawRecording
-from experiments.datasets.readers.selection import Selection, chosen
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers.selection import Selection, chosen
 
 try:
     from rosbags.highlevel import AnyReader
@@ -186,7 +186,7 @@ def _kinematics(selection: Selection) -> Callable[[Any], tuple[float, ...]]:
         raise ValueError(
             "joint states need the robot and its hand: --urdf FILE --link NAME"
         )
-    from experiments.datasets.readers.forward_kinematics import hand_of
+    from gplfd.experiments.datasets.readers.forward_kinematics import hand_of
 
     return hand_of(selection.urdf, selection.link)
 

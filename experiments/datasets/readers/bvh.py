@@ -14,9 +14,9 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.arrays import FloatArray
-from experiments.datasets.raw import RawRecording
-from experiments.datasets.readers.selection import Selection, chosen
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers.selection import Selection, chosen
 
 DEFAULT_JOINT: Final = "RightHand"
 """What moves where nothing is said."""

@@ -14,9 +14,9 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.arrays import FloatArray
-from experiments.datasets.raw import RawRecording
-from experiments.datasets.readers.selection import Selection, chosen
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers.selection import Selection, chosen
 
 _BLOCK: Final = 512
 _MAGIC: Final = 0x50

@@ -13,9 +13,13 @@ from typing import Final, TextIO
 
 import numpy as np
 
-from experiments.datasets.raw import RawRecording
-from experiments.datasets.readers.selection import Selection
-from experiments.datasets.readers.tables import named_columns, recording, understood
+from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers.selection import Selection
+from gplfd.experiments.datasets.readers.tables import (
+    named_columns,
+    recording,
+    understood,
+)
 
 _LONGEST_LINE: Final = 2**16
 """Characters of a line at most: a table of poses has a few hundred."""

@@ -9,11 +9,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.datasets.raw import RawRecording
-from experiments.datasets.readers.selection import Selection, chosen
-from experiments.datasets.readers.tables import named_columns, recording
-from experiments.files.plain_data import entry, read_json
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers.selection import Selection, chosen
+from gplfd.experiments.datasets.readers.tables import named_columns, recording
+from gplfd.experiments.files.plain_data import entry, read_json
 
 try:
     import pyarrow.parquet as parquet

@@ -11,10 +11,10 @@ from typing import Any, Final
 import scipy.io
 from numpy.typing import NDArray
 
-from experiments.datasets.raw import RawRecording
-from experiments.datasets.readers.arrays import recordings
-from experiments.datasets.readers.mat5 import read_arrays
-from experiments.datasets.readers.selection import Selection
+from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers.arrays import recordings
+from gplfd.experiments.datasets.readers.mat5 import read_arrays
+from gplfd.experiments.datasets.readers.selection import Selection
 
 _LARGEST_EXPANSION: Final = 20
 _ALLOWANCE: Final = 2**26

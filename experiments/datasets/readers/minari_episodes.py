@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from experiments.datasets.minari import open_dataset
-from experiments.datasets.raw import RawRecording
-from experiments.datasets.readers.selection import Selection
-from experiments.datasets.readers.tables import quaternions_of
+from gplfd.experiments.datasets.minari import open_dataset
+from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers.selection import Selection
+from gplfd.experiments.datasets.readers.tables import quaternions_of
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:

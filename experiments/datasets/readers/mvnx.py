@@ -12,8 +12,8 @@ from xml.parsers import expat
 
 import numpy as np
 
-from experiments.datasets.raw import RawRecording
-from experiments.datasets.readers.selection import Selection, chosen
+from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers.selection import Selection, chosen
 
 DEFAULT_SEGMENT: Final = "RightHand"
 """What moves where nothing is said."""

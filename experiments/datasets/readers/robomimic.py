@@ -12,9 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.datasets.raw import RawRecording
-from experiments.datasets.readers.selection import Selection, chosen
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers.selection import Selection, chosen
 
 try:
     import h5py

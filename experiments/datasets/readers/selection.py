@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from experiments.datasets.raw import METRES, RADIANS
+from gplfd.experiments.datasets.raw import METRES, RADIANS
 from gplfd_env.named import nearest_name
 
 QuaternionOrder = Literal["wxyz", "xyzw"]

@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.arrays import FloatArray
-from experiments.datasets.raw import METRES, RADIANS, SECONDS, RawRecording
-from experiments.datasets.readers.selection import Selection
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.raw import METRES, RADIANS, SECONDS, RawRecording
+from gplfd.experiments.datasets.readers.selection import Selection
 
 NAMES: Final[Mapping[str, tuple[str, ...]]] = {
     "t": ("time", "timestamp", "stamp", "seconds"),

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from experiments.datasets.npz import load_demonstrations
-from experiments.datasets.readers import READERS
-from experiments.datasets.writers.rows import demonstration_rows
+from gplfd.experiments.datasets.npz import load_demonstrations
+from gplfd.experiments.datasets.readers import READERS
+from gplfd.experiments.datasets.writers.rows import demonstration_rows
 
 WRITERS: Final = ("robomimic", "lerobot")
 """Every form that is written; each is a module of this package, and of the readers."""
@@ -29,8 +29,8 @@ def export_demonstrations(
     """Write demonstrations in another form.
 
     Args:
-        source: A set, see `experiments.datasets.npz`, or a data set of episodes, see
-            `experiments.datasets.minari`.
+        source: A set, see `gplfd.experiments.datasets.npz`, or a data set of episodes,
+            see `gplfd.experiments.datasets.minari`.
         target: File or folder to write.
         form: One of `WRITERS`.
         rate: Rows per second of episodes; None for 100, or 10 with pictures.
@@ -54,11 +54,11 @@ def export_demonstrations(
     if cameras and form != "lerobot":
         raise ValueError("--pictures are written in the form lerobot alone")
     # The reader of a form says how to install what both need.
-    importlib.import_module(f"experiments.datasets.readers.{form}")
+    importlib.import_module(f"gplfd.experiments.datasets.readers.{form}")
     module = importlib.import_module(f"{__name__}.{form}")
     if any((source / mark).is_file() for mark in READERS["minari"].marks):
-        from experiments.datasets.minari import open_dataset
-        from experiments.datasets.writers.episodes import episode_rows
+        from gplfd.experiments.datasets.minari import open_dataset
+        from gplfd.experiments.datasets.writers.episodes import episode_rows
 
         usual = _PICTURE_RATE if cameras else _FINEST
         rows = episode_rows(open_dataset(source), rate or usual, cameras, size)

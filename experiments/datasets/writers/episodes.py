@@ -10,11 +10,11 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from experiments.arrays import FloatArray
-from experiments.datasets.minari import Dataset, RecordedEpisode
-from experiments.datasets.minari.physics import STATE
-from experiments.datasets.writers.rows import Rows, states_of
-from experiments.progress import progress_bar
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.minari import Dataset, RecordedEpisode
+from gplfd.experiments.datasets.minari.physics import STATE
+from gplfd.experiments.datasets.writers.rows import Rows, states_of
+from gplfd.experiments.progress import progress_bar
 from gplfd_env.camera import Camera
 from gplfd_env.task import CONTROL_PERIOD
 

@@ -17,11 +17,11 @@ import pyarrow
 import pyarrow.parquet
 from PIL import Image
 
-from experiments.arrays import FloatArray
-from experiments.datasets.readers.lerobot import INFO, STATE
-from experiments.datasets.writers.rows import Rows
-from experiments.files.folders import complete_folder
-from experiments.files.plain_data import write_json
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.readers.lerobot import INFO, STATE
+from gplfd.experiments.datasets.writers.rows import Rows
+from gplfd.experiments.files.folders import complete_folder
+from gplfd.experiments.files.plain_data import write_json
 
 _NAMES: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _PICTURES: Final = "observation.images."

@@ -13,10 +13,10 @@ from typing import Any, Final
 import h5py
 import numpy as np
 
-from experiments.arrays import FloatArray
-from experiments.datasets.readers.robomimic import DEFAULT_HAND
-from experiments.datasets.writers.rows import Rows
-from policies.storage import complete_or_absent
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.readers.robomimic import DEFAULT_HAND
+from gplfd.experiments.datasets.writers.rows import Rows
+from gplfd.policies.storage import complete_or_absent
 
 _GYM: Final = 2
 """robomimic's number for environments of Gym."""

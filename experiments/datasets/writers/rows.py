@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.arrays import FloatArray
-from experiments.datasets.npz import LabelledDemonstrations
+from gplfd.experiments.arrays import FloatArray
+from gplfd.experiments.datasets.npz import LabelledDemonstrations
 
 _EQUAL: Final = 0.05
 """Steps of time differ by less than this share of one."""

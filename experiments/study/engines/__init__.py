@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, Literal, Protocol, TypeVar
 
-from experiments.interruption import postponed_interruption
-from experiments.study.engines.serial import Serial
+from gplfd.experiments.interruption import postponed_interruption
+from gplfd.experiments.study.engines.serial import Serial
 
 __all__ = ["ATTEMPTS", "ONE_THREAD", "Engine", "EngineName", "Lost", "engine_named"]
 
@@ -85,7 +85,7 @@ def engine_named(
     # `gplfd --help` waits for none.
     if name == "loky":
         with postponed_interruption():
-            from experiments.study.engines.processes import Processes
+            from gplfd.experiments.study.engines.processes import Processes
 
         return Processes(workers=workers)
     return _cluster(address)
@@ -99,7 +99,7 @@ def _cluster(address: str | None) -> Engine:
         )
     try:
         with postponed_interruption():
-            from experiments.study.engines.cluster import Cluster
+            from gplfd.experiments.study.engines.cluster import Cluster
     except ImportError as error:
         raise ValueError(
             f"--engine dask needs Dask ({error}); pip install 'gplfd[dask]'"

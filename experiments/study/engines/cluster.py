@@ -7,7 +7,7 @@ from typing import Any, Final, TypeVar
 
 import distributed
 
-from experiments.study.engines import Lost
+from gplfd.experiments.study.engines import Lost
 
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
@@ -41,7 +41,7 @@ class Cluster:
     def run(
         self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
     ) -> Generator[tuple[ItemT, ResultT | Lost], None, None]:
-        """See `experiments.study.engines.Engine.run`.
+        """See `gplfd.experiments.study.engines.Engine.run`.
 
         Raises:
             OSError: The scheduler does not answer, or not any more.

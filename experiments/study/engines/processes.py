@@ -12,8 +12,8 @@ from typing import Any, Final, TypeVar
 
 import loky
 
-from experiments.interruption import postponed_interruption
-from experiments.study.engines import ATTEMPTS, ONE_THREAD, Lost
+from gplfd.experiments.interruption import postponed_interruption
+from gplfd.experiments.study.engines import ATTEMPTS, ONE_THREAD, Lost
 
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
@@ -43,7 +43,7 @@ class Processes:
     def run(
         self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
     ) -> Generator[tuple[ItemT, ResultT | Lost], None, None]:
-        """See `experiments.study.engines.Engine.run`."""
+        """See `gplfd.experiments.study.engines.Engine.run`."""
         waiting = deque(items)
         workers = self.workers or loky.cpu_count()
         while waiting:

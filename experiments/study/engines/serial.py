@@ -15,6 +15,6 @@ class Serial:
     def run(
         self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
     ) -> Generator[tuple[ItemT, ResultT], None, None]:
-        """See `experiments.study.engines.Engine.run`."""
+        """See `gplfd.experiments.study.engines.Engine.run`."""
         for item in items:
             yield item, work(item)

@@ -41,7 +41,7 @@ import numpy as np
 from movement_primitives.dmp import DMP
 from movement_primitives.promp import ProMP
 
-from policies.alignment import align
+from gplfd.policies.alignment import align
 
 LIBRARY_VERSION = "0.9.1"
 FOLDER = Path(__file__).parent

@@ -1,8 +1,8 @@
-"""The command ``gplfd``: the process around `experiments.cli`.
+"""The command ``gplfd``: the process around `gplfd.experiments.cli`.
 
-`policies` and `experiments` are names that users' folders have, too. Where such a
-folder is searched first, as with ``PYTHONPATH=.``, only a module whose name nobody else
-uses is found for certain: this one. Imported as the command, it puts the search for all
+Users' folders have files called ``random.py``, ``json.py`` or ``numpy.py``. Where such
+a folder is searched first, as with ``PYTHONPATH=.``, only a module whose name nobody
+else uses is found for certain: this one. Run as the command, it puts the search for all
 others in order.
 """
 
@@ -28,7 +28,7 @@ def _search_installed_first() -> None:
     if library not in sys.path:
         return
     first = sys.path.index(library)
-    home = os.path.dirname(os.path.abspath(__file__))
+    home = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     users = sys.path[:first]
     sys.path[:] = dict.fromkeys((library, home, *sys.path[first:], *users))
     for folder in users:
@@ -57,7 +57,7 @@ def main() -> int:
     """Run the command.
 
     Returns:
-        The status of `experiments.cli.main`, `INTERRUPTED` or `PIPE_CLOSED`.
+        The status of `gplfd.experiments.cli.main`, `INTERRUPTED` or `PIPE_CLOSED`.
     """
     # After the search was put in order: a user's folder may have a ``signal.py``.
     import signal
@@ -103,10 +103,10 @@ def _run() -> int:
     # For workers and all other children: they search as this process does, and the
     # working folder last.
     os.environ |= {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
-    from experiments.interruption import postponed_interruption
+    from gplfd.experiments.interruption import postponed_interruption
 
     with postponed_interruption():
-        from experiments import cli
+        from gplfd.experiments import cli
     try:
         try:
             return cli.main()

@@ -1,0 +1,1 @@
+"""gplfd: doors opened by policies that learned from demonstrations."""
