@@ -18,6 +18,7 @@ BASE_RADIUS: Final = 0.27
 
 _ROBOT_BIT: Final = 2
 _WALL_HALF_WIDTH: Final = 0.75
+_PLASTER: Final = (0.80, 0.82, 0.83, 1.0)
 
 _CAPSULES: Final[dict[str, tuple[str, tuple[float, ...], float]]] = {
     "base_body": ("base_link", (0, 0, 0.17, 0, 0, 0.19), BASE_RADIUS),
@@ -68,7 +69,7 @@ def _add_walls(spec: mujoco.MjSpec) -> None:
             type=mujoco.mjtGeom.mjGEOM_BOX,
             pos=[x, y, z + outwards * (wide + _WALL_HALF_WIDTH)],
             size=[thick, high, _WALL_HALF_WIDTH],
-            rgba=jamb.rgba,
+            rgba=_PLASTER,
             mass=0.0,
             contype=0,
         )

@@ -144,11 +144,12 @@ class DoorConfig:
     handle_length: float = quantity(0.12, unit="m", low=0.10, high=0.15)
     """Lever: from the axis about which it turns to its end."""
 
-    handle_preload: float = quantity(0.5, unit="N m", low=0.0, high=2.0)
-    """Lever, knob: torque of the return spring at rest."""
+    handle_preload: float | None = quantity(None, unit="N m", low=0.0, high=2.0)
+    """Lever, knob: torque of the return spring at rest; None: 0.5 of a lever, 0.175 of
+    a knob: fingers hold a third of what a lever takes."""
 
-    handle_stiffness: float = quantity(1.2, unit="N m/rad", low=0.1, high=5.0)
-    """Lever, knob: what the return spring adds per angle."""
+    handle_stiffness: float | None = quantity(None, unit="N m/rad", low=0.1, high=5.0)
+    """Lever, knob: what the return spring adds per angle; None: 1.2 and 0.2."""
 
     handle_travel: float = quantity(0.80, unit="rad", low=0.3, high=1.2)
     """Lever, knob: angle at which it meets its stop."""
@@ -197,6 +198,19 @@ class DoorConfig:
         return self.handle_length - 0.03 if self.handle == "lever" else 0.0
 
     @property
+    def handle_spring(self) -> tuple[float, float]:
+        """Torque of the handle's return spring [N m], and what an angle adds [N m/rad].
+
+        Where none are given, what levers and knobs usually have.
+        """
+        preload, stiffness = _KNOB_SPRING if self.handle == "knob" else _LEVER_SPRING
+        if self.handle_preload is not None:
+            preload = self.handle_preload
+        if self.handle_stiffness is not None:
+            stiffness = self.handle_stiffness
+        return preload, stiffness
+
+    @property
     def hand_radius(self) -> float:
         """Distance from hinge axis to hand [m]."""
         return self.radius - self.grip
@@ -228,6 +242,10 @@ class DoorConfig:
         """Coulomb friction of hinge and closer [N m]."""
         return self.hinge_friction + self.closer_friction
 
+
+_LEVER_SPRING: Final = (0.5, 1.2)
+_KNOB_SPRING: Final = (0.175, 0.2)
+"""Of what `gplfd_env.standard` draws, the middle."""
 
 _ALWAYS: Final = 8
 """Fields that every record of a door has."""

@@ -10,6 +10,14 @@ from gplfd_env.closer import add_closer, has_tendons, set_closer
 from gplfd_env.config import DoorConfig, Handle
 from gplfd_env.handle import STEEL, add_bar, add_turning_handle, set_handle
 from gplfd_env.latch import add_latch, set_latch
+from gplfd_env.looks import (
+    add_casing,
+    add_closer_looks,
+    add_far_handle,
+    add_lock_plate,
+    add_panels,
+    show_closer,
+)
 from gplfd_env.placement import (
     grasp_in_door_frame,
     handle_position_w,
@@ -109,6 +117,26 @@ def add_door(
     if structure.latched:
         add_latch(spec, frame, leaf, door, _edges_in_frame(door)[1])
     add_closer(spec, door, tendons=structure.closer)
+    _add_looks(spec, frame, leaf, door, structure)
+
+
+def _add_looks(
+    spec: mujoco.MjSpec,
+    frame: mujoco.MjsBody,
+    leaf: mujoco.MjsBody,
+    door: DoorConfig,
+    structure: Structure,
+) -> None:
+    top = _LEAF_HEIGHT - door.handle_height
+    if structure.closer:
+        add_closer_looks(spec, frame, leaf, door, top)
+    if structure.latched:
+        add_lock_plate(leaf, door)
+    if door.handle != "bar":
+        hinge_edge, lock_edge = _edges(door)
+        add_casing(frame, door, _edges_in_frame(door), top)
+        add_panels(leaf, door, lock_edge - hinge_edge)
+        add_far_handle(leaf, spec.body("handle"), door)
 
 
 def _add_frame(frame: mujoco.MjsBody, door: DoorConfig) -> None:
@@ -228,6 +256,8 @@ def set_door_physics(
     _add_leaf_mass(model, door.panel_mass - NOMINAL_MASS)
     mujoco.mj_setConst(model, data)
     set_closer(model, door)
+    if has_tendons(door):
+        show_closer(model, door)
 
 
 def _add_leaf_mass(model: mujoco.MjModel, mass: float) -> None:

@@ -81,6 +81,7 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
         foot: Where the leaf's surface is along x [m].
     """
     reach, grip = door.side * door.radius, door.side * door.grip
+    preload, stiffness = door.handle_spring
     body = leaf.add_body(name="handle", pos=[0.0, 0.0, reach], gravcomp=1.0)
     body.add_joint(
         name="handle",
@@ -88,8 +89,8 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
         axis=[-door.side, 0, 0],
         range=[0.0, door.handle_travel],
         limited=True,
-        stiffness=[door.handle_stiffness, 0, 0],
-        springref=-door.handle_preload / door.handle_stiffness,
+        stiffness=[stiffness, 0, 0],
+        springref=-preload / stiffness,
         damping=[0.02, 0, 0],
         armature=1e-3,
     )
@@ -130,7 +131,7 @@ def set_handle(model: mujoco.MjModel, door: DoorConfig) -> None:
         model: The scene; edited in place.
         door: Of the geometry that the scene was compiled with.
     """
-    set_spring(model, "handle", door.handle_preload, door.handle_stiffness)
+    set_spring(model, "handle", *door.handle_spring)
 
 
 def set_spring(

@@ -19,8 +19,8 @@ from gplfd_env.room import INTANGIBLE
 _NOSE: Final = 0.003
 """Radius of the bolt's nose [m]."""
 
-_GAP: Final = 0.003
-"""Between leaf and frame [m]."""
+GAP: Final = 0.003
+"""Between leaf and frame: where a bolt stands out by less, the door is free [m]."""
 
 _CLEARANCE: Final = 0.001
 """Between the bolt of a closed door and the strike [m]."""
@@ -53,7 +53,7 @@ def latch_holds(door: DoorConfig, angle: float, bolt: float) -> bool:
         angle: Opening angle [rad].
         bolt: How far the bolt is drawn in [m].
     """
-    return door.latch == "spring" and angle < _PLAY and bolt < door.bolt_throw - _GAP
+    return door.latch == "spring" and angle < _PLAY and bolt < door.bolt_throw - GAP
 
 
 def add_latch(
@@ -141,7 +141,7 @@ def _add_strike(
         name="strike",
         type=mujoco.mjtGeom.mjGEOM_MESH,
         meshname="strike",
-        pos=[face, 0.0, lock_edge + door.side * _GAP],
+        pos=[face, 0.0, lock_edge + door.side * GAP],
         quat=_MIRRORED[door.swing, door.hinge_side],
         rgba=STEEL,
         **INTANGIBLE,

@@ -31,6 +31,7 @@ from gplfd.policies.controllers.stiffness import (
     VirtualDynamics,
 )
 from gplfd.policies.gridded import GriddedMovement, GriddedMovements
+from gplfd.policies.handle_load import HandleAndDoor
 from gplfd.policies.load import Encounter, LearnedLoad, LoadRule, Response
 from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
 from gplfd.policies.phase import POSE_ERROR, PhaseRule
@@ -146,7 +147,9 @@ class ComplianceController:
         self._renderer = config.rendering.renderer(
             config.dynamics, config.control_period, shape
         )
-        self._load = config.load.begin(config.profile, shape)
+        self._load = HandleAndDoor(
+            config.load, config.profile, self._movements.handles, shape
+        )
         self._memory = _Memory(shape)
         self._via_noise = np.repeat(config.via_std, 3)
 
@@ -231,7 +234,7 @@ class ComplianceController:
             position=hands,
             displacement=self._renderer.displacement(hands, members),
         )
-        return self._load.meet(encounter, members)
+        return self._load.meet(encounter, poses, members)
 
     def _adapt(
         self, poses: Poses, phases: Phases, phase_stds: Phases, members: Members

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gplfd.policies.adaptation import Adaptation, AdaptationForm, begin_adaptation
+from gplfd.policies.handle import TurnedHandle, turned_handle
 from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
 from gplfd.policies.movement import Movement
 from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
@@ -141,6 +142,11 @@ class GriddedMovements:
     def durations(self) -> Float[np.ndarray, "*N"]:
         """Nominal durations of the members' tasks [s]."""
         return self._durations
+
+    @property
+    def handles(self) -> tuple[TurnedHandle | None, ...]:
+        """What the members turn first; None for a bar."""
+        return tuple(turned_handle(one.learned.aligned) for one in self._movements)
 
     @property
     def numbers(self) -> Int[np.ndarray, "*N"]:

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gplfd.policies.aligned import AlignedDemonstrations
+from gplfd.policies.handle import TurnedHandle, seen_at, turned_handle
 from gplfd.policies.heading import Heading, directions
 from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
 from gplfd.policies.movement import Predictor
@@ -47,7 +48,10 @@ class PathPhase:
     """The phase at which the demonstrated distribution is nearest to a pose.
 
     The features of a pose are the distance ρ = |v| of the hand from the closed handle,
-    the direction u = v/|v| of that displacement, and the hand's rotation θ. Doors of
+    the direction u = v/|v| of that displacement, and the hand's rotation θ. Where a
+    handle is turned first, v is the displacement of the handle's axis and θ the leaf's
+    turn with the handle's greatest so far (`gplfd.policies.handle`): the hand's way
+    about the axis is no door's, and the way back the policy's own. Doors of
     different radius share u at equal phase, though not ρ: it tells progress
     independently of the radius and of how the hand lies on the bar. A robot that stands
     askew by ψ sees u turned by ψ about the vertical, which `Heading` estimates from the
@@ -98,8 +102,12 @@ class PathPhase:
                 f"{type(demonstrated).__name__} predicts NaN or infinity; give it "
                 "EmpiricalDistribution(aligned) instead"
             )
+        handle, means = turned_handle(aligned), prediction.mean
+        if handle is not None:
+            aligned, means = seen_at(aligned, handle), handle.places(means)
+            means[:, 3:] = _most_turned(handle, means[:, 3:])
         direction, variance = directions(aligned, _GRID)
-        distance = np.sqrt((prediction.mean[:, :3] ** 2).sum(axis=1))
+        distance = np.sqrt((means[:, :3] ** 2).sum(axis=1))
         # As of doors of different size, whose positions differ along û alone.
         radial = (np.abs(direction) * prediction.std[:, :3]).sum(axis=1)
         # Long enough for any window, of which rounding may cut a point more or less.
@@ -112,7 +120,7 @@ class PathPhase:
         features[:, self._stretch.size : -self._stretch.size] = np.vstack(
             [
                 distance,
-                prediction.mean[:, 3:].T,
+                means[:, 3:].T,
                 direction.T,
                 1.0 / (radial**2 + noise.position**2),
                 1.0 / (prediction.std[:, 3:].T ** 2 + noise.rotation**2),
@@ -121,6 +129,8 @@ class PathPhase:
         )
         self._features, self._rates = features, prediction.mean_rate
         self._numbers: Int[np.ndarray, "*N"] = np.zeros((), dtype=np.int64)
+        self._handles: list[TurnedHandle | None] = [handle]
+        self._turned = [0.0]
         self.noise, self._window = noise, window
         self._headings = [
             Heading(
@@ -140,6 +150,8 @@ class PathPhase:
         together._features = np.hstack([rule._features for rule in rules])
         together._rates = np.vstack([rule._rates for rule in rules])
         together._numbers = np.arange(len(together._rates) // _GRID.size)
+        together._turned = [0.0 for rule in rules for _ in rule._handles]
+        together._handles = [handle for rule in rules for handle in rule._handles]
         together._headings = [
             heading.afresh() for rule in rules for heading in rule._headings
         ]
@@ -149,6 +161,7 @@ class PathPhase:
         """Let these members forget their paths and begin at the start of the task."""
         for number in np.ravel(self._numbers[members]).tolist():
             self._headings[number].reset()
+            self._turned[number] = 0.0
 
     def update(
         self,
@@ -191,7 +204,15 @@ class PathPhase:
         rows = []
         for number, pose in zip(numbers, poses.reshape(-1, 6).tolist(), strict=True):
             x, y, z, *rotation = pose
-            heading = self._headings[number]
+            handle, heading = self._handles[number], self._headings[number]
+            if handle is not None:
+                x, y, z = handle.place(pose)
+                leaf, turn = handle.turns(rotation)
+                most = self._turned[number] = max(self._turned[number], turn)
+                rotation = [
+                    part + most * along
+                    for part, along in zip(leaf, handle.axis, strict=True)
+                ]
             heading.see(math.hypot(x, z), math.atan2(-z, x))
             far = math.sqrt(x * x + y * y + z * z) + 1e-9
             cosine, sine = math.cos(heading.yaw), math.sin(heading.yaw)
@@ -235,6 +256,19 @@ class PathPhase:
             if anywhere[2] < _CLEARER * near[2]:
                 found[row] = anywhere
         return found
+
+
+def _most_turned(
+    handle: TurnedHandle, rotations: Float[np.ndarray, "G 3"]
+) -> Float[np.ndarray, "G 3"]:
+    """Return a leaf's turns with what the handle has been turned by at most.
+
+    That it goes back is the policy's own doing, and says nothing of the door.
+    """
+    parts = [handle.turns(rotation) for rotation in rotations.tolist()]
+    leaves, turns = zip(*parts, strict=True)
+    most = np.maximum.accumulate(np.maximum(turns, 0.0))
+    return np.asarray(np.array(leaves) + np.outer(most, handle.axis))
 
 
 def _cost(

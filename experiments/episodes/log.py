@@ -106,6 +106,8 @@ class EpisodeLog:
     """Force of the door on a stop, as if at the handle [N]."""
     base_shift: Number
     """How far the base has been moved [m]."""
+    closer_torque: Number
+    """Closing torque of closer, seal and stiction [N m]."""
 
     # What the agent decided, with the meanings of `gplfd.policies.steps.AgentStep`.
     action: Pose

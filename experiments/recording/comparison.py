@@ -120,8 +120,8 @@ def _everything(
     demonstrations: Sequence[Demonstration],
     measured: Measured,
 ) -> Iterator[Chunk]:
-    radius = logs[0].radius
-    yield from _moved_to(OVERLAY, motion.door_frame(model, radius, demonstrations))
+    door = motion.door_frame(model, logs[0].config, demonstrations)
+    yield from _moved_to(OVERLAY, door)
     yield from _success_line(logs)
     for number, (log, colour) in enumerate(zip(logs, COLOURS, strict=False)):
         yield from _robot(number, log, colour, model)

@@ -10,6 +10,7 @@ from rerun.chunk import Chunk
 from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.recording.about import page
 from gplfd.experiments.recording.layout import layout_chunks
+from gplfd.experiments.recording.mechanism import mechanism, mechanism_of
 from gplfd.experiments.recording.motion import door_frame, hand_motion, policy_motion
 from gplfd.experiments.recording.outside import causes_of, from_outside
 from gplfd.experiments.recording.panels import panels
@@ -42,7 +43,9 @@ def record_episode(
         OSError: The file cannot be written.
     """
     check_model(log, model)
-    with recording_file(path, layout_chunks(causes_of(log))) as stream:
+    there = mechanism_of(model, log.door_config)
+    arrangement = layout_chunks(causes_of(log), there, log.config.hinge_side)
+    with recording_file(path, arrangement) as stream:
         stream.send_recording_name(recording_name(log))
         # One by one: while one is written the next is made.
         chunks = itertools.chain(
@@ -72,7 +75,7 @@ def stage_setting(
 ) -> Iterator[Chunk]:
     """What is there before anything moves: robot, door, demonstrations."""
     yield from drawn_scene(model, looks)
-    yield from door_frame(model, log.radius, demonstrations)
+    yield from door_frame(model, log.config, demonstrations)
 
 
 def happening(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
@@ -82,6 +85,7 @@ def happening(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
     yield from hand_motion(part)
     yield from panels(part)
     yield from from_outside(part)
+    yield from mechanism(part, model)
 
 
 def recording_name(log: EpisodeLog) -> str:

@@ -6,13 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
+import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import ArrayLike
 from rerun.chunk import Chunk, RrdReader
 
-from gplfd.experiments.recording import motion, outside, panels, stages
+from gplfd.experiments.recording import mechanism, motion, outside, panels, stages
 from gplfd.experiments.recording.colours import BACKGROUND
 from gplfd.experiments.recording.stream import APPLICATION, TIMELINE
+from gplfd_env.config import HingeSide
 
 Corner = Literal["LeftTop", "LeftBottom", "RightTop", "RightBottom"]
 
@@ -30,36 +32,62 @@ class Eye(NamedTuple):
 
 # From the hinge side the hand stays before the leaf however far the door is open.
 _SCENE_EYE: Final = Eye((-0.62, -1.95, 0.85), (-0.46, -0.2, -0.07), (0.0, 0.0, 1.0))
+# A robot that drives needs room, and its doors are higher.
+_WIDE_EYE: Final = Eye((-0.8, -2.8, 1.1), (-0.5, -0.2, 0.0), (0.0, 0.0, 1.0))
 _PLAN_EYE: Final = Eye((-0.3, -0.3, 1.0), (-0.3, -0.3, 0.0), (1.0, 0.0, 0.0))
 
 _SHARE: Final = (-40.0, 110.0)
 """Shown range of the share of the stability bound [%]; negative while softening."""
 
 
-@functools.cache
-def layout(causes: tuple[str, ...], *, live: bool = False) -> rrb.Blueprint:
+def layout(
+    causes: tuple[str, ...],
+    there: tuple[str, ...] = (),
+    hinge: HingeSide = "right",
+    *,
+    live: bool = False,
+) -> rrb.Blueprint:
     """Arrange the views, the same for every episode in which the same can happen.
 
     Both 3-D views look from points fixed in the task frame, so that every door is seen
-    alike; the axes of the panels fit themselves to what there is.
+    alike, one with its hinge on the left in the mirror; the axes of the panels fit
+    themselves to what there is.
 
     Args:
         causes: Names of what happens from outside.
+        there: Names of what `gplfd.experiments.recording.mechanism` shows.
+        hinge: Where the door's hinge is.
         live: Whether time follows what comes in, and does not play what is there.
     """
+    return _layout(causes, there, hinge, live)
+
+
+# A layout has identifiers of its own: the same one for the same arguments.
+@functools.cache
+def _layout(
+    causes: tuple[str, ...],
+    there: tuple[str, ...],
+    hinge: HingeSide,
+    live: bool,
+) -> rrb.Blueprint:
     everything = ["/world/**", f"- {motion.PLAN}/**"]
-    scene = view_3d("Scene", motion.VIEW, everything, _SCENE_EYE)
-    title = "From above: door at the top, hinge right"
-    plan = view_3d(title, motion.VIEW, [f"{motion.ROOT}/**"], _PLAN_EYE)
+    mirror = 1.0 if hinge == "right" else -1.0
+    eye = _mirrored(_WIDE_EYE if "base" in there else _SCENE_EYE, mirror)
+    scene = view_3d("Scene", motion.VIEW, everything, eye)
+    title = f"From above: door at the top, hinge {hinge}"
+    above = _mirrored(_PLAN_EYE, mirror)
+    plan = view_3d(title, motion.VIEW, [f"{motion.ROOT}/**"], above)
     about: rrb.Container | rrb.View
     about = rrb.TextDocumentView(origin=TEXT, name="About this run")
     if causes:
         about = rrb.Vertical(_happenings(), about, row_shares=[2, 3])
     lane = rrb.StateTimelineView(origin=stages.ENTITY, name="Stage")
+    lanes = 2.0 if "latch" in there else 1.2
     left = rrb.Vertical(
-        scene, lane, rrb.Horizontal(plan, about), row_shares=[5, 1.2, 4]
+        scene, lane, rrb.Horizontal(plan, about), row_shares=[5, lanes, 4]
     )
-    middle = rrb.Vertical(*_policy_views(), *_outside_views(causes))
+    extra = [_series(name, mechanism.PANELS[name].title) for name in there]
+    middle = rrb.Vertical(*_policy_views(), *_outside_views(causes), *extra)
     right = rrb.Vertical(*_reason_views())
     views = rrb.Horizontal(left, middle, right, column_shares=[5.4, 3, 3])
     return only(views, "following" if live else "playing")
@@ -81,13 +109,25 @@ def only(
 
 
 @functools.cache
-def layout_chunks(causes: tuple[str, ...]) -> tuple[Chunk, ...]:
+def layout_chunks(
+    causes: tuple[str, ...],
+    there: tuple[str, ...] = (),
+    hinge: HingeSide = "right",
+) -> tuple[Chunk, ...]:
     """Return the layout of a recording, made once per process.
 
     Args:
         causes: Names of what happens from outside.
+        there: Names of what `gplfd.experiments.recording.mechanism` shows.
+        hinge: Where the door's hinge is.
     """
-    return as_chunks(layout(causes))
+    return as_chunks(layout(causes, there, hinge))
+
+
+def _mirrored(eye: Eye, mirror: float) -> Eye:
+    """Look at what is at the other side of the task frame's x-y plane."""
+    sides = np.array([1.0, mirror, 1.0])
+    return Eye(sides * eye.position, sides * eye.target, eye.up)
 
 
 def as_chunks(blueprint: rrb.Blueprint) -> tuple[Chunk, ...]:

@@ -13,6 +13,7 @@ from urllib.parse import quote
 
 import gymnasium as gym
 import rerun as rr
+import rerun.blueprint as rrb
 
 from gplfd.experiments.arguments import check_least
 from gplfd.experiments.episodes.agents import learned, reported_errors
@@ -21,6 +22,7 @@ from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.progress import LOG
 from gplfd.experiments.recording.layout import layout
 from gplfd.experiments.recording.live import LiveRecording, watched_rollout
+from gplfd.experiments.recording.mechanism import mechanism_of
 from gplfd.experiments.recording.outside import CAUSES
 from gplfd.experiments.recording.stream import open_stream
 from gplfd.experiments.recording.viewer import has_display, viewer
@@ -78,8 +80,14 @@ def watch(
         disturbance=disturbance,
     )
 
+    # What is drawn decides what there is to show; the episode draws the same again.
+    env.reset(seed=seed)
+    inner: Any = env.unwrapped
+    model, drawn = inner.model, inner.door
+    there = mechanism_of(model, drawn.as_dict())
+    arrangement = layout(_causes(disturbance), there, drawn.hinge_side, live=True)
+
     def show(stream: rr.RecordingStream, viewer: subprocess.Popen[bytes]) -> EpisodeLog:
-        model: Any = env.unwrapped.model  # type: ignore[attr-defined]
         return watched_rollout(
             env,
             agent,
@@ -94,7 +102,7 @@ def watch(
     with contextlib.closing(env), _viewer_process(serve=serve) as (process, url):
         try:
             with (
-                _stream_to(url, _causes(disturbance)) as stream,
+                _stream_to(url, arrangement) as stream,
                 reported_errors(policy, chosen),
             ):
                 log = show(stream, process)
@@ -132,11 +140,11 @@ def _check_screen(*, serve: bool) -> None:
 
 
 @contextlib.contextmanager
-def _stream_to(url: str, causes: tuple[str, ...]) -> Iterator[rr.RecordingStream]:
+def _stream_to(url: str, arrangement: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
     """Connect a stream to a viewer; what was sent has arrived when the block ends."""
     stream = open_stream()
     try:
-        stream.connect_grpc(url, default_blueprint=layout(causes, live=True))
+        stream.connect_grpc(url, default_blueprint=arrangement)
         yield stream
         stream.flush(timeout_sec=_FLUSH_TIMEOUT)
     finally:

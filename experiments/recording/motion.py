@@ -18,6 +18,7 @@ from gplfd.experiments.recording.part import Part
 from gplfd.experiments.recording.stream import moving, seconds, static
 from gplfd.experiments.recording.tube import tube_triangles, tube_vertices
 from gplfd.policies.demonstrations import Demonstration
+from gplfd_env.config import DoorConfig
 from gplfd_env.task import handle_pose_on_arc
 
 ROOT: Final = "/world/task"
@@ -46,13 +47,13 @@ _DOT_SPACING: Final = 0.005
 
 
 def door_frame(
-    model: mujoco.MjModel, radius: float, demonstrations: Sequence[Demonstration]
+    model: mujoco.MjModel, door: DoorConfig, demonstrations: Sequence[Demonstration]
 ) -> list[Chunk]:
     """What stands still in the task frame, and the task frame itself.
 
     Args:
         model: Model with the site of the task frame, fixed in the world.
-        radius: Distance from hinge to handle [m].
+        door: Its geometry.
         demonstrations: What the policy learned from, poses in the task frame.
     """
     position, rotation = task_frame(model)
@@ -65,7 +66,7 @@ def door_frame(
         static(ROOT, pose),
         static(VIEW, rr.Transform3D(mat3x3=_VIEW_AXES_D)),
         static(f"{ROOT}/demonstrations", lines),
-        *_arc_and_styles(radius),
+        *_arc_and_styles(door.hand_radius, door.radius, door.way, door.side),
     ]
 
 
@@ -109,8 +110,9 @@ def hand_motion(part: Part) -> list[Chunk]:
     arrows = rr.Arrows3D.columns(
         origins=positions[rows], vectors=METRES_PER_NEWTON * log.wrench[rows, :3]
     )
-    # The leaf turns as the handle does; its line ends at the handle.
-    turns = Rotation.from_rotvec(log.handle_pose[rows, 3:]).as_quat()
+    # Not as the handle, which may turn in the leaf.
+    about_up = log.config.side * log.config.way * log.door_angle[rows, None]
+    turns = Rotation.from_rotvec(about_up * [0.0, 1.0, 0.0]).as_quat()
     return [
         moving(f"{ROOT}/hand/force", index, arrows),
         moving(f"{PLAN}/leaf", index, rr.Transform3D.columns(quaternion=turns)),
@@ -160,11 +162,14 @@ def _spaced(
 
 # A study opens the same doors again and again.
 @functools.lru_cache(maxsize=64)
-def _arc_and_styles(radius: float) -> tuple[Chunk, ...]:
-    """The handle's true arc, the leaf as lines from the hinge, the look of the hand."""
+def _arc_and_styles(
+    hand_radius: float, radius: float, way: float, side: float
+) -> tuple[Chunk, ...]:
+    """The hand's true arc, the leaf as lines from the hinge, the look of the hand."""
     angles = np.radians(np.linspace(0.0, _TRUE_ARC_DEG, 76))
-    arc = handle_pose_on_arc(radius, angles)[:, :3]
-    hinge, leaf = [0.0, 0.0, -radius], [[[0.0, 0.0, 0.0], [0.0, 0.0, radius]]]
+    arc = handle_pose_on_arc(hand_radius, angles)[:, :3] * [way, 1.0, side]
+    hinge = [0.0, 0.0, -side * hand_radius]
+    leaf = [[[0.0, 0.0, 0.0], [0.0, 0.0, side * radius]]]
     true_arc = rr.LineStrips3D([arc], colors=colours.TRUTH, radii=_LINE)
     at_hinge = rr.Transform3D(translation=hinge)
     closed = rr.LineStrips3D(leaf, colors=colours.MARK, radii=_LINE / 2)

@@ -217,3 +217,19 @@ def test_a_plain_door_s_dictionary_is_what_it_always_was() -> None:
         *("radius", "hinge_friction", "hinge_damping", "closer_stiffness"),
         *("closer_preload", "panel_mass", "handle_height", "handle_standoff"),
     ]
+
+
+@pytest.mark.parametrize(
+    ("fields", "spring"),
+    [
+        ({"handle": "lever"}, (0.5, 1.2)),
+        ({"handle": "knob"}, (0.175, 0.2)),
+        ({"handle": "knob", "handle_stiffness": 0.3}, (0.175, 0.3)),
+        ({"handle": "lever", "handle_preload": 0.0}, (0.0, 1.2)),
+        ({"preset": "room-709", "handle": "knob"}, (0.175, 0.2)),
+    ],
+)
+def test_a_handle_s_spring_is_that_of_its_kind_unless_given(
+    fields: dict[str, Any], spring: tuple[float, float]
+) -> None:
+    assert door_config(fields).handle_spring == spring

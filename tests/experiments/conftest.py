@@ -66,6 +66,7 @@ FROM_OUTSIDE = (
     "person_energy",
     "stop_force",
     "base_shift",
+    "closer_torque",
 )
 
 

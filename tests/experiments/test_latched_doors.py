@@ -16,12 +16,15 @@ from gplfd.experiments.teacher import Teacher
 from gplfd.policies import POLICIES, batch_agents
 from gplfd.policies.method import TrainingInput
 from gplfd_env import ENVIRONMENT_ID
-from gplfd_env.config import DoorConfig
+from gplfd_env.config import DOORS, DoorConfig
+from gplfd_env.task import Base
 
 ROOM = DoorConfig(radius=0.53, handle="lever", latch="spring")
 
 
-def opened(policy: str, *doors: DoorConfig) -> tuple[EpisodeLog, ...]:
+def opened(
+    policy: str, *doors: DoorConfig, base: Base = "fixed"
+) -> tuple[EpisodeLog, ...]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         shown = Teacher().standard_demonstrations(seed=0, like=doors[0])
@@ -31,6 +34,7 @@ def opened(policy: str, *doors: DoorConfig) -> tuple[EpisodeLog, ...]:
         ENVIRONMENT_ID,
         num_envs=len(doors),
         door=list(doors),
+        base=base,
         autoreset_mode="Disabled",
         num_threads=1,
     )
@@ -52,6 +56,22 @@ def test_demonstrations_of_three_doors_open_latched_ones_gently() -> None:
         assert metrics.success
         assert metrics.force_radial_p95 < 10.0
         assert metrics.slip_max_mm < 5.0
+
+
+def test_doors_of_rooms_are_opened_with_less_force_than_the_standard_allows() -> None:
+    """ADA 404.2.9 allows 22.2 N; the radii are those of the demonstrations."""
+    rooms = [DOORS[name] for name in ("room-584", "room-709", "room-834")]
+    for log in opened("gp", *rooms, base="mobile"):
+        metrics = episode_metrics(log)
+        assert metrics.success
+        assert metrics.force_handle_peak < 22.2
+
+
+def test_a_handle_is_turned_alone_as_in_company() -> None:
+    (alone,) = opened("gp", ROOM)
+    _, beside = opened("gp", DOORS["room-834"], ROOM)
+    for name in ("ee_pose", "wrench", "action", "observed_phase"):
+        np.testing.assert_array_equal(getattr(alone, name), getattr(beside, name))
 
 
 def test_a_circle_fit_does_not_open_a_latch() -> None:

@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import rerun as rr
+import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 
 from gplfd.experiments import cli
@@ -241,8 +242,8 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
     seen: dict[str, Any] = {}
 
     @contextlib.contextmanager
-    def connected(url: str, causes: tuple[str, ...]) -> Iterator[str]:
-        seen.update(url=url, causes=causes)
+    def connected(url: str, arrangement: rrb.Blueprint) -> Iterator[str]:
+        seen.update(url=url, arrangement=arrangement)
         yield url
 
     def show(*_: Any, wanted: Callable[[], bool], **options: Any) -> None:
@@ -254,7 +255,7 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
     monkeypatch.setattr(live_view, "watched_rollout", show)
     stand_in(monkeypatch, LISTENING)
     assert gplfd(*ORACLE, "--door", "0.42", "--disturbance", "person") == 0
-    assert seen["causes"] == ("person",)
+    assert seen["arrangement"] is layout(("person",), live=True)
     arguments = Path("arguments").read_text().split()
     assert arguments[:3] == ["--bind", "127.0.0.1", "--port"]
     assert arguments[4:6] == ["--serve-web", "--web-viewer-port"]

@@ -34,9 +34,11 @@ def script(name: str) -> ModuleType:
 (
     agents,
     alignments,
+    building_doors,
     calibration,
     contact_loop,
     door_forecasts,
+    gallery,
     model_worth,
     person_limit,
     recorded_tasks,
@@ -49,9 +51,11 @@ def script(name: str) -> ModuleType:
     (
         "agents",
         "alignments",
+        "building_doors",
         "calibration",
         "contact_loop",
         "door_forecasts",
+        "gallery",
         "model_worth",
         "person_limit",
         "recorded_tasks",
@@ -65,6 +69,7 @@ def script(name: str) -> ModuleType:
 SMALL = {
     agents: ["--repeats", "1", "--counts", "2", "3", "--periods", "4"],
     alignments: ["--seeds", "1", "--habits", "other starts"],
+    building_doors: ["--seeds", "1", "--draws", "1", "--repeats", "1"],
     calibration: ["--draws", "1"],
     door_forecasts: ["--draws", "1", "--every", "80"],
     model_worth: ["--draws", "1", "--per-radius", "2"],
@@ -77,6 +82,7 @@ SMALL = {
 SAYS = {
     agents: "3 agents in lockstep",
     alignments: "directions / interpolation, worst habit",
+    building_doors: "standard: share opened by the oracle",
     calibration: "accuracy, 20 smooth: in stated 95 %",
     door_forecasts: "2 of 3 radii, process",
     model_worth: "synthetic human, left out",
@@ -90,7 +96,9 @@ SAYS = {
 
 
 def test_every_script_is_known() -> None:
-    known = {module.__name__ for module in (*SMALL, contact_loop, recorded_tasks)}
+    known = {
+        module.__name__ for module in (*SMALL, contact_loop, gallery, recorded_tasks)
+    }
     # It needs the extra sb3 and is run by tests/learners.
     assert known | {"learners"} == {path.stem for path in FOLDER.glob("*.py")}
 
@@ -136,6 +144,23 @@ def test_deciding_is_counted_per_control_step(monkeypatch: pytest.MonkeyPatch) -
     )
     rows = agents.measure_loops(2, counts=(2,), periods=4).rows
     assert [row["of which agent"] for row in rows.values()] == pytest.approx([1.0, 0.5])
+
+
+# --- Pictures ----------------------------------------------------------------
+
+
+def test_pictures_stand_side_by_side_pixel_by_pixel() -> None:
+    colours = {"a": 10, "b": 90, "c": 170}
+    pictures = {
+        name: np.full((40, 40, 3), value, np.uint8) for name, value in colours.items()
+    }
+    canvas = gallery.side_by_side(pictures, 2).canvas
+    canvas.draw()
+    drawn = np.asarray(canvas.buffer_rgba())[..., 0]
+    assert drawn.shape == (2 * (40 + 26), 80)
+    for value, row, column in ((10, 0, 0), (90, 0, 40), (170, 66, 0)):
+        inside = drawn[row + 1 : row + 39, column + 1 : column + 39]
+        assert np.all(inside == value)
 
 
 # --- A held hand -------------------------------------------------------------

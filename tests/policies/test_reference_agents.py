@@ -148,6 +148,28 @@ def test_the_oracle_turns_the_handle_first_and_lets_it_go_back():
     assert np.abs(np.diff(poses[:, :3], axis=0)).max() < 0.01
 
 
+@pytest.mark.parametrize(
+    ("fields", "share"),
+    [
+        ({"swing": "push"}, 0.5),
+        ({"swing": "push", "handle": "knob", "latch": "spring"}, 0.5),
+        ({"swing": "push", "handle": "lever", "latch": "spring"}, 1.0),
+        ({"handle": "knob", "latch": "spring"}, 1.0),
+        ({}, 1.0),
+    ],
+)
+def test_the_oracle_pushes_what_is_round_with_half_of_the_turn(fields, share):
+    door = DoorGeometry.of(DoorConfig(radius=0.6, hinge_side="left", **fields))
+    agent = make_agent("oracle", ())
+    agent.inform(door)
+    agent.reset(observation(np.zeros(6)))
+    for _ in range(700):
+        pose = agent.act(observation(np.zeros(6))).action
+    opened = door.hand_poses(DEMONSTRATED_ANGLE)
+    np.testing.assert_allclose(pose[:3], opened[:3], atol=1e-12)
+    np.testing.assert_allclose(pose[3:], share * opened[3:], atol=1e-12)
+
+
 def test_what_is_told_the_handle_sees_the_leaf_through_it():
     """A hand that a latched door guides: on the handle's circle, then on the leaf's."""
     agent, angle = make_agent("hinge-fit-told", ()), 0.0

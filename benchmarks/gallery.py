@@ -1,0 +1,147 @@
+"""Doors side by side, for the README: MUJOCO_GL=egl python benchmarks/gallery.py.
+
+Each is opened by the oracle, which is told the door, and pictured on the way. Without
+a screen MUJOCO_GL must be set before Python starts.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import tyro
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from gplfd.policies.reference.oracle import OracleAgent
+from gplfd.policies.storage import complete_or_absent
+from gplfd_env import ENVIRONMENT_IDS
+from gplfd_env.config import DoorSpec, Swing
+from gplfd_env.task import Base
+
+Picture = NDArray[np.uint8]
+
+
+class Scene(NamedTuple):
+    """A door and when it is pictured.
+
+    Attributes:
+        title: Below the picture.
+        door: As `gym.make` takes it.
+        base: Whether the robot drives.
+        angle: At which opening angle [deg].
+    """
+
+    title: str
+    door: DoorSpec
+    base: Base
+    angle: float
+
+
+SCENES: Final = (
+    Scene("cabinet", "cabinet", "fixed", 45.0),
+    Scene("wardrobe", "wardrobe", "fixed", 45.0),
+    Scene("room-834, lever: pull", "room-834", "mobile", 28.0),
+    Scene("room-834, push", {"preset": "room-834", "swing": "push"}, "mobile", 40.0),
+    Scene("heavy-fire, closer EN 4", "heavy-fire", "mobile", 50.0),
+    Scene(
+        "room-709, knob, just free",
+        {"preset": "room-709", "handle": "knob"},
+        "mobile",
+        4.0,
+    ),
+)
+_COLUMNS: Final = 3
+_TURNS: Final[Mapping[Swing, float]] = {"pull": 62.0, "push": 32.0}
+"""How far beside the way into the door the camera stands, on the hinge's side [deg]:
+where an opening leaf turns its near face to."""
+
+
+def pictured(scene: Scene, size: int) -> Picture:
+    """Open a door and return a picture (size, size, 3) at the scene's angle.
+
+    Raises:
+        RuntimeError: The door was not opened so far, or there is no OpenGL.
+    """
+    env = gym.make(ENVIRONMENT_IDS["pose"], door=scene.door, base=scene.base)
+    inner: Any = env.unwrapped
+    observation, info = env.reset(seed=0)
+    agent = OracleAgent()
+    agent.inform(inner.door_geometry)
+    agent.reset(observation)
+    ended = False
+    while np.degrees(info["door_angle"]) < scene.angle:
+        if ended:
+            raise RuntimeError(f"{scene.title}: {info['failure'] or 'not opened'}")
+        step = agent.act(observation)
+        observation, _, terminated, truncated, info = env.step(step.action)
+        ended = terminated or truncated
+    turn = inner.door.side * _TURNS[inner.door.swing]
+    return _drawn(inner.model, inner.data, turn, inner.door.side, size)
+
+
+def _drawn(
+    model: mujoco.MjModel, data: mujoco.MjData, turn: float, side: float, size: int
+) -> Picture:
+    axes = data.body("door_frame").xmat.reshape(3, 3)
+    into_door = -axes[:, 0]
+    camera = mujoco.MjvCamera()
+    heading = np.degrees(np.arctan2(into_door[1], into_door[0]))
+    camera.azimuth, camera.elevation = heading + turn, -14.0
+    camera.distance = 3.7
+    handle = data.body("door_frame").xpos
+    camera.lookat[:] = handle + axes @ np.array([0.2, 0.0, -0.25 * side])
+    camera.lookat[2] = 0.95
+    with mujoco.Renderer(model, size, size) as renderer:
+        renderer.update_scene(data, camera)
+        # Shadows on upright walls are speckled.
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
+        picture: Picture = renderer.render()
+    return picture
+
+
+def side_by_side(pictures: Mapping[str, Picture], columns: int) -> Figure:
+    """Return a figure of pictures of one size, a pixel each, with their titles."""
+    height, width, _ = next(iter(pictures.values())).shape
+    title = 26
+    rows = -(-len(pictures) // columns)
+    size = columns * width, rows * (height + title)
+    figure = Figure(figsize=(size[0] / 100.0, size[1] / 100.0), dpi=100)
+    FigureCanvasAgg(figure)
+    for number, (name, picture) in enumerate(pictures.items()):
+        row, column = divmod(number, columns)
+        top = 1.0 - row * (height + title) / size[1]
+        high = height / size[1]
+        box = (column / columns, top - high, 1.0 / columns, high)
+        panel = figure.add_axes(box)
+        panel.imshow(picture, interpolation="none")
+        panel.axis("off")
+        middle = box[0] + box[2] / 2.0
+        below = top - high - 0.5 * title / size[1]
+        figure.text(middle, below, name, ha="center", va="center", fontsize=10)
+    return figure
+
+
+def draw(path: Path, scenes: Sequence[Scene], size: int) -> None:
+    """Picture scenes and write them, complete or not at all."""
+    pictures = {scene.title: pictured(scene, size) for scene in scenes}
+    figure = side_by_side(pictures, min(_COLUMNS, len(scenes)))
+    with complete_or_absent(path) as temporary:
+        figure.savefig(temporary, format="png", metadata={"Software": None})
+
+
+def main(out: Path = Path("docs/images/gallery.png"), size: int = 400) -> None:
+    """Draw the gallery; a minute.
+
+    Args:
+        out: File to write.
+        size: Width and height of a picture [px].
+    """
+    draw(out, SCENES, size)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
