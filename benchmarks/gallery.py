@@ -1,10 +1,11 @@
-"""Doors side by side, for the README: MUJOCO_GL=egl python benchmarks/gallery.py.
+"""Doors side by side, and one that opens: MUJOCO_GL=egl python benchmarks/gallery.py.
 
-Each is opened by the oracle, which is told the door, and pictured on the way. Without
-a screen MUJOCO_GL must be set before Python starts.
+Each is opened by the oracle, which is told the door, and pictured on the way; the
+moving picture is of `gp`, which was shown three other doors of that kind. Without a
+screen MUJOCO_GL must be set before Python starts.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -15,11 +16,15 @@ import tyro
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image
 
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies import make_agent
+from gplfd.policies.agent import Agent, as_agent
 from gplfd.policies.reference.oracle import OracleAgent
 from gplfd.policies.storage import complete_or_absent
 from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.config import DoorSpec, Swing
+from gplfd_env.config import DOORS, DoorSpec, Swing
 from gplfd_env.task import Base
 
 Picture = NDArray[np.uint8]
@@ -60,6 +65,15 @@ _TURNS: Final[Mapping[Swing, float]] = {"pull": 62.0, "push": 32.0}
 where an opening leaf turns its near face to."""
 
 
+_SHOWN: Final = "room-834"
+"""The door of the moving picture."""
+_EVERY: Final = 12
+"""Control periods from one frame of it to the next."""
+_COLOURS: Final = 96
+_PAUSE: Final = 1000
+"""How long its end is seen [ms]."""
+
+
 def pictured(scene: Scene, size: int) -> Picture:
     """Open a door and return a picture (size, size, 3) at the scene's angle.
 
@@ -67,25 +81,64 @@ def pictured(scene: Scene, size: int) -> Picture:
         RuntimeError: The door was not opened so far, or there is no OpenGL.
     """
     env = gym.make(ENVIRONMENT_IDS["pose"], door=scene.door, base=scene.base)
+    for info in opening(env, as_agent(OracleAgent())):
+        if np.degrees(info["door_angle"]) >= scene.angle:
+            return _drawn(env, size)
+    raise RuntimeError(f"{scene.title}: {info['failure'] or 'not opened'}")
+
+
+def opening(env: gym.Env[Any, Any], agent: Agent) -> Iterator[dict[str, Any]]:
+    """Let an agent open a door and yield what is known after every control period."""
     inner: Any = env.unwrapped
     observation, info = env.reset(seed=0)
-    agent = OracleAgent()
     agent.inform(inner.door_geometry)
     agent.reset(observation)
     ended = False
-    while np.degrees(info["door_angle"]) < scene.angle:
-        if ended:
-            raise RuntimeError(f"{scene.title}: {info['failure'] or 'not opened'}")
+    while not ended:
+        yield info
         step = agent.act(observation)
         observation, _, terminated, truncated, info = env.step(step.action)
         ended = terminated or truncated
-    turn = inner.door.side * _TURNS[inner.door.swing]
-    return _drawn(inner.model, inner.data, turn, inner.door.side, size)
+    yield info
 
 
-def _drawn(
-    model: mujoco.MjModel, data: mujoco.MjData, turn: float, side: float, size: int
-) -> Picture:
+def film(path: Path, size: int) -> None:
+    """Let `gp` open a door that it was not shown, and write a GIF of it.
+
+    Raises:
+        RuntimeError: It was not opened, or there is no OpenGL.
+    """
+    shown = Teacher().standard_demonstrations(seed=0, like=DOORS[_SHOWN])
+    env = gym.make(ENVIRONMENT_IDS["pose"], door=_SHOWN, base="mobile")
+    inner: Any = env.unwrapped
+    frames = []
+    for number, info in enumerate(opening(env, make_agent("gp", shown))):
+        if number % _EVERY == 0 or info["success"]:
+            frames.append(Image.fromarray(_drawn(env, size)))
+    if not info["success"]:
+        raise RuntimeError(f"{_SHOWN}: {info['failure'] or 'not opened'}")
+    several = np.hstack([np.asarray(frame) for frame in frames[:: len(frames) // 4]])
+    palette = Image.fromarray(several).quantize(_COLOURS)
+    pictures = [
+        frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
+    ]
+    lasting = [round(1000.0 * _EVERY * inner.dt)] * len(pictures)
+    lasting[-1] = _PAUSE
+    with complete_or_absent(path) as temporary:
+        pictures[0].save(
+            temporary,
+            format="GIF",
+            save_all=True,
+            append_images=pictures[1:],
+            duration=lasting,
+            loop=0,
+        )
+
+
+def _drawn(env: gym.Env[Any, Any], size: int) -> Picture:
+    inner: Any = env.unwrapped
+    model, data, side = inner.model, inner.data, inner.door.side
+    turn = side * _TURNS[inner.door.swing]
     axes = data.body("door_frame").xmat.reshape(3, 3)
     into_door = -axes[:, 0]
     camera = mujoco.MjvCamera()
@@ -133,14 +186,20 @@ def draw(path: Path, scenes: Sequence[Scene], size: int) -> None:
         figure.savefig(temporary, format="png", metadata={"Software": None})
 
 
-def main(out: Path = Path("docs/images/gallery.png"), size: int = 400) -> None:
-    """Draw the gallery; a minute.
+def main(
+    out: Path = Path("docs/images/gallery.png"),
+    moving: Path = Path("docs/images/opening.gif"),
+    size: int = 400,
+) -> None:
+    """Draw the gallery and the moving picture; a minute.
 
     Args:
-        out: File to write.
+        out: File of the gallery.
+        moving: File of the moving picture.
         size: Width and height of a picture [px].
     """
     draw(out, SCENES, size)
+    film(moving, size)
 
 
 if __name__ == "__main__":
