@@ -31,7 +31,7 @@ def _fit_ours(given: AlignedDemonstrations) -> GaussianTrajectory:
 _LIBRARIES: Final[
     Mapping[str, tuple[str, Callable[[AlignedDemonstrations], GaussianTrajectory]]]
 ] = {
-    OURS: ("policies", _fit_ours),
+    OURS: ("gplfd.policies", _fit_ours),
     HETGPY: ("hetgpy", hetgpy_fit),
     SKLEARN: ("sklearn", sklearn_fit),
 }

@@ -108,7 +108,7 @@ def test_every_public_name_has_a_place_in_the_reference() -> None:
     pages = "".join(path.read_text() for path in (ROOT / "docs" / "api").glob("*.md"))
     described = re.findall(r"^::: ([\w.]+)$", pages, re.MULTILINE)
     exporting = set()
-    for package in ("gplfd_env", "policies", "experiments"):
+    for package in ("gplfd_env", "gplfd.policies", "gplfd.experiments"):
         folder = Path(importlib.import_module(package).__path__[0])
         for path in folder.rglob("*.py"):
             if re.search(r"^__all__ = ", path.read_text(), re.MULTILINE):
