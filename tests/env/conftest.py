@@ -31,6 +31,20 @@ def make_env() -> Iterator[Callable[..., DoorOpeningEnv]]:
 
 
 @pytest.fixture
+def make_rl() -> Iterator[Callable[..., gym.Env]]:
+    """Return a function: makes environments for learners, in all their wrappers."""
+    opened: list[gym.Env] = []
+
+    def make(**arguments: Any) -> gym.Env:
+        opened.append(gym.make(gplfd_env.RL_ENVIRONMENT_ID, **arguments))
+        return opened[-1]
+
+    yield make
+    for env in opened:
+        env.close()
+
+
+@pytest.fixture
 def make_vec() -> Iterator[Callable[..., DoorOpeningVectorEnv]]:
     opened: list[gym.vector.VectorEnv] = []
 

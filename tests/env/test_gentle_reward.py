@@ -19,19 +19,6 @@ ID = gplfd_env.RL_ENVIRONMENT_ID
 LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}
 
 
-@pytest.fixture
-def make_rl() -> Any:
-    opened = []
-
-    def make(**arguments: Any) -> gym.Env:
-        opened.append(gym.make(ID, **arguments))
-        return opened[-1]
-
-    yield make
-    for env in opened:
-        env.close()
-
-
 numbers = st.floats(0.0, 200.0)
 steps = st.lists(
     st.tuples(

@@ -41,19 +41,6 @@ DOORS: list[dict[str, Any]] = [
 everywhere = pytest.mark.parametrize("arguments", DOORS)
 
 
-@pytest.fixture
-def make_rl() -> Any:
-    opened = []
-
-    def make(**arguments: Any) -> gym.Env:
-        opened.append(gym.make(ID, **arguments))
-        return opened[-1]
-
-    yield make
-    for env in opened:
-        env.close()
-
-
 def drawn_actions(n: int, seed: int = 0) -> np.ndarray:
     """Return actions that change slowly, some of them beyond what is allowed."""
     rng = np.random.default_rng(seed)
