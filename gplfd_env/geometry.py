@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,12 @@ from gplfd_env.config import DoorConfig, HingeSide, Swing
 from gplfd_env.se3 import compose_rotvecs
 
 Array = NDArray[np.float64]
+
+_TURN: Final = 0.5
+"""Share of the leaf's turn that a hand takes where it pushes something round."""
+
+_ROUND: Final = 0.03
+"""Who holds a handle nearer to its axis than this holds a knob [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -137,6 +144,33 @@ class DoorGeometry:
         position = opened[..., :3] + moved
         position, rotation = np.broadcast_arrays(position, rotation)
         return np.concatenate([position, rotation], axis=-1)
+
+    def easy_hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:
+        """Return the poses of a hand that opens the door as is easy for its arm.
+
+        A bar or a knob can be held from any side: where it is pushed, the hand turns by
+        half as much as the leaf, so that the arm goes through the frame and not into
+        the jamb beside the lock. Everything else is held rigidly.
+
+        Args:
+            angle: Opening angles φ [rad], (...).
+            turn: Angles θ of the handle [rad], broadcast against `angle`.
+
+        Returns:
+            (..., 6) position [m] and rotation vector [rad], task frame.
+
+        Raises:
+            ValueError: A turn of a handle that does not turn.
+        """
+        poses = self.hand_poses(angle, turn)
+        if self.pull[0] < 0.0 and self._is_round:
+            poses[..., 3:] = self.hand_poses(_TURN * np.asarray(angle), turn)[..., 3:]
+        return poses
+
+    @property
+    def _is_round(self) -> bool:
+        spindle = self.spindle
+        return spindle is None or float(spindle @ spindle) < _ROUND**2
 
     def direction(self, angle: float) -> Array:
         """Return where the hand moves at an angle [rad]: a unit vector, (3,)."""

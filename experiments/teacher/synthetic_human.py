@@ -229,7 +229,7 @@ class Teacher:
     ) -> tuple[FloatArray, Rotation]:
         """Where the sensor on the hand really is: (N, 3) [m] and N rotations."""
         config = self.config
-        path = DoorGeometry.of(door).hand_poses(angles, turns)
+        path = DoorGeometry.of(door).easy_hand_poses(angles, turns)
         handle = Rotation.from_rotvec(path[:, 3:])
         offset = config.grasp_offset_std * rng.standard_normal(3)
         wobble = smooth_functions(times, config.wobble_time, 6, rng)

@@ -15,19 +15,12 @@ _TURNING = 0.8
 _LET_BACK = (math.radians(8.0), math.radians(25.0))
 """Opening angles between which it is let go back [rad]."""
 
-_TURN = 0.5
-"""Share of the leaf's turn that the hand takes where it pushes something round."""
-
-_ROUND = 0.03
-"""Who holds a handle nearer to its axis than this holds a knob [m]."""
-
 
 class OracleAgent:
     """Turns the handle and follows the true arc with minimum-jerk timing, not yielding.
 
-    The handle is let go back while the door opens. A bar or a knob can be held from any
-    side: pushed, the hand turns half as far as the leaf, so that the arm goes through
-    the frame and not into the jamb beside the lock.
+    The handle is let go back while the door opens, and held as is easy for the arm, see
+    `gplfd_env.DoorGeometry.easy_hand_poses`.
     """
 
     def __init__(self) -> None:
@@ -63,15 +56,8 @@ class OracleAgent:
         begins, ends = _LET_BACK
         kept = 1.0 - _minimum_jerk((angle - begins) / (ends - begins))
         turn = self._door.travel * _minimum_jerk(self._turned) * kept
-        pose = self._door.hand_poses(angle, turn)
-        if self._door.pull[0] < 0.0 and _is_round(self._door):
-            pose[3:] = self._door.hand_poses(_TURN * angle, turn)[3:]
+        pose = self._door.easy_hand_poses(angle, turn)
         return AgentStep(action=pose, desired=pose, phase=s, observed_phase=s)
-
-
-def _is_round(door: DoorGeometry) -> bool:
-    spindle = door.spindle
-    return spindle is None or float(spindle @ spindle) < _ROUND**2
 
 
 def _minimum_jerk(progress: float, whole: float = 1.0) -> float:
