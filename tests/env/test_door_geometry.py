@@ -53,6 +53,21 @@ def test_the_nominal_door_is_the_task_s_arc(radius: float) -> None:
     np.testing.assert_allclose(poses, handle_pose_on_arc(radius, ANGLES), atol=1e-12)
 
 
+@pytest.mark.parametrize("swing", ["pull", "push"])
+@pytest.mark.parametrize("handle", ["bar", "lever", "knob"])
+def test_a_hand_turns_by_half_where_it_pushes_something_round(handle, swing) -> None:
+    latch = "none" if handle == "bar" else "spring"
+    door = DoorGeometry.of(
+        DoorConfig(radius=0.65, handle=handle, latch=latch, swing=swing)
+    )
+    turns = 0.0 * ANGLES if handle == "bar" else np.linspace(0.7, 0.1, 7)
+    rigid, easy = door.hand_poses(ANGLES, turns), door.easy_hand_poses(ANGLES, turns)
+    np.testing.assert_array_equal(easy[:, :3], rigid[:, :3])
+    if swing == "push" and handle != "lever":
+        rigid = door.hand_poses(0.5 * ANGLES, turns)
+    np.testing.assert_array_equal(easy[:, 3:], rigid[:, 3:])
+
+
 @given(*[st.tuples(*[st.floats(-1.0, 1.0)] * 3)] * 2)
 def test_angles_and_directions_are_those_of_the_poses(
     hinge: tuple[float, ...], axis: tuple[float, ...]

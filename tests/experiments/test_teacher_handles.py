@@ -50,6 +50,8 @@ def angles_of(door: DoorConfig, poses: np.ndarray) -> tuple[np.ndarray, np.ndarr
     geometry = DoorGeometry.of(door)
     assert geometry.turn is not None
     axis, turn = geometry.axis, geometry.turn
+    # The hand turns by half of the leaf where it pushes a knob.
+    share = 0.5 if (door.handle, door.swing) == ("knob", "push") else 1.0
     opened, turned = [], []
     for rotation in poses[:, 3:]:
         # R = exp(φ a) exp(θ t) with a ⟂ t: φ from the column of t, θ from the rest.
@@ -59,7 +61,7 @@ def angles_of(door: DoorConfig, poses: np.ndarray) -> tuple[np.ndarray, np.ndarr
         phi = np.arctan2(np.cross(turn, image) @ axis, turn @ image)
         rest = _matrix(-phi * axis) @ matrix
         side = np.cross(axis, turn)
-        opened.append(phi)
+        opened.append(phi / share)
         turned.append(np.arctan2((rest @ axis) @ side * -1.0, (rest @ axis) @ axis))
     return np.array(opened), np.array(turned)
 
