@@ -150,17 +150,8 @@ class DoorGeometry:
 
         A bar or a knob can be held from any side: where it is pushed, the hand turns by
         half as much as the leaf, so that the arm goes through the frame and not into
-        the jamb beside the lock. Everything else is held rigidly.
-
-        Args:
-            angle: Opening angles φ [rad], (...).
-            turn: Angles θ of the handle [rad], broadcast against `angle`.
-
-        Returns:
-            (..., 6) position [m] and rotation vector [rad], task frame.
-
-        Raises:
-            ValueError: A turn of a handle that does not turn.
+        the jamb beside the lock. Everything else is held rigidly. Arguments, result and
+        errors are those of `hand_poses`.
         """
         poses = self.hand_poses(angle, turn)
         if self.pull[0] < 0.0 and self._is_round:
