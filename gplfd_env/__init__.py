@@ -33,7 +33,7 @@ MOBILE_ENVIRONMENT_ID = "gplfd/DoorOpeningMobile-v0"
 
 GRIPPER_ENVIRONMENT_ID = "gplfd/DoorOpeningGripper-v0"
 """Commands are poses and widths of the gripper; see
-`gplfd_env.door_opening.DoorOpeningGripperEnv`."""
+`gplfd_env.gripper_env.DoorOpeningGripperEnv`."""
 
 RL_ENVIRONMENT_ID = "gplfd/DoorOpeningRL-v0"
 """Flat observations, actions within ±1 relative to the hand, a reward that prefers a
@@ -67,8 +67,8 @@ gymnasium.register(
 )
 gymnasium.register(
     id=GRIPPER_ENVIRONMENT_ID,
-    entry_point="gplfd_env.door_opening:DoorOpeningGripperEnv",
-    vector_entry_point="gplfd_env.vector:DoorOpeningGripperVectorEnv",
+    entry_point="gplfd_env.gripper_env:DoorOpeningGripperEnv",
+    vector_entry_point="gplfd_env.gripper_env:DoorOpeningGripperVectorEnv",
     max_episode_steps=TIME_LIMIT,
 )
 gymnasium.register(

@@ -10,25 +10,16 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from gplfd_env.camera import Camera, require_display
-from gplfd_env.command import COMMANDS, DRIVEN, GRIPPING
+from gplfd_env.command import COMMANDS, DRIVEN
 from gplfd_env.config import DoorConfig, DoorSpec, door_config
 from gplfd_env.convention import checked_options
 from gplfd_env.disturbance import Disturbance, DisturbanceSpec, disturbance_named
 from gplfd_env.draw import draw_episode
-from gplfd_env.episode import (
-    BASE_POSE,
-    BASE_RATE,
-    FLAGS,
-    NUMBERS,
-    POSE,
-    REWARDS,
-    TEXTS,
-    Episode,
-    Reward,
-)
+from gplfd_env.episode import REWARDS, Episode, Reward
 from gplfd_env.fields import check_choice
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.gripper import hold_of
+from gplfd_env.info import BASE_POSE, BASE_RATE, FLAGS, NUMBERS, POSE, TEXTS
 from gplfd_env.observation import Observation, Reader, observation_space
 from gplfd_env.placement import door_geometry
 from gplfd_env.randomization import (
@@ -136,7 +127,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._base: Base = base
         self._door = door_config(door)
         self._randomization = door_randomization(randomization)
-        check_reach(self._randomization.outermost(self._door), base)
+        check_reach(self._randomization.outermost(self._door), base, start)
         self._disturbance = disturbance_named(disturbance)
         self._start: Start = start
         self._hold: Hold = hold_of(grasp, start, commanded=self.command.grips)
@@ -282,7 +273,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         )
         door = door_config(given.get("door", self._door))
         drawn = door_randomization(given.get("randomization", self._randomization))
-        check_reach(drawn.outermost(door), self._base)
+        check_reach(drawn.outermost(door), self._base, self._start)
         happening = disturbance_named(given.get("disturbance", self._disturbance))
         return door, drawn, happening
 
@@ -350,17 +341,3 @@ class DoorOpeningMobileEnv(DoorOpeningEnv):
     def __init__(self, door: DoorSpec = "medium", **arguments: Any) -> None:
         check_choice("base", arguments.setdefault("base", "mobile"), ("mobile",))
         super().__init__(door, **arguments)
-
-
-class DoorOpeningGripperEnv(DoorOpeningEnv):
-    """The same door, opened by commanding the hand's pose and its gripper.
-
-    Action, (7,): commanded position [m] and rotation vector [rad] of the hand in the
-    task frame, then the width between the fingers, from 0 (closed with all the force
-    that they have) to 0.09 m. Fingers that are told to be wider than the handle let it
-    go, and may take it again. The observation tells ``gripper_width`` (1,) [m] and
-    ``grasped`` (1,): 1 if both fingers touch the handle, else 0. Everything else is as
-    in `DoorOpeningEnv`.
-    """
-
-    command = GRIPPING

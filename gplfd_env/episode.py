@@ -10,6 +10,7 @@ from gplfd_env.capability import STAGES, Capability, Hindrance
 from gplfd_env.closer import CloserLaw
 from gplfd_env.draw import Drawn
 from gplfd_env.gripper import WIDTH, Gripper
+from gplfd_env.info import distance, handle_rotation
 from gplfd_env.intervention import Intervention, Loads, Vector
 from gplfd_env.latch import latch_holds
 from gplfd_env.observation import DoorReading, Observation, Reader
@@ -236,7 +237,7 @@ class Episode:
         """Distance of the hand from where it took hold of the handle [m]."""
         if not self._monitor.taken:
             return 0.0
-        return _distance(self._reading.hand_on_handle, self._grasp_point)
+        return distance(self._reading.hand_on_handle, self._grasp_point)
 
     @property
     def reward(self) -> float:
@@ -266,7 +267,7 @@ class Episode:
 
     @property
     def row(self) -> tuple[float, ...]:
-        """The info in numbers.
+        """The info in numbers, in the order of `gplfd_env.info`.
 
         `NUMBERS`, the handle's pose (6), the base's pose and rate (3 each), `FLAGS`.
         """
@@ -290,7 +291,7 @@ class Episode:
             x - dx,
             y - dy,
             z - dz,
-            *_handle_rotation(*self._signs, reading),
+            *handle_rotation(*self._signs, reading),
             *self._base[0],
             *self._base[1],
             monitor.success,
@@ -298,62 +299,3 @@ class Episode:
             reading.grasped,
             self.simulation_error,
         )
-
-
-NUMBERS: Final = (
-    "door_angle",
-    "door_velocity",
-    "door_radius",
-    "slip",
-    "force_tangential",
-    "force_radial",
-    "force_vertical",
-    "push_force",
-    "person_force",
-    "person_energy",
-    "base_shift",
-    "stop_force",
-    "handle_angle",
-    "bolt",
-    "closer_torque",
-    "capability",
-)
-"""Numbers of an info, in the order of `Episode.row`."""
-
-POSE: Final = slice(len(NUMBERS), len(NUMBERS) + 6)
-"""Where in a row the handle's pose is."""
-
-BASE_POSE: Final = slice(POSE.stop, POSE.stop + 3)
-BASE_RATE: Final = slice(BASE_POSE.stop, BASE_POSE.stop + 3)
-"""Where in a row pose and rate of the base are."""
-
-TEXTS: Final = ("failure", "reason", "stage")
-"""Words of an info, attributes of an `Episode`."""
-
-FLAGS: Final = ("success", "is_success", "grasped", "simulation_error")
-"""Flags of an info, the last entries of a row."""
-
-
-def _distance(
-    first: tuple[float, float, float], second: tuple[float, float, float]
-) -> float:
-    x, y, z = first[0] - second[0], first[1] - second[1], first[2] - second[2]
-    return math.sqrt(x * x + y * y + z * z)
-
-
-def _handle_rotation(way: float, side: float, reading: DoorReading) -> Vector:
-    """Return the handle's rotation vector [rad].
-
-    Turned about its own axis, normal to the closed leaf, and then about the hinge.
-    """
-    about_up = side * way * reading.angle
-    if reading.handle_angle == 0.0:
-        return 0.0, about_up, 0.0
-    turn = -side * reading.handle_angle
-    # The quaternion of a turn about y times that of one about x.
-    cy, sy = math.cos(0.5 * about_up), math.sin(0.5 * about_up)
-    cx, sx = math.cos(0.5 * turn), math.sin(0.5 * turn)
-    x, y, z = cy * sx, sy * cx, -sy * sx
-    length = math.sqrt(x * x + y * y + z * z)
-    scale = 2.0 * math.atan2(length, cy * cx) / length if length > 0.0 else 2.0
-    return scale * x, scale * y, scale * z

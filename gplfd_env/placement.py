@@ -227,8 +227,8 @@ def solve_standoff_posture(
     if error > 1e-9 or not _within_limits(model, data):
         raise ValueError(
             "the arm cannot draw the hand back from the handle by "
-            f"{np.linalg.norm(away):.2f} m from where the robot stands; give "
-            'base="mobile", another handle height, or start="grasped"'
+            f"{np.linalg.norm(away):.2f} m from where the robot stands; choose another "
+            'handle height, or start="grasped"'
         )
 
 

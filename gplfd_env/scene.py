@@ -181,7 +181,7 @@ def load_scene(
         ValueError: The closed handle is out of reach, or the hand's place before it;
             the model is unchanged.
     """
-    check_reach(door, base)
+    check_reach(door, base, "grasped" if standoff is None else "approach")
     placement = Placement() if placement is None else placement
     geometry, structure = dataclasses.replace(door, **_NOMINAL), structure_of(door)
     robot = grasp, control, base

@@ -85,5 +85,5 @@ class Sources:
         """Return what episodes are drawn from, all of which the robot can reach."""
         pairs = zip(values["door"], values["randomization"], strict=True)
         for door, randomization in set(pairs):
-            check_reach(randomization.outermost(door), self._base)
+            check_reach(randomization.outermost(door), self._base, self._start)
         return values

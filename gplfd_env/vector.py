@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gplfd_env.batch import DoorBatch
 from gplfd_env.camera import Camera
-from gplfd_env.command import COMMANDS, DRIVEN, GRIPPING
+from gplfd_env.command import COMMANDS, DRIVEN
 from gplfd_env.config import DoorSpec
 from gplfd_env.convention import Seeds, each_seed, masked, unmasked
 from gplfd_env.disturbance import DisturbanceSpec
@@ -355,9 +355,3 @@ class DoorOpeningMobileVectorEnv(DoorOpeningVectorEnv):
     def __init__(self, num_envs: int = 1, *args: Any, **arguments: Any) -> None:
         check_choice("base", arguments.setdefault("base", "mobile"), ("mobile",))
         super().__init__(num_envs, *args, **arguments)
-
-
-class DoorOpeningGripperVectorEnv(DoorOpeningVectorEnv):
-    """n simulations of `gplfd_env.door_opening.DoorOpeningGripperEnv`."""
-
-    command = GRIPPING
