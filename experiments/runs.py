@@ -117,8 +117,8 @@ def open_doors(
     drawn = _looks(looks)
     if skill is not None and start == "approach":
         raise ValueError(
-            "--skill is of opening alone: leave it out to learn reaching, too, or leave "
-            "out --start approach"
+            "--skill is of opening alone: leave it out to learn reaching, too, or "
+            "leave out --start approach"
         )
     started = time.perf_counter()
     with reported_errors(policy, chosen):

@@ -49,13 +49,14 @@ def reaches(given: LabelledDemonstrations) -> Sequence[Demonstration]:
     Raises:
         ValueError: They hold it from the beginning.
     """
-    if not given.signals or any(GRASPED not in one for one in given.signals):
+    parts = _parted(given)
+    if not parts:
         raise ValueError(
             f"these demonstrations do not say when the hand takes hold (signal "
             f"{GRASPED!r}), so that nobody can learn from them to reach for the "
             "handle; leave out --start approach, or --demonstrations"
         )
-    return [reach for reach, _ in _parted(given)]
+    return [reach for reach, _ in parts]
 
 
 def _parted(
