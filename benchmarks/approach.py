@@ -14,14 +14,12 @@ from typing import Any, Final, get_args
 import gymnasium as gym
 import numpy as np
 import tyro
-from threadpoolctl import threadpool_limits
 
 from gplfd.experiments.datasets.reaching import openings, reaches, taught
 from gplfd.experiments.episodes.agents import learned
 from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.episodes.rollouts import rollouts
-from gplfd.experiments.files.table import text_table
-from gplfd.experiments.speed.report import Measurement, Value, value_table
+from gplfd.experiments.speed.report import Measurement, Value, at_least, measure_all
 from gplfd.policies import POLICIES, Agent, TrainingInput, batch_agents
 from gplfd.policies.reaching import ReachingAgent, learn_reach
 from gplfd_env import ENVIRONMENT_IDS
@@ -100,15 +98,17 @@ def conditions(
     policy: str, doors: Sequence[str], seeds: int, randomization: str
 ) -> Measurement:
     """Open doors from both starts."""
+    found = {
+        (name, start): opened(policy, DOORS[name], start, seeds, randomization)
+        for name in doors
+        for start in get_args(Start)
+    }
+    reached = [found[name, "approach"] for name in doors]
+    taken = [log.capability.max() >= _GRASPED for logs in reached for log in logs]
     return Measurement(
-        title=f'{policy}, randomization="{randomization}", {seeds} seeds',
-        rows={
-            f"{name}, {start}": summary(
-                opened(policy, DOORS[name], start, seeds, randomization)
-            )
-            for name in doors
-            for start in get_args(Start)
-        },
+        title=f"{policy}, randomization {randomization}, {seeds} seeds",
+        rows={f"{name}, {start}": summary(found[name, start]) for name, start in found},
+        targets=(at_least(f"{policy}: share grasped", float(np.mean(taken)), 0.95),),
     )
 
 
@@ -126,10 +126,11 @@ def main(
         seeds: How many of demonstrations and resets.
         randomization: What every reset draws.
     """
-    with threadpool_limits(1):
-        for policy in policies:
-            found = conditions(policy, doors, seeds, randomization)
-            print(found.title, text_table(value_table(found.rows)), "", sep="\n")
+
+    def measured(policy: str) -> Callable[[int], Measurement]:
+        return lambda _: conditions(policy, doors, seeds, randomization)
+
+    measure_all({policy: measured(policy) for policy in policies}, repeats=1)
 
 
 if __name__ == "__main__":

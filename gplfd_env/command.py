@@ -10,10 +10,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from gplfd_env.gripper import WIDTH
 from gplfd_env.placement import standoff_pose
 from gplfd_env.robot import COMMAND_LIMITS, SERVO_DAMPING, SERVO_STIFFNESS
-from gplfd_env.task import Base, Control
+from gplfd_env.task import GRIPPER_WIDTH, Base, Control
 from gplfd_env.variation import Variation
 from gplfd_env.whole_body import SPEED
 
@@ -67,7 +66,7 @@ class Command:
         action = self.rest.copy()
         action[:6] = standoff_pose(variation.door, variation.standoff, base)
         if self.grips:
-            action[-1] = WIDTH
+            action[-1] = GRIPPER_WIDTH
         return action
 
     def check(
@@ -152,7 +151,7 @@ DRIVEN: Final = Command(
 GRIPPING: Final = Command(
     control="pose",
     low=np.concatenate([-_POSE_LIMIT, [0.0]]),
-    high=np.concatenate([_POSE_LIMIT, [WIDTH]]),
+    high=np.concatenate([_POSE_LIMIT, [GRIPPER_WIDTH]]),
     rest=np.zeros(7),
     meaning=(
         "commanded position [m] and rotation vector [rad] of the hand in the task "

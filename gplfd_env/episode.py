@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gplfd_env.capability import STAGES, Capability, Hindrance
 from gplfd_env.closer import CloserLaw
 from gplfd_env.draw import Drawn
-from gplfd_env.gripper import WIDTH, Gripper
+from gplfd_env.gripper import Gripper
 from gplfd_env.info import distance, handle_rotation
 from gplfd_env.intervention import Intervention, Loads, Vector
 from gplfd_env.latch import latch_holds
@@ -17,6 +17,7 @@ from gplfd_env.observation import DoorReading, Observation, Reader
 from gplfd_env.placement import hand_position_w
 from gplfd_env.task import (
     CONTROL_PERIOD,
+    GRIPPER_WIDTH,
     OpeningMonitor,
     reward_terms,
     sparse_reward_terms,
@@ -75,7 +76,7 @@ class Episode:
         holds = self.variation.standoff is None
         self._gripper: Gripper | None = None
         if reader.finger is not None:
-            self._gripper = Gripper(door, 0.0 if holds else WIDTH)
+            self._gripper = Gripper(door, 0.0 if holds else GRIPPER_WIDTH)
         self.steps = 0
         self.simulation_error = False
         self._sense(values)

@@ -5,11 +5,8 @@ from typing import Final
 
 from gplfd_env.config import DoorConfig
 from gplfd_env.handle import held_radius
-from gplfd_env.robot import FINGER_STROKE, Grasp, Hold
-from gplfd_env.task import CONTROL_PERIOD, Start
-
-WIDTH: Final = 2.0 * FINGER_STROKE
-"""Between the fingers of the open gripper [m]."""
+from gplfd_env.robot import Grasp, Hold
+from gplfd_env.task import CONTROL_PERIOD, GRIPPER_WIDTH, Start
 
 SPEED: Final = 0.1
 """At which the commanded width changes: 0.05 m/s per finger, as TIAGo's [m/s]."""
@@ -62,9 +59,9 @@ class Gripper:
         return self.width > self._thickness
 
     def obey(self, width: float) -> None:
-        """Go on towards a commanded width [m], clamped to [0, `WIDTH`]."""
+        """Go on towards a commanded width [m], clamped to [0, `GRIPPER_WIDTH`]."""
         step = SPEED * CONTROL_PERIOD
-        change = min(max(width, 0.0), WIDTH) - self.width
+        change = min(max(width, 0.0), GRIPPER_WIDTH) - self.width
         self.width += min(max(change, -step), step)
 
     def close_at_handle(self, hand: list[float], *, taken: bool) -> None:
@@ -76,4 +73,4 @@ class Gripper:
         """
         near = math.hypot(*hand[:3]) <= AT_HANDLE[0]
         aligned = math.hypot(*hand[3:]) <= AT_HANDLE[1]
-        self.obey(0.0 if taken or (near and aligned) else WIDTH)
+        self.obey(0.0 if taken or (near and aligned) else GRIPPER_WIDTH)

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from gplfd_env.config import DoorConfig, Handle, Swing
 from gplfd_env.mobile_base import BASE_JOINTS
 from gplfd_env.placement import ARM_JOINTS
-from gplfd_env.robot import FINGER_STROKE, HAND_BODIES, WRENCH_LIMITS, Hold
+from gplfd_env.robot import HAND_BODIES, WRENCH_LIMITS, Hold
 from gplfd_env.scene import GRASP_KEY, build_scene
-from gplfd_env.task import Base, Control
+from gplfd_env.task import GRIPPER_WIDTH, Base, Control
 from gplfd_env.whole_body import Planar
 
 Array = NDArray[np.float64]
@@ -62,9 +62,7 @@ def observation_space(
     }
     gripper: dict[str, spaces.Space[Any]] = {
         # Fingers stop softly.
-        "gripper_width": spaces.Box(
-            -0.01, 2.0 * FINGER_STROKE + 0.01, (1,), np.float64
-        ),
+        "gripper_width": spaces.Box(-0.01, GRIPPER_WIDTH + 0.01, (1,), np.float64),
         "grasped": spaces.Box(0.0, 1.0, shape=(1,), dtype=np.float64),
     }
     hand: dict[str, spaces.Space[Any]] = {

@@ -18,7 +18,7 @@ from gplfd_env.placement import (
     task_rotation_w,
 )
 from gplfd_env.room import UNDRAWN
-from gplfd_env.task import Base, Control
+from gplfd_env.task import GRIPPER_WIDTH, Base, Control
 
 HAND_BODIES: Final = (
     "wrist_ft_link",
@@ -75,7 +75,7 @@ GRIPS: Final = ("grip_right", "grip_left")
 FINGER: Final = "gripper_right_finger_joint"
 """The other finger is coupled to it."""
 
-FINGER_STROKE: Final = 0.045
+FINGER_STROKE: Final = GRIPPER_WIDTH / 2.0
 """How far a finger opens from the middle [m]."""
 
 

@@ -22,6 +22,9 @@ Start = Literal["grasped", "approach"]
 """What an episode begins with: the handle in the hand, or a hand that has yet to reach
 it."""
 
+GRIPPER_WIDTH: Final = 0.09
+"""Between the fingers of the open gripper [m]."""
+
 CONTROL_PERIOD: Final = 0.01
 """Time between two commands [s]."""
 

@@ -21,7 +21,7 @@ from gplfd.policies.skill import fit_skill
 from gplfd.policies.steps import AgentStep, Observation
 from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 from gplfd_env.geometry import DoorGeometry
-from gplfd_env.task import CONTROL_PERIOD, Control
+from gplfd_env.task import CONTROL_PERIOD, GRIPPER_WIDTH, Control
 
 CLOSING: Final = 0.9
 """How long the gripper takes to close with all its force [s], for which the hand waits
@@ -123,6 +123,14 @@ class ReachingAgent:
         )
         stiffness = _STIFFEST if self.control == "impedance" else np.full(6, np.nan)
         return AgentStep(action=mean, desired=mean, std=std, stiffness=stiffness)
+
+    @property
+    def gripper_width(self) -> float:
+        """What goes with the last pose where the gripper is commanded, too [m].
+
+        Wide open until the hand is at the handle, and then closed.
+        """
+        return GRIPPER_WIDTH if self._elapsed < self._reach.duration else 0.0
 
     def forecast(self) -> GaussianTrajectory | None:
         """Return what is expected of the opening, or None."""

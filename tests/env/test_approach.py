@@ -10,11 +10,17 @@ import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import gplfd_env
-from gplfd_env.gripper import AT_HANDLE, SPEED, WIDTH
+from gplfd_env.gripper import AT_HANDLE, SPEED
 from gplfd_env.handle import BAR_RADIUS
 from gplfd_env.placement import standoff_pose
 from gplfd_env.scene import build_scene
-from gplfd_env.task import CONTROL_PERIOD, GRASP_LOST_TIME, STALL_TIME, OpeningMonitor
+from gplfd_env.task import (
+    CONTROL_PERIOD,
+    GRASP_LOST_TIME,
+    GRIPPER_WIDTH,
+    STALL_TIME,
+    OpeningMonitor,
+)
 from gplfd_env.variation import Standoff
 
 GRIPPER = gplfd_env.GRIPPER_ENVIRONMENT_ID
@@ -39,11 +45,12 @@ def take_hold(env: Any, seed: int = 0) -> dict[str, Any]:
     start = observation["ee_pose"]
     for step in range(round((REACH + CLOSE) / CONTROL_PERIOD)):
         time = step * CONTROL_PERIOD
-        width = WIDTH if time < REACH else 0.0
+        width = GRIPPER_WIDTH if time < REACH else 0.0
         _, _, terminated, _, info = env.step(command(env, reached(start, time), width))
         assert not terminated
         # A finger that has just touched may bounce; a stage is kept.
         assert (info["capability"] > 0) or not info["grasped"]
+        assert (info["capability"] > 0) or info["slip"] == 0.0
     return dict(info)
 
 
@@ -55,7 +62,7 @@ def test_it_begins_with_the_open_hand_before_the_handle(make_env: Callable) -> N
     assert np.linalg.norm(pose[:3]) == pytest.approx(0.15, abs=1e-9)
     assert pose[3:] == pytest.approx(np.zeros(3), abs=1e-9)
     assert pose[0] > 0.1, "on the robot's side of the door"
-    assert observation["gripper_width"] == pytest.approx(WIDTH)
+    assert observation["gripper_width"] == pytest.approx(GRIPPER_WIDTH)
     assert observation["grasped"] == 0.0
     assert np.abs(observation["wrench"]).max() < 0.1
     assert (info["capability"], info["stage"]) == (0, "not grasped")
@@ -136,7 +143,10 @@ def test_a_gripper_that_nobody_commands_closes_at_the_handle(
     direction = observation["ee_pose"] / np.linalg.norm(observation["ee_pose"])
     fingers = [env.model.joint(f"gripper_{side}_finger_joint") for side in LEFT_RIGHT]
     places = [int(finger.qposadr[0]) for finger in fingers]
-    for distance, width in ((1.5 * AT_HANDLE[0], WIDTH), (0.0, 2.0 * BAR_RADIUS)):
+    for distance, width in (
+        (1.5 * AT_HANDLE[0], GRIPPER_WIDTH),
+        (0.0, 2.0 * BAR_RADIUS),
+    ):
         for _ in range(150):
             _, _, _, _, info = env.step(distance * direction)
         assert env.data.qpos[places].sum() == pytest.approx(width, abs=1e-3)
@@ -198,14 +208,14 @@ def test_an_opened_gripper_lets_the_handle_go_and_takes_it_again(
 ) -> None:
     env = make_env(id=GRIPPER)
     env.reset(seed=0)
-    for width, grasped in ((0.0, True), (WIDTH, False), (0.0, True)):
+    for width, grasped in ((0.0, True), (GRIPPER_WIDTH, False), (0.0, True)):
         for _ in range(120):
             observation, _, terminated, _, info = env.step(
                 np.append(np.zeros(6), width)
             )
             assert not terminated
         assert info["grasped"] == grasped == bool(observation["grasped"][0])
-        held = 2.0 * BAR_RADIUS if grasped else WIDTH
+        held = 2.0 * BAR_RADIUS if grasped else GRIPPER_WIDTH
         assert observation["gripper_width"] == pytest.approx(held, abs=1e-3)
     assert info["failure"] == ""
 
@@ -221,8 +231,21 @@ def test_a_door_that_was_held_open_is_released(
             break
     assert info["stage"] == "held"
     for _ in range(80):
-        *_, info = env.step(np.append(pose, WIDTH))
+        *_, info = env.step(np.append(pose, GRIPPER_WIDTH))
     assert info["stage"] == "released"
+
+
+def test_one_finger_is_no_grasp(make_env: Callable) -> None:
+    env = make_env(id=GRIPPER)
+    env.reset(seed=0)
+    aside, said = np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0]), []
+    for step in range(300):
+        width = GRIPPER_WIDTH if step < 150 else 0.0
+        observation, *_, info = env.step(np.append(aside, width))
+        touching = np.linalg.norm(observation["wrench"][:3]) > 1.0
+        assert bool(observation["grasped"][0]) == info["grasped"]
+        said.append((touching and step > 150, info["grasped"]))
+    assert (True, False) in said
 
 
 def test_fingers_close_no_faster_than_the_gripper_s(make_env: Callable) -> None:
@@ -277,7 +300,7 @@ def test_many_are_as_one(id: str, base: str, make_vec: Callable) -> None:
         for row in range(3):
             actions[row, :6] = reached(start[row], step * CONTROL_PERIOD)
         if id == GRIPPER:
-            actions[:, 6] = WIDTH if step < 110 else 0.0
+            actions[:, 6] = GRIPPER_WIDTH if step < 110 else 0.0
         together, *_, infos = ours.step(actions)
         alone = [one.step(row) for one, row in zip(singles, actions, strict=True)]
     assert infos["grasped"].all()
@@ -304,7 +327,7 @@ def test_a_late_command_finds_the_hand_where_it_began(make_env: Callable) -> Non
     for _ in range(10):
         observation, *_ = env.step(np.zeros(7))
     assert observation["ee_pose"] == pytest.approx(pose, abs=2e-3)
-    assert observation["gripper_width"] == pytest.approx(WIDTH, abs=1e-4)
+    assert observation["gripper_width"] == pytest.approx(GRIPPER_WIDTH, abs=1e-4)
 
 
 def test_another_standoff_is_another_keyframe(make_env: Callable) -> None:

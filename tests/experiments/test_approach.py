@@ -5,6 +5,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -15,6 +16,9 @@ from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.episodes.metrics import episode_metrics
 from gplfd.experiments.recording.stages import stages
 from gplfd.experiments.teacher import Teacher, TeacherConfig
+from gplfd.policies import POLICIES, TrainingInput, as_agent
+from gplfd.policies.reaching import ReachingAgent, learn_reach
+from gplfd_env import GRIPPER_ENVIRONMENT_ID
 from gplfd_env.config import DOORS, DoorConfig
 
 Gplfd = Callable[..., int]
@@ -95,6 +99,23 @@ def test_a_run_reaches_and_keeps_what_it_learned_from(
     assert gplfd(*RUN[:-2], *file, "--out", "grasped") == 0
     plain = EpisodeLog.load(tmp_path / "grasped" / "small.npz")
     assert stages(plain)[0] == (0, "grasp")
+
+
+def test_it_closes_a_gripper_that_is_commanded() -> None:
+    policy = as_agent(POLICIES["oracle"].make(TrainingInput(demonstrations=())))
+    agent = ReachingAgent(learn_reach(reaches(SHOWN)), policy)
+    env = gym.make(GRIPPER_ENVIRONMENT_ID, door="small", start="approach")
+    observation, info = env.reset(seed=0)
+    agent.inform(env.unwrapped.door_geometry)  # type: ignore[attr-defined]
+    agent.reset(observation)
+    ended = False
+    while not ended:
+        pose = agent.act(observation).action
+        action = np.append(pose, agent.gripper_width)
+        observation, _, terminated, truncated, info = env.step(action)
+        ended = terminated or truncated
+    env.close()
+    assert info["stage"] == "held"
 
 
 def test_what_a_policy_says_is_measured_once_it_acts(make_log: MakeLog) -> None:
