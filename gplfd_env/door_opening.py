@@ -38,7 +38,7 @@ Info = dict[str, Any]
 
 
 class DoorOpeningEnv(gym.Env[Observation, Array]):
-    """A TIAGo-like arm, its hand closed on the handle of a hinged door.
+    """A TIAGo-like arm, its hand on the handle of a hinged door, or before it.
 
     Action, (6,): the commanded pose of the hand in the task frame, position [m] and
     rotation vector [rad] relative to the closed grasp. A stiff Cartesian servo
