@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from gplfd_env.command import Command, ServoGains, servo_gains
 from gplfd_env.door import Structure, set_hinge, structure_of
 from gplfd_env.intervention import Loads
-from gplfd_env.robot import Grasp
+from gplfd_env.robot import Hold
 from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
-from gplfd_env.simulation import BAD_STATE, driven, loaded_bodies
+from gplfd_env.simulation import BAD_STATE, driven, gripped, loaded_bodies
 from gplfd_env.task import CONTROL_PERIOD, Base
 from gplfd_env.variation import Variation
 from gplfd_env.whole_body import Planar
@@ -42,7 +42,7 @@ class _Alike:
         self,
         n: int,
         begin: Variation,
-        grasp: Grasp,
+        grasp: Hold,
         command: Command,
         num_threads: int,
         base: Base,
@@ -53,6 +53,7 @@ class _Alike:
             begin.door,
             grasp,
             placement=begin.placement,
+            standoff=begin.standoff,
             control=command.control,
             base=base,
         )
@@ -74,6 +75,7 @@ class _Alike:
         self._applied: Array = self._batch.bind("xfrc_applied")
         self._bodies = loaded_bodies(scene)
         self._driven = driven(scene, self._base)
+        self._gripped = gripped(scene, self._grasp)
         self._counts = self._batch.warning[:, BAD_STATE, _COUNT]
         self._seen = self._counts.copy()
         self._substeps = round(CONTROL_PERIOD / scene.opt.timestep)
@@ -81,13 +83,14 @@ class _Alike:
     def load(self, row: int, variation: Variation) -> None:
         """See `DoorBatch.load`; the door is of this structure."""
         now = self.loaded[row]
-        if (variation.door, variation.placement) != (now.door, now.placement):
+        if variation.scene != now.scene:
             load_scene(
                 self.models[row],
                 self._scratch,
                 variation.door,
                 self._grasp,
                 placement=variation.placement,
+                standoff=variation.standoff,
                 control=self._command.control,
                 base=self._base,
             )
@@ -111,6 +114,7 @@ class _Alike:
         rows: Rows | None,
         loads: Mapping[int, Loads],
         drives: Mapping[int, Planar],
+        widths: Mapping[int, float],
     ) -> Mask | None:
         """See `DoorBatch.advance`."""
         if rows is None:
@@ -119,6 +123,8 @@ class _Alike:
             self._ctrl[rows, :6] = commands[rows, :6]
         for row, rate in drives.items():
             self._ctrl[row, self._driven] = rate
+        for row, width in widths.items():
+            self._ctrl[row, self._gripped] = 0.5 * width
         changed = bool(self._gains)
         for row, load in loads.items():
             self._applied[row, self._bodies] = load.wrenches
@@ -176,7 +182,7 @@ class DoorBatch:
     def __init__(
         self,
         begin: Sequence[Variation],
-        grasp: Grasp,
+        grasp: Hold,
         command: Command,
         num_threads: int,
         base: Base,
@@ -214,7 +220,7 @@ class DoorBatch:
         self._structure[row] = structure
 
     def restart(self, rows: Rows) -> None:
-        """Put simulations at rest, door closed and handle in the hand."""
+        """Put simulations at rest, door closed and hand where it begins."""
         for structure, own in self._shares(rows):
             self._alike[structure].restart(own)
 
@@ -224,6 +230,7 @@ class DoorBatch:
         rows: Rows | None,
         loads: Mapping[int, Loads],
         drives: Mapping[int, Planar],
+        widths: Mapping[int, float],
     ) -> Mask | None:
         """Command simulations for one control period.
 
@@ -232,19 +239,21 @@ class DoorBatch:
             rows: Which to step; None for all.
             loads: What acts from outside meanwhile, by row, where there is anything.
             drives: Rates of bases, by row, where they move.
+            widths: Of grippers [m], by row, where fingers open and close.
 
         Returns:
             Which ones MuJoCo reports as diverged, (n,); None if none.
         """
         if len(self._alike) == 1:
             (alike,) = self._alike.values()
-            return alike.advance(commands, rows, loads, drives)
+            return alike.advance(commands, rows, loads, drives, widths)
         diverged: Mask | None = None
         everyone = range(len(self._structure))
         for structure, own in self._shares(everyone if rows is None else rows):
             acting = {row: loads[row] for row in own if row in loads}
             driving = {row: drives[row] for row in own if row in drives}
-            found = self._alike[structure].advance(commands, own, acting, driving)
+            told = {row: widths[row] for row in own if row in widths}
+            found = self._alike[structure].advance(commands, own, acting, driving, told)
             if found is not None:
                 diverged = found if diverged is None else diverged | found
         return diverged
