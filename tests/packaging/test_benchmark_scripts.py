@@ -100,7 +100,8 @@ def test_every_script_is_known() -> None:
         module.__name__ for module in (*SMALL, contact_loop, gallery, recorded_tasks)
     }
     # They need the extras sb3 and warp and are run by tests/learners.
-    assert known | {"learners", "on_warp"} == {path.stem for path in FOLDER.glob("*.py")}
+    scripts = {path.stem for path in FOLDER.glob("*.py")}
+    assert known | {"learners", "on_warp"} == scripts
 
 
 def test_documents_name_every_script_and_no_other() -> None:
