@@ -98,6 +98,16 @@ def test_physics_are_mujoco_s_within_float32(played: str, randomization: str) ->
     assert apart["door"].max() < 5e-3
 
 
+def test_handles_that_turn_agree_too() -> None:
+    turning = {"radius": 0.5, "backset": 0.06}
+    handles = [{"handle": "lever"}, {"handle": "knob", "hinge_side": "left"}]
+    envs = pair(2, door=[{**turning, **one} for one in handles])
+    apart = on_warp.differences(*envs, on_warp.shoves, 300)
+    assert apart["door"].size > 300
+    assert np.quantile(apart["door"], 0.95) < 5e-4
+    assert np.quantile(apart["wrench"], 0.95) < 0.5
+
+
 @pytest.mark.parametrize(
     "disturbance",
     [
