@@ -26,8 +26,8 @@ _COUNT: Final = 1
 """Column of `Batch.warning` that counts."""
 
 
-class _Alike:
-    """n simulations before doors of one structure.
+class Alike:
+    """n simulations before doors of one structure, as `DoorBatch` steps them.
 
     Args:
         n: Number of simulations.
@@ -84,20 +84,24 @@ class _Alike:
         """See `DoorBatch.load`; the door is of this structure."""
         now = self.loaded[row]
         if variation.scene != now.scene:
-            load_scene(
-                self.models[row],
-                self._scratch,
-                variation.door,
-                self._grasp,
-                placement=variation.placement,
-                standoff=variation.standoff,
-                control=self._command.control,
-                base=self._base,
-            )
+            self._bring(self.models[row], variation)
         if not now.disturbance.idle:
             door = variation.door
             set_hinge(self.models[row], door.stop_angle, door.friction)
         self.loaded[row] = variation
+
+    def _bring(self, model: mujoco.MjModel, to: Variation) -> None:
+        """Bring a model to another door."""
+        load_scene(
+            model,
+            self._scratch,
+            to.door,
+            self._grasp,
+            placement=to.placement,
+            standoff=to.standoff,
+            control=self._command.control,
+            base=self._base,
+        )
 
     def restart(self, rows: Rows) -> None:
         """See `DoorBatch.restart`."""
@@ -177,6 +181,7 @@ class DoorBatch:
         command: The meaning of an action.
         num_threads: Threads that step the simulations; 0 for one per core.
         base: Whether the robot drives.
+        physics: What steps those before doors of one structure.
     """
 
     def __init__(
@@ -186,9 +191,11 @@ class DoorBatch:
         command: Command,
         num_threads: int,
         base: Base,
+        physics: type[Alike] = Alike,
     ) -> None:
+        self._physics = physics
         self._robot = grasp, command, num_threads, base
-        self._alike: dict[Structure, _Alike] = {}
+        self._alike: dict[Structure, Alike] = {}
         self._structure = [structure_of(variation.door) for variation in begin]
         for row, variation in enumerate(begin):
             self.load(row, variation)
@@ -215,7 +222,7 @@ class DoorBatch:
         structure = structure_of(variation.door)
         if structure not in self._alike:
             n = len(self._structure)
-            self._alike[structure] = _Alike(n, variation, *self._robot)
+            self._alike[structure] = self._physics(n, variation, *self._robot)
         self._alike[structure].load(row, variation)
         self._structure[row] = structure
 

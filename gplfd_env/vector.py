@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from gplfd_env.batch import DoorBatch
+from gplfd_env.batch import Alike, DoorBatch
 from gplfd_env.camera import Camera
 from gplfd_env.command import COMMANDS, DRIVEN
 from gplfd_env.config import DoorSpec
@@ -66,6 +66,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     command = COMMANDS["pose"]
     """What an action means."""
+
+    physics: type[Alike] = Alike
+    """What steps simulations before doors of one structure."""
 
     def __init__(
         self,
@@ -127,7 +130,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self._reward: Reward = reward
         self._episodes: list[Episode] = []
         begin = [Variation(door=one) for one in self._sources.doors]
-        self._batch = DoorBatch(begin, self._hold, self.command, num_threads, base)
+        self._batch = DoorBatch(
+            begin, self._hold, self.command, num_threads, base, self.physics
+        )
         self._camera = Camera(
             self.models[0], width, height, camera_name, effects=effects
         )

@@ -103,8 +103,9 @@ def test_every_script_is_known() -> None:
     known = {
         module.__name__ for module in (*SMALL, contact_loop, gallery, recorded_tasks)
     }
-    # It needs the extra sb3 and is run by tests/learners.
-    assert known | {"learners"} == {path.stem for path in FOLDER.glob("*.py")}
+    # They need the extras sb3 and warp and are run by tests/learners.
+    scripts = {path.stem for path in FOLDER.glob("*.py")}
+    assert known | {"learners", "on_warp"} == scripts
 
 
 def test_documents_name_every_script_and_no_other() -> None:
