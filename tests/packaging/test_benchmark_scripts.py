@@ -1,5 +1,6 @@
 """The scripts of benchmarks/ run, with tiny settings, and count as they claim."""
 
+import dataclasses
 import importlib.util
 import math
 import re
@@ -81,7 +82,7 @@ SMALL = {
     renderings: ["--seeds", "1", "--trials"],
     rests: ["--sets", "1", "--rates", "60", "--noises", "3e-4"],
     scaling: ["--repeats", "1", "--counts", "2", "3", "--samples", "20", "40"],
-    unseen_doors: ["--draws", "1"],
+    unseen_doors: ["--draws", "1", "--unseen", "0.42"],
 }
 SAYS = {
     agents: "3 agents in lockstep",
@@ -126,6 +127,12 @@ def test_script_runs(
         name: building_doors.ROOMS[name] for name in ("room-584", building_doors._WIDE)
     }
     monkeypatch.setattr(building_doors, "ROOMS", rooms)
+    fewer = {
+        name: dataclasses.replace(level, doors=("small",))
+        for name, level in renderings._NO_TRIAL.levels.items()
+    }
+    trial = dataclasses.replace(renderings._NO_TRIAL, levels=fewer)
+    monkeypatch.setattr(renderings, "_NO_TRIAL", trial)
     tyro.cli(module.main, args=SMALL[module])
     printed = capsys.readouterr().out
     assert SAYS[module] in printed
