@@ -117,12 +117,28 @@ def film(path: Path, size: int) -> None:
             frames.append(Image.fromarray(_drawn(env, size)))
     if not info["success"]:
         raise RuntimeError(f"{_SHOWN}: {info['failure'] or 'not opened'}")
-    several = np.hstack([np.asarray(frame) for frame in frames[:: len(frames) // 4]])
-    palette = Image.fromarray(several).quantize(_COLOURS)
+    write_gif(path, frames, _EVERY * inner.dt, _COLOURS)
+
+
+def write_gif(
+    path: Path, frames: Sequence[Image.Image], period: float, colours: int
+) -> None:
+    """Write frames of one size as a moving picture that lasts at its end.
+
+    Args:
+        path: File.
+        frames: In order.
+        period: How long each is seen [s].
+        colours: How many, the same for all frames.
+    """
+    several = np.hstack(
+        [np.asarray(one) for one in frames[:: max(1, len(frames) // 4)]]
+    )
+    palette = Image.fromarray(several).quantize(colours)
     pictures = [
         frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
     ]
-    lasting = [round(1000.0 * _EVERY * inner.dt)] * len(pictures)
+    lasting = [round(1000.0 * period)] * len(pictures)
     lasting[-1] = _PAUSE
     with complete_or_absent(path) as temporary:
         pictures[0].save(

@@ -50,7 +50,7 @@ def repeat(episode: EpisodeResult) -> Repeated:
     metrics = episode_metrics(log, demonstrated_angle=angle).as_json()
     return Repeated(
         log=_thinned(log),
-        model=_model(task),
+        model=model_of(task),
         demonstrations=demonstrations_of(task),
         different=differences(episode.metrics, metrics),
     )
@@ -67,7 +67,7 @@ def differences(
     }
 
 
-def _model(task: EpisodeTask) -> mujoco.MjModel:
+def model_of(task: EpisodeTask) -> mujoco.MjModel:
     """Return the model of the scene that the task's episode runs in."""
     door = dict(task.door_config)
     env = gym.make(ENVIRONMENT_ID, door=door, randomization=task.randomization)

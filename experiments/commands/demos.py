@@ -30,7 +30,8 @@ class Record:
     """Policy that acts; see `gplfd list`."""
 
     doors: tuple[str, ...] = ("small", "medium", "large")
-    """Doors to open: names (see `gplfd list`) or radii in metres."""
+    """Doors to open: names (see `gplfd list`), radii in metres, or .json files of door
+    parameters."""
 
     episodes: int = 1
     """Episodes per door, 1 or more."""

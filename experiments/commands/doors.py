@@ -12,8 +12,8 @@ class Doors:
     """Read a door of DoorBench and write it as door parameters.
 
     FILE is a spec.json of schema 1.0 of a single swing door. What is written is a
-    mapping that an environment takes as its door; what could not be represented is
-    listed.
+    mapping that an environment takes as its door, and every --doors as a file; what
+    could not be represented is listed.
     """
 
     action: Annotated[Literal["import"], tyro.conf.Positional]

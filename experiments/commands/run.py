@@ -20,7 +20,8 @@ class Run:
     """
 
     doors: tuple[str, ...] = ("small", "medium", "large")
-    """Doors to open: names (see `gplfd list`) or radii in metres."""
+    """Doors to open: names (see `gplfd list`), radii in metres, or .json files of door
+    parameters."""
 
     policy: str = "gp"
     """Policy to use; see `gplfd list`."""

@@ -9,6 +9,7 @@ import tyro
 from gplfd.experiments.commands.options import (
     ON_THIS_MACHINE,
     EngineOptions,
+    Json,
     next_command,
     recorded,
 )
@@ -47,12 +48,20 @@ class Trials:
     record: bool = False
     """Also record a comparison per trial: who decides it, side by side."""
 
+    json: Json = False
+
     quiet: tyro.conf.FlagCreatePairsOff[bool] = False
     """Show no progress, only results and what went wrong."""
 
     def execute(self) -> int:
-        """Run the trials and return `FAILED` if an episode failed."""
+        """Run the trials and return `FAILED` if an episode failed.
+
+        As JSON it prints what `gplfd report` keeps of the folder in trials.json.
+        """
         with postponed_interruption():
+            from gplfd.experiments.files.plain_data import json_text
+            from gplfd.experiments.results.reading import read_results
+            from gplfd.experiments.results.trials_file import trial_answers
             from gplfd.experiments.study.session import carry_out
             from gplfd.experiments.trials.plan import named_trials, trial_tasks
 
@@ -66,6 +75,9 @@ class Trials:
                 from gplfd.experiments.trial_recordings import record_trials
 
             record_trials(self.out)
-        report = next_command("report", self.out)
-        print(f"results are in {self.out}; read them:  {report}")
+        if self.json:
+            print(json_text(trial_answers(read_results(self.out))))
+        else:
+            report = next_command("report", self.out)
+            print(f"results are in {self.out}; read them:  {report}")
         return FAILED if errors else 0

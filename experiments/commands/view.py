@@ -23,7 +23,8 @@ class View:
     """Instead of opening a recording, run an episode and watch it."""
 
     door: str = "medium"
-    """With --live: the door to open, a name (see `gplfd list`) or a radius [m]."""
+    """With --live: the door to open, a name (see `gplfd list`), a radius [m], or
+    a .json file of door parameters."""
 
     policy: str = "gp"
     """With --live: the policy to use; see `gplfd list`."""

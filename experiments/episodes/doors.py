@@ -2,8 +2,10 @@
 
 import hashlib
 from collections.abc import Sequence
+from pathlib import Path
 
-from gplfd_env.config import DoorConfig, door_config
+from gplfd.experiments.files.plain_data import read_json
+from gplfd_env.config import DOORS, DoorConfig, door_config
 from gplfd_env.stance import base_for, check_reach
 
 
@@ -23,23 +25,46 @@ def reset_seed(seed: int, door: str, *, drawn: bool) -> int:
 
 
 def named_doors(doors: Sequence[str]) -> dict[str, DoorConfig]:
-    """Configurations by name, for names of doors and for radii as text.
+    """Configurations by name, for names of doors, radii as text, and files.
+
+    A file FILE.json holds door parameters, as `gym.make` takes them, and its door is
+    called FILE.
 
     Raises:
-        ValueError: No door, an unknown one, one out of reach, or one given twice.
+        ValueError: No door, an unknown one, a file that holds none, one out of reach,
+            or one given twice.
+        OSError: A file cannot be read.
     """
     if not doors:
-        raise ValueError("--doors needs at least one door: a name or a radius [m]")
+        raise ValueError(
+            "--doors needs at least one door: a name, a radius [m] or a .json file"
+        )
     configs: dict[str, DoorConfig] = {}
     for given in doors:
-        try:
-            radius = float(given)
-        except ValueError:
-            name, config = given, door_config(given)
-        else:
-            name, config = f"{radius:g}", door_config(radius)
+        name, config = _named(given)
         if name in configs:
             raise ValueError(f"door {name} is given twice in --doors")
         check_reach(config, base_for(config))
         configs[name] = config
     return configs
+
+
+def _named(given: str) -> tuple[str, DoorConfig]:
+    if given.endswith(".json"):
+        return _from_file(Path(given))
+    try:
+        radius = float(given)
+    except ValueError:
+        return given, door_config(given)
+    return f"{radius:g}", door_config(radius)
+
+
+def _from_file(path: Path) -> tuple[str, DoorConfig]:
+    if path.stem in DOORS:
+        raise ValueError(
+            f"{path}: {path.stem} is the name of a door already; give the file another"
+        )
+    try:
+        return path.stem, door_config(read_json(path))
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path} holds no door: {error}") from error

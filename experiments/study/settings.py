@@ -25,8 +25,8 @@ class StudySettings:
         *("small", "medium", "large"),
         *("0.3", "0.42", "0.58", "0.62"),
     )
-    """Doors to open: names (see `gplfd list`) or radii in metres. Small, medium and
-    large (0.35, 0.50, 0.65) are demonstrated."""
+    """Doors to open: names (see `gplfd list`), radii in metres, or .json files of door
+    parameters. Small, medium and large (0.35, 0.50, 0.65) are demonstrated."""
 
     seeds: int = 20
     """Number of seeds: 0, 1, ... Each has demonstrations of its own."""

@@ -1,6 +1,7 @@
 import hashlib
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -308,6 +309,41 @@ def test_named_doors_take_names_and_radii() -> None:
         "large": 0.65,
         "0.42": 0.42,
     }
+
+
+def test_a_door_of_one_s_own_is_given_as_a_file(tmp_path: Path) -> None:
+    own = tmp_path / "pantry.json"
+    own.write_text('{"preset": "heavy", "radius": 0.44}')
+    whole = tmp_path / "whole.json"
+    whole.write_text(json.dumps(DOORS["room-834"].as_dict()))
+    doors = named_doors([str(own), str(whole), "small"])
+    assert list(doors) == ["pantry", "whole", "small"]
+    assert doors["pantry"] == DOORS["heavy"].replaced({"radius": 0.44})
+    assert doors["whole"] == DOORS["room-834"]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "complaint"),
+    [
+        ("pantry.json", '{"radius": 9.0}', "pantry.json holds no door: .*radius"),
+        ("pantry.json", '{"hight": 0.9}', "holds no door: .*hight"),
+        ("pantry.json", "[0.4]", "pantry.json"),
+        ("small.json", '{"radius": 0.4}', "small is the name of a door already"),
+    ],
+)
+def test_a_file_that_is_no_door_is_refused(
+    gplfd: Gplfd,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    content: str,
+    complaint: str,
+) -> None:
+    file = tmp_path / name
+    file.write_text(content)
+    assert gplfd("run", "--doors", str(file), "--out", str(tmp_path / "out")) == 2
+    assert re.search(complaint, capsys.readouterr().err)
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_policy_that_learns_nothing_is_not_said_to_learn(

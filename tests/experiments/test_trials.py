@@ -342,7 +342,10 @@ def test_an_idea_is_judged_over_all_trials_together(
 
 
 def test_the_command_runs_a_part_and_goes_on(
-    tmp_path: Any, monkeypatch: pytest.MonkeyPatch, episode_result: MakeEpisode
+    tmp_path: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    episode_result: MakeEpisode,
 ) -> None:
     ran = []
     metrics = episode_result("gp")["metrics"]
@@ -362,6 +365,11 @@ def test_the_command_runs_a_part_and_goes_on(
     ran.clear()
     assert main([*arguments, "--policies", "gp-product"]) == 0
     assert {task.policy for task in ran} == {"gp-product"}
+    capsys.readouterr()
+    assert main([*arguments, "--json"]) == 0
+    (stop,) = json.loads(capsys.readouterr().out)["trials"]["stop"].values()
+    assert stop["gp"]["episodes"] == stop["gp-product"]["episodes"] == 2
+    assert stop["gp"]["success"]["seeds"] == [metrics["success"]] * 2
     assert main(["trials", "--trials", "stops"]) == 2
 
 

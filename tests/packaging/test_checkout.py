@@ -161,12 +161,29 @@ def test_what_brings_gigabytes_is_installed_on_request_alone() -> None:
     )
 
 
-@pytest.mark.parametrize("name", ["run", "test"])
-def test_readme_has_each_marked_command_once(name: str) -> None:
-    """The continuous integration runs the README's own text."""
-    readme = (ROOT / "README.md").read_text()
+@pytest.mark.parametrize(
+    ("page", "name"),
+    [("README.md", "run"), ("README.md", "test"), ("docs/learners.md", "clone")],
+)
+def test_pages_have_each_marked_command_once(page: str, name: str) -> None:
+    """The continuous integration runs the pages' own text."""
     marked = re.findall(
-        rf"<!-- command: {name} -->\n+```bash\n(.*?)\n```", readme, flags=re.DOTALL
+        rf"<!-- command: {name} -->\n+```bash\n(.*?)\n```",
+        (ROOT / page).read_text(),
+        flags=re.DOTALL,
     )
     assert len(marked) == 1
     assert marked[0].strip()
+
+
+def test_four_commands_lead_from_a_clone_to_a_network_judged_beside_gp() -> None:
+    page = (ROOT / "docs/learners.md").read_text()
+    (block,) = re.findall(r"<!-- command: clone -->\n```bash\n(.*?)\n```", page, re.S)
+    install, train, judge, report = block.splitlines()
+    assert "pip install ." in install
+    network = "examples/cloned_policy.py:make"
+    assert train.startswith(f"gplfd run --policy {network}")
+    assert judge.startswith("gplfd benchmark ")
+    assert f"--policies gp {network}" in judge
+    assert report == f"gplfd report {judge.split()[-1]}"
+    assert "marked docs/learners.md clone" in (ROOT / ".ci/run").read_text()

@@ -1,11 +1,14 @@
 """The documents speak of things that exist."""
 
 import importlib
+import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import gymnasium
@@ -13,14 +16,35 @@ import pytest
 import yaml
 
 import gplfd_env  # noqa: F401  (registers the ids)
+from gplfd.experiments import cli
+from gplfd.experiments.study.settings import StudySettings
+from gplfd.experiments.study.settings_file import write_settings
 
 ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+TUTORIALS = sorted((DOCS / "tutorials").glob("*.ipynb"))
 DOCUMENTS = [
     *(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "SECURITY")),
     ROOT / "CODE_OF_CONDUCT.md",
     ROOT / "paper" / "paper.md",
-    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted(DOCS.glob("*.md")),
+    *TUTORIALS,
 ]
+
+
+def text_of(document: Path) -> str:
+    """Return a page as Markdown; of a notebook what is told and the commands."""
+    text = document.read_text()
+    if document.suffix != ".ipynb":
+        return text
+    parts = []
+    for cell in json.loads(text)["cells"]:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append(source)
+        elif source.startswith("%%bash\n"):
+            parts.append(f"```bash\n{source.removeprefix('%%bash')}\n```")
+    return "\n".join(parts)
 
 
 def suite() -> set[str]:
@@ -32,7 +56,7 @@ def suite() -> set[str]:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_named_tests_exist(document):
-    named = set(re.findall(r"`(test_\w+)`", document.read_text()))
+    named = set(re.findall(r"`(test_\w+)`", text_of(document)))
     assert named <= suite(), named - suite()
 
 
@@ -43,10 +67,14 @@ def test_the_method_page_names_the_tests_that_settle_it():
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_links_lead_somewhere(document):
-    links = re.findall(r"\]\((?!https?://|#)([^)#]+)", document.read_text())
+    links = re.findall(r"\]\((?!https?://|#)([^)#]+)", text_of(document))
     missing = [link for link in links if not (document.parent / link).exists()]
     # The wheel's test run has no assets folder beside the documents.
     assert [link for link in missing if not link.startswith("assets/")] == []
+    if document.is_relative_to(DOCS):
+        # Nothing else is on the site.
+        paths = [(document.parent / link).resolve() for link in links]
+        assert [path for path in paths if not path.is_relative_to(DOCS)] == []
 
 
 def test_the_citation_is_of_this_package() -> None:
@@ -77,23 +105,51 @@ def test_the_paper_cites_what_its_bibliography_has() -> None:
         assert f"\n# {title}\n" in body
 
 
-def python_blocks() -> list[str]:
-    return re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+def python_blocks(document: Path) -> list[str]:
+    """Return the snippets of a page that need nothing but `gplfd run` before them.
+
+    Those with a mark above them, `<!-- python: ... -->`, are run where what they need
+    is.
+    """
+    found = re.findall(
+        r"^(<!-- python: .* -->\n)?```python\n(.*?)```",
+        document.read_text(),
+        re.M | re.S,
+    )
+    return [block for mark, block in found if not mark]
+
+
+ELSEWHERE = {DOCS / "learners.md"}
+"""Pages whose snippets are run by tests/learners, with what they need."""
+PAGES = [
+    page
+    for page in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))
+    if python_blocks(page) and page not in ELSEWHERE
+]
 
 
 @pytest.fixture(scope="module")
 def first_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which the README's first command has been run, for one door."""
     folder = tmp_path_factory.mktemp("newcomer")
+    (folder / "examples").symlink_to(ROOT / "examples")
     command = [sys.executable, "-m", "gplfd", "run", "--doors", "medium"]
     subprocess.run([*command, "--out", "results/first"], cwd=folder, check=True)
     return folder
 
 
-@pytest.mark.parametrize("number", range(len(python_blocks())))
-def test_code_in_the_readme_runs(number: int, first_run: Path) -> None:
+EACH_BY_ITSELF = (
+    "import sys\n"
+    "for block in sys.argv[1:]:\n"
+    "    exec(compile(block, block, 'exec'), {'__name__': '__main__'})\n"
+)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_code_in_the_pages_runs(page: Path, first_run: Path) -> None:
+    blocks = python_blocks(page)
     ran = subprocess.run(
-        [sys.executable, "-c", python_blocks()[number]],
+        [sys.executable, "-W", "ignore", "-c", EACH_BY_ITSELF, *blocks],
         cwd=first_run,
         env=os.environ | {"MPLBACKEND": "agg"},
         capture_output=True,
@@ -101,6 +157,33 @@ def test_code_in_the_readme_runs(number: int, first_run: Path) -> None:
         check=False,
     )
     assert ran.returncode == 0, ran.stderr
+    # A reader copies one of them: none lives on what another has imported.
+    assert [one for one in blocks if '"gplfd/' in one and "gplfd_env" not in one] == []
+
+
+def commands(document: Path) -> Iterator[list[str]]:
+    """Yield the arguments of every `gplfd` in the commands of a page."""
+    for block in re.findall(r"```bash\n(.*?)```", text_of(document), re.S):
+        for line in re.sub(r"\\\n", " ", block).splitlines():
+            words = shlex.split(line, comments=True)
+            for start, word in enumerate(words):
+                if word.endswith("gplfd") and (start == 0 or words[start - 1] == "&&"):
+                    rest = words[start + 1 :]
+                    ends = [n for n, one in enumerate(rest) if one in ("|", "&&")]
+                    yield rest[: ends[0]] if ends else rest
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_commands_are_what_the_command_line_takes(
+    document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "results/study").mkdir(parents=True)
+    write_settings(tmp_path / "results/study/study.toml", StudySettings())
+    for command in cli.COMMANDS.values():
+        monkeypatch.setattr(command, "execute", lambda self: 0)
+    for arguments in commands(document):
+        assert cli.main(arguments) == 0, arguments
 
 
 def test_every_public_name_has_a_place_in_the_reference() -> None:
@@ -127,16 +210,33 @@ def test_every_public_name_has_a_place_in_the_reference() -> None:
 
 def test_every_page_is_three_clicks_away() -> None:
     """From the start page: by its links, and by the navigation beside it."""
-    pages = {path.name for path in (ROOT / "docs").glob("*.md")}
-    reached, front = {"index.md"}, {"index.md"}
+    pages = {*DOCS.glob("*.md"), *TUTORIALS}
+    reached = front = {DOCS / "index.md"}
     for _ in range(3):
         links = {
-            link
+            (page.parent / link).resolve()
             for page in front
             for link in re.findall(
-                r"\]\((?!https?://|#)([\w-]+\.md)", (ROOT / "docs" / page).read_text()
+                r"\]\((?!https?://|#)([\w./-]+\.(?:md|ipynb))", text_of(page)
             )
         }
-        front = links - reached
-        reached |= links
+        front = (links & pages) - reached
+        reached = reached | front
     assert pages - reached == set()
+
+
+def test_what_newcomers_bring_is_one_click_away() -> None:
+    """Doors, demonstrations and policies of their own, from the start page."""
+    start = text_of(DOCS / "index.md")
+    for name in ("your-door", "your-recordings", "your-policy", "study-on-a-cluster"):
+        assert f"(tutorials/{name}.ipynb)" in start
+    for page in ("own-door", "recordings", "own-policy", "cluster"):
+        assert f"({page}.md)" in start
+
+
+@pytest.mark.parametrize("notebook", TUTORIALS, ids=lambda path: path.stem)
+def test_notebooks_keep_no_outputs(notebook: Path) -> None:
+    """The site's are those of its own build: `mkdocs build` runs them."""
+    assert f"tutorials/{notebook.name}" in (ROOT / "mkdocs.yml").read_text()
+    cells = json.loads(notebook.read_text())["cells"]
+    assert not [cell for cell in cells if cell.get("outputs")]

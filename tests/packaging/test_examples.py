@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 ALL = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
-ELSEWHERE = {"learned_policy"}
-"""Tested in tests/learners, with what they need."""
+ELSEWHERE = {"cloned_policy", "learned_policy"}
+"""Run by .ci/run, with the commands of docs/learners.md; tested in tests/learners, with
+what it needs."""
 EXAMPLES = [path for path in ALL if path.stem not in ELSEWHERE]
 
 
 SAYS = {
-    "cloned_policy": "gplfd view results/clone/medium.rrd",
     "random_agent": "failure:",
     "your_own_policy": "gplfd view results/replay/medium.rrd",
     "vectorised_evaluation": "5/5 opened",
@@ -24,7 +24,6 @@ SAYS = {
 """A part of what each of them prints."""
 
 WRITES = {
-    "cloned_policy": {"results"},
     "play_trajectory": {"movement.csv"},
     "plot_episode": {"episode.png"},
     "your_own_policy": {"results"},

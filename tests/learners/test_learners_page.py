@@ -1,0 +1,34 @@
+"""The snippets of docs/learners.md run as they stand; run by .ci/learners."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+if os.environ.get("GPLFD_REQUIRE_ALL") != "1":
+    pytest.importorskip("stable_baselines3", reason="needs pip install '.[sb3]'")
+    pytest.importorskip("torchrl", reason="needs pip install torchrl")
+
+PAGE = (Path(__file__).parents[2] / "docs" / "learners.md").read_text()
+SNIPPETS = re.findall(r"```python\n(.*?)```", PAGE, re.S)
+
+
+def test_there_is_a_snippet_of_each_library() -> None:
+    ppo, rollout = SNIPPETS
+    assert "stable_baselines3" in ppo
+    assert "torchrl" in rollout
+
+
+@pytest.mark.parametrize("snippet", SNIPPETS)
+def test_snippet_runs(snippet: str, tmp_path: Path) -> None:
+    ran = subprocess.run(
+        [sys.executable, "-c", snippet],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
