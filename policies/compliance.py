@@ -31,6 +31,7 @@ from gplfd.policies.controllers.stiffness import (
     VirtualDynamics,
 )
 from gplfd.policies.gridded import GriddedMovement, GriddedMovements
+from gplfd.policies.handle_gear import HandleGears
 from gplfd.policies.handle_load import HandleAndDoor
 from gplfd.policies.load import Encounter, LearnedLoad, LoadRule, Response
 from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
@@ -147,9 +148,9 @@ class ComplianceController:
         self._renderer = config.rendering.renderer(
             config.dynamics, config.control_period, shape
         )
-        self._load = HandleAndDoor(
-            config.load, config.profile, self._movements.handles, shape
-        )
+        handles = self._movements.handles
+        self._load = HandleAndDoor(config.load, config.profile, handles, shape)
+        self._gears = HandleGears(handles, shape)
         self._memory = _Memory(shape)
         self._via_noise = np.repeat(config.via_std, 3)
 
@@ -159,6 +160,7 @@ class ComplianceController:
         self._governor.reset(members)
         self._renderer.reset(members)
         self._load.reset(members)
+        self._gears.reset(members)
         self._memory.reset(members)
         self._phases.reset(members)
 
@@ -175,18 +177,25 @@ class ComplianceController:
         memory = self._memory
         # A copy: the rule may return it, and the command phase moves on below.
         command = memory.phase[members].copy()
+        shown = self._gears.shown(poses, members)
         seen = self._phases.update(
-            poses, memory.observed_phase[members], command, members
+            shown, memory.observed_phase[members], command, members
         )
         observed_phase = memory.observed_phase[members] = seen.phase
         ahead = _ahead(observed_phase)
         means, stds = self._movements.at(ahead, members)
-        via_point = self._adapt(poses, observed_phase, seen.std, members)
+        told = self._gears.leading(poses, means[0], members)
+        via_point = self._adapt(told, observed_phase, seen.std, members)
         path = self._movements.at(ahead, members)[0] if via_point.any() else means
         direction = _direction(path)
         response = self._meet(poses, wrenches, direction, members)
-        phase, rate = self._advance(response.pace, members)
+        on = self._gears.feel(
+            poses, response.carried, self._config.control_period, members
+        )
+        pace = np.where(on, np.minimum(response.pace, 0.0), response.pace)
+        phase, rate = self._advance(pace, members)
         desired, velocity, std = self._set_point(phase, rate, observed_phase, members)
+        desired = self._gears.asked(desired, members)
         # Where the hand is held off, along the path, the policy is not to be trusted.
         doubt = np.asarray(response.give)[..., None] * direction
         std[..., :3] = np.sqrt(std[..., :3] * std[..., :3] + doubt * doubt)

@@ -56,6 +56,25 @@ class TurnedHandle:
     axis: Vector
     """a: its direction, a unit vector; the handle is first turned about it by a
     positive angle."""
+    travel: float = 0.0
+    """How far it was turned when it was shown: the mean of the greatest turns [rad]."""
+
+    def held(self, pose: list[float], turn: float) -> list[float]:
+        """Return the pose of a hand that turns the handle by as much, the door as it is.
+
+        The leaf, and with it the handle's axis, stays where a hand has it.
+
+        Args:
+            pose: Of that hand, (6,) [m, rad].
+            turn: Of the handle [rad].
+        """
+        leaf, _ = self.turns(pose[3:])
+        ax, ay, az = self.axis
+        rotation = _composed(leaf, (turn * ax, turn * ay, turn * az))
+        sx, sy, sz = self.point
+        x, y, z = self.place(pose)
+        rx, ry, rz = _turned(self.point, list(rotation))
+        return [x + sx - rx, y + sy - ry, z + sz - rz, *rotation]
 
     def place(self, pose: list[float]) -> Vector:
         """Return where the axis's point is, from its start [m].
@@ -157,7 +176,12 @@ def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
         return None
     px, py, pz = point.tolist()
     ax, ay, az = first.tolist()
-    return TurnedHandle(point=(px, py, pz), axis=(ax, ay, az))
+    handle = TurnedHandle(point=(px, py, pz), axis=(ax, ay, az))
+    furthest = [
+        max(handle.turns(rotation)[1] for rotation in poses[:, 3:].tolist())
+        for poses in aligned.demonstrated.poses
+    ]
+    return replace(handle, travel=float(np.mean(furthest)))
 
 
 def seen_at(
@@ -183,3 +207,10 @@ def _turned(vector: Vector, rotation: list[float]) -> Vector:
         y + sine * uy + rest * vy,
         z + sine * uz + rest * vz,
     )
+
+
+def _composed(first: Vector, second: Vector) -> Vector:
+    """Return first ∘ second, of rotation vectors."""
+    turn = Rotation.from_rotvec(first) * Rotation.from_rotvec(second)
+    x, y, z = turn.as_rotvec().tolist()
+    return x, y, z
