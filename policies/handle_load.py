@@ -67,7 +67,13 @@ class HandleAndDoor:
             encounter, direction=ways, position=encounter.position - places
         )
         held = self._handle.meet(turning, members)
-        opening = replace(encounter, wrench=held.wrench, position=places)
+        hooked = np.array([handle is not None for handle in self._handles])
+        opening = replace(
+            encounter,
+            wrench=held.wrench,
+            position=places,
+            hooked=hooked.reshape(self._numbers.shape)[members],
+        )
         return self._door.meet(opening, members)
 
     def _axes(

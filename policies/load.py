@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gplfd.policies.controllers.stiffness import StiffnessProfile
 from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
@@ -43,6 +43,9 @@ class Encounter:
     """Where the hand is [m]."""
     displacement: Direction
     """How far it has been displaced: e of Eq. (22) [m]."""
+    hooked: Bool[np.ndarray | np.bool_, "*N"] | bool = False
+    """Whether its fingers stand behind a handle that it has turned, and do not hold it
+    by friction alone."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -119,6 +122,9 @@ class LearnedLoad:
     limit: float = 25.0
     """Resistance expected before the hand has moved, and the greatest ever carried [N].
     A friction grasp of 16 N per finger slips at 37 N."""
+    hooked_limit: float = 58.0
+    """The same for fingers that stand behind a handle [N]: what the arm's joints carry
+    along the path."""
     least: float = 1.0
     """Least resistance to be expected of a door [N]: what hinge and sensor add now and
     take away again."""
@@ -157,14 +163,14 @@ class LoadLearner:
         self, rule: LearnedLoad, profile: StiffnessProfile, shape: tuple[int, ...]
     ) -> None:
         self._rule, self._profile = rule, profile
-        self._expected = np.full(shape, rule.limit)
+        self._expected = np.full(shape, np.nan)  # NaN: its limit
         self._known = np.zeros(shape)
         self._mark = np.full((*shape, 3), np.nan)  # NaN: none yet
         self._most = np.zeros(shape)  # resistance since the mark
 
     def reset(self, members: Members = EVERY_MEMBER) -> None:
         """Expect nothing but the limit of these members' next doors."""
-        self._expected[members] = self._rule.limit
+        self._expected[members] = np.nan
         self._known[members] = 0.0
         self._mark[members] = np.nan
         self._most[members] = 0.0
@@ -201,9 +207,11 @@ class LoadLearner:
         mark = np.where(np.isnan(mark), position, mark)
         moved = _along(encounter.direction, position - mark)
         weight = np.where(moved >= _STEP, -np.expm1(-moved / rule.stretch), 0.0)
+        limit = np.where(encounter.hooked, rule.hooked_limit, rule.limit)
         before = self._expected[members]
+        before = np.where(np.isnan(before), limit, before)
         most = np.maximum(self._most[members], resistance)
-        met = np.minimum(np.maximum(most, rule.least), rule.limit)
+        met = np.minimum(np.maximum(most, rule.least), limit)
         expected = before + weight * (met - before)
         self._expected[members] = expected
         known = self._known[members]
