@@ -76,6 +76,20 @@ class TurnedHandle:
         rx, ry, rz = _turned(self.point, list(rotation))
         return [x + sx - rx, y + sy - ry, z + sz - rz, *rotation]
 
+    def led(self, pose: list[float], mean: list[float]) -> list[float]:
+        """Return a hand's pose as if it turned the handle as another does.
+
+        Along the way about the axis the hand lags as the spring has it, which says
+        nothing of the door, either.
+        """
+        _, turn = self.turns(mean[3:])
+        x, y, z, *rotation = self.held(pose, turn)
+        px, py, pz = self.place([x, y, z, *rotation])
+        mx, my, mz = self.place(mean)
+        wx, wy, wz = self.way(mean)
+        lag = (mx - px) * wx + (my - py) * wy + (mz - pz) * wz
+        return [x + lag * wx, y + lag * wy, z + lag * wz, *rotation]
+
     def place(self, pose: list[float]) -> Vector:
         """Return where the axis's point is, from its start [m].
 

@@ -84,8 +84,7 @@ class HandleGears:
         for number, row, mean in zip(numbers, *rows, strict=True):
             handle = self._handles[number]
             if handle is not None:
-                _, turn = handle.turns(mean[3:].tolist())
-                row[:] = handle.held(row.tolist(), turn)
+                row[:] = handle.led(row.tolist(), mean.tolist())
         return leading
 
     def _through(self, poses: Poses, power: float, members: Members) -> Poses:
