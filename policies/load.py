@@ -122,9 +122,9 @@ class LearnedLoad:
     limit: float = 25.0
     """Resistance expected before the hand has moved, and the greatest ever carried [N].
     A friction grasp of 16 N per finger slips at 37 N."""
-    hooked_limit: float = 58.0
-    """The same for fingers that stand behind a handle [N]: what the arm's joints carry
-    along the path."""
+    hooked: float = 58.0 / 25.0
+    """How many times as much is carried, and with as much reach, by fingers that stand
+    behind a handle: there the arm's joints give way first, at 58 N along the path."""
     least: float = 1.0
     """Least resistance to be expected of a door [N]: what hinge and sensor add now and
     take away again."""
@@ -181,7 +181,8 @@ class LoadLearner:
         resistance = _resistance(encounter.wrench, direction)
         give = np.maximum(-_along(direction, encounter.displacement), 0.0)
         expected = self._learn(resistance, encounter, members)
-        reserve = rule.reach * self._stiffness(give, direction)
+        firmness = np.where(encounter.hooked, rule.hooked, 1.0)
+        reserve = firmness * rule.reach * self._stiffness(give, direction)
         carried = np.minimum(np.minimum(resistance, expected), reserve)
         # A path without direction has no stiffness along it, and no resistance.
         softest = np.maximum(_stretched(self._profile.k_min, direction), _NO_STIFFNESS)
@@ -207,7 +208,7 @@ class LoadLearner:
         mark = np.where(np.isnan(mark), position, mark)
         moved = _along(encounter.direction, position - mark)
         weight = np.where(moved >= _STEP, -np.expm1(-moved / rule.stretch), 0.0)
-        limit = np.where(encounter.hooked, rule.hooked_limit, rule.limit)
+        limit = np.where(encounter.hooked, rule.hooked, 1.0) * rule.limit
         before = self._expected[members]
         before = np.where(np.isnan(before), limit, before)
         most = np.maximum(self._most[members], resistance)
