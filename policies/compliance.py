@@ -187,6 +187,9 @@ class ComplianceController:
         told = self._gears.leading(poses, means[0], members)
         via_point = self._adapt(told, observed_phase, seen.std, members)
         path = self._movements.at(ahead, members)[0] if via_point.any() else means
+        if self._gears.turn:
+            ahead = _ahead(self._gears.opening(observed_phase, members))
+            path = self._gears.places(self._movements.at(ahead, members)[0], members)
         direction = _direction(path)
         response = self._meet(poses, wrenches, direction, members)
         on = self._gears.feel(

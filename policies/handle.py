@@ -39,6 +39,9 @@ _LEAST_ARM: Final = 0.03
 """Who holds a handle nearer to its axis turns it by a moment, as a knob, and no force
 is along its way [m]."""
 
+_MOVED: Final = 0.01
+"""An axis that has moved has moved by this much [m]."""
+
 _FIRM: Final = 1e3
 """Weight of the choice of a point along an axis, over that of a sample."""
 
@@ -58,6 +61,8 @@ class TurnedHandle:
     positive angle."""
     travel: float = 0.0
     """How far it was turned when it was shown: the mean of the greatest turns [rad]."""
+    opens: float = 0.0
+    """Phase at which its axis has moved, and the door is opened."""
 
     def held(self, pose: list[float], turn: float) -> list[float]:
         """Return the pose of a hand that turns the handle by as much, the door as it is.
@@ -195,7 +200,13 @@ def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
         max(handle.turns(rotation)[1] for rotation in poses[:, 3:].tolist())
         for poses in aligned.demonstrated.poses
     ]
-    return replace(handle, travel=float(np.mean(furthest)))
+    places = handle.places(aligned.poses)[..., :3].mean(axis=0)
+    moved = np.sqrt((places**2).sum(axis=1)) >= _MOVED
+    return replace(
+        handle,
+        travel=float(np.mean(furthest)),
+        opens=float(aligned.times[int(np.argmax(moved))]),
+    )
 
 
 def seen_at(

@@ -55,6 +55,31 @@ class HandleGears:
         for number in np.ravel(self._numbers[members]).tolist():
             self._gears[number] = 1.0
 
+    @property
+    def turn(self) -> bool:
+        """Whether any handle turns."""
+        return any(handle is not None for handle in self._handles)
+
+    def opening(self, phases: Amount, members: Members = EVERY_MEMBER) -> Amount:
+        """Return where along their paths these members open, or are about to."""
+        numbers = np.ravel(self._numbers[members]).tolist()
+        handles = [self._handles[number] for number in numbers]
+        opens = [0.0 if handle is None else handle.opens for handle in handles]
+        return np.maximum(phases, np.reshape(opens, np.shape(phases)))
+
+    def places(
+        self, poses: Float[np.ndarray, "*S 6"], members: Members = EVERY_MEMBER
+    ) -> Float[np.ndarray, "*S 6"]:
+        """Return poses, (..., N, 6), with their handles' axes instead of the hands."""
+        numbers = np.ravel(self._numbers[members]).tolist()
+        places = poses.copy()
+        rows = places.reshape(-1, len(numbers), 6)
+        for column, number in enumerate(numbers):
+            handle = self._handles[number]
+            if handle is not None:
+                rows[:, column] = handle.places(rows[:, column])
+        return places
+
     def shown(self, poses: Poses, members: Members = EVERY_MEMBER) -> Poses:
         """Return the poses that hands would have on a handle as it was shown."""
         return self._through(poses, -1.0, members)
