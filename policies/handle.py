@@ -10,6 +10,7 @@ turned.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -20,6 +21,9 @@ from scipy.spatial.transform import Rotation
 from gplfd.policies.aligned import AlignedDemonstrations
 
 Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+"""(w, x, y, z)."""
+
 Poses = Float[np.ndarray, "*N 6"]
 
 _FIRST_TURN: Final = 0.4
@@ -62,34 +66,40 @@ class TurnedHandle:
     travel: float = 0.0
     """How far it was turned when it was shown: the mean of the greatest turns [rad]."""
     opens: float = 0.0
-    """Phase at which its axis has moved, and the door is opened."""
+    """Phase from which on its axis moves, and with it the door."""
 
     def held(self, pose: list[float], turn: float) -> list[float]:
-        """Return the pose of a hand that turns the handle by as much, the door as it is.
+        """Return the pose of a hand that turns the handle by another angle.
 
-        The leaf, and with it the handle's axis, stays where a hand has it.
+        The leaf, and with it the handle's axis, stays where the hand has it.
 
         Args:
-            pose: Of that hand, (6,) [m, rad].
-            turn: Of the handle [rad].
+            pose: Of the hand, (6,) [m, rad].
+            turn: The angle [rad].
         """
         leaf, _ = self.turns(pose[3:])
         ax, ay, az = self.axis
-        rotation = _composed(leaf, (turn * ax, turn * ay, turn * az))
+        handle = [turn * ax, turn * ay, turn * az]
+        rotation = _rotvec(_product(_quaternion(leaf), _quaternion(handle)))
         sx, sy, sz = self.point
         x, y, z = self.place(pose)
-        rx, ry, rz = _turned(self.point, list(rotation))
+        rx, ry, rz = _turned(self.point, rotation)
         return [x + sx - rx, y + sy - ry, z + sz - rz, *rotation]
 
-    def led(self, pose: list[float], mean: list[float]) -> list[float]:
-        """Return a hand's pose as if it turned the handle as another does.
+    def told(self, pose: list[float], mean: list[float]) -> list[float]:
+        """Return what a hand's pose tells of the door, beside what was expected.
 
-        Along the way about the axis the hand lags as the spring has it, which says
-        nothing of the door, either.
+        It is the pose with the handle turned as expected, and moved along the way about
+        its axis to where the hand was expected: there it goes as the handle's spring
+        has it.
+
+        Args:
+            pose: Of the hand, (6,) [m, rad].
+            mean: Expected, (6,) [m, rad].
         """
         _, turn = self.turns(mean[3:])
         x, y, z, *rotation = self.held(pose, turn)
-        px, py, pz = self.place([x, y, z, *rotation])
+        px, py, pz = self.place(pose)
         mx, my, mz = self.place(mean)
         wx, wy, wz = self.way(mean)
         lag = (mx - px) * wx + (my - py) * wy + (mz - pz) * wz
@@ -118,6 +128,25 @@ class TurnedHandle:
             return 0.0, 0.0, 0.0
         return _turned((x / arm, y / arm, z / arm), pose[3:])
 
+    def turned(self, pose: list[float]) -> float:
+        """Return by how much a closed door's handle is turned [rad].
+
+        The hand may turn on a lever. So it counts where the hand is along its way: the
+        place of an axis that rests is zero.
+
+        Args:
+            pose: Of the hand, (6,) [m, rad].
+        """
+        _, turn = self.turns(pose[3:])
+        (sx, sy, sz), (ax, ay, az) = self.point, self.axis
+        x, y, z = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
+        arm = math.sqrt(x * x + y * y + z * z)
+        if arm < _LEAST_ARM:
+            return turn
+        px, py, pz = self.place(pose)
+        wx, wy, wz = self.way(pose)
+        return turn + (px * wx + py * wy + pz * wz) / arm
+
     def turns(self, rotation: list[float]) -> tuple[Vector, float]:
         """Return the leaf's turn and the handle's: hand = leaf ∘ handle.
 
@@ -129,24 +158,13 @@ class TurnedHandle:
         Returns:
             A rotation vector across the axis, and an angle [rad].
         """
-        a, b, c = rotation
-        angle = math.sqrt(a * a + b * b + c * c)
-        share = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
-        w, x, y, z = math.cos(0.5 * angle), a * share, b * share, c * share
+        w, x, y, z = _quaternion(rotation)
         ax, ay, az = self.axis
         half = math.atan2(x * ax + y * ay + z * az, w)
         cosine, sine = math.cos(half), -math.sin(half)
-        ax, ay, az = ax * sine, ay * sine, az * sine
         # q ∘ twist⁻¹.
-        w, x, y, z = (
-            w * cosine - x * ax - y * ay - z * az,
-            w * ax + x * cosine + y * az - z * ay,
-            w * ay - x * az + y * cosine + z * ax,
-            w * az + x * ay - y * ax + z * cosine,
-        )
-        length = math.sqrt(x * x + y * y + z * z)
-        scale = 2.0 if length < 1e-9 else 2.0 * math.atan2(length, w) / length
-        return (x * scale, y * scale, z * scale), 2.0 * half
+        back = cosine, ax * sine, ay * sine, az * sine
+        return _rotvec(_product((w, x, y, z), back)), 2.0 * half
 
     def places(self, poses: Poses) -> Poses:
         """Return poses (*N, 6) with the point's places instead of the hand's."""
@@ -216,7 +234,33 @@ def seen_at(
     return replace(aligned, poses=handle.places(aligned.poses))
 
 
-def _turned(vector: Vector, rotation: list[float]) -> Vector:
+def _quaternion(rotation: Sequence[float]) -> Quaternion:
+    a, b, c = rotation
+    angle = math.sqrt(a * a + b * b + c * c)
+    share = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
+    return math.cos(0.5 * angle), a * share, b * share, c * share
+
+
+def _rotvec(quaternion: Quaternion) -> Vector:
+    w, x, y, z = quaternion
+    length = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 if length < 1e-9 else 2.0 * math.atan2(length, w) / length
+    return x * scale, y * scale, z * scale
+
+
+def _product(first: Quaternion, second: Quaternion) -> Quaternion:
+    """Return first ∘ second."""
+    w, x, y, z = first
+    d, a, b, c = second
+    return (
+        w * d - x * a - y * b - z * c,
+        w * a + x * d + y * c - z * b,
+        w * b - x * c + y * d + z * a,
+        w * c + x * b - y * a + z * d,
+    )
+
+
+def _turned(vector: Vector, rotation: Sequence[float]) -> Vector:
     """Return a vector, turned by a rotation vector: Rodrigues' formula."""
     a, b, c = rotation
     x, y, z = vector
@@ -232,10 +276,3 @@ def _turned(vector: Vector, rotation: list[float]) -> Vector:
         y + sine * uy + rest * vy,
         z + sine * uz + rest * vz,
     )
-
-
-def _composed(first: Vector, second: Vector) -> Vector:
-    """Return first ∘ second, of rotation vectors."""
-    turn = Rotation.from_rotvec(first) * Rotation.from_rotvec(second)
-    x, y, z = turn.as_rotvec().tolist()
-    return x, y, z
