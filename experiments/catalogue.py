@@ -7,6 +7,7 @@ from gplfd.policies.registry import POLICIES
 from gplfd.policies.user_policies import packaged_policies
 from gplfd_env import (
     ENVIRONMENT_ID,
+    GRIPPER_ENVIRONMENT_ID,
     IMPEDANCE_ENVIRONMENT_ID,
     MOBILE_ENVIRONMENT_ID,
     RL_ENVIRONMENT_ID,
@@ -53,6 +54,7 @@ def _sections() -> Mapping[str, Mapping[str, str]]:
             ENVIRONMENT_ID: "command the hand's pose in the task frame",
             IMPEDANCE_ENVIRONMENT_ID: "command its pose and its stiffness",
             MOBILE_ENVIRONMENT_ID: "command its pose and the twist of the base",
+            GRIPPER_ENVIRONMENT_ID: "command its pose and the width of the gripper",
             RL_ENVIRONMENT_ID: "for learners: flat, within ±1, and gentleness pays",
         },
         "randomizations (of doors, placement, grasp, sensors and delay)": {

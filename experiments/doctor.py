@@ -31,6 +31,7 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
         "robomimic": "files of robomimic",
         "minari": "data sets of episodes",
         "sb3": "learners of Stable-Baselines3",
+        "warp": "doors on a GPU, an experiment",
         "tiago": "the manufacturer's meshes in recordings",
         "bench": "the libraries that are compared with",
     }

@@ -18,6 +18,7 @@ from gplfd.experiments.datasets.npz import (
     load_demonstrations,
     save_demonstrations,
 )
+from gplfd.experiments.datasets.reaching import openings, reaches, taught
 from gplfd.experiments.episodes.agents import learned, reported_errors
 from gplfd.experiments.episodes.doors import named_doors, reset_seed
 from gplfd.experiments.episodes.log import EpisodeLog
@@ -30,17 +31,18 @@ from gplfd.experiments.recording import record_episode
 from gplfd.experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
 from gplfd.experiments.skills import skill_method
 from gplfd.experiments.study.sources import source_of
-from gplfd.experiments.teacher import Teacher, doors_like
 from gplfd.policies.agent import Agent
 from gplfd.policies.demonstrations import Demonstration
 from gplfd.policies.method import TrainingInput
 from gplfd.policies.policy import Policy
+from gplfd.policies.reaching import ReachingAgent, learn_reach
 from gplfd.policies.registry import policy_named
 from gplfd.policies.skill import load_skill
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DoorConfig
 from gplfd_env.scene import build_scene
 from gplfd_env.stance import base_for
+from gplfd_env.task import Start
 
 CONFIGURATION: Final = "run.json"
 METRICS: Final = "metrics.json"
@@ -58,6 +60,7 @@ class _Run:
     configs: Mapping[str, DoorConfig]
     randomization: str
     disturbance: str
+    start: Start
     shown: LabelledDemonstrations
     """What the policy learned from."""
     agents: Mapping[str, Agent]
@@ -75,6 +78,7 @@ def open_doors(
     skill: Path | None,
     randomization: str,
     disturbance: str,
+    start: Start,
     looks: Literal["primitives", "tiago"],
     options: Mapping[str, Any],
 ) -> tuple[EpisodeMetrics, ...]:
@@ -93,6 +97,8 @@ def open_doors(
         skill: A file of a skill to follow instead of learning, or None.
         randomization: Name of what the environment draws anew.
         disturbance: Name of what happens from outside.
+        start: What episodes begin with. Before the handle, reaching for it is learned
+            from the same demonstrations.
         looks: How recordings draw the robot.
         options: The command's, for the record; JSON-able.
 
@@ -109,10 +115,16 @@ def open_doors(
     check_folder(folder)
     earlier = _files_of_earlier_run(folder)
     drawn = _looks(looks)
+    if skill is not None and start == "approach":
+        raise ValueError(
+            "--skill is of opening alone: leave it out to learn reaching, too, or "
+            "leave out --start approach"
+        )
     started = time.perf_counter()
     with reported_errors(policy, chosen):
         if skill is None:
-            shown, make = _learn(chosen, demonstrations, seed, like)
+            shown = _demonstrations(demonstrations, seed, like, start)
+            make = _learn(chosen, shown, seed, start)
         else:
             shown, make = _load(policy, skill)
         agents = {door: make() for door in configs}
@@ -125,6 +137,7 @@ def open_doors(
         configs=configs,
         randomization=randomization,
         disturbance=disturbance,
+        start=start,
         shown=shown,
         agents=agents,
         looks=drawn,
@@ -188,25 +201,23 @@ def _of_one_kind(configs: Mapping[str, DoorConfig]) -> DoorConfig:
 
 
 def _demonstrations(
-    given: Path | int, seed: int, like: DoorConfig
+    given: Path | int, seed: int, like: DoorConfig, start: Start
 ) -> LabelledDemonstrations:
     if isinstance(given, Path):
         return load_demonstrations(given)
     check_least("--demonstrations-per-door", given, 1)
-    return LabelledDemonstrations(
-        demonstrations=Teacher().standard_demonstrations(given, seed=seed, like=like),
-        radii=tuple(door.radius for door in doors_like(like) for _ in range(given)),
-    )
+    return taught(given, seed=seed, like=like, start=start)
 
 
 def _learn(
-    policy: Policy, demonstrations: Path | int, seed: int, like: DoorConfig
-) -> tuple[LabelledDemonstrations, Callable[[], Agent]]:
-    shown = _demonstrations(demonstrations, seed, like)
+    policy: Policy, shown: LabelledDemonstrations, seed: int, start: Start
+) -> Callable[[], Agent]:
     if policy.kind != "reference":
         LOG.info("learning from %d demonstrations", len(shown.demonstrations))
-    training = TrainingInput(demonstrations=shown.demonstrations, seed=seed)
-    return shown, learned(policy, training)
+    reach = learn_reach(reaches(shown)) if start == "approach" else None
+    training = TrainingInput(demonstrations=openings(shown), seed=seed)
+    make = learned(policy, training)
+    return make if reach is None else lambda: ReachingAgent(reach, make())
 
 
 def _load(
@@ -240,7 +251,13 @@ def _write_inputs(
     LOG.info("writing to %s", run.folder)
     kept = run.folder / FILE
     shown = run.shown
-    save_demonstrations(kept, shown.demonstrations, shown.radii, frame=shown.frame)
+    save_demonstrations(
+        kept,
+        shown.demonstrations,
+        shown.radii,
+        frame=shown.frame,
+        signals=shown.signals,
+    )
     given = (
         demonstrations_file(demonstrations)
         if isinstance(demonstrations, Path)
@@ -267,6 +284,7 @@ def _open(run: _Run, door: str) -> EpisodeMetrics:
         randomization=run.randomization,
         disturbance=run.disturbance,
         base=base_for(run.configs[door]),
+        start=run.start,
     )
     with contextlib.closing(env):
         with reported_errors(run.name, run.policy):

@@ -31,6 +31,10 @@ MOBILE_ENVIRONMENT_ID = "gplfd/DoorOpeningMobile-v0"
 """Commands are poses and twists of the base; see
 `gplfd_env.door_opening.DoorOpeningMobileEnv`."""
 
+GRIPPER_ENVIRONMENT_ID = "gplfd/DoorOpeningGripper-v0"
+"""Commands are poses and widths of the gripper; see
+`gplfd_env.gripper_env.DoorOpeningGripperEnv`."""
+
 RL_ENVIRONMENT_ID = "gplfd/DoorOpeningRL-v0"
 """Flat observations, actions within ±1 relative to the hand, a reward that prefers a
 gentle opening; see `gplfd_env.wrappers`."""
@@ -62,6 +66,12 @@ gymnasium.register(
     max_episode_steps=TIME_LIMIT,
 )
 gymnasium.register(
+    id=GRIPPER_ENVIRONMENT_ID,
+    entry_point="gplfd_env.gripper_env:DoorOpeningGripperEnv",
+    vector_entry_point="gplfd_env.gripper_env:DoorOpeningGripperVectorEnv",
+    max_episode_steps=TIME_LIMIT,
+)
+gymnasium.register(
     id=RL_ENVIRONMENT_ID,
     entry_point="gplfd_env.reinforcement:door_opening_rl",
     vector_entry_point="gplfd_env.reinforcement:door_opening_rl_vector",
@@ -73,6 +83,7 @@ __all__ = [
     "DOORS",
     "ENVIRONMENT_ID",
     "ENVIRONMENT_IDS",
+    "GRIPPER_ENVIRONMENT_ID",
     "IMPEDANCE_ENVIRONMENT_ID",
     "MOBILE_ENVIRONMENT_ID",
     "RANDOMIZATIONS",

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from gplfd_env.command import Command, ServoGains, servo_gains
 from gplfd_env.door import Structure, set_hinge, structure_of
 from gplfd_env.intervention import Loads
-from gplfd_env.robot import Grasp
+from gplfd_env.robot import Hold
 from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
-from gplfd_env.simulation import BAD_STATE, driven, loaded_bodies
+from gplfd_env.simulation import BAD_STATE, driven, gripped, loaded_bodies
 from gplfd_env.task import CONTROL_PERIOD, Base
 from gplfd_env.variation import Variation
 from gplfd_env.whole_body import Planar
@@ -26,8 +26,8 @@ _COUNT: Final = 1
 """Column of `Batch.warning` that counts."""
 
 
-class _Alike:
-    """n simulations before doors of one structure.
+class Alike:
+    """n simulations before doors of one structure, as `DoorBatch` steps them.
 
     Args:
         n: Number of simulations.
@@ -42,7 +42,7 @@ class _Alike:
         self,
         n: int,
         begin: Variation,
-        grasp: Grasp,
+        grasp: Hold,
         command: Command,
         num_threads: int,
         base: Base,
@@ -53,6 +53,7 @@ class _Alike:
             begin.door,
             grasp,
             placement=begin.placement,
+            standoff=begin.standoff,
             control=command.control,
             base=base,
         )
@@ -74,6 +75,7 @@ class _Alike:
         self._applied: Array = self._batch.bind("xfrc_applied")
         self._bodies = loaded_bodies(scene)
         self._driven = driven(scene, self._base)
+        self._gripped = gripped(scene, self._grasp)
         self._counts = self._batch.warning[:, BAD_STATE, _COUNT]
         self._seen = self._counts.copy()
         self._substeps = round(CONTROL_PERIOD / scene.opt.timestep)
@@ -81,20 +83,25 @@ class _Alike:
     def load(self, row: int, variation: Variation) -> None:
         """See `DoorBatch.load`; the door is of this structure."""
         now = self.loaded[row]
-        if (variation.door, variation.placement) != (now.door, now.placement):
-            load_scene(
-                self.models[row],
-                self._scratch,
-                variation.door,
-                self._grasp,
-                placement=variation.placement,
-                control=self._command.control,
-                base=self._base,
-            )
+        if variation.scene != now.scene:
+            self._bring(self.models[row], variation)
         if not now.disturbance.idle:
             door = variation.door
             set_hinge(self.models[row], door.stop_angle, door.friction)
         self.loaded[row] = variation
+
+    def _bring(self, model: mujoco.MjModel, to: Variation) -> None:
+        """Bring a model to another door."""
+        load_scene(
+            model,
+            self._scratch,
+            to.door,
+            self._grasp,
+            placement=to.placement,
+            standoff=to.standoff,
+            control=self._command.control,
+            base=self._base,
+        )
 
     def restart(self, rows: Rows) -> None:
         """See `DoorBatch.restart`."""
@@ -111,6 +118,7 @@ class _Alike:
         rows: Rows | None,
         loads: Mapping[int, Loads],
         drives: Mapping[int, Planar],
+        widths: Mapping[int, float],
     ) -> Mask | None:
         """See `DoorBatch.advance`."""
         if rows is None:
@@ -119,6 +127,8 @@ class _Alike:
             self._ctrl[rows, :6] = commands[rows, :6]
         for row, rate in drives.items():
             self._ctrl[row, self._driven] = rate
+        for row, width in widths.items():
+            self._ctrl[row, self._gripped] = 0.5 * width
         changed = bool(self._gains)
         for row, load in loads.items():
             self._applied[row, self._bodies] = load.wrenches
@@ -171,18 +181,21 @@ class DoorBatch:
         command: The meaning of an action.
         num_threads: Threads that step the simulations; 0 for one per core.
         base: Whether the robot drives.
+        physics: What steps those before doors of one structure.
     """
 
     def __init__(
         self,
         begin: Sequence[Variation],
-        grasp: Grasp,
+        grasp: Hold,
         command: Command,
         num_threads: int,
         base: Base,
+        physics: type[Alike] = Alike,
     ) -> None:
+        self._physics = physics
         self._robot = grasp, command, num_threads, base
-        self._alike: dict[Structure, _Alike] = {}
+        self._alike: dict[Structure, Alike] = {}
         self._structure = [structure_of(variation.door) for variation in begin]
         for row, variation in enumerate(begin):
             self.load(row, variation)
@@ -209,12 +222,12 @@ class DoorBatch:
         structure = structure_of(variation.door)
         if structure not in self._alike:
             n = len(self._structure)
-            self._alike[structure] = _Alike(n, variation, *self._robot)
+            self._alike[structure] = self._physics(n, variation, *self._robot)
         self._alike[structure].load(row, variation)
         self._structure[row] = structure
 
     def restart(self, rows: Rows) -> None:
-        """Put simulations at rest, door closed and handle in the hand."""
+        """Put simulations at rest, door closed and hand where it begins."""
         for structure, own in self._shares(rows):
             self._alike[structure].restart(own)
 
@@ -224,6 +237,7 @@ class DoorBatch:
         rows: Rows | None,
         loads: Mapping[int, Loads],
         drives: Mapping[int, Planar],
+        widths: Mapping[int, float],
     ) -> Mask | None:
         """Command simulations for one control period.
 
@@ -232,19 +246,21 @@ class DoorBatch:
             rows: Which to step; None for all.
             loads: What acts from outside meanwhile, by row, where there is anything.
             drives: Rates of bases, by row, where they move.
+            widths: Of grippers [m], by row, where fingers open and close.
 
         Returns:
             Which ones MuJoCo reports as diverged, (n,); None if none.
         """
         if len(self._alike) == 1:
             (alike,) = self._alike.values()
-            return alike.advance(commands, rows, loads, drives)
+            return alike.advance(commands, rows, loads, drives, widths)
         diverged: Mask | None = None
         everyone = range(len(self._structure))
         for structure, own in self._shares(everyone if rows is None else rows):
             acting = {row: loads[row] for row in own if row in loads}
             driving = {row: drives[row] for row in own if row in drives}
-            found = self._alike[structure].advance(commands, own, acting, driving)
+            told = {row: widths[row] for row in own if row in widths}
+            found = self._alike[structure].advance(commands, own, acting, driving, told)
             if found is not None:
                 diverged = found if diverged is None else diverged | found
         return diverged

@@ -125,11 +125,13 @@ class Hindrance:
         Returns:
             ``""`` if it has not; ``"blocked"`` (something stops the leaf),
             ``"out_of_reach"`` (a joint is at its limit) or ``"too_heavy"`` where one of
-            these is why the door stalled or the handle was lost; else the failure
-            itself.
+            these is why the door stalled or the handle was lost, ``"out_of_reach"``
+            where that is why it was never grasped; else the failure itself.
         """
+        recent = self._since <= _REMEMBERED
+        if failure == "not_grasped" and recent and self._cause == "out_of_reach":
+            return self._cause
         if failure not in ("stalled", "grasp_lost"):
             return failure
-        recent = self._since <= _REMEMBERED
         lost = "handle_lost" if failure == "grasp_lost" else failure
         return self._cause if self._cause and recent else lost

@@ -10,8 +10,10 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from gplfd_env.placement import standoff_pose
 from gplfd_env.robot import COMMAND_LIMITS, SERVO_DAMPING, SERVO_STIFFNESS
-from gplfd_env.task import Control
+from gplfd_env.task import GRIPPER_WIDTH, Base, Control
+from gplfd_env.variation import Variation
 from gplfd_env.whole_body import SPEED
 
 Array = NDArray[np.float64]
@@ -33,9 +35,10 @@ class Command:
         control: What the robot was loaded with.
         low: Least action.
         high: Greatest action.
-        rest: The action that holds the closed handle, where every episode begins.
+        rest: The action that holds the closed handle.
         meaning: Of the action's entries, for messages.
         drives: Whether its last three entries are the base's twist.
+        grips: Whether its last entry is the gripper's width.
     """
 
     control: Control
@@ -44,11 +47,27 @@ class Command:
     rest: Array
     meaning: str
     drives: bool = False
+    grips: bool = False
 
     @property
     def space(self) -> spaces.Box:
         """The action space."""
         return spaces.Box(self.low, self.high, dtype=np.float64)
+
+    def resting(self, variation: Variation, base: Base) -> Array:
+        """Return the action that holds the hand where an episode begins.
+
+        Args:
+            variation: The episode's circumstances.
+            base: Whether the robot drives.
+        """
+        if variation.standoff is None:
+            return self.rest
+        action = self.rest.copy()
+        action[:6] = standoff_pose(variation.door, variation.standoff, base)
+        if self.grips:
+            action[-1] = GRIPPER_WIDTH
+        return action
 
     def check(
         self,
@@ -128,6 +147,19 @@ DRIVEN: Final = Command(
     drives=True,
 )
 """The pose of the hand and the twist of the base."""
+
+GRIPPING: Final = Command(
+    control="pose",
+    low=np.concatenate([-_POSE_LIMIT, [0.0]]),
+    high=np.concatenate([_POSE_LIMIT, [GRIPPER_WIDTH]]),
+    rest=np.zeros(7),
+    meaning=(
+        "commanded position [m] and rotation vector [rad] of the hand in the task "
+        "frame, and width of the gripper between its fingers [m]"
+    ),
+    grips=True,
+)
+"""The pose of the hand and the width of the gripper."""
 
 
 class ServoGains:

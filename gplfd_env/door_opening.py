@@ -15,19 +15,11 @@ from gplfd_env.config import DoorConfig, DoorSpec, door_config
 from gplfd_env.convention import checked_options
 from gplfd_env.disturbance import Disturbance, DisturbanceSpec, disturbance_named
 from gplfd_env.draw import draw_episode
-from gplfd_env.episode import (
-    BASE_POSE,
-    BASE_RATE,
-    FLAGS,
-    NUMBERS,
-    POSE,
-    REWARDS,
-    TEXTS,
-    Episode,
-    Reward,
-)
+from gplfd_env.episode import REWARDS, Episode, Reward
 from gplfd_env.fields import check_choice
 from gplfd_env.geometry import DoorGeometry
+from gplfd_env.gripper import hold_of
+from gplfd_env.info import BASE_POSE, BASE_RATE, FLAGS, NUMBERS, POSE, TEXTS
 from gplfd_env.observation import Observation, Reader, observation_space
 from gplfd_env.placement import door_geometry
 from gplfd_env.randomization import (
@@ -35,10 +27,10 @@ from gplfd_env.randomization import (
     RandomizationSpec,
     door_randomization,
 )
-from gplfd_env.robot import Grasp
+from gplfd_env.robot import Grasp, Hold
 from gplfd_env.simulation import DoorSimulation
 from gplfd_env.stance import check_reach
-from gplfd_env.task import CONTROL_PERIOD, Base
+from gplfd_env.task import CONTROL_PERIOD, Base, Start
 from gplfd_env.variation import Variation
 
 Array = NDArray[np.float64]
@@ -46,7 +38,7 @@ Info = dict[str, Any]
 
 
 class DoorOpeningEnv(gym.Env[Observation, Array]):
-    """A TIAGo-like arm, its hand closed on the handle of a hinged door.
+    """A TIAGo-like arm, its hand on the handle of a hinged door, or before it.
 
     Action, (6,): the commanded pose of the hand in the task frame, position [m] and
     rotation vector [rad] relative to the closed grasp. A stiff Cartesian servo
@@ -82,6 +74,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         reward: ``"dense"`` or ``"sparse"`` (1 in success, else 0).
         base: ``"fixed"``, or ``"mobile"``: it follows the hand, see
             `gplfd_env.whole_body`, and touches what it runs into.
+        start: ``"grasped"``, or ``"approach"``: the episode begins with the open hand
+            10 to 20 cm before the handle. Where no action commands the gripper, it
+            closes when the hand is at the handle, see `gplfd_env.gripper`.
         render_mode: None, ``"human"``, ``"rgb_array"``, ``"depth_array"`` or
             ``"rgbd_tuple"``.
         width: Width of rendered pictures [px].
@@ -91,8 +86,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             always. Without a graphics card a picture takes ten times as long.
 
     Raises:
-        ValueError: An unknown door, grasp, randomisation, reward, camera or render
-            mode, a door out of range, or an impossible picture size.
+        ValueError: An unknown door, grasp, start, randomisation, reward, camera or
+            render mode, a door out of range, a rigid grasp of a hand that has to take
+            hold, or an impossible picture size.
         RuntimeError: ``render_mode="human"`` without a display.
     """
 
@@ -112,6 +108,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         disturbance: DisturbanceSpec = "none",
         reward: Reward = "dense",
         base: Base = "fixed",
+        start: Start = "grasped",
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
@@ -121,6 +118,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         check_choice("grasp", grasp, get_args(Grasp))
         check_choice("reward", reward, REWARDS)
         check_choice("base", base, get_args(Base))
+        check_choice("start", start, get_args(Start))
         check_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         if render_mode == "human":
             require_display()
@@ -129,15 +127,18 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._base: Base = base
         self._door = door_config(door)
         self._randomization = door_randomization(randomization)
-        check_reach(self._randomization.outermost(self._door), base)
+        check_reach(self._randomization.outermost(self._door), base, start)
         self._disturbance = disturbance_named(disturbance)
-        self._grasp: Grasp = grasp
-        self._simulation = DoorSimulation(self._door, grasp, self.command, base)
+        self._start: Start = start
+        self._hold: Hold = hold_of(grasp, start, commanded=self.command.grips)
+        self._simulation = DoorSimulation(self._door, self._hold, self.command, base)
         self._camera = Camera(self.model, width, height, camera_name, effects=effects)
         self._sensed = np.empty(0)
         self._reader = self._reader_now()
         self._episode: Episode | None = None
-        self.observation_space = observation_space(tells_base=self.command.drives)
+        self.observation_space = observation_space(
+            tells_base=self.command.drives, tells_gripper=self.command.grips
+        )
         self.action_space: spaces.Space[Any] = self.command.space
 
     @property
@@ -177,7 +178,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """Close the door, put it into the hand, and begin an episode.
+        """Close the door, put it into the hand or before it, and begin an episode.
 
         Args:
             seed: Seeds ``self.np_random``.
@@ -187,15 +188,17 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
 
         Raises:
             ValueError: An unknown option, door or randomisation, or a drawn placement
-                from which the arm cannot hold the handle; the next reset draws anew.
+                from which the arm cannot hold the handle or be before it; the next
+                reset draws anew.
         """
         chosen = self._chosen(options)
         super().reset(seed=seed)
         self._door, self._randomization, self._disturbance = chosen
-        drawn = draw_episode(*chosen, self.np_random)
+        drawn = draw_episode(*chosen, self.np_random, self._start)
         self._simulation.restart(drawn.variation)
         self._reader = self._reader_now()
-        episode = Episode(drawn, self._reader, self._reward, self._sense())
+        rest = self.command.resting(drawn.variation, self._base)
+        episode = Episode(drawn, self._reader, self._reward, self._sense(), rest)
         self._episode = episode
         if self.render_mode == "human":
             self.render()
@@ -207,21 +210,23 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         Args:
             action: (6,) position [m] and rotation vector [rad] in the task frame,
                 under impedance control followed by (6,) stiffness [N/m, N m/rad], with
-                a driven base by its twist (3,) [m/s, rad/s];
+                a driven base by its twist (3,) [m/s, rad/s], with a commanded gripper
+                by its width (1,) [m];
                 values beyond the action space are clamped to it.
 
         Raises:
             ValueError: The action's shape is wrong or it is not finite.
             gymnasium.error.ResetNeeded: There was no reset yet.
         """
-        episode, rest = self._episode, self.command.rest
+        episode = self._episode
         if episode is None:
             raise gym.error.ResetNeeded("call reset() before the first step()")
-        command = self.command.check(action, rest.shape)
+        command = self.command.check(action, self.command.rest.shape)
         loads = episode.loads()
-        command = episode.due(command, rest)
+        command = episode.due(command)
         drive = episode.drive(command, obeys=self.command.drives)
-        diverged = self._simulation.advance(command, loads, drive)
+        width = episode.grip(command, obeys=self.command.grips)
+        diverged = self._simulation.advance(command, loads, drive, width)
         if diverged:
             episode.break_off()
         else:
@@ -268,18 +273,19 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         )
         door = door_config(given.get("door", self._door))
         drawn = door_randomization(given.get("randomization", self._randomization))
-        check_reach(drawn.outermost(door), self._base)
+        check_reach(drawn.outermost(door), self._base, self._start)
         happening = disturbance_named(given.get("disturbance", self._disturbance))
         return door, drawn, happening
 
     def _reader_now(self) -> Reader:
         return Reader.of(
-            self._grasp,
+            self._hold,
             self.command.control,
             self._base,
             self.door.handle,
             self.door.swing,
             tells_base=self.command.drives,
+            tells_gripper=self.command.grips,
         )
 
     def _sense(self) -> list[float]:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from gplfd_env.config import DoorConfig
 from gplfd_env.disturbance import Disturbance
 from gplfd_env.randomization import DoorRandomization
-from gplfd_env.variation import SensorNoise, Variation
+from gplfd_env.task import Start
+from gplfd_env.variation import SensorNoise, Standoff, Variation
 
 Array = NDArray[np.float64]
 
@@ -85,6 +86,7 @@ def draw_episode(
     randomization: DoorRandomization,
     disturbance: Disturbance,
     rng: np.random.Generator,
+    start: Start = "grasped",
 ) -> Drawn:
     """Draw an episode.
 
@@ -93,8 +95,10 @@ def draw_episode(
         randomization: Where door and circumstances are drawn from.
         disturbance: What happens, and where its numbers are drawn from.
         rng: The environment's generator; the number of draws depends only on which of
-            the two are idle, and a disturbance changes nothing that is drawn for the
-            rest of the same episode.
+            the two are idle and on the start, and neither a disturbance nor the start
+            changes anything that is drawn for the rest of the same episode.
+        start: What the episode begins with. The hand's place before the handle is
+            drawn unless the randomization is idle.
     """
     variation, noise = Variation(door=door), None
     if not randomization.idle:
@@ -104,5 +108,11 @@ def draw_episode(
     if not disturbance.idle:
         own = np.random.default_rng(int(rng.integers(2**63)))
         variation = dataclasses.replace(variation, disturbance=disturbance.drawn(own))
+    if start == "approach":
+        standoff = Standoff()
+        if not randomization.idle:
+            own = np.random.default_rng(int(rng.integers(2**63)))
+            standoff = Standoff.drawn(own)
+        variation = dataclasses.replace(variation, standoff=standoff)
     delay = DelayLine(variation.delay) if variation.delay else None
     return Drawn(variation, noise, delay)

@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 from gplfd_env.capability import STAGES, Capability, Hindrance
 from gplfd_env.closer import CloserLaw
 from gplfd_env.draw import Drawn
+from gplfd_env.gripper import Gripper
+from gplfd_env.info import distance, handle_rotation
 from gplfd_env.intervention import Intervention, Loads, Vector
 from gplfd_env.latch import latch_holds
 from gplfd_env.observation import DoorReading, Observation, Reader
 from gplfd_env.placement import hand_position_w
 from gplfd_env.task import (
     CONTROL_PERIOD,
+    GRIPPER_WIDTH,
     OpeningMonitor,
     reward_terms,
     sparse_reward_terms,
@@ -28,6 +31,10 @@ REWARDS: Final = {"dense": reward_terms, "sparse": sparse_reward_terms}
 """Terms of the reward, by its name."""
 
 
+_CLOSED: Final = [0.0] * 6
+"""Pose of a hand that holds the closed handle."""
+
+
 class Episode:
     """What an environment keeps of one simulation besides the simulator's state.
 
@@ -36,6 +43,7 @@ class Episode:
         reader: Reads the simulation's sensors.
         reward: A key of `REWARDS`.
         values: Sensor array of the simulation at rest.
+        rest: The action that holds the hand where it begins.
 
     Attributes:
         variation: The door and what is around it.
@@ -48,10 +56,15 @@ class Episode:
     """
 
     def __init__(
-        self, drawn: Drawn, reader: Reader, reward: Reward, values: list[float]
+        self,
+        drawn: Drawn,
+        reader: Reader,
+        reward: Reward,
+        values: list[float],
+        rest: Array,
     ) -> None:
         self.variation, self._noise, self._delay = drawn
-        self.reader, self._terms = reader, REWARDS[reward]
+        self.reader, self._terms, self._rest = reader, REWARDS[reward], rest
         disturbed = not self.variation.disturbance.idle
         self._intervention = Intervention(self.variation) if disturbed else None
         door, placement = self.variation.door, self.variation.placement
@@ -60,10 +73,14 @@ class Episode:
         if reader.odometry is not None:
             x, y, _ = hand_position_w(door, placement, "mobile").tolist()
             self._drive = BaseDrive((x, y), door)
+        holds = self.variation.standoff is None
+        self._gripper: Gripper | None = None
+        if reader.finger is not None:
+            self._gripper = Gripper(door, 0.0 if holds else GRIPPER_WIDTH)
         self.steps = 0
         self.simulation_error = False
         self._sense(values)
-        self._monitor = OpeningMonitor(CONTROL_PERIOD)
+        self._monitor = OpeningMonitor(CONTROL_PERIOD, taken=holds)
         self._capability = Capability(door)
         self._hindrance = Hindrance(reader.arm_limits)
         self._capability.update(self._reading, latched=self._latched, held=False)
@@ -74,18 +91,15 @@ class Episode:
         """Return what acts from outside in the next period; None if nothing ever."""
         if self._intervention is None:
             return None
-        slip = self._reading.hand_on_handle[0] - self._grasp_point[0]
+        slip = 0.0
+        if self._monitor.taken:
+            slip = self._reading.hand_on_handle[0] - self._grasp_point[0]
         return self._intervention.loads(self.time, self._reading, slip)
 
-    def due(self, command: Array, rest: Array) -> Array:
-        """Put a command in and return the one that reaches the servo now.
-
-        Args:
-            command: The new one.
-            rest: What holds until the first one arrives.
-        """
+    def due(self, command: Array) -> Array:
+        """Put a command in and return the one that reaches the servo now."""
         if self._delay is not None:
-            command = self._delay.pass_on(command, rest)
+            command = self._delay.pass_on(command, self._rest)
         if self._intervention is not None:
             # The robot means its own frame, which has moved with the base.
             command = command.copy()
@@ -104,9 +118,27 @@ class Episode:
         pose, _ = self._base
         if obeys:
             self._drive.obey(command[-3:].tolist(), pose)
-        else:
+        elif self._has_grasped:
             self._drive.follow(command[:6].tolist(), pose)
+        else:
+            # Reaching is the arm's matter: the base stands right for the grasp.
+            self._drive.follow(_CLOSED, pose)
         return self._drive.rate
+
+    def grip(self, command: Array, *, obeys: bool) -> float | None:
+        """Return the gripper's width in the next period [m]; None if it stays.
+
+        Args:
+            command: What `due` gave.
+            obeys: Whether its last entry is that width.
+        """
+        if self._gripper is None:
+            return None
+        if obeys:
+            self._gripper.obey(float(command[-1]))
+        else:
+            self._gripper.close_at_handle(self._hand, taken=self._monitor.taken)
+        return self._gripper.width
 
     def advance(self, values: list[float]) -> None:
         """Take in the sensor array after one control period."""
@@ -117,16 +149,21 @@ class Episode:
         if drive is not None:
             drive.note(self._base[1])
         monitor, latched = self._monitor, self._latched
+        had = monitor.taken
         monitor.update(
             reading.angle,
             reading.grasped,
             reading.handle_angle,
             latched=latched,
             blocked=drive is not None and drive.blocked,
+            opened=self._gripper is not None and self._gripper.opened,
         )
+        if monitor.taken and not had:
+            self._grasp_point = reading.hand_on_handle
         self._capability.update(reading, latched=latched, held=monitor.success)
         joints = values[self.reader.joint_pos]
-        self._hindrance.update(reading, joints, stalled=monitor.failure == "stalled")
+        stalled = monitor.failure in ("stalled", "not_grasped")
+        self._hindrance.update(reading, joints, stalled=stalled)
         gain = reading.angle - before
         self.terms = self._terms(gain, reading.forces[2], monitor.success)
 
@@ -159,7 +196,13 @@ class Episode:
         self.wrench = self.reader.wrench(values)
         self._reading: DoorReading = self.reader.door_reading(values, *self._signs)
         self._base = self.reader.base_state(values)
+        self._hand = values[self.reader.ee_pose]
         self._blur = None if self._noise is None else self._noise.draw()
+
+    @property
+    def _has_grasped(self) -> bool:
+        """Whether the hand has ever held the handle."""
+        return self.variation.standoff is None or self._capability.level > 0
 
     @property
     def _latched(self) -> bool:
@@ -191,6 +234,13 @@ class Episode:
         )
 
     @property
+    def _slip(self) -> float:
+        """Distance of the hand from where it took hold of the handle [m]."""
+        if not self._monitor.taken:
+            return 0.0
+        return distance(self._reading.hand_on_handle, self._grasp_point)
+
+    @property
     def reward(self) -> float:
         """Of the last step: the sum of its terms."""
         return sum(self.terms.values())
@@ -218,7 +268,7 @@ class Episode:
 
     @property
     def row(self) -> tuple[float, ...]:
-        """The info in numbers.
+        """The info in numbers, in the order of `gplfd_env.info`.
 
         `NUMBERS`, the handle's pose (6), the base's pose and rate (3 each), `FLAGS`.
         """
@@ -230,7 +280,7 @@ class Episode:
             reading.angle,
             reading.velocity,
             self.variation.door.radius,
-            _distance(reading.hand_on_handle, self._grasp_point),
+            self._slip,
             tangential,
             radial,
             vertical,
@@ -242,7 +292,7 @@ class Episode:
             x - dx,
             y - dy,
             z - dz,
-            *_handle_rotation(*self._signs, reading),
+            *handle_rotation(*self._signs, reading),
             *self._base[0],
             *self._base[1],
             monitor.success,
@@ -250,62 +300,3 @@ class Episode:
             reading.grasped,
             self.simulation_error,
         )
-
-
-NUMBERS: Final = (
-    "door_angle",
-    "door_velocity",
-    "door_radius",
-    "slip",
-    "force_tangential",
-    "force_radial",
-    "force_vertical",
-    "push_force",
-    "person_force",
-    "person_energy",
-    "base_shift",
-    "stop_force",
-    "handle_angle",
-    "bolt",
-    "closer_torque",
-    "capability",
-)
-"""Numbers of an info, in the order of `Episode.row`."""
-
-POSE: Final = slice(len(NUMBERS), len(NUMBERS) + 6)
-"""Where in a row the handle's pose is."""
-
-BASE_POSE: Final = slice(POSE.stop, POSE.stop + 3)
-BASE_RATE: Final = slice(BASE_POSE.stop, BASE_POSE.stop + 3)
-"""Where in a row pose and rate of the base are."""
-
-TEXTS: Final = ("failure", "reason", "stage")
-"""Words of an info, attributes of an `Episode`."""
-
-FLAGS: Final = ("success", "is_success", "grasped", "simulation_error")
-"""Flags of an info, the last entries of a row."""
-
-
-def _distance(
-    first: tuple[float, float, float], second: tuple[float, float, float]
-) -> float:
-    x, y, z = first[0] - second[0], first[1] - second[1], first[2] - second[2]
-    return math.sqrt(x * x + y * y + z * z)
-
-
-def _handle_rotation(way: float, side: float, reading: DoorReading) -> Vector:
-    """Return the handle's rotation vector [rad].
-
-    Turned about its own axis, normal to the closed leaf, and then about the hinge.
-    """
-    about_up = side * way * reading.angle
-    if reading.handle_angle == 0.0:
-        return 0.0, about_up, 0.0
-    turn = -side * reading.handle_angle
-    # The quaternion of a turn about y times that of one about x.
-    cy, sy = math.cos(0.5 * about_up), math.sin(0.5 * about_up)
-    cx, sx = math.cos(0.5 * turn), math.sin(0.5 * turn)
-    x, y, z = cy * sx, sy * cx, -sy * sx
-    length = math.sqrt(x * x + y * y + z * z)
-    scale = 2.0 * math.atan2(length, cy * cx) / length if length > 0.0 else 2.0
-    return scale * x, scale * y, scale * z

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from gplfd_env.config import DoorConfig, Handle, Swing
 from gplfd_env.mobile_base import BASE_JOINTS
 from gplfd_env.placement import ARM_JOINTS
-from gplfd_env.robot import HAND_BODIES, WRENCH_LIMITS, Grasp
+from gplfd_env.robot import HAND_BODIES, WRENCH_LIMITS, Hold
 from gplfd_env.scene import GRASP_KEY, build_scene
-from gplfd_env.task import Base, Control
+from gplfd_env.task import GRIPPER_WIDTH, Base, Control
 from gplfd_env.whole_body import Planar
 
 Array = NDArray[np.float64]
@@ -32,14 +32,20 @@ _TWIST_LIMIT: Final = (1.0e4, 1.0e4)
 _JOINT_LIMITS: Final = (10.0, 1.0e4)
 _TIME_LIMIT: Final = 1.0e6
 _BASE_LIMITS: Final = (100.0, 1.0e3, 1.0e4)
+_TOUCHING: Final = slice(17, 19)
+"""Of the readings of a door: whether right and left finger touch the handle."""
 _AT_REST: Final[tuple[Planar, Planar]] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def observation_space(*, tells_base: bool = False) -> spaces.Space[Observation]:
+def observation_space(
+    *, tells_base: bool = False, tells_gripper: bool = False
+) -> spaces.Space[Observation]:
     """Return the observation space; units and frames in docs/environment.md.
 
     Args:
         tells_base: Whether pose and rate of the base are observed, too.
+        tells_gripper: The same of the gripper's width and of whether it holds the
+            handle.
     """
 
     def box(*blocks: tuple[float, int]) -> spaces.Box:
@@ -54,6 +60,11 @@ def observation_space(*, tells_base: bool = False) -> spaces.Space[Observation]:
         "base_pose": box((place, 2), (turn, 1)),
         "base_velocity": box((rate, 3)),
     }
+    gripper: dict[str, spaces.Space[Any]] = {
+        # Fingers stop softly.
+        "gripper_width": spaces.Box(-0.01, GRIPPER_WIDTH + 0.01, (1,), np.float64),
+        "grasped": spaces.Box(0.0, 1.0, shape=(1,), dtype=np.float64),
+    }
     hand: dict[str, spaces.Space[Any]] = {
         "ee_pose": box((_POSE_LIMIT[0], 3), (_POSE_LIMIT[1], 3)),
         "ee_twist": box((_TWIST_LIMIT[0], 3), (_TWIST_LIMIT[1], 3)),
@@ -62,7 +73,8 @@ def observation_space(*, tells_base: bool = False) -> spaces.Space[Observation]:
         "joint_vel": box((_JOINT_LIMITS[1], 7)),
         "time": spaces.Box(0.0, _TIME_LIMIT, shape=(1,), dtype=np.float64),
     }
-    space: spaces.Space[Any] = spaces.Dict(hand | (base if tells_base else {}))
+    further = (base if tells_base else {}) | (gripper if tells_gripper else {})
+    space: spaces.Space[Any] = spaces.Dict(hand | further)
     return space
 
 
@@ -84,6 +96,8 @@ class Reader:
             where there are any.
         odometry: Pose and rate of a base that moves.
         tells_base: Whether observations do, too.
+        finger: Position of a finger that opens and closes.
+        tells_gripper: Whether observations tell of the gripper.
     """
 
     hand_weight: float
@@ -98,18 +112,21 @@ class Reader:
     door: slice
     odometry: slice | None
     tells_base: bool
+    finger: slice | None
+    tells_gripper: bool
 
     @classmethod
     @cache
     def of(
         cls,
-        grasp: Grasp,
+        grasp: Hold,
         control: Control,
         base: Base = "fixed",
         handle: Handle = "bar",
         swing: Swing = "pull",
         *,
         tells_base: bool = False,
+        tells_gripper: bool = False,
     ) -> Reader:
         """Resolve sensor addresses and the hand's weight, once per robot and grasp.
 
@@ -144,6 +161,8 @@ class Reader:
                 _span(model, f"{BASE_JOINTS[0]}_pos", 6) if base == "mobile" else None
             ),
             tells_base=tells_base,
+            finger=_span(model, "finger", 1) if grasp == "gripper" else None,
+            tells_gripper=tells_gripper,
         )
 
     def observation(self, sensordata: Array, wrench: Array, time: Array) -> Observation:
@@ -166,6 +185,10 @@ class Reader:
             base = sensordata[..., self.odometry]
             observation["base_pose"] = base[..., :3].copy()
             observation["base_velocity"] = base[..., 3:].copy()
+        if self.tells_gripper and self.finger is not None:
+            touching = sensordata[..., self.door][..., _TOUCHING] > 0.0
+            observation["gripper_width"] = 2.0 * sensordata[..., self.finger]
+            observation["grasped"] = touching.all(axis=-1, keepdims=True).astype(float)
         return observation
 
     def base_state(self, values: list[float]) -> tuple[Planar, Planar]:

@@ -7,15 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gplfd_env.convention import masked
-from gplfd_env.episode import (
-    BASE_POSE,
-    BASE_RATE,
-    FLAGS,
-    NUMBERS,
-    POSE,
-    TEXTS,
-    Episode,
-)
+from gplfd_env.episode import Episode
+from gplfd_env.info import BASE_POSE, BASE_RATE, FLAGS, NUMBERS, POSE, TEXTS
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -17,9 +17,11 @@ from gplfd_env.config import DoorConfig
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.stance import stance_of
 from gplfd_env.task import Base
-from gplfd_env.variation import Placement, Variation
+from gplfd_env.variation import Placement, Standoff, Variation
 
 ARM_JOINTS: Final = tuple(f"arm_{i}_joint" for i in range(1, 8))
+
+_STEPS_BACK: Final = 10
 
 Matrix = NDArray[np.float64]
 
@@ -122,6 +124,22 @@ def door_geometry(variation: Variation, base: Base) -> DoorGeometry:
     )
 
 
+def standoff_pose(door: DoorConfig, standoff: Standoff, base: Base) -> Matrix:
+    """Return the pose of a hand before the handle, task frame, (6,) [m, rad].
+
+    Args:
+        door: Decides how the robot stands.
+        standoff: Where the hand is.
+        base: Whose stance it is.
+    """
+    to_task = task_rotation_w(door, base=base).T
+    back, up = to_task @ gripper_rotation_w(door, base)[:, 2], np.array([0.0, 1.0, 0.0])
+    level = math.cos(standoff.aside) * back
+    level += math.sin(standoff.aside) * np.cross(back, up)
+    direction = math.cos(standoff.above) * level + math.sin(standoff.above) * up
+    return np.concatenate([standoff.distance * direction, np.zeros(3)])
+
+
 def grasp_height(door: DoorConfig, placement: Placement) -> float:
     """Return how far above the handle's middle the hand holds it [m].
 
@@ -169,35 +187,90 @@ def solve_closed_posture(
         ValueError: The pose is out of reach.
     """
     mujoco.mj_resetData(model, data)
-    arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
     stance = stance_of(door, base)
     height = door.handle_height + grasp_height(door, placement)
     lift = height - stance.torso_below_handle
     lowest, highest = model.joint("torso_lift_joint").range
     data.joint("torso_lift_joint").qpos = min(max(lift, lowest), highest)
-    data.qpos[arm] = stance.closed_posture
+    data.qpos[_arm(model)] = stance.closed_posture
+    error = _bring_hand(model, data)
+    if error > 1e-9 or not _within_limits(model, data):
+        raise ValueError(
+            "the arm cannot hold the closed handle from where the robot stands "
+            f"(pose error {error:.2g}); move the base back towards its "
+            "nominal placement or choose another handle height"
+        )
+    configuration: Matrix = data.qpos.copy()
+    return configuration
+
+
+def solve_standoff_posture(
+    model: mujoco.MjModel, data: mujoco.MjData, pose: Matrix
+) -> None:
+    """Draw the hand back from the closed handle to a pose before it.
+
+    In small steps, which keeps the arm on its way where its elbow is nearly stretched.
+
+    Args:
+        model: The scene.
+        data: Of the same model, holding the closed handle; left in the configuration
+            found.
+        pose: Of the hand, task frame, (6,) [m, rad]; of its orientation at the handle.
+
+    Raises:
+        ValueError: The pose is out of reach.
+    """
+    axes = data.site_xmat[model.site("task_frame").id].reshape(3, 3)
+    away = axes @ pose[:3]
+    for share in np.linspace(0.0, 1.0, _STEPS_BACK + 1)[1:]:
+        error = _bring_hand(model, data, share * away)
+    if error > 1e-9 or not _within_limits(model, data):
+        raise ValueError(
+            "the arm cannot draw the hand back from the handle by "
+            f"{np.linalg.norm(away):.2f} m from where the robot stands; choose another "
+            'handle height, or start="grasped"'
+        )
+
+
+def _arm(model: mujoco.MjModel) -> list[int]:
+    """Return the addresses of the arm's joints.
+
+    Every joint is a hinge or a slide, so qpos and qvel share them.
+    """
+    return [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
+
+
+def _within_limits(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
+    arm = _arm(model)
+    low, high = model.jnt_range[arm].T
+    return bool(np.all((low <= data.qpos[arm]) & (data.qpos[arm] <= high)))
+
+
+def _bring_hand(
+    model: mujoco.MjModel, data: mujoco.MjData, away: Matrix | None = None
+) -> float:
+    """Bring the arm to where its hand is at the task frame; return the error left.
+
+    Args:
+        model: The scene.
+        data: Of the same model; the arm's joints are moved.
+        away: From the task frame, world frame, (3,) [m]; nothing by default.
+    """
+    arm = _arm(model)
     hand, target = model.site("hand").id, model.site("task_frame").id
     jacobian = np.zeros((6, model.nv))
     for _ in range(20):
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         error = _pose_error(data, hand, target)
+        if away is not None:
+            error[:3] += away
         if np.abs(error).max() < 1e-12:
             break
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], hand)
-        # Every joint is a hinge or a slide, so qpos and qvel share their addresses.
         step, *_ = np.linalg.lstsq(jacobian[:, arm], error, rcond=None)
         data.qpos[arm] += step
-    low, high = model.jnt_range[arm].T
-    inside = np.all((low <= data.qpos[arm]) & (data.qpos[arm] <= high))
-    if np.abs(error).max() > 1e-9 or not inside:
-        raise ValueError(
-            "the arm cannot hold the closed handle from where the robot stands "
-            f"(pose error {np.abs(error).max():.2g}); move the base back towards its "
-            "nominal placement or choose another handle height"
-        )
-    configuration: Matrix = data.qpos.copy()
-    return configuration
+    return float(np.abs(error).max())
 
 
 def _pose_error(data: mujoco.MjData, site: int, target: int) -> Matrix:

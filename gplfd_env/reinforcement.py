@@ -25,7 +25,7 @@ def door_opening_rl(**arguments: Any) -> gym.Env[Any, Any]:
     Raises:
         ValueError: As there, and for a reward.
     """
-    _refuse_reward(arguments)
+    refuse_reward(arguments)
     return FlatObservation(GentleReward(RelativeAction(DoorOpeningEnv(**arguments))))
 
 
@@ -45,12 +45,17 @@ def door_opening_rl_vector(
     Raises:
         ValueError: As there, and for a reward.
     """
-    _refuse_reward(arguments)
-    envs = DoorOpeningVectorEnv(num_envs, **arguments)
+    refuse_reward(arguments)
+    return for_learners(DoorOpeningVectorEnv(num_envs, **arguments))
+
+
+def for_learners(envs: DoorOpeningVectorEnv) -> gym.vector.VectorEnv[Any, Any, Any]:
+    """Return a vector environment of poses in the wrappers of the id."""
     return VectorFlatObservation(VectorGentleReward(VectorRelativeAction(envs)))
 
 
-def _refuse_reward(arguments: dict[str, Any]) -> None:
+def refuse_reward(arguments: dict[str, Any]) -> None:
+    """Raise a ValueError where a reward is given: the wrappers have their own."""
     if "reward" in arguments:
         raise ValueError(
             "gplfd/DoorOpeningRL-v0 has a reward of its own; for the others make "

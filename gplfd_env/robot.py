@@ -18,7 +18,7 @@ from gplfd_env.placement import (
     task_rotation_w,
 )
 from gplfd_env.room import UNDRAWN
-from gplfd_env.task import Base, Control
+from gplfd_env.task import GRIPPER_WIDTH, Base, Control
 
 HAND_BODIES: Final = (
     "wrist_ft_link",
@@ -64,6 +64,19 @@ _RUBBER: Final = (0.22, 0.22, 0.23, 1.0)
 
 Grasp = Literal["contact", "weld"]
 """Friction between the finger pads and the bar, or a rigid joint."""
+
+Hold = Literal["contact", "weld", "gripper"]
+"""The same as scenes are built with: ``"gripper"`` is friction, too, but of fingers
+that open and close in an episode."""
+
+GRIPS: Final = ("grip_right", "grip_left")
+"""The fingers' servos."""
+
+FINGER: Final = "gripper_right_finger_joint"
+"""The other finger is coupled to it."""
+
+FINGER_STROKE: Final = GRIPPER_WIDTH / 2.0
+"""How far a finger opens from the middle [m]."""
 
 
 def load_robot(
@@ -204,9 +217,9 @@ def _add_torso_servo(spec: mujoco.MjSpec) -> None:
 
 
 def _add_grip(spec: mujoco.MjSpec) -> None:
-    for side in ("right", "left"):
+    for side, name in zip(("right", "left"), GRIPS, strict=True):
         finger = spec.add_actuator(
-            name=f"grip_{side}",
+            name=name,
             target=f"gripper_{side}_finger_joint",
             trntype=mujoco.mjtTrn.mjTRN_JOINT,
         )

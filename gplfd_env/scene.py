@@ -26,16 +26,22 @@ from gplfd_env.door import (
     structure_of,
 )
 from gplfd_env.handle import held_radius
-from gplfd_env.placement import ARM_JOINTS, solve_closed_posture
-from gplfd_env.robot import Grasp, load_robot
+from gplfd_env.placement import (
+    ARM_JOINTS,
+    solve_closed_posture,
+    solve_standoff_posture,
+    standoff_pose,
+)
+from gplfd_env.robot import FINGER_STROKE, GRIPS, Hold, load_robot
 from gplfd_env.room import add_room
 from gplfd_env.sensors import add_sensors
 from gplfd_env.stance import check_reach
 from gplfd_env.task import Base, Control
-from gplfd_env.variation import Placement
+from gplfd_env.variation import Placement, Standoff
 
 GRASP_KEY: Final = 0
-"""Index of the keyframe "grasp": door closed, handle held, everything at rest."""
+"""Index of the keyframe "grasp": door closed, handle held, everything at rest; or, with
+a standoff, the open hand before it."""
 
 SCENE_FIELDS: Final = (
     "actuator_acc0", "actuator_length0", "body_inertia", "body_invweight0",
@@ -73,7 +79,7 @@ Array = NDArray[np.float64]
 
 def build_spec(
     door: DoorConfig,
-    grasp: Grasp = "contact",
+    grasp: Hold = "contact",
     *,
     placement: Placement | None = None,
     control: Control = "pose",
@@ -85,7 +91,8 @@ def build_spec(
     Args:
         door: Geometry and hinge of the door.
         grasp: ``"contact"`` holds the bar by friction between the finger pads;
-            ``"weld"`` adds a rigid joint between hand and bar.
+            ``"weld"`` adds a rigid joint between hand and bar; ``"gripper"`` is
+            friction of fingers that open and close.
         placement: Where the robot stands and grasps; without error by default.
         control: See `gplfd_env.robot.load_robot`.
         structure: Of the scene; by default the door's.
@@ -95,7 +102,7 @@ def build_spec(
     spec = load_robot(control, door, base)
     add_room(spec, base)
     add_door(spec, door, placement, structure, base)
-    add_sensors(spec, structure, control, base)
+    add_sensors(spec, structure, control, base, gripper=grasp == "gripper")
     if base == "mobile":
         add_collisions(spec)
     spec.add_key(name="grasp")
@@ -113,16 +120,17 @@ def build_spec(
 
 def build_scene(
     door: DoorConfig,
-    grasp: Grasp = "contact",
+    grasp: Hold = "contact",
     *,
     placement: Placement | None = None,
+    standoff: Standoff | None = None,
     control: Control = "pose",
     base: Base = "fixed",
 ) -> mujoco.MjModel:
     """Return a model of a scene with a settled grasp, which callers may edit.
 
     Its keyframe `GRASP_KEY` is the state after a reset. The arguments are those of
-    `build_spec`.
+    `build_spec`, and a ``standoff`` of the hand, which by default holds the handle.
 
     Raises:
         ValueError: The closed handle is out of reach.
@@ -130,7 +138,14 @@ def build_scene(
     model = _template(structure_of(door), grasp, control, base).__copy__()
     data = mujoco.MjData(model)
     load_scene(
-        model, data, door, grasp, placement=placement, control=control, base=base
+        model,
+        data,
+        door,
+        grasp,
+        placement=placement,
+        standoff=standoff,
+        control=control,
+        base=base,
     )
     return model
 
@@ -139,9 +154,10 @@ def load_scene(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     door: DoorConfig,
-    grasp: Grasp = "contact",
+    grasp: Hold = "contact",
     *,
     placement: Placement | None = None,
+    standoff: Standoff | None = None,
     control: Control = "pose",
     base: Base = "fixed",
 ) -> None:
@@ -157,16 +173,19 @@ def load_scene(
         door: The new door.
         grasp: As the model was made.
         placement: Where the robot stands and grasps; without error by default.
+        standoff: Where the hand begins; by default it holds the handle.
         control: As the model was made.
         base: As the model was made.
 
     Raises:
-        ValueError: The closed handle is out of reach; the model is unchanged.
+        ValueError: The closed handle is out of reach, or the hand's place before it;
+            the model is unchanged.
     """
-    check_reach(door, base)
+    check_reach(door, base, "grasped" if standoff is None else "approach")
     placement = Placement() if placement is None else placement
     geometry, structure = dataclasses.replace(door, **_NOMINAL), structure_of(door)
-    settled = _settled(geometry, structure, placement, grasp, control, base)
+    robot = grasp, control, base
+    settled = _settled(geometry, structure, placement, standoff, *robot)
     for name, values in settled.items():
         getattr(model, name)[...] = values
     set_door_physics(model, data, door)
@@ -174,7 +193,7 @@ def load_scene(
 
 @lru_cache(maxsize=32)
 def _template(
-    structure: Structure, grasp: Grasp, control: Control, base: Base
+    structure: Structure, grasp: Hold, control: Control, base: Base
 ) -> mujoco.MjModel:
     latch: Latch = "spring" if structure.latched else "none"
     door = DoorConfig(handle=structure.handle, latch=latch, panel_mass=NOMINAL_MASS)
@@ -187,7 +206,8 @@ def _settled(
     geometry: DoorConfig,
     structure: Structure,
     placement: Placement,
-    grasp: Grasp,
+    standoff: Standoff | None,
+    grasp: Hold,
     control: Control,
     base: Base,
 ) -> Mapping[str, Array]:
@@ -202,6 +222,8 @@ def _settled(
     )
     model = spec.compile()
     _settle(model, geometry, placement, base)
+    if standoff is not None:
+        _draw_back(model, standoff_pose(geometry, standoff, base))
     return MappingProxyType({n: getattr(model, n).copy() for n in SCENE_FIELDS})
 
 
@@ -222,4 +244,18 @@ def _settle(
     mujoco.mj_step(model, data, nstep=round(_SETTLING_TIME / model.opt.timestep))
     model.key_qpos[GRASP_KEY] = data.qpos
     model.key_qvel[GRASP_KEY] = 0.0
+    model.key_ctrl[GRASP_KEY] = data.ctrl
+
+
+def _draw_back(model: mujoco.MjModel, pose: Array) -> None:
+    """Let the keyframe begin with the open hand at a pose before the handle."""
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
+    mujoco.mj_kinematics(model, data)
+    solve_standoff_posture(model, data, pose)
+    for side, grip in zip(("right", "left"), GRIPS, strict=True):
+        data.joint(f"gripper_{side}_finger_joint").qpos = FINGER_STROKE
+        data.actuator(grip).ctrl = FINGER_STROKE
+    data.ctrl[:6] = pose
+    model.key_qpos[GRASP_KEY] = data.qpos
     model.key_ctrl[GRASP_KEY] = data.ctrl

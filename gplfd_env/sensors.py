@@ -7,7 +7,7 @@ import mujoco
 from gplfd_env.door import Structure
 from gplfd_env.mobile_base import BASE_JOINTS
 from gplfd_env.placement import ARM_JOINTS
-from gplfd_env.robot import ROTATION_SERVOS, WRENCH_LIMITS
+from gplfd_env.robot import FINGER, ROTATION_SERVOS, WRENCH_LIMITS
 from gplfd_env.task import Base, Control
 
 _SENSOR: Final = mujoco.mjtSensor
@@ -26,6 +26,8 @@ def add_sensors(
     structure: Structure,
     control: Control = "pose",
     base: Base = "fixed",
+    *,
+    gripper: bool = False,
 ) -> None:
     """Add every sensor, in the order in which `gplfd_env.observation` reads them.
 
@@ -39,6 +41,7 @@ def add_sensors(
         structure: What the door consists of.
         control: What the robot was loaded with.
         base: The same.
+        gripper: Whether the fingers open and close.
     """
     for axis in ("x", "y", "z"):
         _add(
@@ -65,6 +68,8 @@ def add_sensors(
         _add(spec, f"{name}_pos", _SENSOR.mjSENS_JOINTPOS, _JOINT, name)
     for name in BASE_JOINTS if base == "mobile" else ():
         _add(spec, f"{name}_vel", _SENSOR.mjSENS_JOINTVEL, _JOINT, name)
+    if gripper:
+        _add(spec, "finger", _SENSOR.mjSENS_JOINTPOS, _JOINT, FINGER)
     _add(spec, "hinge_angle", _SENSOR.mjSENS_JOINTPOS, _JOINT, "hinge")
     _add(spec, "hinge_velocity", _SENSOR.mjSENS_JOINTVEL, _JOINT, "hinge")
     _add(spec, "handle_pos", _SENSOR.mjSENS_FRAMEPOS, _SITE, "handle", "task_frame")

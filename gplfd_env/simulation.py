@@ -11,7 +11,7 @@ from gplfd_env.config import DoorConfig
 from gplfd_env.door import set_hinge, structure_of
 from gplfd_env.intervention import Loads
 from gplfd_env.mobile_base import BASE_DRIVES
-from gplfd_env.robot import FOREARM, GRIPPER, Grasp
+from gplfd_env.robot import FOREARM, GRIPPER, GRIPS, Hold
 from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
 from gplfd_env.task import CONTROL_PERIOD, Base
 from gplfd_env.variation import Variation
@@ -38,6 +38,14 @@ def driven(model: mujoco.MjModel, base: Base) -> slice:
     return slice(first, first + 3)
 
 
+def gripped(model: mujoco.MjModel, grasp: Hold) -> slice:
+    """Return where in the control vector the fingers are; nowhere if they stay."""
+    if grasp != "gripper":
+        return slice(0)
+    first = int(model.actuator_ctrladr[model.actuator(GRIPS[0]).id])
+    return slice(first, first + 2)
+
+
 class DoorSimulation:
     """One simulation; `gplfd_env.batch.DoorBatch` is many.
 
@@ -58,7 +66,7 @@ class DoorSimulation:
     """
 
     def __init__(
-        self, door: DoorConfig, grasp: Grasp, command: Command, base: Base
+        self, door: DoorConfig, grasp: Hold, command: Command, base: Base
     ) -> None:
         self._grasp, self._command, self._base = grasp, command, base
         self.variation = Variation(door=door)
@@ -71,6 +79,7 @@ class DoorSimulation:
         self.sensordata: Array = self.data.sensordata
         self._pose: Array = self.data.ctrl[:6]
         self._rate: Array = self.data.ctrl[driven(self.model, self._base)]
+        self._fingers: Array = self.data.ctrl[gripped(self.model, self._grasp)]
         self._loaded = [
             self.data.xfrc_applied[row] for row in loaded_bodies(self.model)
         ]
@@ -80,21 +89,22 @@ class DoorSimulation:
         self._substeps = round(CONTROL_PERIOD / self.model.opt.timestep)
 
     def restart(self, variation: Variation) -> None:
-        """Begin at rest before a door, its handle in the hand.
+        """Begin at rest before a door, its handle in the hand or the hand before it.
 
         Raises:
-            ValueError: The handle is out of reach; nothing has changed.
+            ValueError: The hand cannot be there; nothing has changed.
         """
         now = self.variation
         if structure_of(variation.door) != structure_of(now.door):
             self._rebuild(variation)
-        elif (variation.door, variation.placement) != (now.door, now.placement):
+        elif variation.scene != now.scene:
             load_scene(
                 self.model,
                 self.data,
                 variation.door,
                 self._grasp,
                 placement=variation.placement,
+                standoff=variation.standoff,
                 control=self._command.control,
                 base=self._base,
             )
@@ -104,7 +114,7 @@ class DoorSimulation:
         mujoco.mj_resetDataKeyframe(self.model, self.data, GRASP_KEY)
         # Before the forward pass: the first observation must not depend on the gains
         # that the last episode ended with.
-        self._apply(self._command.rest)
+        self._apply(self._command.resting(variation, self._base))
         mujoco.mj_forward(self.model, self.data)
 
     def _rebuild(self, variation: Variation) -> None:
@@ -113,6 +123,7 @@ class DoorSimulation:
             variation.door,
             self._grasp,
             placement=variation.placement,
+            standoff=variation.standoff,
             control=self._command.control,
             base=self._base,
         )
@@ -124,6 +135,7 @@ class DoorSimulation:
         command: Array,
         loads: Loads | None = None,
         drive: Planar | None = None,
+        width: float | None = None,
     ) -> bool:
         """Go on by one control period; return whether MuJoCo reports divergence.
 
@@ -131,10 +143,13 @@ class DoorSimulation:
             command: An action, as `Command.check` gives it.
             loads: What acts from outside meanwhile; None for nothing all episode long.
             drive: Rate of the base; None if it does not move.
+            width: Of the gripper [m]; None if its fingers stay.
         """
         self._apply(command)
         if drive is not None:
             self._rate[:] = drive
+        if width is not None:
+            self._fingers[:] = 0.5 * width
         if loads is not None:
             set_hinge(self.model, loads.stop, loads.friction)
             for applied, wrench in zip(self._loaded, loads.wrenches, strict=True):

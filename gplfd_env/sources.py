@@ -12,7 +12,7 @@ from gplfd_env.disturbance import disturbance_named
 from gplfd_env.draw import Drawn, draw_episode
 from gplfd_env.randomization import door_randomization
 from gplfd_env.stance import check_reach
-from gplfd_env.task import Base
+from gplfd_env.task import Base, Start
 
 Mask = NDArray[np.bool_]
 
@@ -30,14 +30,15 @@ class Sources:
     Args:
         num_envs: n.
         base: Whose reach decides which doors there may be.
+        start: What episodes begin with.
         given: By name, one for all or a sequence of n.
 
     Raises:
         ValueError: One that there is not, or a door that is out of reach.
     """
 
-    def __init__(self, num_envs: int, base: Base, **given: Any) -> None:
-        self._num_envs, self._base = num_envs, base
+    def __init__(self, num_envs: int, base: Base, start: Start, **given: Any) -> None:
+        self._num_envs, self._base, self._start = num_envs, base, start
         self._values = self._in_reach(
             {
                 name: each(name, given[name], num_envs, resolve)
@@ -78,11 +79,11 @@ class Sources:
     def draw(self, row: int, random: np.random.Generator) -> Drawn:
         """Draw an episode of a simulation."""
         door, randomization, disturbance = (one[row] for one in self._values.values())
-        return draw_episode(door, randomization, disturbance, random)
+        return draw_episode(door, randomization, disturbance, random, self._start)
 
     def _in_reach(self, values: dict[str, list[Any]]) -> dict[str, list[Any]]:
         """Return what episodes are drawn from, all of which the robot can reach."""
         pairs = zip(values["door"], values["randomization"], strict=True)
         for door, randomization in set(pairs):
-            check_reach(randomization.outermost(door), self._base)
+            check_reach(randomization.outermost(door), self._base, self._start)
         return values

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Final
 
 from gplfd_env.config import DoorConfig, Swing
-from gplfd_env.task import Base
+from gplfd_env.task import Base, Start
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -156,12 +156,20 @@ def base_for(door: DoorConfig) -> Base:
     return "fixed" if within and door.kind == furniture else "mobile"
 
 
-def check_reach(door: DoorConfig, base: Base) -> None:
+def check_reach(door: DoorConfig, base: Base, start: Start = "grasped") -> None:
     """Refuse a door that is out of a robot's reach.
 
     Raises:
-        ValueError: Its handle is too far from the hinge, or too high.
+        ValueError: Its handle is too far from the hinge, or too high; or the hand is to
+            begin before a handle at which the robot stands so near that its arm cannot
+            be drawn back.
     """
+    if (start, base, door.swing) == ("approach", "fixed", "push"):
+        raise ValueError(
+            'start="approach" is out of reach before a door that is pushed with '
+            'base="fixed": the robot stands too near to draw its hand back; give '
+            'base="mobile"'
+        )
     stance = stance_of(door, base)
     for name, limit in (("radius", stance.radius), ("handle_height", stance.height)):
         if getattr(door, name) > limit:

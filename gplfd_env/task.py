@@ -18,6 +18,13 @@ Control = Literal["pose", "impedance"]
 Base = Literal["fixed", "mobile"]
 """Whether the robot's base stands still or drives."""
 
+Start = Literal["grasped", "approach"]
+"""What an episode begins with: the handle in the hand, or a hand that has yet to reach
+it."""
+
+GRIPPER_WIDTH: Final = 0.09
+"""Between the fingers of the open gripper [m]."""
+
 CONTROL_PERIOD: Final = 0.01
 """Time between two commands [s]."""
 
@@ -71,11 +78,13 @@ class OpeningMonitor:
         success: The success angle has been held for `HOLD_TIME` with the handle
             grasped.
         failure: ``""``, ``"grasp_lost"`` (final), and while they last
-            ``"base_blocked"``, ``"stalled"`` or, where the latch still holds the door,
-            ``"latched"``.
+            ``"base_blocked"``, ``"not_grasped"``, ``"stalled"`` or, where the latch
+            still holds the door, ``"latched"``.
+        taken: The hand has taken hold of the handle and not let it go.
     """
 
     dt: float
+    taken: bool = True
     success: bool = False
     failure: str = ""
     _held: float = 0.0
@@ -92,6 +101,7 @@ class OpeningMonitor:
         *,
         latched: bool = False,
         blocked: bool = False,
+        opened: bool = False,
     ) -> None:
         """Take in the state after one control step.
 
@@ -101,15 +111,21 @@ class OpeningMonitor:
             turn: How far the handle is turned [rad].
             latched: The bolt holds the door.
             blocked: Something holds the base.
+            opened: The gripper is told to be wider than the handle.
         """
+        took = grasped and not self.taken
+        # A handle that is let go of on purpose is not lost.
+        self.taken = grasped or (self.taken and not opened)
         self._held = self._held + self.dt if self._is_open(angle, grasped) else 0.0
         self.success = self.success or self._held >= HOLD_TIME - 1e-9
-        self._released = 0.0 if grasped else self._released + self.dt
-        opened = angle >= self._best_angle + STALL_ANGLE
+        lacking = self.taken and not grasped
+        self._released = self._released + self.dt if lacking else 0.0
+        moved = angle >= self._best_angle + STALL_ANGLE
         turned = turn >= self._best_turn + STALL_TURN
-        self._best_angle = angle if opened else self._best_angle
+        self._best_angle = angle if moved else self._best_angle
         self._best_turn = turn if turned else self._best_turn
-        self._since_gain = 0.0 if opened or turned else self._since_gain + self.dt
+        gained = moved or turned or took
+        self._since_gain = 0.0 if gained else self._since_gain + self.dt
         self.failure = self._diagnose(latched, blocked)
 
     @staticmethod
@@ -125,6 +141,8 @@ class OpeningMonitor:
             return "base_blocked"
         if self._since_gain < STALL_TIME - 1e-9:
             return ""
+        if not self.taken:
+            return "not_grasped"
         return "latched" if latched else "stalled"
 
 

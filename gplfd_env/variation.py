@@ -1,12 +1,16 @@
 """What may differ from one episode to the next besides the door itself."""
 
+from __future__ import annotations
+
 import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from gplfd_env.config import DoorConfig
 from gplfd_env.disturbance import Disturbance
-from gplfd_env.fields import check_quantities, quantity
+from gplfd_env.fields import allowed_range, check_quantities, quantity
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -40,6 +44,38 @@ class Placement:
 
     def __post_init__(self) -> None:
         check_quantities(self)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Standoff:
+    """Where the hand begins that has yet to reach the handle.
+
+    It is open and has the orientation in which it will hold the handle.
+
+    Raises:
+        ValueError: A field is not finite or outside its range.
+        TypeError: A field is not a number.
+    """
+
+    distance: float = quantity(0.15, unit="m", low=0.10, high=0.20)
+    """From where it will hold the handle."""
+
+    aside: float = quantity(0.0, unit="rad", low=-0.25, high=0.25)
+    """Its direction from there: this far to the left of straight back."""
+
+    above: float = quantity(0.0, unit="rad", low=-0.25, high=0.25)
+    """And this far above it."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Standoff:
+        """Return one with every field drawn uniformly from its range."""
+        ranges = {
+            one.name: allowed_range(cls, one.name) for one in dataclasses.fields(cls)
+        }
+        return cls(**{name: rng.uniform(r.low, r.high) for name, r in ranges.items()})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -95,6 +131,9 @@ class Variation:
     disturbance: Disturbance = field(default_factory=Disturbance)
     """What happens from outside."""
 
+    standoff: Standoff | None = None
+    """Where the hand begins; None if it holds the handle."""
+
     def __post_init__(self) -> None:
         check_quantities(self)
 
@@ -107,3 +146,8 @@ class Variation:
             "delay": self.delay,
             **self.disturbance.as_dict(),
         }
+
+    @property
+    def scene(self) -> tuple[DoorConfig, Placement, Standoff | None]:
+        """What a scene is brought to."""
+        return self.door, self.placement, self.standoff

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from gplfd_env.batch import DoorBatch
+from gplfd_env.batch import Alike, DoorBatch
 from gplfd_env.camera import Camera
 from gplfd_env.command import COMMANDS, DRIVEN
 from gplfd_env.config import DoorSpec
@@ -21,13 +21,14 @@ from gplfd_env.draw import Drawn
 from gplfd_env.episode import REWARDS, Episode, Reward
 from gplfd_env.fields import Range, check_choice, checked_count
 from gplfd_env.geometry import DoorGeometry
+from gplfd_env.gripper import hold_of
 from gplfd_env.observation import Observation, Reader, observation_space
 from gplfd_env.outcome import outcome
 from gplfd_env.placement import door_geometry
 from gplfd_env.randomization import RandomizationSpec
-from gplfd_env.robot import Grasp
+from gplfd_env.robot import Grasp, Hold
 from gplfd_env.sources import Sources
-from gplfd_env.task import CONTROL_PERIOD, Base
+from gplfd_env.task import CONTROL_PERIOD, Base, Start
 from gplfd_env.variation import Variation
 
 Array = NDArray[np.float64]
@@ -66,6 +67,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     command = COMMANDS["pose"]
     """What an action means."""
 
+    physics: type[Alike] = Alike
+    """What steps simulations before doors of one structure."""
+
     def __init__(
         self,
         num_envs: int = 1,
@@ -76,6 +80,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         disturbance: DisturbanceSpec | Sequence[DisturbanceSpec] = "none",
         reward: Reward = "dense",
         base: Base = "fixed",
+        start: Start = "grasped",
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         num_threads: int = 0,
@@ -88,6 +93,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         check_choice("grasp", grasp, get_args(Grasp))
         check_choice("reward", reward, REWARDS)
         check_choice("base", base, get_args(Base))
+        check_choice("start", start, get_args(Start))
         check_choice("render_mode", render_mode, (None, "rgb_array"))
         self.num_envs = checked_count("num_envs", num_envs, Range(low=1))
         checked_count("num_threads", num_threads, Range(low=0))
@@ -105,8 +111,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             "render_fps": round(1 / CONTROL_PERIOD),
             "autoreset_mode": self.autoreset_mode,
         }
-        tells = self.command.drives
-        self.single_observation_space = observation_space(tells_base=tells)
+        self.single_observation_space = observation_space(
+            tells_base=self.command.drives, tells_gripper=self.command.grips
+        )
         self.single_action_space = self.command.space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -114,15 +121,18 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self._sources = Sources(
             num_envs,
             base,
+            start,
             door=door,
             randomization=randomization,
             disturbance=disturbance,
         )
-        self._grasp: Grasp = grasp
+        self._hold: Hold = hold_of(grasp, start, commanded=self.command.grips)
         self._reward: Reward = reward
         self._episodes: list[Episode] = []
         begin = [Variation(door=one) for one in self._sources.doors]
-        self._batch = DoorBatch(begin, grasp, self.command, num_threads, base)
+        self._batch = DoorBatch(
+            begin, self._hold, self.command, num_threads, base, self.physics
+        )
         self._camera = Camera(
             self.models[0], width, height, camera_name, effects=effects
         )
@@ -171,7 +181,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     def reset(
         self, *, seed: Seeds = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """Close the doors, put them into the hands, and begin episodes.
+        """Close the doors, put hands where they begin, and begin episodes.
 
         Args:
             seed: An integer s seeds simulation i with s + i; or one seed, or None, per
@@ -262,14 +272,16 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     def _begun(self, drawn: Drawn, sensed: Array) -> Episode:
         door = drawn.variation.door
         reader = Reader.of(
-            self._grasp,
+            self._hold,
             self.command.control,
             self._base,
             door.handle,
             door.swing,
             tells_base=self.command.drives,
+            tells_gripper=self.command.grips,
         )
-        return Episode(drawn, reader, self._reward, sensed.tolist())
+        rest = self.command.resting(drawn.variation, self._base)
+        return Episode(drawn, reader, self._reward, sensed.tolist(), rest)
 
     def _advance(self, commands: Array, resting: Mask | None) -> None:
         """Step what does not rest by one control period."""
@@ -279,19 +291,22 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             stepped = np.flatnonzero(~resting).tolist()
             for row in np.flatnonzero(resting).tolist():
                 episodes[row].stand_still()
-        loads, drives = {}, {}
+        loads, drives, widths = {}, {}, {}
         for row in stepped:
             episode = episodes[row]
             if not episode.takes_commands_as_given:
                 acting = episode.loads()
                 if acting is not None:
                     loads[row] = acting
-                commands[row] = episode.due(commands[row], self.command.rest)
+                commands[row] = episode.due(commands[row])
             rate = episode.drive(commands[row], obeys=self.command.drives)
             if rate is not None:
                 drives[row] = rate
+            width = episode.grip(commands[row], obeys=self.command.grips)
+            if width is not None:
+                widths[row] = width
         rows = None if resting is None else stepped
-        diverged = self._batch.advance(commands, rows, loads, drives)
+        diverged = self._batch.advance(commands, rows, loads, drives, widths)
         if diverged is not None:
             for row in np.flatnonzero(diverged).tolist():
                 episodes[row].break_off()

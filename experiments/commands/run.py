@@ -34,6 +34,10 @@ class Run:
     disturbance: str = "none"
     """What happens from outside: none, push, person, ...; see `gplfd list`."""
 
+    start: Literal["grasped", "approach"] = "grasped"
+    """What episodes begin with: the handle in the hand, or the open hand 10 to 20 cm
+    before it, which then reaches as the demonstrations do."""
+
     demonstrations_per_door: int = 2
     """How often the synthetic human opens each of the three demonstrated doors."""
 
@@ -78,6 +82,7 @@ class Run:
             skill=self.skill,
             randomization=self.randomization,
             disturbance=self.disturbance,
+            start=self.start,
             looks=self.looks,
             options=recorded(self),
         )

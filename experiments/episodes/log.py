@@ -56,7 +56,7 @@ class EpisodeLog:
     """Whether the task was solved."""
     failure: str
     """Why not: "" | "grasp_lost" | "base_blocked" | "stalled" | "latched" |
-    "simulation_error" | "time_limit"."""
+    "not_grasped" | "simulation_error" | "time_limit"."""
     reason: str
     """What is behind that: "" | "handle_lost" | "blocked" | "out_of_reach" |
     "too_heavy", or the same (`gplfd_env.capability`)."""

@@ -186,10 +186,10 @@ def episode_metrics(
         prediction_error_position=_mean_where_finite(errors[:, :3].sum(axis=1)),
         prediction_error_rotation=_mean_where_finite(errors[:, 3:].sum(axis=1)),
         log_dimensionless_jerk=log_dimensionless_jerk(log.ee_pose[opening, :3], log.dt),
-        stiffness_min=_xyz(log.stiffness.min(axis=0)),
-        stiffness_max=_xyz(log.stiffness.max(axis=0)),
-        stability_margin_translation=_finite(log.stability_margin[:, :3].min()),
-        stability_margin_rotation=_finite(log.stability_margin[:, 3:].min()),
+        stiffness_min=_xyz(_said(log.stiffness).min(axis=0)),
+        stiffness_max=_xyz(_said(log.stiffness).max(axis=0)),
+        stability_margin_translation=_finite(_said(log.stability_margin)[:, :3].min()),
+        stability_margin_rotation=_finite(_said(log.stability_margin)[:, 3:].min()),
         governed_share=governed_share(log),
         forecast_progress=PROGRESS,
         forecast_error_mm=tuple(
@@ -235,9 +235,10 @@ def governed_share(log: EpisodeLog) -> float | None:
     keeps below it.
     """
     bound = log.stability_margin + log.stiffness_rate
-    if not np.isfinite(bound).all():
+    said = np.isfinite(bound).all(axis=1)
+    if not said.any():
         return None
-    limited = log.stability_margin <= 2e-3 * bound
+    limited = (log.stability_margin <= 2e-3 * bound)[said]
     return float(np.mean(limited.any(axis=1)))
 
 
@@ -283,6 +284,15 @@ def log_dimensionless_jerk(positions: FloatArray, dt: float) -> float | None:
     duration = (positions.shape[0] - 1) * dt
     cost = float(np.trapezoid(np.sum(jerk**2, axis=1), dx=dt))
     return -math.log(duration**3 / peak_squared * cost)
+
+
+def _said(values: FloatArray) -> FloatArray:
+    """Return the steps, (N, 6), of which the policy says something; all if of none.
+
+    An agent that reaches for the handle first has no stiffness until it holds it.
+    """
+    said = np.isfinite(values).all(axis=1)
+    return values[said] if said.any() else values
 
 
 def _peak(values: FloatArray) -> float:

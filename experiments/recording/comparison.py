@@ -57,6 +57,7 @@ _TRAIL: Final = f"{motion.ROOT}/hand/trail"
 _ENDED: Final = {
     "stalled": "stuck",
     "latched": "latched",
+    "not_grasped": "not grasped",
     "grasp_lost": "let go",
 }
 """What a failure is called where there is little room."""

@@ -19,6 +19,7 @@ _MOVED: Final = math.radians(1.0)
 _ROOM: Final = 1.02
 """Where the lane ends, in durations of the episode."""
 _STAGES: Final = {
+    "reach": (150, 140, 255),
     "grasp": BEFORE,
     "open": HAND,
     "hold": (84, 190, 255),
@@ -63,12 +64,16 @@ def _style(failure: str) -> Chunk:
 def stages(log: EpisodeLog) -> list[tuple[int, str]]:
     """Row in which each stage began, in order, with its name.
 
-    ``grasp`` until the door has moved by a degree, then ``open``, ``hold`` once the
-    door is open by the task's angle, ``stuck`` from where a stalled door gained no
-    more, ``success`` from the first solved step or ``failure`` in the last.
+    ``reach`` until the hand has taken hold, ``grasp`` until the door has moved by a
+    degree, then ``open``, ``hold`` once the door is open by the task's angle, ``stuck``
+    from where a stalled door gained no more, ``success`` from the first solved step or
+    ``failure`` in the last.
     """
     angle, last = log.door_angle, log.times.size - 1
-    began = [(0, "grasp")]
+    taken = log.capability > 0
+    began = [(int(np.argmax(taken)), "grasp")] if taken.any() else []
+    if not taken[0]:
+        began.insert(0, (0, "reach"))
     if angle.max() >= _MOVED:
         began.append((int(np.argmax(angle >= _MOVED)), "open"))
     if log.failure in ("stalled", "latched") and angle.max() < SUCCESS_ANGLE:

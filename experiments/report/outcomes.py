@@ -41,6 +41,7 @@ _DISTURBED: Final = (
 _FAILURES: Final = {
     "stalled": "the hand held on and the door gained no more angle",
     "latched": "the latch held the door, whose handle was not turned far enough",
+    "not grasped": "the hand did not take hold of the handle",
     "grasp lost": "the handle left the hand",
     "simulation error": "the simulation diverged",
     "time limit": "the episode's time was over",

@@ -16,7 +16,10 @@ A handle that turns is pressed first, the door pulled or pushed as soon as the l
 free, and the handle let go back while it opens
 (`gplfd.experiments.teacher.handle_motion`).
 
-Not modelled: reaching for the handle and letting go, a suit whose axes are turned
+On request the person reaches for the handle first and takes hold of it
+(`gplfd.experiments.teacher.reach`).
+
+Not modelled: letting go, a suit whose axes are turned
 against the door, magnetic disturbance, and one person's habits that persist from one
 demonstration to the next.
 """
@@ -32,6 +35,7 @@ from scipy.spatial.transform import Rotation
 from gplfd.experiments.arrays import FloatArray
 from gplfd.experiments.teacher.habits import TIDY, Habits, lose_samples, untidy_clock
 from gplfd.experiments.teacher.handle_motion import (
+    DEMONSTRATED_RADII,
     doors_like,
     draw_press,
     duration,
@@ -44,6 +48,7 @@ from gplfd.experiments.teacher.random_motion import (
     smooth_functions,
     uneven_timing,
 )
+from gplfd.experiments.teacher.reach import reached
 from gplfd.policies.demonstrations import Demonstration
 from gplfd_env.config import DoorConfig
 from gplfd_env.fields import check_quantities, quantity
@@ -218,6 +223,39 @@ class Teacher:
         """
         doors = doors_like(DoorConfig() if like is None else like)
         return self.demonstrate_doors(doors, per_door, rng=np.random.default_rng(seed))
+
+    def standard_reaches(
+        self, per_door: int = 2, *, seed: int
+    ) -> tuple[Demonstration, ...]:
+        """Reach for the handles of the three doors that runs of this seed demonstrate.
+
+        Args:
+            per_door: How often each.
+            seed: Of everything that is drawn; what is drawn of the openings is left.
+        """
+        count = len(DEMONSTRATED_RADII)
+        *_, rng = np.random.default_rng(seed).spawn(count + 1)
+        return tuple(map(self.demonstrate_reach, rng.spawn(count * per_door)))
+
+    def demonstrate_reach(self, rng: np.random.Generator) -> Demonstration:
+        """Reach for a handle, take hold of it, and return what the suit recorded.
+
+        The poses are relative to the last sample, at time 0, in which the hand holds
+        the closed handle: what `demonstrate` records goes on from there.
+
+        Args:
+            rng: Source of randomness.
+
+        Returns:
+            Times [s] up to 0 at the suit's rate and poses (N, 6) [m, rad], door axes.
+        """
+        motion_rng, suit_rng = rng.spawn(2)
+        rate, uneven = self.config.sampling_rate, self.config.timing_std
+        times, positions, rotations = reached(rate, uneven, motion_rng)
+        positions, rotations = self._suit(times, positions, rotations, suit_rng)
+        relative = rotations * rotations[-1].inv()
+        poses = np.hstack([positions - positions[-1], relative.as_rotvec()])
+        return Demonstration(times=times, poses=poses)
 
     def _hand(
         self,

@@ -13,6 +13,7 @@ Info = dict[str, Any]
 
 FAILURES: Final = (
     *("", "grasp_lost", "base_blocked", "stalled", "latched", "simulation_error"),
+    "not_grasped",
 )
 """What ``info["failure"]`` may say; its code is the place in this list."""
 

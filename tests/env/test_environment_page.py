@@ -27,6 +27,7 @@ IDS = (
     gplfd_env.ENVIRONMENT_ID,
     gplfd_env.IMPEDANCE_ENVIRONMENT_ID,
     gplfd_env.MOBILE_ENVIRONMENT_ID,
+    gplfd_env.GRIPPER_ENVIRONMENT_ID,
 )
 
 Rows = list[dict[str, str]]
@@ -78,17 +79,19 @@ def test_action_table_is_the_action_space(
     rows = table("Action", number)
     assert_rows_are(rows, make_env(id=id).action_space)
     stiffness = ["N/m"] * 3 + ["N m/rad"] * 3
-    further = [[], stiffness, ["m/s", "m/s", "rad/s"]][number]
+    further = [[], stiffness, ["m/s", "m/s", "rad/s"], ["m"]][number]
     assert [row["unit"] for row in rows] == ["m"] * 3 + ["rad"] * 3 + further
 
 
-@pytest.mark.parametrize(("id", "tables"), [(IDS[0], 1), (IDS[1], 1), (IDS[2], 2)])
+@pytest.mark.parametrize(
+    ("id", "tables"), [*zip(IDS, [(0,), (0,), (0, 1), (0, 2)], strict=True)]
+)
 def test_observation_table_is_the_observation_space(
-    id: str, tables: int, make_env: Callable
+    id: str, tables: tuple[int, ...], make_env: Callable
 ) -> None:
     space = make_env(id=id).observation_space
     assert isinstance(space, gym.spaces.Dict)
-    rows = [row for number in range(tables) for row in table("Observation", number)]
+    rows = [row for number in tables for row in table("Observation", number)]
     assert {row["key"] for row in rows} == set(space.spaces)
     for key, box in space.spaces.items():
         assert_rows_are([row for row in rows if row["key"] == key], box)

@@ -21,6 +21,7 @@ from gplfd_env import (
     DISTURBANCES,
     DOORS,
     ENVIRONMENT_IDS,
+    GRIPPER_ENVIRONMENT_ID,
     MOBILE_ENVIRONMENT_ID,
     RANDOMIZATIONS,
     RL_ENVIRONMENT_ID,
@@ -261,6 +262,7 @@ def test_list_as_json_names_what_can_be_given(
     assert set(listed["doors"]) == set(DOORS)
     assert set(listed["environments"]) == {
         *ENVIRONMENT_IDS.values(),
+        GRIPPER_ENVIRONMENT_ID,
         MOBILE_ENVIRONMENT_ID,
         RL_ENVIRONMENT_ID,
     }

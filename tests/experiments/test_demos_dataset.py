@@ -31,7 +31,7 @@ from gplfd.experiments.datasets.minari.physics import (
 from gplfd.experiments.datasets.replay import compare, replay
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DoorConfig, door_config
-from gplfd_env.episode import TEXTS
+from gplfd_env.info import TEXTS
 from gplfd_env.randomization import DoorRandomization
 from gplfd_env.task import handle_pose_on_arc
 

@@ -34,6 +34,7 @@ def script(name: str) -> ModuleType:
 (
     agents,
     alignments,
+    approach,
     building_doors,
     calibration,
     contact_loop,
@@ -51,6 +52,7 @@ def script(name: str) -> ModuleType:
     (
         "agents",
         "alignments",
+        "approach",
         "building_doors",
         "calibration",
         "contact_loop",
@@ -69,6 +71,7 @@ def script(name: str) -> ModuleType:
 SMALL = {
     agents: ["--repeats", "1", "--counts", "2", "3", "--periods", "4"],
     alignments: ["--seeds", "1", "--habits", "other starts"],
+    approach: ["--seeds", "1", "--policies", "oracle", "--doors", "small"],
     building_doors: ["--seeds", "1", "--draws", "1", "--repeats", "1"],
     calibration: ["--draws", "1"],
     door_forecasts: ["--draws", "1", "--every", "80"],
@@ -82,6 +85,7 @@ SMALL = {
 SAYS = {
     agents: "3 agents in lockstep",
     alignments: "directions / interpolation, worst habit",
+    approach: "oracle: share grasped",
     building_doors: "standard: share opened by the oracle",
     calibration: "accuracy, 20 smooth: in stated 95 %",
     door_forecasts: "2 of 3 radii, process",
@@ -99,8 +103,9 @@ def test_every_script_is_known() -> None:
     known = {
         module.__name__ for module in (*SMALL, contact_loop, gallery, recorded_tasks)
     }
-    # It needs the extra sb3 and is run by tests/learners.
-    assert known | {"learners"} == {path.stem for path in FOLDER.glob("*.py")}
+    # They need the extras sb3 and warp and are run by tests/learners.
+    scripts = {path.stem for path in FOLDER.glob("*.py")}
+    assert known | {"learners", "on_warp"} == scripts
 
 
 def test_documents_name_every_script_and_no_other() -> None:

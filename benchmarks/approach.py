@@ -1,0 +1,137 @@
+"""Episodes that begin before the handle: python benchmarks/approach.py.
+
+Every seed has demonstrations of its own, which reach and open, and a reset of its own,
+which draws the hand's place. Beside it the same policies begin with the handle in the
+hand, before the same doors.
+"""
+
+import contextlib
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Final, get_args
+
+import gymnasium as gym
+import numpy as np
+import tyro
+
+from gplfd.experiments.datasets.reaching import openings, reaches, taught
+from gplfd.experiments.episodes.agents import learned
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.rollouts import rollouts
+from gplfd.experiments.speed.report import Measurement, Value, at_least, measure_all
+from gplfd.policies import POLICIES, Agent, TrainingInput, batch_agents
+from gplfd.policies.reaching import ReachingAgent, learn_reach
+from gplfd_env import ENVIRONMENT_IDS
+from gplfd_env.config import DOORS, DoorConfig
+from gplfd_env.stance import base_for
+from gplfd_env.task import Start
+
+_GRASPED: Final = 1
+"""Stage from which a handle has been taken."""
+
+
+def taught_agents(
+    policy: str, door: DoorConfig, start: Start, seeds: int
+) -> Iterator[Agent]:
+    """Yield an agent per seed, from demonstrations of that seed."""
+    for seed in range(seeds):
+        shown = taught(2, seed=seed, like=door, start="approach")
+        training = TrainingInput(demonstrations=openings(shown), seed=seed)
+        make: Callable[[], Agent] = learned(POLICIES[policy], training)
+        if start == "grasped":
+            yield make()
+        else:
+            yield ReachingAgent(learn_reach(reaches(shown)), make())
+
+
+def opened(
+    policy: str, door: DoorConfig, start: Start, seeds: int, randomization: str
+) -> Sequence[EpisodeLog]:
+    """Let a policy open a door once per seed; return the logs."""
+    with warnings.catch_warnings():
+        # Preparing demonstrations says what it found.
+        warnings.simplefilter("ignore")
+        agents = batch_agents(list(taught_agents(policy, door, start, seeds)))
+    envs: Any = gym.make_vec(
+        ENVIRONMENT_IDS[agents.control],
+        num_envs=seeds,
+        door=door,
+        base=base_for(door),
+        start=start,
+        randomization=randomization,
+        autoreset_mode="Disabled",
+    )
+    with contextlib.closing(envs):
+        return rollouts(
+            envs,
+            agents,
+            policy=policy,
+            doors=[f"{door.radius:g}"] * seeds,
+            seeds=range(seeds),
+            forecast_period=None,
+        )
+
+
+def summary(logs: Sequence[EpisodeLog]) -> dict[str, Value]:
+    """Return what episodes of one condition came to."""
+    taken = [log for log in logs if log.capability.max() >= _GRASPED]
+    when = [log.times[np.argmax(log.capability >= _GRASPED)] for log in taken]
+    reasons = Counter(log.reason for log in logs if not log.success)
+    return {
+        "grasped": f"{len(taken)} of {len(logs)}",
+        "opened": f"{sum(log.success for log in logs)} of {len(logs)}",
+        "grasped after [s], median": float(np.median(when)) if when else None,
+        "greatest force while reaching [N]": max(map(_reaching_force, logs)),
+        "greatest slip [mm]": 1e3 * max(float(log.slip.max()) for log in logs),
+        "why not": ", ".join(f"{n} {why}" for why, n in reasons.items()) or None,
+    }
+
+
+def _reaching_force(log: EpisodeLog) -> float:
+    reaching = log.capability < _GRASPED
+    force = np.linalg.norm(log.wrench[reaching, :3], axis=1)
+    return float(force.max()) if reaching.any() else 0.0
+
+
+def conditions(
+    policy: str, doors: Sequence[str], seeds: int, randomization: str
+) -> Measurement:
+    """Open doors from both starts."""
+    found = {
+        (name, start): opened(policy, DOORS[name], start, seeds, randomization)
+        for name in doors
+        for start in get_args(Start)
+    }
+    reached = [found[name, "approach"] for name in doors]
+    taken = [log.capability.max() >= _GRASPED for logs in reached for log in logs]
+    return Measurement(
+        title=f"{policy}, randomization {randomization}, {seeds} seeds",
+        rows={f"{name}, {start}": summary(found[name, start]) for name, start in found},
+        targets=(at_least(f"{policy}: share grasped", float(np.mean(taken)), 0.95),),
+    )
+
+
+def main(
+    policies: tuple[str, ...] = ("gp", "oracle", "hinge-fit"),
+    doors: tuple[str, ...] = ("small", "medium", "large", "room-834"),
+    seeds: int = 20,
+    randomization: str = "mild",
+) -> None:
+    """Open doors from before the handle, and with the handle in the hand.
+
+    Args:
+        policies: Which.
+        doors: Which, by name.
+        seeds: How many of demonstrations and resets.
+        randomization: What every reset draws.
+    """
+
+    def measured(policy: str) -> Callable[[int], Measurement]:
+        return lambda _: conditions(policy, doors, seeds, randomization)
+
+    measure_all({policy: measured(policy) for policy in policies}, repeats=1)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,275 @@
+"""Doors on MuJoCo Warp, beside MuJoCo's: python benchmarks/on_warp.py.
+
+Agreement of the same actions in the same doors, and control steps per second of many
+doors, beside MuJoCo on threads. Needs the extra warp; ``--device cuda:0`` is for a GPU.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, Final
+
+import gymnasium as gym
+import mujoco_warp
+import numpy as np
+import tyro
+import warp
+
+from gplfd.experiments.speed.machine import load
+from gplfd.experiments.speed.report import Measurement, Value, at_most, measure_all
+from gplfd.experiments.speed.timing import Timed, Timing, after, measure
+from gplfd_env import RL_ENVIRONMENT_ID, TIME_LIMIT
+from gplfd_env.command import COMMANDS
+from gplfd_env.reinforcement import for_learners
+from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
+from gplfd_env.vector import DoorOpeningImpedanceVectorEnv
+from gplfd_env.warp import make_warp
+from gplfd_env.wrappers import action_of
+
+DOORS: Final = (
+    *("small", "medium", "large", "heavy", "cabinet", "wardrobe"),
+    {"radius": 0.45, "swing": "push"},
+    {"radius": 0.45, "hinge_side": "left"},
+)
+"""Doors that are compared."""
+
+Array = np.ndarray
+Script = Callable[[int, Array], Array]
+"""From step and poses of the hands (n, 6) to actions (n, 6)."""
+
+_POSE, _WRENCH = slice(0, 6), slice(27, 33)
+_PERIODS: Final = 30
+
+
+class StiffestImpedance(DoorOpeningImpedanceVectorEnv):
+    """MuJoCo's simulations of the model that Warp has: commands without stiffness."""
+
+    def __init__(self, num_envs: int = 1, *args: Any, **arguments: Any) -> None:
+        super().__init__(num_envs, *args, **arguments)
+        self.single_action_space = COMMANDS["pose"].space
+
+    def step(self, poses: Array) -> Any:
+        """Command every hand for one control period."""
+        stiffest = np.tile(self.command.rest[6:], (self.num_envs, 1))
+        return super().step(np.hstack([poses, stiffest]))
+
+
+class Rounded(StiffestImpedance):
+    """The same, its joint positions rounded to float32 once per control period."""
+
+    def step(self, poses: Array) -> Any:
+        """Command every hand for one control period."""
+        for row in range(self.num_envs):
+            qpos = self._batch.qpos_of(row)
+            qpos[:] = qpos.astype(np.float32)
+        return super().step(poses)
+
+
+def mujoco(envs: type = StiffestImpedance, **arguments: Any) -> Any:
+    """Return MuJoCo's simulations of `DOORS`."""
+    made = envs(len(DOORS), door=DOORS, max_episode_steps=TIME_LIMIT, **arguments)
+    return for_learners(made)
+
+
+def arcs(envs: Any, rng: np.random.Generator) -> Script:
+    """Follow doors' true arcs to drawn angles within 3 s."""
+    doors = [one.door for one in envs.unwrapped.variations]
+    angles = np.radians(rng.uniform(20.0, 66.0, len(doors)))
+    mirrored = np.array([(1, 1, 1, 1, 1, 1)] * len(doors))
+    for row, door in enumerate(doors):
+        mirrored[row] = (door.way, 1, door.side, 1, door.way * door.side, 1)
+    radii = np.array([door.radius for door in doors])
+
+    def script(step: int, hands: Array) -> Array:
+        s = min(step * CONTROL_PERIOD / 3.0, 1.0)
+        progress = 10 * s**3 - 15 * s**4 + 6 * s**5
+        poses = mirrored * handle_pose_on_arc(radii, progress * angles)
+        return np.clip(action_of(poses, hands), -1.0, 1.0).astype(np.float32)
+
+    return script
+
+
+def shoves(envs: Any, rng: np.random.Generator) -> Script:
+    """Jerk hands about, anew every 0.1 s, by up to 12 mm and 0.04 rad."""
+    drawn = rng.uniform(-0.4, 0.4, (1000, envs.num_envs, 6)).astype(np.float32)
+    return lambda step, hands: drawn[step // 10]
+
+
+def differences(
+    first: Any, second: Any, script: Any, periods: int, seed: int = 0
+) -> dict[str, Array]:
+    """Let two vector environments do the same, and return how they differ.
+
+    Args:
+        first: Reset with the seed.
+        second: The same; what it observes decides about the actions.
+        script: `arcs` or `shoves`.
+        periods: Control periods.
+        seed: Of everything.
+
+    Returns:
+        One number per period and simulation, until an episode of either ends:
+        absolute differences of ``door`` [rad], ``hand`` [m, rad], ``wrench`` [N, N m],
+        ``peak_force`` [N] and ``return``.
+    """
+    first.reset(seed=seed)
+    observations, _ = second.reset(seed=seed)
+    acting = np.ones(first.num_envs, dtype=bool)
+    play = script(second, np.random.default_rng(seed))
+    found: dict[str, list[Array]] = {}
+    for step in range(1, periods + 1):
+        actions = play(step, observations[:, _POSE])
+        seen, _, *ended, infos = first.step(actions)
+        observations, _, *over, expected = second.step(actions)
+        acting = acting & ~np.any([*ended, *over], axis=0)
+        apart = np.abs(seen - observations)[acting]
+        row = {
+            "door": np.abs(infos["door_angle"] - expected["door_angle"])[acting],
+            "hand": apart[:, _POSE].max(axis=1),
+            "wrench": apart[:, _WRENCH].max(axis=1),
+            "peak_force": np.abs(infos["peak_force"] - expected["peak_force"])[acting],
+            "return": np.abs(infos["return"] - expected["return"])[acting],
+        }
+        for name, values in row.items():
+            found.setdefault(name, []).append(values)
+    return {name: np.concatenate(values) for name, values in found.items()}
+
+
+def measure_agreement(repeats: int, seeds: int, periods: int) -> Measurement:
+    """Compare Warp with MuJoCo, and MuJoCo with itself and with the other servo.
+
+    Args:
+        repeats: Not needed: nothing is timed.
+        seeds: Episodes of every door.
+        periods: Control periods of each.
+    """
+    doors = {"door": DOORS}
+    firsts = {
+        "Warp": lambda **given: make_warp(len(DOORS), **doors, **given),
+        "MuJoCo, rounded": lambda **given: mujoco(Rounded, **given),
+        "MuJoCo, one servo": lambda **given: gym.make_vec(
+            RL_ENVIRONMENT_ID, len(DOORS), **doors, **given
+        ),
+    }
+    rows: dict[str, Mapping[str, Value]] = {}
+    worst = 0.0
+    for script in (arcs, shoves):
+        for randomization in ("none", "hard"):
+            for name, make in firsts.items():
+                apart = _apart(make, script, randomization, seeds, periods)
+                rows[f"{script.__name__}, {randomization}: {name}"] = _summary(apart)
+                if name == "Warp" and script is arcs:
+                    worst = max(worst, math.degrees(apart["door"].max()))
+    return Measurement(
+        title=f"apart from MuJoCo with three servos, {periods} control periods",
+        rows=rows,
+        targets=(at_most("door's angle on arcs [deg], worst", worst, 0.05),),
+    )
+
+
+def _apart(
+    make: Any, script: Any, randomization: str, seeds: int, periods: int
+) -> dict[str, Array]:
+    pair = [each(randomization=randomization) for each in (make, mujoco)]
+    found = [differences(*pair, script, periods, seed) for seed in range(seeds)]
+    for envs in pair:
+        envs.close()
+    return {name: np.concatenate([one[name] for one in found]) for name in found[0]}
+
+
+def _summary(apart: Mapping[str, Array]) -> dict[str, Value]:
+    """Return medians, what 95 % are within, and what all are within."""
+    columns = (("door", 1e3, "mrad"), ("wrench", 1.0, "N"), ("return", 1.0, ""))
+    return {
+        f"{name} {share} [{unit}]".removesuffix(" []"): float(
+            np.quantile(scale * apart[name], level)
+        )
+        for name, scale, unit in columns
+        for share, level in (("50 %", 0.5), ("95 %", 0.95), ("all", 1.0))
+    }
+
+
+def measure_steps(repeats: int, counts: tuple[int, ...]) -> Measurement:
+    """Let hands rest before n doors, on Warp and on MuJoCo's threads, in turns.
+
+    Args:
+        repeats: Rounds of at least 60 steps each.
+        counts: Numbers of doors n.
+    """
+    rows: dict[str, Mapping[str, Value]] = {}
+    for n in counts:
+        times = measure(_ways(n), repeats, least_operations=2 * n * _PERIODS)
+        for name, time in times.items():
+            rows[f"{name}, {n}"] = {
+                "steps/s": time.rate,
+                "of MuJoCo": time.speed_over(times["MuJoCo"]),
+                "beside physics [us]": _beside(times, name),
+            }
+    return Measurement(
+        title=f"control steps of n doors, Warp on {warp.get_device()} ({load()})",
+        rows=rows,
+    )
+
+
+def _beside(times: Mapping[str, Timing], name: str) -> Value:
+    """Return what a step of one door takes besides its physics [µs]."""
+    physics = times.get(f"{name}, physics")
+    return physics and 1e6 * (1.0 / times[name].rate - 1.0 / physics.rate)
+
+
+def _ways(n: int) -> dict[str, Timed]:
+    """Return what steps n doors for some periods: all of it, or physics alone."""
+    still, rest = np.zeros((n, 6), np.float32), np.zeros((n, 6))
+    ways = {}
+    for name, envs in {
+        "MuJoCo": gym.make_vec(RL_ENVIRONMENT_ID, n),
+        "Warp": make_warp(n),
+    }.items():
+        actions = {
+            name: partial(envs.step, still),
+            f"{name}, physics": partial(
+                envs.unwrapped._batch.advance, rest, None, {}, {}
+            ),
+        }
+        for each, action in actions.items():
+            ways[each] = _periods(envs, action, n)
+    return ways
+
+
+def _periods(envs: Any, action: Callable[[], object], n: int) -> Timed:
+    def many() -> None:
+        for _ in range(_PERIODS):
+            action()
+
+    return after(partial(envs.reset, seed=0), many, operations=n * _PERIODS)
+
+
+def main(
+    repeats: int = 5,
+    counts: tuple[int, ...] = (1, 8, 64),
+    seeds: int = 3,
+    periods: int = 300,
+    device: str | None = None,
+) -> None:
+    """Measure agreement with MuJoCo, and control steps per second.
+
+    Args:
+        repeats: Measurements of every time.
+        counts: Numbers of doors; thousands are for a GPU.
+        seeds: Episodes of every door that is compared; 0 to compare none.
+        periods: Control periods of each.
+        device: Such as cpu or cuda:0; by default Warp's own choice.
+    """
+    warp.config.log_level = warp.LOG_WARNING
+    if device is not None:
+        warp.set_device(device)
+    measures = {"steps": partial(measure_steps, counts=counts)}
+    if seeds:
+        agreement = partial(measure_agreement, seeds=seeds, periods=periods)
+        measures = {"agreement": agreement, **measures}
+    measure_all(measures, repeats)
+    print(f"MuJoCo Warp {mujoco_warp.__version__}, Warp {warp.__version__}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

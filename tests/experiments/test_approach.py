@@ -1,0 +1,145 @@
+"""The synthetic human reaches, and runs begin before the handle."""
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from gplfd.experiments import cli
+from gplfd.experiments.datasets.npz import load_demonstrations, save_demonstrations
+from gplfd.experiments.datasets.reaching import GRASPED, openings, reaches, taught
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.metrics import episode_metrics
+from gplfd.experiments.recording.stages import stages
+from gplfd.experiments.teacher import Teacher, TeacherConfig
+from gplfd.policies import POLICIES, TrainingInput, as_agent
+from gplfd.policies.reaching import ReachingAgent, learn_reach
+from gplfd_env import GRIPPER_ENVIRONMENT_ID
+from gplfd_env.config import DOORS, DoorConfig
+
+Gplfd = Callable[..., int]
+MakeLog = Callable[..., EpisodeLog]
+
+
+@pytest.fixture
+def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Gplfd:
+    """Run the command in an empty folder; parser errors become exit statuses."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str) -> int:
+        try:
+            return cli.main(arguments)
+        except SystemExit as error:
+            return int(error.code or 0)
+
+    return run
+
+
+SHOWN = taught(2, seed=0, like=DOORS["small"], start="approach")
+RUN = ("run", "--policy", "oracle", "--doors", "small", "--start", "approach")
+
+
+def test_a_reach_ends_at_the_handle_at_time_zero() -> None:
+    ends = []
+    for seed in range(20):
+        reach = Teacher().demonstrate_reach(np.random.default_rng(seed))
+        assert reach.times[-1] == 0.0
+        assert not reach.poses[-1].any()
+        assert -3.2 < reach.times[0] < -1.0
+        gripping = reach.times > -0.2
+        assert np.abs(reach.poses[gripping, :3]).max() < 0.01
+        ends.append(np.linalg.norm(reach.poses[0, :3]))
+    assert 0.09 < min(ends) < 0.13
+    assert 0.22 < max(ends) < 0.26
+
+
+def test_without_noise_the_hand_comes_nearer_all_the_time() -> None:
+    silent = TeacherConfig(
+        noise_position_std=0.0, noise_rotation_std=0.0, vertical_drift_std=0.0
+    )
+    for seed in range(5):
+        poses = Teacher(silent).demonstrate_reach(np.random.default_rng(seed)).poses
+        assert np.diff(np.linalg.norm(poses[:, 3:], axis=1)).max() <= 1e-12
+        assert np.diff(poses[:, 0]).max() < 1e-3, "but for the arch"
+
+
+@pytest.mark.parametrize("door", ["medium", "room-834"])
+def test_who_reaches_opens_as_who_does_not(door: str) -> None:
+    plain = taught(2, seed=3, like=DOORS[door], start="grasped")
+    whole = taught(2, seed=3, like=DOORS[door], start="approach")
+    assert plain.radii == whole.radii
+    for one, other in zip(openings(whole), plain.demonstrations, strict=True):
+        assert np.array_equal(one.times, other.times)
+        assert np.array_equal(one.poses, other.poses)
+    assert openings(plain) == plain.demonstrations
+    starts = {tuple(reach.poses[0]) for reach in reaches(whole)}
+    assert len(starts) == 6
+
+
+def test_a_run_reaches_and_keeps_what_it_learned_from(
+    gplfd: Gplfd, tmp_path: Path
+) -> None:
+    assert gplfd(*RUN, "--out", "run") == 0
+    (metrics,) = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert metrics["success"]
+    assert metrics["slip_max_mm"] < 3.0
+    log = EpisodeLog.load(tmp_path / "run" / "small.npz")
+    assert np.linalg.norm(log.ee_pose[0, :3]) == pytest.approx(0.15)
+    names = [name for _, name in stages(log)]
+    assert names == ["reach", "grasp", "open", "hold", "success"]
+    kept = load_demonstrations(tmp_path / "run")
+    assert all(set(one) == {GRASPED} for one in kept.signals)
+    file = ("--demonstrations", "run/demonstrations.npz")
+    for one, other in zip(reaches(kept), reaches(SHOWN), strict=True):
+        assert np.array_equal(one.poses, other.poses)
+    assert gplfd(*RUN[:-2], *file, "--out", "grasped") == 0
+    plain = EpisodeLog.load(tmp_path / "grasped" / "small.npz")
+    assert stages(plain)[0] == (0, "grasp")
+
+
+def test_it_closes_a_gripper_that_is_commanded() -> None:
+    policy = as_agent(POLICIES["oracle"].make(TrainingInput(demonstrations=())))
+    agent = ReachingAgent(learn_reach(reaches(SHOWN)), policy)
+    env = gym.make(GRIPPER_ENVIRONMENT_ID, door="small", start="approach")
+    observation, info = env.reset(seed=0)
+    agent.inform(env.unwrapped.door_geometry)  # type: ignore[attr-defined]
+    agent.reset(observation)
+    ended = False
+    while not ended:
+        pose = agent.act(observation).action
+        action = np.append(pose, agent.gripper_width)
+        observation, _, terminated, truncated, info = env.step(action)
+        ended = terminated or truncated
+    env.close()
+    assert info["stage"] == "held"
+
+
+def test_what_a_policy_says_is_measured_once_it_acts(make_log: MakeLog) -> None:
+    plain = make_log()
+    unsaid = {
+        name: np.where(plain.times[:, None] < 1.0, np.nan, getattr(plain, name))
+        for name in ("stiffness", "stiffness_rate", "stability_margin")
+    }
+    metrics, expected = episode_metrics(make_log(**unsaid)), episode_metrics(plain)
+    for name in unsaid.keys() | {"governed_share"}:
+        for field in dataclasses.fields(metrics):
+            if field.name.startswith(name):
+                value = getattr(expected, field.name)
+                assert getattr(metrics, field.name) == pytest.approx(value, rel=0.2)
+
+
+def test_what_cannot_teach_reaching_is_refused(
+    gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shown = Teacher().standard_demonstrations(seed=0, like=DoorConfig())
+    save_demonstrations(tmp_path / "plain.npz", shown)
+    assert gplfd(*RUN, "--demonstrations", "plain.npz", "--out", "no") == 2
+    assert "do not say when the hand takes hold" in capsys.readouterr().err
+    assert gplfd(*RUN, "--skill", "some.skill", "--out", "no") == 2
+    assert "--skill is of opening alone" in capsys.readouterr().err
+    assert gplfd("run", "--start", "away") == 2
+    assert not (tmp_path / "no").exists()

@@ -1,0 +1,313 @@
+"""Doors on MuJoCo Warp's CPU backend; needs the extra warp, run by .ci/learners.
+
+Warp compiles its kernels at their first use, which takes half a minute.
+"""
+
+import copy
+import dataclasses
+import importlib
+import importlib.util
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+if os.environ.get("GPLFD_REQUIRE_ALL") != "1":
+    pytest.importorskip("mujoco_warp", reason="needs pip install '.[warp]'")
+
+import mujoco_warp
+import warp
+
+from gplfd_env import RL_ENVIRONMENT_ID
+from gplfd_env.config import DOORS, door_config
+from gplfd_env.disturbance import (
+    Breakaway,
+    Disturbance,
+    Person,
+    Push,
+    Stop,
+    disturbance_named,
+)
+from gplfd_env.door import structure_of
+from gplfd_env.draw import draw_episode
+from gplfd_env.randomization import door_randomization
+from gplfd_env.reinforcement import for_learners
+from gplfd_env.scene import build_scene
+from gplfd_env.warp import WORLD_FIELDS, make_warp
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = ROOT / "benchmarks" / "on_warp.py"
+
+
+def script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("on_warp", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+on_warp = script()
+
+
+@pytest.fixture(autouse=True)
+def on_the_processor() -> Iterator[None]:
+    with warp.ScopedDevice("cpu"):
+        yield
+
+
+def pair(n: int = len(on_warp.DOORS), **arguments: Any) -> tuple[Any, Any]:
+    """Doors on Warp, and MuJoCo's of the same model, stepped the same way."""
+    given = {"door": on_warp.DOORS[:n], **arguments}
+    twin = on_warp.StiffestImpedance(n, **{"max_episode_steps": 1500, **given})
+    return make_warp(n, **given), for_learners(twin)
+
+
+# --- Agreement with MuJoCo ---------------------------------------------------
+
+
+@pytest.mark.parametrize("randomization", ["none", "hard"])
+@pytest.mark.parametrize("played", ["arcs", "shoves"])
+def test_physics_are_mujoco_s_within_float32(played: str, randomization: str) -> None:
+    """Which a grip by friction enlarges where it slips; see docs/learners.md."""
+    envs = pair(randomization=randomization)
+    apart = on_warp.differences(*envs, getattr(on_warp, played), 300)
+    assert apart["door"].size > 0.7 * 8 * 300
+    half, most = (
+        {name: np.quantile(values, share) for name, values in apart.items()}
+        for share in (0.5, 0.95)
+    )
+    assert half["door"] < 1e-5
+    assert half["hand"] < 1e-4
+    assert half["wrench"] < 0.02
+    assert half["return"] < 1e-3
+    assert most["door"] < 5e-4
+    assert most["wrench"] < 0.5
+    if played == "arcs":
+        assert np.quantile(apart["wrench"], 0.9) < 0.015
+    assert apart["door"].max() < 5e-3
+
+
+def test_handles_that_turn_agree_too() -> None:
+    turning = {"radius": 0.5, "backset": 0.06}
+    handles = [{"handle": "lever"}, {"handle": "knob", "hinge_side": "left"}]
+    envs = pair(2, door=[{**turning, **one} for one in handles])
+    apart = on_warp.differences(*envs, on_warp.shoves, 300)
+    assert apart["door"].size > 300
+    assert np.quantile(apart["door"], 0.95) < 5e-4
+    assert np.quantile(apart["wrench"], 0.95) < 0.5
+
+
+@pytest.mark.parametrize(
+    "disturbance",
+    [
+        Disturbance(stop=Stop(angle=0.05, duration=0.2)),
+        Disturbance(push=Push(profile="constant", along=10.0, duration=100.0)),
+        Disturbance(person=Person(start_angle=0.2, duration=0.5)),
+        Disturbance(breakaway=Breakaway(stiction=2.0)),
+    ],
+    ids=["stop", "push", "person", "breakaway"],
+)
+def test_what_happens_from_outside_happens_there(disturbance: Disturbance) -> None:
+    """It begins, it ends, and the next episodes are free of it."""
+    ours, twin = pair(2, disturbance=disturbance)
+    apart = on_warp.differences(ours, twin, on_warp.arcs, 200)
+    assert apart["door"].max() < 5e-4
+    assert apart["door"].size == 400
+    _, undisturbed = pair(2)
+    apart = on_warp.differences(ours, undisturbed, on_warp.arcs, 200)
+    assert apart["door"].max() > 5e-3
+    for following in (["none", disturbance], "none"):
+        for envs in (ours, twin):
+            envs.reset(options={"disturbance": following})
+        apart = on_warp.differences(ours, twin, on_warp.arcs, 50)
+        assert apart["door"].max() < 5e-4
+
+
+def test_every_field_in_which_doors_differ_is_each_simulation_s_own() -> None:
+    """But for what is only seen, and what MuJoCo Warp does not read in a step."""
+    rng = np.random.default_rng(0)
+    scenes: dict[Any, list[mujoco.MjModel]] = {}
+    turning = {"radius": 0.5, "backset": 0.06}
+    doors = [
+        *("small", "medium", "large", "heavy", "cabinet", "wardrobe"),
+        {"radius": 0.45, "swing": "push", "stop_angle": 1.8},
+        {"radius": 0.45, "hinge_side": "left"},
+        {**turning, "handle": "lever"},
+        {**turning, "handle": "lever", "hinge_side": "left", "swing": "push"},
+        {**turning, "handle": "lever", "handle_stiffness": 0.5},
+        {**turning, "handle": "knob", "stiction": 2.0},
+        {"backcheck_damping": 20.0, "backcheck_angle": 1.0},
+        {"seal": 2.0, "seal_angle": 0.1},
+        {**turning, "handle": "knob", "closing_damping": 5.0, "hinge_side": "left"},
+    ]
+    for door in doors:
+        for name in ("none", *4 * ["hard"]):
+            drawn = draw_episode(
+                door_config(door),
+                door_randomization(name),
+                disturbance_named("none"),
+                rng,
+            ).variation
+            scene = build_scene(
+                drawn.door, placement=drawn.placement, control="impedance"
+            )
+            scenes.setdefault(structure_of(drawn.door), []).append(scene)
+    warp_has = {field.name for field in dataclasses.fields(mujoco_warp.Model)}
+    differ = {
+        name
+        for name in warp_has & set(dir(scene))
+        for alike in scenes.values()
+        for one in alike[1:]
+        if not np.array_equal(getattr(one, name), getattr(alike[0], name))
+    }
+    seen = {"cam_poscom0", "light_poscom0", "geom_rgba"}
+    unread = {"dof_length", "key_ctrl", "key_qpos"}
+    assert differ - seen - unread == set(WORLD_FIELDS)
+
+
+# --- The environment of the id -----------------------------------------------
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_episodes_begin_and_end_as_mujoco_s(mode: AutoresetMode) -> None:
+    """Resets are MuJoCo's own, and so is what is decided about episodes."""
+    envs = pair(3, autoreset_mode=mode, max_episode_steps=7, randomization="hard")
+    observations, infos = zip(*(each.reset(seed=3) for each in envs), strict=True)
+    assert np.array_equal(*observations)
+    assert np.array_equal(infos[0]["door_radius"], infos[1]["door_radius"])
+    assert envs[0].single_observation_space == envs[1].single_observation_space
+    assert envs[0].metadata["autoreset_mode"] is mode
+    actions = np.random.default_rng(0).uniform(-0.2, 0.2, (20, 3, 6))
+    cut = []
+    for step, action in enumerate(actions):
+        if mode is AutoresetMode.DISABLED and step == 10:
+            options = {"reset_mask": np.array([False, True, False])}
+            observations = [each.reset(options=options)[0] for each in envs]
+            assert np.array_equal(observations[0][1], observations[1][1])
+        ours, model = (each.step(action.astype(np.float32)) for each in envs)
+        assert ours[0].dtype == np.float32
+        np.testing.assert_allclose(ours[0], model[0], atol=0.5)
+        np.testing.assert_allclose(ours[0][:, :6], model[0][:, :6], atol=1e-4)
+        np.testing.assert_allclose(ours[1], model[1], atol=0.02)
+        assert np.array_equal(ours[2:4], model[2:4])
+        assert ours[4].keys() == model[4].keys()
+        cut.append(ours[3].any())
+    assert any(cut)
+    poses = [each.unwrapped.qpos for each in envs]
+    np.testing.assert_allclose(*poses, atol=1e-4)
+
+
+def test_the_same_seed_gives_the_same_numbers() -> None:
+    envs = make_warp(4, door="cabinet", randomization="mild")
+    runs = []
+    for _ in range(2):
+        played = [envs.reset(seed=5)[0]]
+        actions = np.random.default_rng(1).uniform(-0.3, 0.3, (40, 4, 6))
+        played += [envs.step(action)[0] for action in actions]
+        runs.append(played)
+    assert np.array_equal(*runs)
+
+
+def test_it_is_as_far_from_the_id_as_the_other_servo() -> None:
+    """Of the id itself: the same spaces and resets, and nearly the same episode."""
+    ours = make_warp(3, door=on_warp.DOORS[:3])
+    model = gym.make_vec(RL_ENVIRONMENT_ID, 3, door=on_warp.DOORS[:3])
+    assert ours.observation_space == model.observation_space
+    assert ours.action_space == model.action_space
+    apart = on_warp.differences(ours, model, on_warp.arcs, 200)
+    assert 1e-4 < apart["door"].max() < 0.02
+
+
+def test_a_diverged_simulation_is_truncated_alone_and_begins_anew() -> None:
+    envs = make_warp(3, door=on_warp.DOORS[:3])
+    fresh, _ = envs.reset(seed=0)
+    (physics,) = envs.unwrapped._batch._alike.values()
+    speeds = physics._data.qvel.numpy()
+    speeds[1] = np.nan
+    physics._data.qvel.assign(speeds)
+    *_, terminations, truncations, infos = envs.step(np.zeros((3, 6)))
+    assert truncations.tolist() == [False, True, False]
+    assert not terminations.any()
+    assert infos["failure"].tolist() == ["", "simulation_error", ""]
+    assert np.isfinite(envs.unwrapped.qpos).all()
+    begun, *_ = envs.step(np.zeros((3, 6)))
+    assert np.array_equal(begun[1], fresh[1])
+    assert np.isfinite(envs.step(np.zeros((3, 6)))[0]).all()
+
+
+@pytest.mark.needs("opengl")
+def test_pictures_are_mujoco_s() -> None:
+    shown = []
+    for envs in pair(2, render_mode="rgb_array", width=64, height=48):
+        envs.reset(seed=0)
+        shown.append(np.array(envs.render()))
+        envs.close()
+    assert shown[0].std() > 1.0
+    assert np.array_equal(*shown)
+
+
+# --- What is refused ---------------------------------------------------------
+
+
+def test_the_servo_of_the_pose_id_is_what_mujoco_warp_has_not() -> None:
+    """Should this fail, the environment may have the servo of the id itself."""
+    with pytest.raises(NotImplementedError, match="mjTRN_SO3"):
+        mujoco_warp.put_model(build_scene(DOORS["medium"]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"base": "mobile"}, "base on MuJoCo Warp = 'mobile' is not one of 'fixed'"),
+        ({"grasp": "weld"}, "grasp on MuJoCo Warp = 'weld' is not one of 'contact'"),
+        ({"start": "approach"}, "start on MuJoCo Warp = 'approach' is not one of"),
+        ({"num_threads": 4}, "num_threads on MuJoCo Warp = 4 is not one of 0"),
+        ({"door": "room-709"}, r"no latch on MuJoCo Warp.*'cabinet'.*latch='spring'"),
+        ({"autoreset_mode": "never"}, "autoreset_mode = 'never' is not one of"),
+        ({"reward": "sparse"}, "a reward of its own"),
+    ],
+)
+def test_what_cannot_be_had_is_said(arguments: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make_warp(2, **arguments)
+
+
+def test_copies_are_refused() -> None:
+    envs = make_warp(2)
+    with pytest.raises(TypeError, match="on MuJoCo Warp cannot be copied or pickled"):
+        copy.deepcopy(envs)
+
+
+def test_without_mujoco_warp_the_extra_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco_warp", None)
+    monkeypatch.delitem(sys.modules, "gplfd_env.warp")
+    with pytest.raises(ImportError, match=r"pip install 'gplfd\[warp\]'"):
+        importlib.import_module("gplfd_env.warp")
+
+
+def test_the_benchmark_runs(tmp_path: Path) -> None:
+    small = ("--repeats", "1", "--counts", "2", "--seeds", "1", "--periods", "20")
+    result = subprocess.run(
+        [sys.executable, SCRIPT, *small, "--device", "cpu"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert "arcs, hard: Warp" in result.stdout
+    assert "Warp, physics, 2" in result.stdout
+    assert "nan" not in result.stdout

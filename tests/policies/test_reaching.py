@@ -1,0 +1,117 @@
+"""Reaching: a learned movement to the handle, and who acts then."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies import Agent, AgentStep, Demonstration, as_agent
+from gplfd.policies.movement import Movement
+from gplfd.policies.reaching import (
+    CLOSING,
+    ReachingAgent,
+    joined,
+    learn_reach,
+    parted,
+)
+from gplfd_env.task import CONTROL_PERIOD
+
+ELSEWHERE = np.array([0.136, 0.02, -0.064, 0.0, 0.05, 0.0])
+
+
+class Holding:
+    """Commands one pose and remembers how it was begun."""
+
+    def __init__(self, control: str = "pose") -> None:
+        self.control, self.begun = control, list[float]()
+
+    def reset(self, observation: Any) -> None:
+        self.begun.append(float(observation["time"][0]))
+
+    def act(self, observation: Any) -> AgentStep:
+        return AgentStep(action=np.full(6, 0.5), stiffness=np.full(6, 50.0))
+
+
+@pytest.fixture(scope="module")
+def reach() -> Movement:
+    return learn_reach(Teacher().standard_reaches(seed=0))
+
+
+def commands(agent: Agent, start: np.ndarray, seconds: float) -> list[AgentStep]:
+    steps = []
+    for step in range(round(seconds / CONTROL_PERIOD)):
+        observation = {"ee_pose": start, "time": np.array([step * CONTROL_PERIOD])}
+        if step == 0:
+            agent.reset(observation)
+        steps.append(agent.act(observation))
+    return steps
+
+
+def test_parts_are_what_they_were_joined_from() -> None:
+    teacher, rng = Teacher(), np.random.default_rng(0)
+    reached, opening = teacher.demonstrate_reach(rng), teacher.demonstrate(0.5, rng)
+    whole = joined(reached, opening)
+    for part, given in zip(
+        parted(whole, whole.times >= 0.0), (reached, opening), strict=True
+    ):
+        assert np.array_equal(part.times, given.times)
+        assert np.array_equal(part.poses, given.poses)
+
+
+@pytest.mark.parametrize(
+    "grasped", [[0, 0, 0, 0], [1, 1, 1, 1], [0, 0, 0, 1], [0, 1, 0, 1]]
+)
+def test_who_never_takes_hold_or_lets_go_teaches_no_reach(grasped: list[int]) -> None:
+    poses = np.outer(np.arange(4.0), np.ones(6))
+    shown = Demonstration(times=np.arange(4.0), poses=poses)
+    with pytest.raises(ValueError, match="must begin without the handle, take hold"):
+        parted(shown, np.array(grasped, bool))
+
+
+@pytest.mark.parametrize("away", [0.8 * ELSEWHERE, ELSEWHERE, 1.3 * ELSEWHERE])
+def test_it_leads_from_where_the_hand_is_to_the_handle(
+    reach: Movement, away: np.ndarray
+) -> None:
+    agent = ReachingAgent(reach, as_agent(Holding()))
+    path = np.array(
+        [step.action for step in commands(agent, away, reach.duration + CLOSING)]
+    )
+    assert path[0] == pytest.approx(away, abs=3e-3)
+    assert path[-1] == pytest.approx(np.zeros(6), abs=1e-3)
+    speeds = np.linalg.norm(np.diff(path[:, :3], axis=0), axis=1) / CONTROL_PERIOD
+    # A minimum-jerk motion has 1.875 times its mean speed at most.
+    assert speeds.max() < 3.0 * np.linalg.norm(away[:3]) / reach.duration
+    waiting = path[-round(CLOSING / CONTROL_PERIOD) :]
+    assert np.abs(waiting).max() < 2e-3
+
+
+def test_it_is_surest_at_the_handle(reach: Movement) -> None:
+    agent = ReachingAgent(reach, as_agent(Holding()))
+    steps = commands(agent, ELSEWHERE, reach.duration)
+    spread = np.array([np.linalg.norm(step.std[:3]) for step in steps])
+    assert spread[-1] < 0.1 * spread.max()
+
+
+def test_it_hands_over_once_when_the_gripper_has_closed(reach: Movement) -> None:
+    then = Holding()
+    agent = ReachingAgent(reach, as_agent(then))
+    steps = commands(agent, ELSEWHERE, reach.duration + CLOSING + 0.5)
+    own = [step.action[0] != 0.5 for step in steps]
+    lasting = sum(own) * CONTROL_PERIOD
+    assert own == sorted(own, reverse=True)
+    assert lasting == pytest.approx(reach.duration + CLOSING, abs=1.5 * CONTROL_PERIOD)
+    assert then.begun == pytest.approx([lasting])
+    commands(agent, ELSEWHERE, 0.1)
+    assert len(then.begun) == 1, "the next episode begins with another reach"
+
+
+def test_it_is_stiff_where_the_other_commands_stiffness(reach: Movement) -> None:
+    soft = ReachingAgent(reach, as_agent(Holding("impedance")))
+    assert soft.control == "impedance"
+    (step,) = commands(soft, ELSEWHERE, CONTROL_PERIOD)
+    assert step.command("impedance")[6:].tolist() == [2000.0] * 3 + [100.0] * 3
+    (step,) = commands(
+        ReachingAgent(reach, as_agent(Holding())), ELSEWHERE, CONTROL_PERIOD
+    )
+    assert np.isnan(step.stiffness).all()
