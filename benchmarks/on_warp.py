@@ -228,7 +228,7 @@ def _ways(n: int) -> dict[str, Timed]:
         actions = {
             name: partial(envs.step, still),
             f"{name}, physics": partial(
-                envs.unwrapped._batch.advance, rest, None, {}, {}
+                envs.unwrapped._batch.advance, rest, None, {}, {}, {}
             ),
         }
         for each, action in actions.items():
