@@ -141,6 +141,13 @@ def test_what_presses_a_lever_further_is_yielded_to() -> None:
     assert_allclose(response.wrench[:3], 6.0 * WAY)
 
 
+def test_a_door_behind_a_handle_may_be_heavier_than_a_friction_grasp_holds() -> None:
+    for handle, carried in ((None, 25.0), (EXACT, 45.0)):
+        handles = Handles([handle], ())
+        load = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, handles, ())
+        assert load.meet(met(-45.0 * PULL), PRESSED).carried == pytest.approx(carried)
+
+
 def test_turning_a_handle_teaches_nothing_of_the_door() -> None:
     """A door behind a light lever is expected to be as heavy as any other."""
     load = HandleAndDoor(
