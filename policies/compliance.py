@@ -16,7 +16,7 @@ where in memory a row begins.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -32,6 +32,7 @@ from gplfd.policies.controllers.stiffness import (
 )
 from gplfd.policies.gridded import GriddedMovement, GriddedMovements
 from gplfd.policies.handle_load import HandleAndDoor
+from gplfd.policies.handles import Handles
 from gplfd.policies.load import Encounter, LearnedLoad, LoadRule, Response
 from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
 from gplfd.policies.phase import POSE_ERROR, PhaseRule
@@ -147,9 +148,8 @@ class ComplianceController:
         self._renderer = config.rendering.renderer(
             config.dynamics, config.control_period, shape
         )
-        self._load = HandleAndDoor(
-            config.load, config.profile, self._movements.handles, shape
-        )
+        self._handles = Handles(self._movements.handles, shape)
+        self._load = HandleAndDoor(config.load, config.profile, self._handles, shape)
         self._memory = _Memory(shape)
         self._via_noise = np.repeat(config.via_std, 3)
 
@@ -159,6 +159,7 @@ class ComplianceController:
         self._governor.reset(members)
         self._renderer.reset(members)
         self._load.reset(members)
+        self._handles.reset(members)
         self._memory.reset(members)
         self._phases.reset(members)
 
@@ -175,15 +176,16 @@ class ComplianceController:
         memory = self._memory
         # A copy: the rule may return it, and the command phase moves on below.
         command = memory.phase[members].copy()
+        shown = self._handles.shown(poses, members)
         seen = self._phases.update(
-            poses, memory.observed_phase[members], command, members
+            shown, memory.observed_phase[members], command, members
         )
         observed_phase = memory.observed_phase[members] = seen.phase
-        ahead = _ahead(observed_phase)
+        ahead = _ahead(observed_phase, self._handles.opening(observed_phase, members))
         means, stds = self._movements.at(ahead, members)
-        via_point = self._adapt(poses, observed_phase, seen.std, members)
+        via_point = self._adapt(poses, means[0], observed_phase, seen.std, members)
         path = self._movements.at(ahead, members)[0] if via_point.any() else means
-        direction = _direction(path)
+        direction = _direction(self._handles.places(path[1:], members))
         response = self._meet(poses, wrenches, direction, members)
         phase, rate = self._advance(response.pace, members)
         desired, velocity, std = self._set_point(phase, rate, observed_phase, members)
@@ -214,7 +216,7 @@ class ComplianceController:
             phase=phase,
             observed_phase=observed_phase,
             phase_misfit=seen.misfit,
-            predicted_mean=means[0],
+            predicted_mean=self._handles.asked(means[0], members),
             predicted_std=stds[0],
             via_point=via_point,
         )
@@ -234,10 +236,21 @@ class ComplianceController:
             position=hands,
             displacement=self._renderer.displacement(hands, members),
         )
-        return self._load.meet(encounter, poses, members)
+        response = self._load.meet(encounter, poses, members)
+        on = self._handles.turned_on(
+            poses, direction, response.carried, self._config.control_period, members
+        )
+        # Who turns the handle on does not pull harder meanwhile.
+        pace = np.where(on, np.minimum(response.pace, 0.0), response.pace)
+        return replace(response, pace=pace)
 
     def _adapt(
-        self, poses: Poses, phases: Phases, phase_stds: Phases, members: Members
+        self,
+        poses: Poses,
+        means: Poses,
+        phases: Phases,
+        phase_stds: Phases,
+        members: Members,
     ) -> Due:
         """Condition the movements of members that have come far enough; say which."""
         last_via = self._memory.last_via[members]
@@ -252,11 +265,17 @@ class ComplianceController:
         along = rate * phase_std[..., None]
         # Indexed by `due`, the arrays of one hand have a leading axis, too.
         numbers, seen = self._movements.numbers[members][due], np.asarray(phases)[due]
-        for member, phase, pose, error in zip(
-            numbers.tolist(), seen.tolist(), poses[due], along[due], strict=True
+        for member, phase, pose, mean, error in zip(
+            numbers.tolist(),
+            seen.tolist(),
+            poses[due],
+            means[due],
+            along[due],
+            strict=True,
         ):
+            told = self._handles.told(pose, mean, member)
             via_point = ViaPoint(
-                phase=phase, pose=pose, std=self._via_noise, along=error
+                phase=phase, pose=told, std=self._via_noise, along=error
             )
             self._movements.observe(member, via_point)
         return due
@@ -269,13 +288,13 @@ class ComplianceController:
         The rotation leads by less than the pull.
         """
         turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
-        asked = np.array([*_ahead(phase), turn_phase])
+        asked = np.array([*_ahead(phase, phase), turn_phase])
         means, stds = self._movements.at(asked, members)
         along = (means[2, ..., :3] - means[1, ..., :3]) / _LOOK_AHEAD
         velocity = along * np.asarray(rate)[..., None]
         desired = means[0]
         desired[..., 3:] = means[3, ..., 3:]
-        return desired, velocity, stds[0]
+        return self._handles.asked(desired, members), velocity, stds[0]
 
     def _advance(self, pace: Phases, members: Members) -> tuple[Phases, Phases]:
         """Return the command phase a period later, and its rate [1/s]."""
@@ -304,15 +323,15 @@ class ComplianceController:
         return self._governor.step(wished, self._config.control_period, members)
 
 
-def _ahead(phases: Phases) -> Float[np.ndarray, "*S"]:
+def _ahead(phases: Phases, opening: Phases) -> Float[np.ndarray, "*S"]:
     """Return where hands are, and the ends of a chord of the path ahead of them."""
-    end = np.minimum(phases + _LOOK_AHEAD, 1.0)
+    end = np.minimum(opening + _LOOK_AHEAD, 1.0)
     return np.array([phases, end - _LOOK_AHEAD, end])
 
 
-def _direction(path: Float[np.ndarray, "*S 6"]) -> Float[np.ndarray, "*N 3"]:
-    """Return the directions in which movements lead the hands on, unit vectors."""
-    chord = path[2, ..., :3] - path[1, ..., :3]
+def _direction(chord: Float[np.ndarray, "2 *N 6"]) -> Float[np.ndarray, "*N 3"]:
+    """Return the directions in which movements lead on, unit vectors."""
+    chord = chord[1, ..., :3] - chord[0, ..., :3]
     length = np.sqrt(np.add.reduce(chord * chord, axis=-1)) + 1e-9
     unit: Float[np.ndarray, "*N 3"] = chord / length[..., None]
     return unit

@@ -10,6 +10,7 @@ turned.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -20,6 +21,9 @@ from scipy.spatial.transform import Rotation
 from gplfd.policies.aligned import AlignedDemonstrations
 
 Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+"""(w, x, y, z)."""
+
 Poses = Float[np.ndarray, "*N 6"]
 
 _FIRST_TURN: Final = 0.4
@@ -39,6 +43,9 @@ _LEAST_ARM: Final = 0.03
 """Who holds a handle nearer to its axis turns it by a moment, as a knob, and no force
 is along its way [m]."""
 
+_MOVED: Final = 0.01
+"""An axis that has moved has moved by this much [m]."""
+
 _FIRM: Final = 1e3
 """Weight of the choice of a point along an axis, over that of a sample."""
 
@@ -56,6 +63,47 @@ class TurnedHandle:
     axis: Vector
     """a: its direction, a unit vector; the handle is first turned about it by a
     positive angle."""
+    travel: float = 0.0
+    """How far it was turned when it was shown: the mean of the greatest turns [rad]."""
+    opens: float = 0.0
+    """Phase from which on its axis moves, and with it the door."""
+
+    def held(self, pose: list[float], turn: float) -> list[float]:
+        """Return the pose of a hand that turns the handle by another angle.
+
+        The leaf, and with it the handle's axis, stays where the hand has it.
+
+        Args:
+            pose: Of the hand, (6,) [m, rad].
+            turn: The angle [rad].
+        """
+        leaf, _ = self.turns(pose[3:])
+        ax, ay, az = self.axis
+        handle = [turn * ax, turn * ay, turn * az]
+        rotation = _rotvec(_product(_quaternion(leaf), _quaternion(handle)))
+        sx, sy, sz = self.point
+        x, y, z = self.place(pose)
+        rx, ry, rz = _turned(self.point, rotation)
+        return [x + sx - rx, y + sy - ry, z + sz - rz, *rotation]
+
+    def told(self, pose: list[float], mean: list[float]) -> list[float]:
+        """Return what a hand's pose tells of the door, beside what was expected.
+
+        It is the pose with the handle turned as expected, and moved along the way about
+        its axis to where the hand was expected: there it goes as the handle's spring
+        has it.
+
+        Args:
+            pose: Of the hand, (6,) [m, rad].
+            mean: Expected, (6,) [m, rad].
+        """
+        _, turn = self.turns(mean[3:])
+        x, y, z, *rotation = self.held(pose, turn)
+        px, py, pz = self.place(pose)
+        mx, my, mz = self.place(mean)
+        wx, wy, wz = self.way(mean)
+        lag = (mx - px) * wx + (my - py) * wy + (mz - pz) * wz
+        return [x + lag * wx, y + lag * wy, z + lag * wz, *rotation]
 
     def place(self, pose: list[float]) -> Vector:
         """Return where the axis's point is, from its start [m].
@@ -80,6 +128,25 @@ class TurnedHandle:
             return 0.0, 0.0, 0.0
         return _turned((x / arm, y / arm, z / arm), pose[3:])
 
+    def turned(self, pose: list[float]) -> float:
+        """Return by how much a closed door's handle is turned [rad].
+
+        The hand may turn on a lever. So it counts where the hand is along its way: the
+        place of an axis that rests is zero.
+
+        Args:
+            pose: Of the hand, (6,) [m, rad].
+        """
+        _, turn = self.turns(pose[3:])
+        (sx, sy, sz), (ax, ay, az) = self.point, self.axis
+        x, y, z = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
+        arm = math.sqrt(x * x + y * y + z * z)
+        if arm < _LEAST_ARM:
+            return turn
+        px, py, pz = self.place(pose)
+        wx, wy, wz = self.way(pose)
+        return turn + (px * wx + py * wy + pz * wz) / arm
+
     def turns(self, rotation: list[float]) -> tuple[Vector, float]:
         """Return the leaf's turn and the handle's: hand = leaf ∘ handle.
 
@@ -91,24 +158,13 @@ class TurnedHandle:
         Returns:
             A rotation vector across the axis, and an angle [rad].
         """
-        a, b, c = rotation
-        angle = math.sqrt(a * a + b * b + c * c)
-        share = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
-        w, x, y, z = math.cos(0.5 * angle), a * share, b * share, c * share
+        w, x, y, z = _quaternion(rotation)
         ax, ay, az = self.axis
         half = math.atan2(x * ax + y * ay + z * az, w)
         cosine, sine = math.cos(half), -math.sin(half)
-        ax, ay, az = ax * sine, ay * sine, az * sine
         # q ∘ twist⁻¹.
-        w, x, y, z = (
-            w * cosine - x * ax - y * ay - z * az,
-            w * ax + x * cosine + y * az - z * ay,
-            w * ay - x * az + y * cosine + z * ax,
-            w * az + x * ay - y * ax + z * cosine,
-        )
-        length = math.sqrt(x * x + y * y + z * z)
-        scale = 2.0 if length < 1e-9 else 2.0 * math.atan2(length, w) / length
-        return (x * scale, y * scale, z * scale), 2.0 * half
+        back = cosine, ax * sine, ay * sine, az * sine
+        return _rotvec(_product((w, x, y, z), back)), 2.0 * half
 
     def places(self, poses: Poses) -> Poses:
         """Return poses (*N, 6) with the point's places instead of the hand's."""
@@ -157,7 +213,18 @@ def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
         return None
     px, py, pz = point.tolist()
     ax, ay, az = first.tolist()
-    return TurnedHandle(point=(px, py, pz), axis=(ax, ay, az))
+    handle = TurnedHandle(point=(px, py, pz), axis=(ax, ay, az))
+    furthest = [
+        max(handle.turns(rotation)[1] for rotation in poses[:, 3:].tolist())
+        for poses in aligned.demonstrated.poses
+    ]
+    places = handle.places(aligned.poses)[..., :3].mean(axis=0)
+    moved = np.sqrt((places**2).sum(axis=1)) >= _MOVED
+    return replace(
+        handle,
+        travel=float(np.mean(furthest)),
+        opens=float(aligned.times[int(np.argmax(moved))]),
+    )
 
 
 def seen_at(
@@ -167,7 +234,33 @@ def seen_at(
     return replace(aligned, poses=handle.places(aligned.poses))
 
 
-def _turned(vector: Vector, rotation: list[float]) -> Vector:
+def _quaternion(rotation: Sequence[float]) -> Quaternion:
+    a, b, c = rotation
+    angle = math.sqrt(a * a + b * b + c * c)
+    share = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
+    return math.cos(0.5 * angle), a * share, b * share, c * share
+
+
+def _rotvec(quaternion: Quaternion) -> Vector:
+    w, x, y, z = quaternion
+    length = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 if length < 1e-9 else 2.0 * math.atan2(length, w) / length
+    return x * scale, y * scale, z * scale
+
+
+def _product(first: Quaternion, second: Quaternion) -> Quaternion:
+    """Return first ∘ second."""
+    w, x, y, z = first
+    d, a, b, c = second
+    return (
+        w * d - x * a - y * b - z * c,
+        w * a + x * d + y * c - z * b,
+        w * b - x * c + y * d + z * a,
+        w * c + x * b - y * a + z * d,
+    )
+
+
+def _turned(vector: Vector, rotation: Sequence[float]) -> Vector:
     """Return a vector, turned by a rotation vector: Rodrigues' formula."""
     a, b, c = rotation
     x, y, z = vector

@@ -7,14 +7,13 @@ handle is met along the way about its axis, and the door's load, which is anothe
 the path of the axis.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
 from gplfd.policies.controllers.stiffness import StiffnessProfile
-from gplfd.policies.handle import TurnedHandle
+from gplfd.policies.handles import Handles
 from gplfd.policies.load import Encounter, LoadRule, Response
 from gplfd.policies.members import EVERY_MEMBER, Members
 
@@ -27,7 +26,7 @@ class HandleAndDoor:
     Args:
         rule: What is done about a load.
         profile: What uncertainty does to the stiffness.
-        handles: What each member turns; None for a bar.
+        handles: What the members turn.
         shape: Leading axes of all arrays: () for one hand, (N,) for N hands.
     """
 
@@ -35,14 +34,12 @@ class HandleAndDoor:
         self,
         rule: LoadRule,
         profile: StiffnessProfile,
-        handles: Sequence[TurnedHandle | None],
+        handles: Handles,
         shape: tuple[int, ...],
     ) -> None:
+        self._handles = handles
         self._door = rule.begin(profile, shape)
-        self._handles = tuple(handles)
-        self._numbers = np.arange(len(self._handles)).reshape(shape)
-        turned = any(handle is not None for handle in self._handles)
-        self._handle = rule.begin(profile, shape) if turned else None
+        self._handle = rule.begin(profile, shape) if handles.turn else None
 
     def reset(self, members: Members = EVERY_MEMBER) -> None:
         """Forget these members' doors."""
@@ -56,29 +53,23 @@ class HandleAndDoor:
         """Return what these members do about what they meet.
 
         Args:
-            encounter: What their hands meet, along the path.
+            encounter: What their hands meet, along the path of the door.
             poses: Of their hands, task frame [m, rad].
             members: Whose they are.
         """
         if self._handle is None:
             return self._door.meet(encounter, members)
-        places, ways = self._axes(poses, members)
+        places = self._handles.places(poses, members)[..., :3]
         turning = replace(
-            encounter, direction=ways, position=encounter.position - places
+            encounter,
+            direction=self._handles.ways(poses, members),
+            position=encounter.position - places,
         )
         held = self._handle.meet(turning, members)
-        opening = replace(encounter, wrench=held.wrench, position=places)
+        opening = replace(
+            encounter,
+            wrench=held.wrench,
+            position=places,
+            hooked=self._handles.hooked(members),
+        )
         return self._door.meet(opening, members)
-
-    def _axes(
-        self, poses: Poses, members: Members
-    ) -> tuple[Float[np.ndarray, "*N 3"], Float[np.ndarray, "*N 3"]]:
-        """Return where handles' axes are, and the hands' ways about them."""
-        places, ways = [], []
-        numbers = np.ravel(self._numbers[members]).tolist()
-        for number, pose in zip(numbers, poses.reshape(-1, 6).tolist(), strict=True):
-            handle = self._handles[number]
-            places.append(pose[:3] if handle is None else handle.place(pose))
-            ways.append((0.0, 0.0, 0.0) if handle is None else handle.way(pose))
-        shape = poses[..., :3].shape
-        return np.array(places).reshape(shape), np.array(ways).reshape(shape)

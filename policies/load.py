@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gplfd.policies.controllers.stiffness import StiffnessProfile
 from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
@@ -43,6 +43,9 @@ class Encounter:
     """Where the hand is [m]."""
     displacement: Direction
     """How far it has been displaced: e of Eq. (22) [m]."""
+    hooked: Bool[np.ndarray | np.bool_, "*N"] | bool = False
+    """Whether its fingers stand behind a handle that it has turned, and do not hold it
+    by friction alone."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -114,11 +117,19 @@ class LearnedLoad:
     as r̂), of that to which the force will lead, (r - carried)/k_min. What holds the
     hand bears k_min (ℓ + `lag`) in the end, 13 N with the default profile
     (``test_what_holds_the_hand_bears_the_least_stiffness``).
+
+    All this is of a friction grasp. Fingers that stand behind a handle do not slip:
+    h `limit` and h ℓ take the places of `limit` and ℓ, and what holds the hand bears
+    26 N.
     """
 
     limit: float = 25.0
     """Resistance expected before the hand has moved, and the greatest ever carried [N].
     A friction grasp of 16 N per finger slips at 37 N."""
+    hooked_gain: float = 58.0 / 25.0
+    """h: how many times `limit` and `reach` are greater where fingers stand behind a
+    handle. There the arm's joints give way first, at 58 N along the path
+    (assets/README.md, "What the arm can carry")."""
     least: float = 1.0
     """Least resistance to be expected of a door [N]: what hinge and sensor add now and
     take away again."""
@@ -130,7 +141,9 @@ class LearnedLoad:
     """Give at which the clock waits [m]."""
 
     def __post_init__(self) -> None:
-        _check_positive(self, "limit", "least", "stretch", "reach", "lag")
+        _check_positive(
+            self, "limit", "hooked_gain", "least", "stretch", "reach", "lag"
+        )
         if self.least > self.limit:
             raise ValueError(
                 f"LearnedLoad.least must not exceed limit, got {self.least} and "
@@ -157,14 +170,14 @@ class LoadLearner:
         self, rule: LearnedLoad, profile: StiffnessProfile, shape: tuple[int, ...]
     ) -> None:
         self._rule, self._profile = rule, profile
-        self._expected = np.full(shape, rule.limit)
+        self._expected = np.full(shape, np.nan)  # NaN: the limit
         self._known = np.zeros(shape)
         self._mark = np.full((*shape, 3), np.nan)  # NaN: none yet
         self._most = np.zeros(shape)  # resistance since the mark
 
     def reset(self, members: Members = EVERY_MEMBER) -> None:
         """Expect nothing but the limit of these members' next doors."""
-        self._expected[members] = self._rule.limit
+        self._expected[members] = np.nan
         self._known[members] = 0.0
         self._mark[members] = np.nan
         self._most[members] = 0.0
@@ -175,7 +188,8 @@ class LoadLearner:
         resistance = _resistance(encounter.wrench, direction)
         give = np.maximum(-_along(direction, encounter.displacement), 0.0)
         expected = self._learn(resistance, encounter, members)
-        reserve = rule.reach * self._stiffness(give, direction)
+        gain = np.where(encounter.hooked, rule.hooked_gain, 1.0)
+        reserve = gain * rule.reach * self._stiffness(give, direction)
         carried = np.minimum(np.minimum(resistance, expected), reserve)
         # A path without direction has no stiffness along it, and no resistance.
         softest = np.maximum(_stretched(self._profile.k_min, direction), _NO_STIFFNESS)
@@ -201,9 +215,11 @@ class LoadLearner:
         mark = np.where(np.isnan(mark), position, mark)
         moved = _along(encounter.direction, position - mark)
         weight = np.where(moved >= _STEP, -np.expm1(-moved / rule.stretch), 0.0)
+        limit = rule.limit * np.where(encounter.hooked, rule.hooked_gain, 1.0)
         before = self._expected[members]
+        before = np.where(np.isnan(before), limit, before)
         most = np.maximum(self._most[members], resistance)
-        met = np.minimum(np.maximum(most, rule.least), rule.limit)
+        met = np.minimum(np.maximum(most, rule.least), limit)
         expected = before + weight * (met - before)
         self._expected[members] = expected
         known = self._known[members]

@@ -12,6 +12,7 @@ from gplfd.policies.demonstrations import Demonstration
 from gplfd.policies.empirical import EmpiricalDistribution
 from gplfd.policies.handle import TurnedHandle, turned_handle
 from gplfd.policies.handle_load import HandleAndDoor
+from gplfd.policies.handles import Handles
 from gplfd.policies.load import CarriedLoad, Encounter, LearnedLoad
 from gplfd.policies.path_phase import PathPhase
 from gplfd_env import DoorGeometry
@@ -128,21 +129,30 @@ def met(force: np.ndarray) -> Encounter:
 def test_the_spring_of_a_lever_is_carried_while_the_door_is_pulled() -> None:
     """And what is across both ways is yielded to, as it is where nothing turns."""
     spring, across = -6.0 * WAY, 3.0 * np.cross(PULL, WAY)
-    load = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, [EXACT], ())
+    load = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, Handles([EXACT], ()), ())
     response = load.meet(met(spring + across - 8.0 * PULL), PRESSED)
     assert_allclose(response.wrench[:3], across, atol=1e-9)
     assert response.carried == pytest.approx(8.0)
 
 
 def test_what_presses_a_lever_further_is_yielded_to() -> None:
-    load = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, [EXACT], ())
+    load = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, Handles([EXACT], ()), ())
     response = load.meet(met(6.0 * WAY), PRESSED)
     assert_allclose(response.wrench[:3], 6.0 * WAY)
 
 
+def test_a_door_behind_a_handle_may_be_heavier_than_a_friction_grasp_holds() -> None:
+    for handle, carried in ((None, 25.0), (EXACT, 45.0)):
+        handles = Handles([handle], ())
+        load = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, handles, ())
+        assert load.meet(met(-45.0 * PULL), PRESSED).carried == pytest.approx(carried)
+
+
 def test_turning_a_handle_teaches_nothing_of_the_door() -> None:
     """A door behind a light lever is expected to be as heavy as any other."""
-    load = HandleAndDoor(LearnedLoad(limit=25.0), DEFAULT_PROFILE, [EXACT], ())
+    load = HandleAndDoor(
+        LearnedLoad(limit=25.0), DEFAULT_PROFILE, Handles([EXACT], ()), ()
+    )
     for turn in np.linspace(0.0, 0.7, 60):
         pose = GEOMETRY.hand_poses(0.0, turn)
         way = np.array(EXACT.way(pose.tolist()))
@@ -160,7 +170,7 @@ def test_one_hand_and_many_meet_the_same() -> None:
     handles = [None, EXACT, None]
     poses = np.stack([PRESSED, PRESSED, np.zeros(6)])
     forces = np.random.default_rng(0).normal(size=(3, 6))
-    many = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, handles, (3,))
+    many = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, Handles(handles, (3,)), (3,))
     together = many.meet(
         Encounter(
             wrench=forces,
@@ -171,7 +181,9 @@ def test_one_hand_and_many_meet_the_same() -> None:
         poses,
     )
     for row, handle in enumerate(handles):
-        alone = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, [handle], ()).meet(
+        alone = HandleAndDoor(
+            LearnedLoad(), DEFAULT_PROFILE, Handles([handle], ()), ()
+        ).meet(
             Encounter(
                 wrench=forces[row],
                 direction=PULL,
@@ -186,7 +198,7 @@ def test_one_hand_and_many_meet_the_same() -> None:
 
 def test_a_bar_is_met_by_the_rule_alone() -> None:
     rule = CarriedLoad()
-    load = HandleAndDoor(rule, DEFAULT_PROFILE, [None], ())
+    load = HandleAndDoor(rule, DEFAULT_PROFILE, Handles([None], ()), ())
     encounter = met(np.array([-30.0, 2.0, 1.0]))
     expected = rule.meet(encounter)
     response = load.meet(encounter, PRESSED)

@@ -235,7 +235,27 @@ def test_a_path_without_direction_is_waited_on_by_nobody():
     np.testing.assert_array_equal(response.wrench, still.wrench)
 
 
-@pytest.mark.parametrize("name", ["limit", "least", "stretch", "reach", "lag"])
+def test_fingers_behind_a_handle_carry_what_the_arm_carries():
+    """What the stiffness allows, at once: 500 N/m over 0.1 m; then up to 58 N."""
+    for hooked, carried in ((False, 25.0), (True, 58.0)):
+        load = LearnedLoad().begin(DEFAULT_PROFILE)
+        heavy = dataclasses.replace(met(wrench(x=-70.0)), hooked=hooked)
+        response = load.meet(heavy)
+        assert response.carried == pytest.approx(carried)
+        assert response.wrench[0] == pytest.approx(carried - 70.0)
+
+
+def test_a_hooked_hand_that_is_held_bears_twice_as_much():
+    """As before, with 58 / 25 of the reach."""
+    load = LearnedLoad(reach=0.1, lag=0.03).begin(DEFAULT_PROFILE)
+    held = met(wrench(x=-40.0), displacement=(-0.5, 0.0, 0.0))
+    response = load.meet(dataclasses.replace(held, hooked=True))
+    assert response.carried == pytest.approx(100.0 * 0.232, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "name", ["limit", "hooked_gain", "least", "stretch", "reach", "lag"]
+)
 @pytest.mark.parametrize("value", [0.0, -1.0, np.inf, np.nan])
 def test_impossible_numbers_of_a_learned_load_are_refused(name, value):
     with pytest.raises(ValueError, match=rf"LearnedLoad\.{name} must be positive"):
