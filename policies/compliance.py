@@ -237,6 +237,8 @@ class ComplianceController:
             displacement=self._renderer.displacement(hands, members),
         )
         response = self._load.meet(encounter, poses, members)
+        if not self._handles.turn:
+            return response
         on = self._handles.turned_on(
             poses, direction, response.carried, self._config.control_period, members
         )

@@ -168,8 +168,6 @@ class Handles:
             members: Whose they are.
         """
         turned = np.zeros(np.shape(load), dtype=np.bool_)
-        if not self.turn:
-            return turned
         rows = poses.reshape(-1, 6), direction.reshape(-1, 3), np.ravel(load)
         for index, (number, pose, path, force) in enumerate(
             zip(self._of(members), *(row.tolist() for row in rows), strict=True)
