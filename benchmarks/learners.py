@@ -245,29 +245,28 @@ def draw(
         rows: Of `measure_policies`.
         figure: File to write.
     """
-    runs = [json.loads(curve.read_text()) for curve in curves]
     panels = (
         ("opened", f"doors opened, of {len(JUDGED)}"),
         ("return", "return, mean"),
         ("peak_force", "peak radial force [N], median"),
     )
-    drawing, places = plt.subplots(1, len(panels), figsize=(10.0, 3.0))
+    shades = plt.get_cmap("Oranges")(np.linspace(0.4, 0.9, len(curves)))
+    drawing, places = plt.subplots(1, len(panels), figsize=(10.0, 3.2))
     for place, (name, title) in zip(places, panels, strict=True):
-        for number, run in enumerate(runs):
-            steps = [1e-3 * row["steps"] for row in run]
-            label = None if number else f"PPO, {len(runs)} seeds"
-            values = [row[name] for row in run]
-            place.plot(steps, values, color="C1", alpha=0.7, label=label)
+        for curve, shade in zip(curves, shades, strict=True):
+            judged = json.loads(curve.read_text())
+            steps = [1e-3 * row["steps"] for row in judged]
+            values = [row[name] for row in judged]
+            place.plot(steps, values, color=shade, label=curve.parent.name)
         for number, (policy, row) in enumerate(rows.items()):
-            style = {
-                "color": ("C0", "C2")[number % 2],
-                "linestyle": ("--", ":")[number % 2],
-            }
-            place.axhline(row[name], label=f"{policy}, 6 demonstrations", **style)
+            style = (("C0", "--"), ("C2", ":"))[number % 2]
+            label = f"{policy}, 6 demonstrations"
+            place.axhline(row[name], color=style[0], linestyle=style[1], label=label)
         place.set(xlabel="thousand control steps", ylabel=title)
         place.spines[["top", "right"]].set_visible(False)
-    places[0].legend(frameon=False, fontsize=8, loc="center right")
-    drawing.tight_layout()
+    lines = places[0].get_lines()
+    drawing.legend(handles=lines, frameon=False, ncols=len(lines), loc="upper center")
+    drawing.tight_layout(rect=(0.0, 0.0, 1.0, 0.92))
     drawing.savefig(figure, dpi=110)
     plt.close(drawing)
 

@@ -234,6 +234,7 @@ def test_what_was_learned_is_a_policy_like_the_others(tmp_path: Path) -> None:
     curve = json.loads((tmp_path / "results/ppo/curve.json").read_text())
     assert curve[0]["steps"] == 0
     assert curve[0]["of"] == 5
+    assert curve[-1]["steps"] == 10240, "judged at the end, after a whole rollout"
     command = ("run", "--policy", f"{example}:make", "--doors", "small", "--json")
     (metrics,) = json.loads(ran(tmp_path, "-m", "gplfd", *command, "--quiet"))
     assert metrics["door"] == "small"
