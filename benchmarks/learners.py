@@ -3,7 +3,8 @@
 Steps per second of many doors, as Gymnasium's vector environment, in the learners'
 wrappers, and as Stable-Baselines3's; and the return of a gentle and of a violent script
 under the dense reward and under that of ``gplfd/DoorOpeningRL-v0``; and what policies
-reach that learned from six demonstrations. Needs the extra sb3.
+reach that learned from six demonstrations, beside curves of one that learned by
+reinforcement. Needs the extra sb3.
 """
 
 import copy
@@ -203,32 +204,69 @@ def _judged(alone: Sequence[object]) -> dict[str, Value]:
     }
 
 
-def draw(curve: Path, rows: Mapping[str, Mapping[str, Value]], figure: Path) -> None:
-    """Draw a learner's curve beside what policies reach from six demonstrations.
+def summarize_curves(repeats: int, curves: tuple[Path, ...]) -> Measurement:
+    """Say what a learner's runs came to at their end: each, and their middle and range.
 
     Args:
-        curve: What ``examples/learned_policy.py`` wrote.
+        repeats: Not needed: everything was written by the learner.
+        curves: What ``examples/learned_policy.py`` wrote, one of every seed.
+    """
+    ends = {
+        str(curve.parent): _end_of(json.loads(curve.read_text())) for curve in curves
+    }
+    summary: dict[str, dict[str, Value]] = {}
+    for name, of in (("median", np.median), ("least", np.min), ("greatest", np.max)):
+        columns = next(iter(ends.values()))
+        summary[name] = {
+            column: float(of([end[column] for end in ends.values()]))
+            for column in columns
+        }
+    return Measurement(title="PPO, judged at the end", rows={**ends, **summary})
+
+
+def _end_of(judged: Sequence[Mapping[str, float]]) -> dict[str, Value]:
+    """Return the last row of a curve, and since when every door was opened."""
+    end: dict[str, Value] = {name: value for name, value in judged[-1].items()}
+    since = math.inf
+    for row in reversed(judged):
+        if row["opened"] < row["of"]:
+            break
+        since = row["steps"]
+    return {**end, "all open since": since}
+
+
+def draw(
+    curves: Sequence[Path], rows: Mapping[str, Mapping[str, Value]], figure: Path
+) -> None:
+    """Draw a learner's curves beside what policies reach from six demonstrations.
+
+    Args:
+        curves: What ``examples/learned_policy.py`` wrote, one of every seed.
         rows: Of `measure_policies`.
         figure: File to write.
     """
-    judged = json.loads(curve.read_text())
-    steps = [1e-3 * row["steps"] for row in judged]
     panels = (
         ("opened", f"doors opened, of {len(JUDGED)}"),
-        ("angle_deg", "angle at the end [°], mean"),
+        ("return", "return, mean"),
         ("peak_force", "peak radial force [N], median"),
     )
-    drawing, places = plt.subplots(1, len(panels), figsize=(10.0, 3.0))
+    shades = plt.get_cmap("Oranges")(np.linspace(0.4, 0.9, len(curves)))
+    drawing, places = plt.subplots(1, len(panels), figsize=(10.0, 3.2))
     for place, (name, title) in zip(places, panels, strict=True):
-        place.plot(steps, [row[name] for row in judged], color="C1", label="PPO")
+        for curve, shade in zip(curves, shades, strict=True):
+            judged = json.loads(curve.read_text())
+            steps = [1e-3 * row["steps"] for row in judged]
+            values = [row[name] for row in judged]
+            place.plot(steps, values, color=shade, label=curve.parent.name)
         for number, (policy, row) in enumerate(rows.items()):
-            style = {"color": ("C0", "C2")[number % 2], "linestyle": "--"}
-            place.axhline(row[name], label=f"{policy}, 6 demonstrations", **style)
+            style = (("C0", "--"), ("C2", ":"))[number % 2]
+            label = f"{policy}, 6 demonstrations"
+            place.axhline(row[name], color=style[0], linestyle=style[1], label=label)
         place.set(xlabel="thousand control steps", ylabel=title)
-        place.set_ylim(bottom=0.0)
         place.spines[["top", "right"]].set_visible(False)
-    places[0].legend(frameon=False, fontsize=8, loc="center left")
-    drawing.tight_layout()
+    lines = places[0].get_lines()
+    drawing.legend(handles=lines, frameon=False, ncols=len(lines), loc="upper center")
+    drawing.tight_layout(rect=(0.0, 0.0, 1.0, 0.92))
     drawing.savefig(figure, dpi=110)
     plt.close(drawing)
 
@@ -237,7 +275,7 @@ def main(
     repeats: int = 5,
     counts: tuple[int, ...] = (2, 8, 32),
     policies: tuple[str, ...] = ("gp", CLONE),
-    curve: Path | None = None,
+    curves: tuple[Path, ...] = (),
     figure: Path = Path("learners.png"),
 ) -> None:
     """Measure what adapters cost, what scripts earn, and what policies reach.
@@ -246,17 +284,20 @@ def main(
         repeats: Measurements of every time.
         counts: Numbers of doors.
         policies: That learn from six demonstrations.
-        curve: A curve.json of examples/learned_policy.py, to be drawn beside them.
-        figure: Picture to write if there is a curve.
+        curves: The curve.json of runs of examples/learned_policy.py, to be drawn beside
+            them.
+        figure: Picture to write if there are curves.
     """
     measures = {
         "steps": partial(measure_steps, counts=counts),
         "scripts": measure_scripts,
         "policies": partial(measure_policies, policies=policies),
     }
+    if curves:
+        measures["curves"] = partial(summarize_curves, curves=curves)
     found = measure_all(measures, repeats)
-    if curve is not None:
-        draw(curve, found["policies"].rows, figure)
+    if curves:
+        draw(curves, found["policies"].rows, figure)
 
 
 if __name__ == "__main__":

@@ -204,17 +204,26 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_the_benchmark_runs_and_draws(tmp_path: Path) -> None:
-    row = {"opened": 1, "angle_deg": 20.0, "peak_force": 3.0}
-    curve = [{"steps": steps, **row} for steps in (0, 1000)]
-    (tmp_path / "curve.json").write_text(json.dumps(curve))
+    for seed, opened in enumerate(([0, 5, 3, 5, 5], [0, 1, 1, 1, 4])):
+        rows = [
+            {"steps": 1000 * at, "of": 5, "opened": n, "return": n, "peak_force": 3.0}
+            for at, n in enumerate(opened)
+        ]
+        (tmp_path / f"seed-{seed}").mkdir()
+        (tmp_path / f"seed-{seed}/curve.json").write_text(json.dumps(rows))
     small = ("--repeats", "1", "--counts", "2", "--policies", "gp")
-    drawn = ("--curve", "curve.json", "--figure", "figure.png")
-    said = ran(tmp_path, "benchmarks/learners.py", *small, *drawn)
+    curves = ("--curves", "seed-0/curve.json", "seed-1/curve.json")
+    drawn = ("--figure", "figure.png")
+    said = ran(tmp_path, "benchmarks/learners.py", *small, *curves, *drawn)
     assert "make_sb3, 2: of the wrapped" in said
     line = next(one for one in said.splitlines() if one.startswith("a slam's return"))
     assert line.endswith(" met")
     line = next(one for one in said.splitlines() if one.startswith("gp "))
     assert line.split()[1] == "5"
+    lines = {one.split()[0]: one.split()[1:] for one in said.splitlines() if one}
+    assert lines["seed-0"] == ["4000", "5", "5", "5", "3", "3000"]
+    assert lines["seed-1"] == ["4000", "5", "4", "4", "3", "inf"]
+    assert lines["median"][:3] == ["4000", "5", "4.5"]
     assert (tmp_path / "figure.png").stat().st_size > 10_000
 
 
@@ -225,6 +234,7 @@ def test_what_was_learned_is_a_policy_like_the_others(tmp_path: Path) -> None:
     curve = json.loads((tmp_path / "results/ppo/curve.json").read_text())
     assert curve[0]["steps"] == 0
     assert curve[0]["of"] == 5
+    assert curve[-1]["steps"] == 10240, "judged at the end, after a whole rollout"
     command = ("run", "--policy", f"{example}:make", "--doors", "small", "--json")
     (metrics,) = json.loads(ran(tmp_path, "-m", "gplfd", *command, "--quiet"))
     assert metrics["door"] == "small"
