@@ -131,10 +131,9 @@ def write_gif(
         period: How long each is seen [s].
         colours: How many, the same for all frames.
     """
-    # From the last on: light falls on an open door as on none before.
-    several = np.hstack(
-        [np.asarray(one) for one in frames[:: -max(1, len(frames) // 8)]]
-    )
+    # The last, too: light falls on an open door as on none before.
+    chosen = [*frames[:: max(1, len(frames) // 4)], frames[-1]]
+    several = np.hstack([np.asarray(one) for one in chosen])
     palette = Image.fromarray(several).quantize(colours)
     pictures = [
         frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
