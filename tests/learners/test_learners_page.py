@@ -11,15 +11,17 @@ import pytest
 if os.environ.get("GPLFD_REQUIRE_ALL") != "1":
     pytest.importorskip("stable_baselines3", reason="needs pip install '.[sb3]'")
     pytest.importorskip("torchrl", reason="needs pip install torchrl")
+    pytest.importorskip("mujoco_warp", reason="needs pip install '.[warp]'")
 
 PAGE = (Path(__file__).parents[2] / "docs" / "learners.md").read_text()
 SNIPPETS = re.findall(r"```python\n(.*?)```", PAGE, re.S)
 
 
 def test_there_is_a_snippet_of_each_library() -> None:
-    ppo, rollout = SNIPPETS
+    ppo, rollout, doors = SNIPPETS
     assert "stable_baselines3" in ppo
     assert "torchrl" in rollout
+    assert "gplfd_env.warp" in doors
 
 
 @pytest.mark.parametrize("snippet", SNIPPETS)
