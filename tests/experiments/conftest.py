@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from gplfd.experiments import cli
 from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.episodes.metrics import episode_metrics
 from gplfd.experiments.teacher import standard_teacher
@@ -236,6 +237,23 @@ def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
         ),
     }
     return EpisodeLog(**{**fields, **changes})
+
+
+@pytest.fixture
+def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
+    """Run the command in an empty folder; parser errors become exit statuses."""
+    monkeypatch.chdir(tmp_path)
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        monkeypatch.setenv(variable, "1")
+    monkeypatch.setenv("VECLIB_MAXIMUM_THREADS", "1")
+
+    def run(*arguments: str) -> int:
+        try:
+            return cli.main(arguments)
+        except SystemExit as error:
+            return int(error.code or 0)
+
+    return run
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd.experiments import cli, runs
+from gplfd.experiments import runs
 from gplfd.experiments.datasets.npz import load_demonstrations
 from gplfd.experiments.episodes.doors import named_doors
 from gplfd.experiments.episodes.log import EpisodeLog
@@ -29,23 +29,6 @@ from gplfd_env import (
 )
 
 Gplfd = Callable[..., int]
-
-
-@pytest.fixture
-def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Gplfd:
-    """Run the command in an empty folder; parser errors become exit statuses."""
-    monkeypatch.chdir(tmp_path)
-    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        monkeypatch.setenv(variable, "1")
-    monkeypatch.setenv("VECLIB_MAXIMUM_THREADS", "1")
-
-    def run(*arguments: str) -> int:
-        try:
-            return cli.main(arguments)
-        except SystemExit as error:
-            return int(error.code or 0)
-
-    return run
 
 
 def written(folder: Path) -> set[str]:

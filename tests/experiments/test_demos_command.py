@@ -21,20 +21,6 @@ Gplfd = Callable[..., int]
 DATASETS = "gplfd.experiments.datasets."
 
 
-@pytest.fixture
-def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Gplfd:
-    """Run the command in an empty folder; parser errors become exit statuses."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: str) -> int:
-        try:
-            return cli.main(arguments)
-        except SystemExit as error:
-            return int(error.code or 0)
-
-    return run
-
-
 RECORD = ("demos", "record", "--policy", "oracle", "--max-steps", "8")
 
 

@@ -5,29 +5,11 @@ from typing import Any
 
 import pytest
 
-from gplfd.experiments import cli
 from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.figures import episodes, fig02_heteroscedastic, forecasts, style
 from gplfd.experiments.figures.catalogue import FIGURES
 
 Gplfd = Callable[..., int]
-
-
-@pytest.fixture
-def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Gplfd:
-    """Run the command in an empty folder; parser errors become exit statuses."""
-    monkeypatch.chdir(tmp_path)
-    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        monkeypatch.setenv(variable, "1")
-    monkeypatch.setenv("VECLIB_MAXIMUM_THREADS", "1")
-
-    def run(*arguments: str) -> int:
-        try:
-            return cli.main(arguments)
-        except SystemExit as error:
-            return int(error.code or 0)
-
-    return run
 
 
 def files(folder: Path) -> set[str]:

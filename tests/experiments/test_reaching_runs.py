@@ -9,7 +9,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from gplfd.experiments import cli
 from gplfd.experiments.datasets.npz import load_demonstrations, save_demonstrations
 from gplfd.experiments.datasets.reaching import GRASPED, openings, reaches, taught
 from gplfd.experiments.episodes.log import EpisodeLog
@@ -23,20 +22,6 @@ from gplfd_env.config import DOORS, DoorConfig
 
 Gplfd = Callable[..., int]
 MakeLog = Callable[..., EpisodeLog]
-
-
-@pytest.fixture
-def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Gplfd:
-    """Run the command in an empty folder; parser errors become exit statuses."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: str) -> int:
-        try:
-            return cli.main(arguments)
-        except SystemExit as error:
-            return int(error.code or 0)
-
-    return run
 
 
 SHOWN = taught(2, seed=0, like=DOORS["small"], start="approach")

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gplfd.experiments import cli
 from gplfd.experiments.commands.speed import PartName
 from gplfd.experiments.files.table import text_table
 from gplfd.experiments.speed import fit, peers, timing
@@ -23,23 +22,6 @@ from gplfd.policies.skill import fit_skill
 from gplfd.policies.trajectory import GaussianTrajectory
 
 Gplfd = Callable[..., int]
-
-
-@pytest.fixture
-def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Gplfd:
-    """Run the command in an empty folder; parser errors become exit statuses."""
-    monkeypatch.chdir(tmp_path)
-    for library in ("OPENBLAS", "OMP", "MKL"):
-        monkeypatch.setenv(f"{library}_NUM_THREADS", "1")
-    monkeypatch.setenv("VECLIB_MAXIMUM_THREADS", "1")
-
-    def run(*arguments: str) -> int:
-        try:
-            return cli.main(arguments)
-        except SystemExit as error:
-            return int(error.code or 0)
-
-    return run
 
 
 @pytest.fixture
