@@ -5,72 +5,46 @@ which draws the hand's place. Beside it the same policies begin with the handle 
 hand, before the same doors.
 """
 
-import contextlib
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Final, get_args
+from collections.abc import Callable, Sequence
+from typing import Final, get_args
 
-import gymnasium as gym
 import numpy as np
 import tyro
 
-from gplfd.experiments.datasets.reaching import openings, reaches, taught
-from gplfd.experiments.episodes.agents import learned
+from gplfd.experiments.episodes.build import learned_agents, open_together
 from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.episodes.rollouts import rollouts
+from gplfd.experiments.episodes.task import episode_task
 from gplfd.experiments.speed.report import Measurement, Value, at_least, measure_all
-from gplfd.policies import POLICIES, Agent, TrainingInput, batch_agents
-from gplfd.policies.reaching import ReachingAgent, learn_reach
-from gplfd_env import ENVIRONMENT_IDS
+from gplfd.policies import POLICIES
 from gplfd_env.config import DOORS, DoorConfig
-from gplfd_env.stance import base_for
 from gplfd_env.task import Start
 
 _GRASPED: Final = 1
 """Stage from which a handle has been taken."""
 
 
-def taught_agents(
-    policy: str, door: DoorConfig, start: Start, seeds: int
-) -> Iterator[Agent]:
-    """Yield an agent per seed, from demonstrations of that seed."""
-    for seed in range(seeds):
-        shown = taught(2, seed=seed, like=door, start="approach")
-        training = TrainingInput(demonstrations=openings(shown), seed=seed)
-        make: Callable[[], Agent] = learned(POLICIES[policy], training)
-        if start == "grasped":
-            yield make()
-        else:
-            yield ReachingAgent(learn_reach(reaches(shown)), make())
-
-
 def opened(
     policy: str, door: DoorConfig, start: Start, seeds: int, randomization: str
 ) -> Sequence[EpisodeLog]:
     """Let a policy open a door once per seed; return the logs."""
+    tasks = [
+        episode_task(
+            f"{door.radius:g}",
+            door,
+            policy=policy,
+            seed=seed,
+            randomization=randomization,
+            start=start,
+        )
+        for seed in range(seeds)
+    ]
     with warnings.catch_warnings():
         # Preparing demonstrations says what it found.
         warnings.simplefilter("ignore")
-        agents = batch_agents(list(taught_agents(policy, door, start, seeds)))
-    envs: Any = gym.make_vec(
-        ENVIRONMENT_IDS[agents.control],
-        num_envs=seeds,
-        door=door,
-        base=base_for(door),
-        start=start,
-        randomization=randomization,
-        autoreset_mode="Disabled",
-    )
-    with contextlib.closing(envs):
-        return rollouts(
-            envs,
-            agents,
-            policy=policy,
-            doors=[f"{door.radius:g}"] * seeds,
-            seeds=range(seeds),
-            forecast_period=None,
-        )
+        agents = [learned_agents(task, POLICIES[policy])() for task in tasks]
+    return open_together(tasks, agents)
 
 
 def summary(logs: Sequence[EpisodeLog]) -> dict[str, Value]:

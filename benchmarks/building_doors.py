@@ -15,14 +15,13 @@ import gymnasium as gym
 import numpy as np
 import tyro
 
-from gplfd.experiments.episodes.agents import learned
+from gplfd.experiments.episodes.build import learned_agents, open_together
 from gplfd.experiments.episodes.metrics import EpisodeMetrics, episode_metrics
-from gplfd.experiments.episodes.rollouts import rollouts
+from gplfd.experiments.episodes.task import episode_task
 from gplfd.experiments.results.measures import ADA_FORCE
 from gplfd.experiments.speed.report import Measurement, Value, at_least, measure_all
 from gplfd.experiments.speed.timing import Timed, measure, repeated
-from gplfd.experiments.teacher import Teacher
-from gplfd.policies import POLICIES, TrainingInput, batch_agents
+from gplfd.policies import POLICIES
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.task import Base
@@ -58,29 +57,17 @@ def opened(
         seed: Of demonstrations and resets.
         base: Whether the robot drives.
     """
+    tasks = [
+        episode_task(f"{door.radius:g}", door, policy=policy, seed=seed, base=base)
+        for door in doors
+    ]
     with warnings.catch_warnings():
         # Preparing demonstrations says what it found.
         warnings.simplefilter("ignore")
-        shown = Teacher().standard_demonstrations(seed=seed, like=doors[0])
-        make = learned(POLICIES[policy], TrainingInput(demonstrations=shown, seed=seed))
-    for first in range(0, len(doors), _TOGETHER):
-        some = doors[first : first + _TOGETHER]
-        envs: Any = gym.make_vec(
-            ENVIRONMENT_IDS["pose"],
-            num_envs=len(some),
-            door=list(some),
-            base=base,
-            autoreset_mode="Disabled",
-        )
-        with contextlib.closing(envs):
-            logs = rollouts(
-                envs,
-                batch_agents([make() for _ in some]),
-                policy=policy,
-                doors=[f"{door.radius:g}" for door in some],
-                seeds=[seed] * len(some),
-                forecast_period=None,
-            )
+        make = learned_agents(tasks[0], POLICIES[policy])
+    for first in range(0, len(tasks), _TOGETHER):
+        some = tasks[first : first + _TOGETHER]
+        logs = open_together(some, [make() for _ in some])
         yield from map(episode_metrics, logs)
 
 

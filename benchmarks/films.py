@@ -18,10 +18,11 @@ from gallery import Picture, write_gif
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from gplfd.experiments.episodes.build import demonstrations_of
 from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.task import EpisodeTask
 from gplfd.experiments.repetition import model_of
-from gplfd.experiments.study.jobs import demonstrations_of, episode_logs
-from gplfd.experiments.study.tasks import EpisodeTask
+from gplfd.experiments.study.jobs import episode_logs
 from gplfd.experiments.trials.plan import named_trials, trial_tasks
 from gplfd.experiments.trials.protocol import TRIALS
 from gplfd.policies import Demonstration
@@ -217,6 +218,7 @@ def film(path: Path, name: str, size: tuple[int, int]) -> None:
     """Write the film of a trial."""
     task, shot = task_of(name), SHOTS[name]
     (log,) = episode_logs([task])
+    shown = demonstrations_of(task).demonstrations
     curve = np.abs(getattr(log, shot.curve))
     angle, force = np.degrees(log.door_angle), _NAMES[shot.curve]
     pages = [
@@ -226,7 +228,7 @@ def film(path: Path, name: str, size: tuple[int, int]) -> None:
             f"{angle[row]:3.0f}°  {curve[row]:3.0f} N {force}, so far at most "
             f"{curve[: row + 1].max():.0f} N",
         )
-        for row, picture in frames(log, model_of(task), demonstrations_of(task), size)
+        for row, picture in frames(log, model_of(task), shown, size)
     ]
     write_gif(path, pages, _PERIOD, _COLOURS)
 

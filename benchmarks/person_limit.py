@@ -9,14 +9,14 @@ import contextlib
 import statistics
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import tyro
 
+from gplfd.experiments.episodes.build import learned_agents, make_environment
+from gplfd.experiments.episodes.task import episode_task
 from gplfd.experiments.speed.report import Measurement, Value, at_most, measure_all
-from gplfd.experiments.teacher import Teacher
-from gplfd.policies import make_agent
-from gplfd_env import ENVIRONMENT_ID
+from gplfd.policies import POLICIES
+from gplfd_env.config import DOORS
 
 _WATCHED = 100
 """Steps after the first touch; the peak comes within twenty."""
@@ -30,10 +30,13 @@ def held(seed: int, follows: bool) -> dict[str, float]:
         follows: Whether the command is the hand's own pose from the first touch on,
             instead of the agent's.
     """
-    agent = make_agent("gp", Teacher().standard_demonstrations(seed=seed))
-    env: Any = gym.make(ENVIRONMENT_ID, door="medium", disturbance="person")
+    task = episode_task(
+        "medium", DOORS["medium"], policy="gp", seed=seed, disturbance="person"
+    )
+    agent = learned_agents(task, POLICIES["gp"])()
+    env: Any = make_environment(task, agent.control)
     with contextlib.closing(env):
-        observation, info = env.reset(seed=seed)
+        observation, info = env.reset(seed=task.reset_seed)
         agent.reset(observation)
         peak, speed, since = 0.0, 0.0, 0
         while since < _WATCHED:

@@ -13,9 +13,10 @@ import tyro
 
 from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.episodes.metrics import EpisodeMetrics, episode_metrics
+from gplfd.experiments.episodes.task import EpisodeTask
 from gplfd.experiments.speed.report import Measurement, Value, at_least, measure_all
 from gplfd.experiments.study.jobs import episode_logs
-from gplfd.experiments.study.tasks import EpisodeTask, jobs_of
+from gplfd.experiments.study.tasks import jobs_of
 from gplfd.experiments.trials.plan import trial_tasks
 from gplfd.experiments.trials.protocol import TRIALS
 from gplfd.experiments.trials.records import Level, Trial

@@ -5,21 +5,20 @@ and with white noise; each method learns from them and opens the three doors. A 
 rests is compared with the same motions recorded without.
 """
 
-import contextlib
 import itertools
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
-import gymnasium as gym
 import numpy as np
 import tyro
 
-from gplfd.experiments.episodes.agents import learned
+from gplfd.experiments.datasets.npz import LabelledDemonstrations
+from gplfd.experiments.episodes.build import learned_agents, open_together
 from gplfd.experiments.episodes.metrics import EpisodeMetrics, episode_metrics
-from gplfd.experiments.episodes.rollouts import rollouts
+from gplfd.experiments.episodes.task import episode_task
 from gplfd.experiments.progress import LOG
 from gplfd.experiments.speed.report import (
     Measurement,
@@ -30,9 +29,6 @@ from gplfd.experiments.speed.report import (
 from gplfd.experiments.teacher.random_motion import minimum_jerk
 from gplfd.policies import POLICIES
 from gplfd.policies.demonstrations import Demonstration
-from gplfd.policies.lockstep import batch_agents
-from gplfd.policies.method import TrainingInput
-from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DOORS
 from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
 
@@ -86,25 +82,16 @@ def opened(case: Case) -> tuple[EpisodeMetrics, ...]:
     """Learn from the recordings and open the three doors."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what is left out, and what is too noisy
-        training = TrainingInput(demonstrations=recordings(case), seed=case.seed)
-        make = learned(POLICIES[case.method], training)
-        agents = batch_agents([make() for _ in _DOORS])
-        envs: Any = gym.make_vec(
-            ENVIRONMENT_IDS[agents.control],
-            num_envs=len(_DOORS),
-            door=list(_DOORS),
-            autoreset_mode="Disabled",
-            num_threads=1,
+        given = recordings(case)
+        shown = LabelledDemonstrations(
+            demonstrations=given, radii=tuple(None for _ in given)
         )
-        with contextlib.closing(envs):
-            logs = rollouts(
-                envs,
-                agents,
-                policy=case.method,
-                doors=_DOORS,
-                seeds=[case.seed] * len(_DOORS),
-                forecast_period=None,
-            )
+        tasks = [
+            episode_task(door, DOORS[door], policy=case.method, seed=case.seed)
+            for door in _DOORS
+        ]
+        make = learned_agents(tasks[0], POLICIES[case.method], shown)
+        logs = open_together(tasks, [make() for _ in tasks])
     return tuple(episode_metrics(log) for log in logs)
 
 

@@ -10,17 +10,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-import gymnasium as gym
 import mujoco
 import numpy as np
 
+from gplfd.experiments.episodes.build import demonstrations_of, make_environment
 from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.episodes.metrics import episode_metrics
+from gplfd.experiments.episodes.task import EpisodeTask
 from gplfd.experiments.results.records import EpisodeResult
-from gplfd.experiments.study.jobs import demonstrations_of, episode_logs
-from gplfd.experiments.study.tasks import EpisodeTask
+from gplfd.experiments.study.jobs import episode_logs
 from gplfd.policies.demonstrations import Demonstration
-from gplfd_env import ENVIRONMENT_ID
 
 _FORECAST_PERIOD: Final = 0.2
 """Least time between forecasts in a recording [s]; the study takes more of them."""
@@ -51,7 +50,7 @@ def repeat(episode: EpisodeResult) -> Repeated:
     return Repeated(
         log=_thinned(log),
         model=model_of(task),
-        demonstrations=demonstrations_of(task),
+        demonstrations=demonstrations_of(task).demonstrations,
         different=differences(episode.metrics, metrics),
     )
 
@@ -69,8 +68,7 @@ def differences(
 
 def model_of(task: EpisodeTask) -> mujoco.MjModel:
     """Return the model of the scene that the task's episode runs in."""
-    door = dict(task.door_config)
-    env = gym.make(ENVIRONMENT_ID, door=door, randomization=task.randomization)
+    env = make_environment(task, "pose")
     with contextlib.closing(env):
         env.reset(seed=task.reset_seed)
         return env.unwrapped.model  # type: ignore[attr-defined]

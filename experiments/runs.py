@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-import gymnasium as gym
-
 from gplfd.experiments.arguments import check_circumstances, check_folder, check_least
 from gplfd.experiments.datasets.npz import (
     FILE,
@@ -18,12 +16,16 @@ from gplfd.experiments.datasets.npz import (
     load_demonstrations,
     save_demonstrations,
 )
-from gplfd.experiments.datasets.reaching import openings, reaches, taught
-from gplfd.experiments.episodes.agents import learned, reported_errors
-from gplfd.experiments.episodes.doors import named_doors, reset_seed
-from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.agents import reported_errors
+from gplfd.experiments.episodes.build import (
+    demonstrations_of,
+    learned_agents,
+    make_environment,
+)
+from gplfd.experiments.episodes.doors import named_doors
 from gplfd.experiments.episodes.metrics import EpisodeMetrics, episode_metrics
 from gplfd.experiments.episodes.rollout import Progress, rollout
+from gplfd.experiments.episodes.task import EpisodeTask, episode_task
 from gplfd.experiments.files.plain_data import entry, read_json, write_json
 from gplfd.experiments.files.provenance import content_hash, provenance
 from gplfd.experiments.progress import LOG, progress_bar
@@ -33,15 +35,11 @@ from gplfd.experiments.skills import skill_method
 from gplfd.experiments.study.sources import source_of
 from gplfd.policies.agent import Agent
 from gplfd.policies.demonstrations import Demonstration
-from gplfd.policies.method import TrainingInput
 from gplfd.policies.policy import Policy
-from gplfd.policies.reaching import ReachingAgent, learn_reach
 from gplfd.policies.registry import policy_named
 from gplfd.policies.skill import load_skill
-from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DoorConfig
 from gplfd_env.scene import build_scene
-from gplfd_env.stance import base_for
 from gplfd_env.task import Start
 
 CONFIGURATION: Final = "run.json"
@@ -49,23 +47,15 @@ METRICS: Final = "metrics.json"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _Run:
-    """A run that is ready: checked and learned."""
+class _Door:
+    """A door of a run, and the agent that has learned to open it."""
 
-    folder: Path
-    name: str
-    """Name of the policy."""
-    policy: Policy
-    seed: int
-    configs: Mapping[str, DoorConfig]
-    randomization: str
-    disturbance: str
-    start: Start
+    task: EpisodeTask
+    agent: Agent
     shown: LabelledDemonstrations
-    """What the policy learned from."""
-    agents: Mapping[str, Agent]
-    """By door."""
-    looks: TiagoLooks | None
+    """What the agent learned from."""
+    file: str
+    """Name under which the run keeps these demonstrations."""
 
 
 def open_doors(
@@ -84,8 +74,9 @@ def open_doors(
 ) -> tuple[EpisodeMetrics, ...]:
     """Learn, open each door once, and write everything.
 
-    Nothing is written before everything is checked and the policy has learned; then
-    what an earlier run left in the folder is removed.
+    Doors of several kinds are opened by several agents: each learns from demonstrations
+    of its own kind. Nothing is written before everything is checked and the policy has
+    learned; then what an earlier run left in the folder is removed.
 
     Args:
         doors: Names of doors, or radii [m] as text.
@@ -93,7 +84,7 @@ def open_doors(
         policy: Name of the policy.
         seed: Seed of teacher, policy and environment.
         demonstrations: A file to learn from, or how often the synthetic human opens
-            each of the three demonstrated doors.
+            each of the three demonstrated doors of a kind.
         skill: A file of a skill to follow instead of learning, or None.
         randomization: Name of what the environment draws anew.
         disturbance: Name of what happens from outside.
@@ -108,10 +99,24 @@ def open_doors(
         ModuleNotFoundError: The meshes that are to be drawn are not installed.
     """
     check_least("--seed", seed, 0)
-    configs = named_doors(doors)
-    like = _of_one_kind(configs)
     check_circumstances(randomization, disturbance)
     chosen = policy_named(policy)
+    per_door = 2 if isinstance(demonstrations, Path) else demonstrations
+    check_least("--demonstrations-per-door", per_door, 1)
+    tasks = [
+        episode_task(
+            door,
+            config,
+            policy=policy,
+            policy_source=source_of(chosen),
+            seed=seed,
+            demonstrations_per_door=per_door,
+            randomization=randomization,
+            disturbance=disturbance,
+            start=start,
+        )
+        for door, config in named_doors(doors, start=start).items()
+    ]
     check_folder(folder)
     earlier = _files_of_earlier_run(folder)
     drawn = _looks(looks)
@@ -120,40 +125,25 @@ def open_doors(
             "--skill is of opening alone: leave it out to learn reaching, too, or "
             "leave out --start approach"
         )
+    if skill is not None or isinstance(demonstrations, Path):
+        _check_one_kind(tasks, "--skill" if skill is not None else "--demonstrations")
     started = time.perf_counter()
     with reported_errors(policy, chosen):
-        if skill is None:
-            shown = _demonstrations(demonstrations, seed, like, start)
-            make = _learn(chosen, shown, seed, start)
-        else:
-            shown, make = _load(policy, skill)
-        agents = {door: make() for door in configs}
+        ready = _learn(tasks, chosen, demonstrations, skill)
     LOG.info("ready to act (%.1f s)", time.perf_counter() - started)
-    run = _Run(
-        folder=folder,
-        name=policy,
-        policy=chosen,
-        seed=seed,
-        configs=configs,
-        randomization=randomization,
-        disturbance=disturbance,
-        start=start,
-        shown=shown,
-        agents=agents,
-        looks=drawn,
-    )
     for file in earlier:
         file.unlink(missing_ok=True)
-    _write_inputs(run, demonstrations, skill, options)
+    _write_inputs(folder, ready, demonstrations, skill, options)
     metrics: list[EpisodeMetrics] = []
-    for door in configs:
-        metrics.append(_open(run, door))
+    for door in ready:
+        with reported_errors(policy, chosen):
+            metrics.append(_open(door, folder, drawn))
         write_json(folder / METRICS, [one.as_json() for one in metrics])
     return tuple(metrics)
 
 
 def _files_of_earlier_run(folder: Path) -> list[Path]:
-    """Return what an earlier run wrote to the folder, door by door.
+    """Return what an earlier run wrote to the folder.
 
     Raises:
         ValueError: Its configuration does not say which doors it opened.
@@ -170,9 +160,15 @@ def _files_of_earlier_run(folder: Path) -> list[Path]:
             "choose another --out"
         ) from error
     names = [f"{door}{end}" for door in doors for end in (".npz", ".rrd")]
+    names += [_kept_demonstrations(door) for door in doors]
     # A name that leads elsewhere is not one that a run wrote.
     own = [name for name in names if Path(name).name == name]
     return [folder / name for name in (METRICS, *own)]
+
+
+def _kept_demonstrations(door: str) -> str:
+    """Return the file of the demonstrations of one of several kinds of doors."""
+    return f"{Path(FILE).stem}-{door}.npz"
 
 
 def _looks(looks: Literal["primitives", "tiago"]) -> TiagoLooks | None:
@@ -182,42 +178,45 @@ def _looks(looks: Literal["primitives", "tiago"]) -> TiagoLooks | None:
     return tiago_looks([robot.body(index).name for index in range(robot.nbody)])
 
 
-def _of_one_kind(configs: Mapping[str, DoorConfig]) -> DoorConfig:
-    """Return the first of some doors that are all opened by one kind of motion.
-
-    Raises:
-        ValueError: They are of several kinds: what opens one does not open another.
-    """
-    (name, first), *others = configs.items()
-    for other, config in others:
-        if config.kind != first.kind:
-            differ = ", ".join(k for k in first.kind if config.kind[k] != first.kind[k])
+def _check_one_kind(tasks: Sequence[EpisodeTask], option: str) -> None:
+    """Refuse doors of several kinds where there is only one thing to learn from."""
+    first, *others = ((one.door, DoorConfig(**one.door_config).kind) for one in tasks)
+    for door, kind in others:
+        if differ := [name for name in kind if kind[name] != first[1][name]]:
             raise ValueError(
-                f"doors {name} and {other} are of two kinds (they differ in {differ}), "
-                "and what is learned on one does not open the other; give them to two "
-                "runs"
+                f"doors {first[0]} and {door} are of two kinds (they differ in "
+                f"{', '.join(differ)}), and {option} holds one; give them to two runs, "
+                f"or leave out {option}"
             )
-    return first
-
-
-def _demonstrations(
-    given: Path | int, seed: int, like: DoorConfig, start: Start
-) -> LabelledDemonstrations:
-    if isinstance(given, Path):
-        return load_demonstrations(given)
-    check_least("--demonstrations-per-door", given, 1)
-    return taught(given, seed=seed, like=like, start=start)
 
 
 def _learn(
-    policy: Policy, shown: LabelledDemonstrations, seed: int, start: Start
-) -> Callable[[], Agent]:
-    if policy.kind != "reference":
-        LOG.info("learning from %d demonstrations", len(shown.demonstrations))
-    reach = learn_reach(reaches(shown)) if start == "approach" else None
-    training = TrainingInput(demonstrations=openings(shown), seed=seed)
-    make = learned(policy, training)
-    return make if reach is None else lambda: ReachingAgent(reach, make())
+    tasks: Sequence[EpisodeTask],
+    policy: Policy,
+    demonstrations: Path | int,
+    skill: Path | None,
+) -> list[_Door]:
+    """Learn once per kind of doors; return the doors in their order."""
+    kinds = dict.fromkeys(task.shown for task in tasks)
+    learned: dict[str, tuple[LabelledDemonstrations, Callable[[], Agent], str]] = {}
+    for shown in kinds:
+        first = next(task for task in tasks if task.shown == shown)
+        file = FILE if len(kinds) == 1 else _kept_demonstrations(first.door)
+        if skill is not None:
+            learned[shown] = (*_load(first.policy, skill), file)
+            continue
+        if isinstance(demonstrations, Path):
+            given = load_demonstrations(demonstrations)
+        else:
+            given = demonstrations_of(first)
+        if policy.kind != "reference":
+            LOG.info("learning from %d demonstrations", len(given.demonstrations))
+        learned[shown] = (given, learned_agents(first, policy, given), file)
+    return [
+        _Door(task=task, agent=make(), shown=given, file=file)
+        for task in tasks
+        for given, make, file in [learned[task.shown]]
+    ]
 
 
 def _load(
@@ -243,87 +242,73 @@ def _load(
 
 
 def _write_inputs(
-    run: _Run,
+    folder: Path,
+    doors: Sequence[_Door],
     demonstrations: Path | int,
     skill: Path | None,
     options: Mapping[str, Any],
 ) -> None:
-    LOG.info("writing to %s", run.folder)
-    kept = run.folder / FILE
-    shown = run.shown
-    save_demonstrations(
-        kept,
-        shown.demonstrations,
-        shown.radii,
-        frame=shown.frame,
-        signals=shown.signals,
-    )
-    given = (
-        demonstrations_file(demonstrations)
-        if isinstance(demonstrations, Path)
-        else kept
-    )
+    """Write what was learned from, and what the run is."""
+    LOG.info("writing to %s", folder)
+    learned_from: dict[str, str] = {}
+    for file, shown in {door.file: door.shown for door in doors}.items():
+        kept = folder / file
+        save_demonstrations(
+            kept,
+            shown.demonstrations,
+            shown.radii,
+            frame=shown.frame,
+            signals=shown.signals,
+        )
+        learned_from[file] = content_hash(
+            demonstrations_file(demonstrations)
+            if isinstance(demonstrations, Path)
+            else kept
+        )
     record = {
         **options,
-        "policy_source": source_of(run.policy),
-        "demonstrations_sha256": content_hash(given),
+        "policy_source": doors[0].task.policy_source,
+        "demonstrations_sha256": learned_from,
+        "demonstrations_of": {door.task.door: door.file for door in doors},
         "skill_sha256": None if skill is None else content_hash(skill),
-        "door_configs": {
-            door: config.as_dict() for door, config in run.configs.items()
-        },
+        "door_configs": {door.task.door: door.task.door_config for door in doors},
     }
-    write_json(run.folder / CONFIGURATION, provenance(record))
+    write_json(folder / CONFIGURATION, provenance(record))
 
 
-def _open(run: _Run, door: str) -> EpisodeMetrics:
+def _open(door: _Door, folder: Path, looks: TiagoLooks | None) -> EpisodeMetrics:
     """Open a door, write its log and recording, and return its metrics."""
     started = time.perf_counter()
-    env = gym.make(
-        ENVIRONMENT_IDS[run.agents[door].control],
-        door=run.configs[door],
-        randomization=run.randomization,
-        disturbance=run.disturbance,
-        base=base_for(run.configs[door]),
-        start=run.start,
-    )
-    with contextlib.closing(env):
-        with reported_errors(run.name, run.policy):
-            log = _watched_rollout(env, run, door)
-        log.save(run.folder / f"{door}.npz")
-        record_episode(
-            run.folder / f"{door}.rrd",
-            log,
-            env.unwrapped.model,  # type: ignore[attr-defined]
-            run.shown.demonstrations,
-            run.looks,
-        )
-    metrics = episode_metrics(log)
-    LOG.info(
-        "%s: %s, %.1f deg in %.1f s (%.1f s)",
-        door,
-        "opened" if metrics.success else f"not opened ({metrics.failure})",
-        metrics.final_angle_deg,
-        metrics.duration,
-        time.perf_counter() - started,
-    )
-    return metrics
-
-
-def _watched_rollout(env: gym.Env[Any, Any], run: _Run, door: str) -> EpisodeLog:
-    """Run the episode behind a progress bar and return its log."""
-    drawn = not run.randomization == run.disturbance == "none"
-    with progress_bar(desc=door, unit=" s simulated") as bar:
+    task, name = door.task, door.task.door
+    env = make_environment(task, door.agent.control)
+    with (
+        contextlib.closing(env),
+        progress_bar(desc=name, unit=" s simulated") as bar,
+    ):
 
         def show(progress: Progress) -> None:
             angle = math.degrees(progress.door_angle)
             bar.set_postfix_str(f"door at {angle:.0f} deg", refresh=False)
             bar.update(progress.time - bar.n)
 
-        return rollout(
+        log = rollout(
             env,
-            run.agents[door],
-            policy=run.name,
-            door=door,
-            seed=reset_seed(run.seed, door, drawn=drawn),
+            door.agent,
+            policy=task.policy,
+            door=name,
+            seed=task.reset_seed,
             on_step=show,
         )
+        model = env.unwrapped.model  # type: ignore[attr-defined]
+    log.save(folder / f"{name}.npz")
+    record_episode(folder / f"{name}.rrd", log, model, door.shown.demonstrations, looks)
+    metrics = episode_metrics(log)
+    LOG.info(
+        "%s: %s, %.1f deg in %.1f s (%.1f s)",
+        name,
+        "opened" if metrics.success else f"not opened ({metrics.failure})",
+        metrics.final_angle_deg,
+        metrics.duration,
+        time.perf_counter() - started,
+    )
+    return metrics

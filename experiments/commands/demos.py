@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, Literal
 
 import tyro
 
@@ -45,6 +45,10 @@ class Record:
     randomization: str = "none"
     """What the environment draws anew for every episode: none, mild or hard."""
 
+    start: Literal["grasped", "approach"] = "grasped"
+    """What episodes begin with: the handle in the hand, or the open hand 10 to 20 cm
+    before it, which then reaches as the demonstrations do."""
+
     max_steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Cut episodes after this many steps; the environment's own limit by default."""
 
@@ -59,7 +63,7 @@ class Record:
     def execute(self) -> int:
         """Record the data set and print where it is."""
         with postponed_interruption():
-            from gplfd.experiments.datasets.record import record_dataset
+            from gplfd.experiments.episodes.dataset import record_dataset
             from gplfd.experiments.files.names import file_name
 
         folder = self.out or Path("results/demos") / f"{file_name(self.policy)}-v0"
@@ -71,6 +75,7 @@ class Record:
             seed=self.seed,
             demonstrations_per_door=self.demonstrations_per_door,
             randomization=self.randomization,
+            start=self.start,
             max_steps=self.max_steps,
             overwrite=self.overwrite,
             options=recorded(self) | {"out": folder.name},

@@ -3,7 +3,7 @@
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -38,6 +38,10 @@ class View:
     disturbance: str = "none"
     """With --live: what happens from outside: none, push, person, ..."""
 
+    start: Literal["grasped", "approach"] = "grasped"
+    """With --live: what the episode begins with, the handle in the hand or the open
+    hand before it."""
+
     speed: float = 1.0
     """With --live: simulated seconds per second."""
 
@@ -64,6 +68,7 @@ class View:
             seed=self.seed,
             randomization=self.randomization,
             disturbance=self.disturbance,
+            start=self.start,
             speed=self.speed,
             serve=self.serve,
         )

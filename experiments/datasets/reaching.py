@@ -4,38 +4,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from gplfd.experiments.datasets.npz import LabelledDemonstrations
-from gplfd.experiments.teacher import Teacher, doors_like
 from gplfd.policies.demonstrations import Demonstration
-from gplfd.policies.reaching import joined, parted
-from gplfd_env.config import DoorConfig
-from gplfd_env.task import Start
+from gplfd.policies.reaching import parted
 
 GRASPED: Final = "grasped"
 """Signal of demonstrations, (N, 1): 1 while the hand holds the handle, else 0."""
-
-
-def taught(
-    per_door: int, *, seed: int, like: DoorConfig, start: Start
-) -> LabelledDemonstrations:
-    """Return what the synthetic human shows to whoever is to open a door.
-
-    Args:
-        per_door: How often each of three doors is opened.
-        seed: Of everything that is drawn.
-        like: Door of whose kind they are.
-        start: Whether the person reaches for the handle; the openings are the same.
-    """
-    teacher = Teacher()
-    shown = teacher.standard_demonstrations(per_door, seed=seed, like=like)
-    radii = tuple(door.radius for door in doors_like(like) for _ in range(per_door))
-    if start == "grasped":
-        return LabelledDemonstrations(demonstrations=shown, radii=radii)
-    reaches = teacher.standard_reaches(per_door, seed=seed)
-    whole = tuple(map(joined, reaches, shown))
-    holding = ({GRASPED: (one.times[:, None] >= 0.0).astype(float)} for one in whole)
-    return LabelledDemonstrations(
-        demonstrations=whole, radii=radii, signals=tuple(holding)
-    )
 
 
 def openings(given: LabelledDemonstrations) -> Sequence[Demonstration]:

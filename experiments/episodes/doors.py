@@ -7,6 +7,7 @@ from pathlib import Path
 from gplfd.experiments.files.plain_data import read_json
 from gplfd_env.config import DOORS, DoorConfig, door_config
 from gplfd_env.stance import base_for, check_reach
+from gplfd_env.task import Start
 
 
 def reset_seed(seed: int, door: str, *, drawn: bool) -> int:
@@ -24,11 +25,17 @@ def reset_seed(seed: int, door: str, *, drawn: bool) -> int:
     return int.from_bytes(digest[:4]) % 1_000_000_000
 
 
-def named_doors(doors: Sequence[str]) -> dict[str, DoorConfig]:
+def named_doors(
+    doors: Sequence[str], *, start: Start = "grasped"
+) -> dict[str, DoorConfig]:
     """Configurations by name, for names of doors, radii as text, and files.
 
     A file FILE.json holds door parameters, as `gym.make` takes them, and its door is
     called FILE.
+
+    Args:
+        doors: What a person gave.
+        start: What the episodes at these doors begin with.
 
     Raises:
         ValueError: No door, an unknown one, a file that holds none, one out of reach,
@@ -44,7 +51,7 @@ def named_doors(doors: Sequence[str]) -> dict[str, DoorConfig]:
         name, config = _named(given)
         if name in configs:
             raise ValueError(f"door {name} is given twice in --doors")
-        check_reach(config, base_for(config))
+        check_reach(config, base_for(config), start)
         configs[name] = config
     return configs
 

@@ -10,9 +10,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-import gymnasium as gym
-import numpy as np
-
 import gplfd_env
 from gplfd import policies
 from gplfd.experiments import episodes, teacher
@@ -21,16 +18,21 @@ from gplfd.experiments.datasets.npz import (
     load_demonstrations,
     save_demonstrations,
 )
+from gplfd.experiments.episodes.build import (
+    demonstrations_of,
+    learned_agents,
+    make_environment,
+)
 from gplfd.experiments.episodes.doors import named_doors
 from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.episodes.rollout import rollout
+from gplfd.experiments.episodes.task import EpisodeTask, episode_task
 from gplfd.experiments.figures.material import Material
 from gplfd.experiments.files.plain_data import write_json
 from gplfd.experiments.files.provenance import versions
 from gplfd.experiments.progress import progress_bar
-from gplfd.experiments.teacher import DEMONSTRATED_RADII, Teacher, standard_teacher
-from gplfd.policies.registry import make_agent
-from gplfd_env import ENVIRONMENT_ID
+from gplfd.experiments.teacher import DEMONSTRATED_RADII, standard_teacher
+from gplfd.policies.registry import policy_named
 from gplfd_env.config import DoorConfig
 
 POLICY: Final = "gp"
@@ -96,11 +98,20 @@ def _source_digest() -> str:
 def _demonstrations(kept: Path, settings: Mapping[str, Any]) -> LabelledDemonstrations:
     path = kept / "demonstrations.npz"
     if not path.is_file():
-        each = DEMONSTRATIONS_PER_DOOR
-        given = Teacher().standard_demonstrations(each, seed=settings["seed"])
+        given = demonstrations_of(_task("medium", DoorConfig(), settings["seed"]))
         write_json(kept / "settings.json", settings)
-        save_demonstrations(path, given, np.repeat(DEMONSTRATED_RADII, each).tolist())
+        save_demonstrations(path, given.demonstrations, given.radii)
     return load_demonstrations(path)
+
+
+def _task(door: str, config: DoorConfig, seed: int) -> EpisodeTask:
+    return episode_task(
+        door,
+        config,
+        policy=POLICY,
+        seed=seed,
+        demonstrations_per_door=DEMONSTRATIONS_PER_DOOR,
+    )
 
 
 def _episode(
@@ -114,8 +125,9 @@ def _episode(
     path = kept / f"{POLICY}-{door}.npz"
     if path.is_file():
         return EpisodeLog.load(path)
-    agent = make_agent(POLICY, learned.demonstrations, seed=seed)
-    with contextlib.closing(gym.make(ENVIRONMENT_ID, door=config)) as env:
-        log = rollout(env, agent, policy=POLICY, door=door, seed=seed)
+    task = _task(door, config, seed)
+    agent = learned_agents(task, policy_named(POLICY), learned)()
+    with contextlib.closing(make_environment(task, agent.control)) as env:
+        log = rollout(env, agent, policy=POLICY, door=door, seed=task.reset_seed)
     log.save(path)
     return log

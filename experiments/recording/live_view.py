@@ -11,14 +11,19 @@ from collections.abc import Iterator
 from typing import Any, Final
 from urllib.parse import quote
 
-import gymnasium as gym
 import rerun as rr
 import rerun.blueprint as rrb
 
 from gplfd.experiments.arguments import check_least
-from gplfd.experiments.episodes.agents import learned, reported_errors
+from gplfd.experiments.episodes.agents import reported_errors
+from gplfd.experiments.episodes.build import (
+    demonstrations_of,
+    learned_agents,
+    make_environment,
+)
 from gplfd.experiments.episodes.doors import named_doors
 from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.task import episode_task
 from gplfd.experiments.progress import LOG
 from gplfd.experiments.recording.layout import layout
 from gplfd.experiments.recording.live import LiveRecording, watched_rollout
@@ -26,11 +31,9 @@ from gplfd.experiments.recording.mechanism import mechanism_of
 from gplfd.experiments.recording.outside import CAUSES
 from gplfd.experiments.recording.stream import open_stream
 from gplfd.experiments.recording.viewer import has_display, viewer
-from gplfd.experiments.teacher import Teacher
-from gplfd.policies.method import TrainingInput
 from gplfd.policies.registry import policy_named
-from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.disturbance import disturbance_named
+from gplfd_env.task import Start
 
 LOOPBACK: Final = "127.0.0.1"
 """Where the viewer listens: nobody on another machine can reach it."""
@@ -46,6 +49,7 @@ def watch(
     seed: int,
     randomization: str,
     disturbance: str,
+    start: Start,
     speed: float,
     serve: bool,
 ) -> None:
@@ -57,6 +61,7 @@ def watch(
         seed: Seed of teacher, policy and environment.
         randomization: Name of what the environment draws anew.
         disturbance: Name of what happens from outside.
+        start: What the episode begins with.
         speed: Simulated seconds per second.
         serve: Serve a browser on this machine instead of opening a window.
 
@@ -68,20 +73,23 @@ def watch(
     _check_speed(speed)
     _check_screen(serve=serve)
     chosen = policy_named(policy)
-    [(name, config)] = named_doors([door]).items()
-    demonstrations = Teacher().standard_demonstrations(seed=seed)
-    training = TrainingInput(demonstrations=demonstrations, seed=seed)
-    with reported_errors(policy, chosen):
-        agent = learned(chosen, training)()
-    env = gym.make(
-        ENVIRONMENT_IDS[agent.control],
-        door=config,
+    [(name, config)] = named_doors([door], start=start).items()
+    task = episode_task(
+        name,
+        config,
+        policy=policy,
+        seed=seed,
         randomization=randomization,
         disturbance=disturbance,
+        start=start,
     )
+    with reported_errors(policy, chosen):
+        agent = learned_agents(task, chosen)()
+    demonstrations = demonstrations_of(task).demonstrations
+    env = make_environment(task, agent.control)
 
     # What is drawn decides what there is to show; the episode draws the same again.
-    env.reset(seed=seed)
+    env.reset(seed=task.reset_seed)
     inner: Any = env.unwrapped
     model, drawn = inner.model, inner.door
     there = mechanism_of(model, drawn.as_dict())
@@ -96,7 +104,7 @@ def watch(
             wanted=lambda: viewer.poll() is None,
             policy=policy,
             door=name,
-            seed=seed,
+            seed=task.reset_seed,
         )
 
     with contextlib.closing(env), _viewer_process(serve=serve) as (process, url):

@@ -5,10 +5,10 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from gplfd.experiments.episodes.build import demonstrations_hash
+from gplfd.experiments.episodes.task import EpisodeTask
 from gplfd.experiments.results.grouping import by_policy
 from gplfd.experiments.results.records import EpisodeResult, StudyResults
-from gplfd.experiments.study.jobs import demonstrations_hash
-from gplfd.experiments.study.tasks import EpisodeTask
 from gplfd.experiments.trials.plan import named_trials, trial_tasks
 
 _SHOWN: Final = 3

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gplfd.experiments.episodes.metrics import EpisodeMetrics
+from gplfd.experiments.episodes.task import EpisodeTask, Task, TaughtTask
 from gplfd.experiments.files.plain_data import entry, read_json
 from gplfd.experiments.learning_tests.folds import HELD_OUT
 from gplfd.experiments.results.measures import LEARNING_MEASURES, RECORDED_MEASURES
@@ -22,14 +23,7 @@ from gplfd.experiments.results.records import (
     TaskResult,
 )
 from gplfd.experiments.study.settings import Condition
-from gplfd.experiments.study.tasks import (
-    EpisodeTask,
-    RecordedTask,
-    SkillTask,
-    Task,
-    TaughtTask,
-    task_from,
-)
+from gplfd.experiments.study.tasks import RecordedTask, SkillTask, task_from
 from gplfd.experiments.teacher import Habits, TeacherConfig
 from gplfd_env.config import DoorConfig
 from gplfd_env.disturbance import disturbance_named

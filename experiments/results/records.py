@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from gplfd.experiments.episodes.task import EpisodeTask, Task
 from gplfd.experiments.results.statistics import Key
 from gplfd.experiments.study.settings import Condition
-from gplfd.experiments.study.tasks import EpisodeTask, RecordedTask, SkillTask, Task
+from gplfd.experiments.study.tasks import RecordedTask, SkillTask
 
 DEMONSTRATED: Final = "demonstrated radii"
 UNDEMONSTRATED: Final = "undemonstrated radii"

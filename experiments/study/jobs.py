@@ -1,7 +1,5 @@
 """What a worker does with a job: learn once, open all its doors in lockstep."""
 
-import contextlib
-import functools
 import json
 import math
 import numbers
@@ -9,36 +7,25 @@ import traceback
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-import gymnasium as gym
-import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gplfd.experiments.datasets.npz import hash_of
-from gplfd.experiments.episodes.agents import learned, where
+from gplfd.experiments.episodes.agents import where
+from gplfd.experiments.episodes.build import (
+    demonstrations_hash,
+    learned_agents,
+    open_together,
+)
 from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.episodes.metrics import episode_metrics
-from gplfd.experiments.episodes.rollouts import rollouts
+from gplfd.experiments.episodes.task import EpisodeTask, Task
 from gplfd.experiments.files.provenance import code_state
 from gplfd.experiments.learning_tests.recorded import recorded_metrics
 from gplfd.experiments.learning_tests.scores import method_metrics
 from gplfd.experiments.study.sources import NO_FILES, Files, policy_of
-from gplfd.experiments.study.tasks import (
-    EpisodeTask,
-    Job,
-    Result,
-    SkillTask,
-    Task,
-)
-from gplfd.experiments.teacher import Habits, Teacher, TeacherConfig
+from gplfd.experiments.study.tasks import Job, Result, SkillTask
 from gplfd.policies.agent import Agent
 from gplfd.policies.demonstrations import Demonstration
-from gplfd.policies.lockstep import batch_agents
-from gplfd.policies.method import TrainingInput
 from gplfd.policies.policy import Policy
-from gplfd.policies.prior_mean import PosePath
-from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.config import DoorConfig
-from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
 
 FORECAST_PERIOD: Final = 0.05
 """Simulated time between forecasts [s]: at most a degree of a demonstrated opening."""
@@ -96,7 +83,9 @@ def episode_logs(tasks: Sequence[EpisodeTask]) -> tuple[EpisodeLog, ...]:
     Raises:
         ValueError: The policy is not here, or another one.
     """
-    return _open(tasks, _learned(tasks[0], policy_of(tasks[0], NO_FILES)))
+    make = learned_agents(tasks[0], policy_of(tasks[0], NO_FILES))
+    agents = [make() for _ in tasks]
+    return open_together(tasks, agents, forecast_period=FORECAST_PERIOD)
 
 
 def _origin(task: Task) -> Result:
@@ -140,7 +129,7 @@ def _episode_results(tasks: Sequence[EpisodeTask], policy: Policy) -> list[Resul
     if not tasks:
         return []
     try:
-        make = _learned(tasks[0], policy)
+        make = learned_agents(tasks[0], policy)
     except (Exception, SystemExit) as error:
         return _all_failed(tasks, error, policy)
 
@@ -157,9 +146,11 @@ def _episode_results(tasks: Sequence[EpisodeTask], policy: Policy) -> list[Resul
 def _episode_metrics(
     tasks: Sequence[EpisodeTask], make: Callable[[], Agent]
 ) -> list[dict[str, Any]]:
+    agents = [make() for _ in tasks]
+    logs = open_together(tasks, agents, forecast_period=FORECAST_PERIOD)
     return [
         episode_metrics(log, demonstrated_angle=task.teacher["angle_mean"]).as_json()
-        for task, log in zip(tasks, _open(tasks, make), strict=True)
+        for task, log in zip(tasks, logs, strict=True)
     ]
 
 
@@ -185,76 +176,6 @@ def _learning_result(
         return [recorded_metrics(policy.method, recordings, task.seed)]
 
     return _attempt([task], policy, measure)[0]
-
-
-def demonstrations_of(task: EpisodeTask) -> tuple[Demonstration, ...]:
-    """Let the synthetic human show what the task's policy learns from."""
-    return _demonstrated(task.shown)
-
-
-@functools.lru_cache(maxsize=4)
-def _demonstrated(shown: str) -> tuple[Demonstration, ...]:
-    fields = json.loads(shown)
-    teacher = Teacher(
-        TeacherConfig(**fields["teacher"]), Habits(**(fields["habits"] or {}))
-    )
-    return teacher.demonstrate_doors(
-        [
-            DoorConfig(radius=radius, **(fields["demonstrated_kind"] or {}))
-            for radius in fields["demonstrated_radii"]
-        ],
-        fields["demonstrations_per_door"],
-        rng=np.random.default_rng(fields["seed"]),
-    )
-
-
-def demonstrations_hash(task: EpisodeTask) -> str:
-    """Return a hash of what the task's policy learns from."""
-    return hash_of(demonstrations_of(task))
-
-
-def _learned(task: EpisodeTask, policy: Policy) -> Callable[[], Agent]:
-    """Learn the task's policy; return what makes an agent."""
-    prior = task.prior_radius
-    training = TrainingInput(
-        demonstrations=demonstrations_of(task),
-        seed=task.seed,
-        prior_mean=None if prior is None else _arc(prior, task.teacher["angle_mean"]),
-    )
-    return learned(policy, training)
-
-
-def _arc(radius: float, angle_mean: float) -> PosePath:
-    """Return a door's whole arc by the phase of demonstrations that end earlier."""
-    angles = np.linspace(0.0, DEMONSTRATED_ANGLE, 50)
-    return PosePath(
-        phases=angles / angle_mean, poses=handle_pose_on_arc(radius, angles)
-    )
-
-
-def _open(
-    tasks: Sequence[EpisodeTask], make: Callable[[], Agent]
-) -> tuple[EpisodeLog, ...]:
-    agents = batch_agents([make() for _ in tasks])
-    envs: Any = gym.make_vec(
-        ENVIRONMENT_IDS[agents.control],
-        num_envs=len(tasks),
-        door=[dict(task.door_config) for task in tasks],
-        randomization=[task.randomization for task in tasks],
-        disturbance=[task.disturbance for task in tasks],
-        base=tasks[0].base,
-        autoreset_mode="Disabled",
-        num_threads=1,
-    )
-    with contextlib.closing(envs):
-        return rollouts(
-            envs,
-            agents,
-            policy=tasks[0].policy,
-            doors=[task.door for task in tasks],
-            seeds=[task.reset_seed for task in tasks],
-            forecast_period=FORECAST_PERIOD,
-        )
 
 
 def _plain(value: Any) -> Any:

@@ -5,11 +5,12 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from typing import Final
 
 from gplfd.experiments.arguments import check_circumstances
 from gplfd.experiments.datasets.npz import hash_of
 from gplfd.experiments.episodes.doors import named_doors
+from gplfd.experiments.episodes.task import EpisodeTask, Task, episode_task
 from gplfd.experiments.learning_tests.folds import HELD_OUT
 from gplfd.experiments.study.settings import (
     TABLE_1_NAME,
@@ -18,12 +19,10 @@ from gplfd.experiments.study.settings import (
     StudySettings,
 )
 from gplfd.experiments.study.sources import chosen, source_of
-from gplfd.experiments.study.tasks import EpisodeTask, RecordedTask, SkillTask, Task
-from gplfd.experiments.teacher import doors_like, standard_teacher
+from gplfd.experiments.study.tasks import RecordedTask, SkillTask
+from gplfd.experiments.teacher import standard_teacher
 from gplfd.policies.built_in import TABLE_1
 from gplfd.policies.demonstrations import Demonstration
-from gplfd_env.config import DoorConfig
-from gplfd_env.stance import base_for
 
 _NOISY: Final = (
     *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),
@@ -118,27 +117,17 @@ def episodes(
     doors = named_doors(settings.doors)
     teacher = noisy_teacher(condition.teacher_noise)
     for seed, policy, door in itertools.product(seeds, settings.policies, doors):
-        yield EpisodeTask(
+        yield episode_task(
+            door,
+            doors[door],
             policy=policy,
             policy_source=source_of(chosen(policy)),
-            door=door,
-            door_config=doors[door].as_dict(),
             seed=seed,
             demonstrations_per_door=condition.demonstrations_per_door,
             teacher=teacher,
-            **_demonstrated_like(doors[door]),
-            base=base_for(doors[door]),
             randomization=condition.randomization,
             disturbance=condition.disturbance,
         )
-
-
-def _demonstrated_like(door: DoorConfig) -> dict[str, Any]:
-    """Return the fields of a task that say which doors its policy learns from."""
-    if door.kind == DoorConfig().kind:
-        return {}
-    radii = tuple(one.radius for one in doors_like(door))
-    return {"demonstrated_radii": radii, "demonstrated_kind": door.kind}
 
 
 def learning_tests(settings: StudySettings, seed: int) -> Iterator[SkillTask]:

@@ -6,13 +6,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from gplfd.experiments.episodes.task import Task
 from gplfd.experiments.files.plain_data import write_json
 from gplfd.experiments.study.engines import Engine, Lost
 from gplfd.experiments.study.engines.serial import Serial
 from gplfd.experiments.study.jobs import failed, run_job
 from gplfd.experiments.study.sources import files_of
 from gplfd.experiments.study.store import is_finished, result_path, stored_result
-from gplfd.experiments.study.tasks import Result, Task, jobs_of
+from gplfd.experiments.study.tasks import Result, jobs_of
 from gplfd.policies.demonstrations import Demonstration
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from gplfd.experiments.arguments import check_folder
+from gplfd.experiments.episodes.task import Task
 from gplfd.experiments.files.plain_data import write_json
 from gplfd.experiments.files.provenance import provenance
 from gplfd.experiments.progress import LOG, counter
@@ -18,7 +19,7 @@ from gplfd.experiments.study.store import (
     made_elsewhere,
     stored_result,
 )
-from gplfd.experiments.study.tasks import Result, Task
+from gplfd.experiments.study.tasks import Result
 from gplfd.policies.demonstrations import Demonstration
 
 

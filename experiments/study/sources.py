@@ -14,7 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from gplfd.experiments.study.tasks import PolicySource, Task
+from gplfd.experiments.episodes.task import PolicySource, Task
 from gplfd.policies.policy import Policy
 from gplfd.policies.registry import policy_named
 from gplfd.policies.storage import complete_or_absent

@@ -4,9 +4,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from gplfd.experiments.episodes.task import Task
 from gplfd.experiments.files.plain_data import entry, read_json
 from gplfd.experiments.files.provenance import code_state
-from gplfd.experiments.study.tasks import Result, Task, task_from
+from gplfd.experiments.study.tasks import Result, task_from
 
 
 def made_elsewhere(folder: Path, study: Iterable[Task]) -> int:

@@ -225,17 +225,17 @@ class Teacher:
         return self.demonstrate_doors(doors, per_door, rng=np.random.default_rng(seed))
 
     def standard_reaches(
-        self, per_door: int = 2, *, seed: int
+        self, per_door: int = 2, *, seed: int, doors: int = len(DEMONSTRATED_RADII)
     ) -> tuple[Demonstration, ...]:
-        """Reach for the handles of the three doors that runs of this seed demonstrate.
+        """Reach for the handles of the doors that runs of this seed demonstrate.
 
         Args:
             per_door: How often each.
-            seed: Of everything that is drawn; what is drawn of the openings is left.
+            seed: Of everything that is drawn; the openings draw what they would alone.
+            doors: Number of demonstrated doors.
         """
-        count = len(DEMONSTRATED_RADII)
-        *_, rng = np.random.default_rng(seed).spawn(count + 1)
-        return tuple(map(self.demonstrate_reach, rng.spawn(count * per_door)))
+        *_, rng = np.random.default_rng(seed).spawn(doors + 1)
+        return tuple(map(self.demonstrate_reach, rng.spawn(doors * per_door)))
 
     def demonstrate_reach(self, rng: np.random.Generator) -> Demonstration:
         """Reach for a handle, take hold of it, and return what the suit recorded.

@@ -3,14 +3,14 @@
 import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 from gplfd.experiments.episodes.doors import named_doors
+from gplfd.experiments.episodes.task import EpisodeTask, episode_task
 from gplfd.experiments.study.sources import chosen, source_of
-from gplfd.experiments.study.tasks import EpisodeTask
 from gplfd.experiments.teacher import standard_teacher
 from gplfd.experiments.trials.protocol import PARTS, TRIALS, TUNED, Part
 from gplfd.experiments.trials.records import Level, Trial
+from gplfd_env.config import DoorConfig
 from gplfd_env.named import nearest_name
 
 
@@ -64,14 +64,14 @@ def _tasks(name: str, trial: Trial, policy: str, seed: int) -> Iterator[EpisodeT
         if level.prior_radius is not None and not _takes_prior_mean(policy):
             continue
         for door, config in _doors(level).items():
-            yield EpisodeTask(
+            yield episode_task(
+                door,
+                config,
                 policy=policy,
                 policy_source=source_of(chosen(policy)),
                 seed=seed,
                 demonstrations_per_door=level.demonstrations_per_door,
                 teacher=standard_teacher() | dict(level.teacher),
-                door=door,
-                door_config=config,
                 randomization=level.randomization,
                 disturbance=level.disturbance,
                 demonstrated_radii=level.demonstrated_radii,
@@ -87,8 +87,8 @@ def _takes_prior_mean(policy: str) -> bool:
     return method is not None and method.accepts_prior_mean
 
 
-def _doors(level: Level) -> dict[str, dict[str, Any]]:
+def _doors(level: Level) -> dict[str, DoorConfig]:
     return {
-        name: dataclasses.replace(config, **level.door).as_dict()
+        name: dataclasses.replace(config, **level.door)
         for name, config in named_doors(level.doors).items()
     }

@@ -20,7 +20,6 @@ that makes the hand soft everywhere, and forces by one that is far too wide.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import statistics
 import sys
@@ -30,26 +29,27 @@ import warnings
 from collections.abc import Sequence
 from typing import Any, Final
 
-import gymnasium as gym
 import numpy as np
 from scipy.stats import rankdata
 from threadpoolctl import threadpool_limits
 
-from gplfd.experiments.episodes.agents import learned
+from gplfd.experiments.episodes.build import (
+    demonstrations_of,
+    learned_agents,
+    open_together,
+)
 from gplfd.experiments.episodes.metrics import episode_metrics
-from gplfd.experiments.episodes.rollouts import rollouts
+from gplfd.experiments.episodes.task import episode_task
 from gplfd.experiments.files.provenance import code_state
 from gplfd.experiments.learning_tests.accuracy import accuracy
 from gplfd.experiments.learning_tests.folds import aligned_to, folds
 from gplfd.experiments.learning_tests.methods import learn
-from gplfd.experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd.experiments.tuning.candidates import Candidate
 from gplfd.policies.demonstrations import Demonstration
-from gplfd.policies.lockstep import batch_agents
-from gplfd.policies.method import Method, TrainingInput
+from gplfd.policies.method import Method
 from gplfd.policies.policy import Policy
 from gplfd.policies.registry import tuned
-from gplfd_env import ENVIRONMENT_IDS
+from gplfd_env.config import DoorConfig
 
 Evaluation = dict[str, Any]
 """What a candidate came to: ``candidate``, ``versions``, ``git``, ``arithmetic``,
@@ -125,15 +125,31 @@ def _measured(policy: Policy, candidate: Candidate) -> Evaluation:
     densities: list[float | None] = []
     episodes: list[dict[str, Any]] = []
     for seed in protocol.seeds:
-        demonstrations = Teacher().demonstrate_doors(
-            DEMONSTRATED_RADII,
-            protocol.demonstrations_per_door,
-            rng=np.random.default_rng(seed),
-        )
+        tasks = [
+            episode_task(
+                f"{radius:g}",
+                DoorConfig(radius=radius),
+                policy=candidate.policy,
+                seed=seed,
+                demonstrations_per_door=protocol.demonstrations_per_door,
+            )
+            for radius in protocol.radii
+        ]
+        demonstrations = demonstrations_of(tasks[0]).demonstrations
         densities += _densities(
             policy.method, demonstrations, seed, protocol.demonstrations_per_door
         )
-        episodes += _episodes(policy, demonstrations, seed, protocol.radii)
+        make = learned_agents(tasks[0], policy)
+        logs = open_together(tasks, [make() for _ in tasks])
+        episodes += [
+            {
+                "seed": seed,
+                "radius": one.radius,
+                "success": one.success,
+                "force_radial_peak": one.force_radial_peak,
+            }
+            for one in map(episode_metrics, logs)
+        ]
     known = [density for density in densities if density is not None]
     nlpd = float(np.mean(known)) if len(known) == len(densities) else None
     return {"nlpd": nlpd, "episodes": episodes}
@@ -156,39 +172,3 @@ def _densities(
             asked = aligned_to(one, movement.aligned).thinned(_SAMPLES)
             found.append(accuracy(movement.predict(asked.phases), asked.poses)["nlpd"])
     return found
-
-
-def _episodes(
-    policy: Policy,
-    demonstrations: Sequence[Demonstration],
-    seed: int,
-    radii: Sequence[float],
-) -> list[dict[str, Any]]:
-    make = learned(policy, TrainingInput(demonstrations=demonstrations, seed=seed))
-    agents = batch_agents([make() for _ in radii])
-    envs: Any = gym.make_vec(
-        ENVIRONMENT_IDS[agents.control],
-        num_envs=len(radii),
-        door=list(radii),
-        autoreset_mode="Disabled",
-        num_threads=1,
-    )
-    with contextlib.closing(envs):
-        logs = rollouts(
-            envs,
-            agents,
-            policy=policy.summary,
-            doors=[f"{radius:g}" for radius in radii],
-            seeds=[seed] * len(radii),
-            forecast_period=None,
-        )
-    every = [episode_metrics(log) for log in logs]
-    return [
-        {
-            "seed": seed,
-            "radius": one.radius,
-            "success": one.success,
-            "force_radial_peak": one.force_radial_peak,
-        }
-        for one in every
-    ]

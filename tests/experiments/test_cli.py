@@ -96,7 +96,8 @@ def test_run_writes_metrics_logs_recordings_and_where_they_came_from(
     assert config["policy"] == "oracle"
     assert config["door_configs"]["0.42"]["radius"] == 0.42
     learned_from = (out / "demonstrations.npz").read_bytes()
-    assert config["demonstrations_sha256"] == hashlib.sha256(learned_from).hexdigest()
+    digest = hashlib.sha256(learned_from).hexdigest()
+    assert config["demonstrations_sha256"] == {"demonstrations.npz": digest}
     printed = capsys.readouterr()
     assert "small" in printed.out
     assert f"gplfd view {out / 'small.rrd'}" in printed.out

@@ -31,12 +31,12 @@ from gplfd.experiments.datasets.minari.contents import contents
 from gplfd.experiments.datasets.npz import load_demonstrations, save_demonstrations
 from gplfd.experiments.datasets.replay import replays
 from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.task import EpisodeTask
 from gplfd.experiments.files.plain_data import read_json, write_json
 from gplfd.experiments.files.provenance import content_hash
 from gplfd.experiments.study.settings import StudySettings
 from gplfd.experiments.study.settings_file import read_settings, write_settings
 from gplfd.experiments.study.store import damaged_results, result_path
-from gplfd.experiments.study.tasks import EpisodeTask
 from gplfd.experiments.teacher import Teacher
 from gplfd.policies.demonstrations import Demonstration
 from gplfd_env import ENVIRONMENT_ID

@@ -6,12 +6,12 @@ import json
 import pytest
 
 from gplfd.experiments import extremes as module
+from gplfd.experiments.episodes.task import EpisodeTask
 from gplfd.experiments.extremes import COMPARED, extremes, record_extremes, same_door
 from gplfd.experiments.repetition import differences
 from gplfd.experiments.report.recordings import recording_name
 from gplfd.experiments.results.reading import read_results
 from gplfd.experiments.study.runner import run_study
-from gplfd.experiments.study.tasks import EpisodeTask
 from gplfd_env.config import DoorConfig
 
 CONFIG = dataclasses.asdict(DoorConfig())

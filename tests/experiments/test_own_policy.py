@@ -14,6 +14,7 @@ import pytest
 from gplfd.experiments import cli
 from gplfd.experiments.datasets.minari import open_dataset
 from gplfd.experiments.episodes.agents import reported_errors, where
+from gplfd.experiments.episodes.task import EpisodeTask
 from gplfd.experiments.files.names import file_name
 from gplfd.experiments.files.provenance import content_hash
 from gplfd.experiments.report.recordings import recording_name
@@ -24,7 +25,7 @@ from gplfd.experiments.study.sources import (
     policy_of,
     source_of,
 )
-from gplfd.experiments.study.tasks import EpisodeTask, task_from
+from gplfd.experiments.study.tasks import task_from
 from gplfd.policies.registry import policy_named
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import door_config

@@ -6,12 +6,13 @@ import re
 
 import pytest
 
+from gplfd.experiments.episodes.task import EpisodeTask
 from gplfd.experiments.files import provenance
 from gplfd.experiments.study import jobs, runner, store
 from gplfd.experiments.study.engines import Lost
 from gplfd.experiments.study.runner import run_study
 from gplfd.experiments.study.store import made_by_other_code
-from gplfd.experiments.study.tasks import EpisodeTask, SkillTask, jobs_of, task_from
+from gplfd.experiments.study.tasks import SkillTask, jobs_of, task_from
 from gplfd.experiments.teacher import synthetic_human
 
 DOORS = {"small": {"radius": 0.35}, "large": {"radius": 0.65}}
@@ -72,6 +73,7 @@ CHANGES = {
     "held_out": "radius",
     "demonstrated_kind": {"handle": "lever", "latch": "bolt"},
     "base": "mobile",
+    "start": "approach",
     "policy_source": {"kind": "module", "file": "mine.py", "sha256": "ab12"},
 }
 

@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gplfd.experiments.episodes import build
 from gplfd.experiments.episodes.metrics import EpisodeMetrics
+from gplfd.experiments.episodes.task import EpisodeTask
 from gplfd.experiments.study import jobs
 from gplfd.experiments.study.engines.processes import Processes
 from gplfd.experiments.study.jobs import episode_logs, run_job
 from gplfd.experiments.study.runner import run_study
 from gplfd.experiments.study.store import stored_result
-from gplfd.experiments.study.tasks import EpisodeTask, SkillTask, jobs_of
+from gplfd.experiments.study.tasks import SkillTask, jobs_of
 from gplfd.policies import registry
 from gplfd.policies.adaptation import ProcessAdaptation
 from gplfd.policies.method import Method, TrainingInput
@@ -73,7 +75,7 @@ def opened(monkeypatch: pytest.MonkeyPatch, make_log: MakeLog) -> list[dict[str,
             raise FloatingPointError("the door of 0.65 m came off")
         return tuple(make_log(door=door) for door in options["doors"])
 
-    monkeypatch.setattr(jobs, "rollouts", fake)
+    monkeypatch.setattr(build, "rollouts", fake)
     return asked
 
 
@@ -137,15 +139,15 @@ def test_what_happens_at_a_door_is_no_matter_of_learning(
 
 def test_a_task_says_what_is_demonstrated() -> None:
     habits = {"longest_rest": 2.0, "pauses": 1}
-    shown = jobs.demonstrations_of(
+    shown = build.demonstrations_of(
         task("gp", demonstrated_radii=[0.4], habits=habits, demonstrations_per_door=1)
-    )
+    ).demonstrations
     assert len(shown) == 1
     reach = np.linalg.norm(shown[0].poses[-1, :3])
     assert reach == pytest.approx(2 * 0.4 * np.sin(np.radians(67) / 2), abs=0.03)
-    tidy = jobs.demonstrations_of(
+    tidy = build.demonstrations_of(
         task("gp", demonstrated_radii=[0.4], demonstrations_per_door=1)
-    )
+    ).demonstrations
     assert shown[0].times[-1] > tidy[0].times[-1]
 
 
@@ -154,10 +156,12 @@ def test_a_prior_mean_is_the_arc_at_the_phases_of_demonstrations(
 ) -> None:
     given = []
     monkeypatch.setattr(
-        jobs, "learned", lambda policy, training: given.append(training)
+        build, "learned", lambda policy, training: given.append(training)
     )
     short = {**task().teacher, "angle_mean": 0.5}
-    jobs._learned(task("gp", teacher=short, prior_radius=0.45), registry.POLICIES["gp"])
+    build.learned_agents(
+        task("gp", teacher=short, prior_radius=0.45), registry.POLICIES["gp"]
+    )
     prior = given[0].prior_mean
     pose = prior.mean(np.array([1.0]))[0]
     arc = [0.45 * np.sin(0.5), 0.0, 0.45 * (np.cos(0.5) - 1), 0.0, 0.5, 0.0]
@@ -195,9 +199,9 @@ def test_a_policy_that_cannot_learn_is_asked_once(
         calls.append(self.config)
         raise KeyError("a mistake in the code")
 
-    jobs._demonstrated.cache_clear()
-    monkeypatch.setattr(jobs.Teacher, "demonstrate_doors", fail)
-    jobs._demonstrated.cache_clear()
+    build._demonstrated.cache_clear()
+    monkeypatch.setattr(build.Teacher, "demonstrate_doors", fail)
+    build._demonstrated.cache_clear()
     results = run_job((task(door=0.35), task(door=0.5)))
     assert [result["error"] for result in results] == [
         "KeyError: 'a mistake in the code'"

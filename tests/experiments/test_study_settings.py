@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gplfd.experiments.episodes.task import EpisodeTask
 from gplfd.experiments.study.plan import checked, noisy_teacher, tasks
 from gplfd.experiments.study.settings import PRESETS, StudySettings
 from gplfd.experiments.study.settings_file import (
@@ -16,7 +17,7 @@ from gplfd.experiments.study.settings_file import (
     settings_named,
     write_settings,
 )
-from gplfd.experiments.study.tasks import EpisodeTask, SkillTask
+from gplfd.experiments.study.tasks import SkillTask
 from gplfd.experiments.teacher import TeacherConfig, standard_teacher
 from gplfd.policies.built_in import TABLE_1
 

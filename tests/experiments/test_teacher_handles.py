@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gplfd.experiments import cli
 from gplfd.experiments.teacher import (
     DEMONSTRATED_RADII,
     ROOM_RADII,
@@ -137,12 +136,3 @@ def test_a_door_is_known_again_by_its_fields(door: DoorConfig) -> None:
     fields = door.as_dict()
     assert DoorConfig(**fields) == door
     assert len(DoorConfig().as_dict()) == 8
-
-
-def test_a_run_opens_doors_of_one_kind(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    doors = {"plain": DoorConfig(), "room": LEVER}
-    monkeypatch.setattr("gplfd.experiments.runs.named_doors", lambda _: doors)
-    assert cli.main(["run", "--doors", "plain", "room"]) == 2
-    assert "differ in handle, latch" in capsys.readouterr().err

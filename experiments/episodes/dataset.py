@@ -1,8 +1,7 @@
 """Let a policy open doors, and keep everything that happens as a data set."""
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +11,15 @@ from threadpoolctl import threadpool_limits
 from gplfd.experiments.arguments import check_circumstances, check_folder, check_least
 from gplfd.experiments.datasets.minari import RecordedEpisode, Recorder, write_dataset
 from gplfd.experiments.datasets.minari.contents import outcome
-from gplfd.experiments.episodes.agents import learned, reported_errors
+from gplfd.experiments.episodes.agents import reported_errors
+from gplfd.experiments.episodes.build import learned_agents, make_environment
 from gplfd.experiments.episodes.doors import named_doors
+from gplfd.experiments.episodes.task import EpisodeTask, episode_task
 from gplfd.experiments.progress import LOG, progress_bar
-from gplfd.experiments.teacher import Teacher
 from gplfd.policies.agent import Agent
-from gplfd.policies.method import TrainingInput
 from gplfd.policies.policy import Policy
 from gplfd.policies.registry import policy_named
-from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.config import DoorConfig
-
-_Plan = Sequence[tuple[str, DoorConfig, int]]
-"""Door's name, its configuration and the seed of every episode."""
+from gplfd_env.task import Start
 
 
 def record_dataset(
@@ -36,6 +31,7 @@ def record_dataset(
     seed: int,
     demonstrations_per_door: int,
     randomization: str,
+    start: Start,
     max_steps: int | None,
     overwrite: bool,
     options: Mapping[str, Any],
@@ -45,12 +41,13 @@ def record_dataset(
     Args:
         folder: The data set; its name is its id.
         policy: Name of the policy that acts.
-        doors: Names of doors, or radii [m] as text.
+        doors: Names of doors, or radii [m] as text; for one robot, fixed or driving.
         episodes: Number per door; the k-th has seed ``seed + k``.
         seed: First seed of teacher, policy and environment.
         demonstrations_per_door: How often the synthetic human opens each of the three
             demonstrated doors.
         randomization: Name of what the environment draws anew.
+        start: What episodes begin with.
         max_steps: Episodes are cut after this many; None for the environment's limit.
         overwrite: Replace a data set that is there already.
         options: The command's, for the record; JSON-able.
@@ -69,67 +66,64 @@ def record_dataset(
     chosen = policy_named(policy)
     check_circumstances(randomization)
     check_folder(folder.parent)
-    plan = [
-        (name, config, seed + number)
-        for name, config in named_doors(doors).items()
+    tasks = [
+        episode_task(
+            door,
+            config,
+            policy=policy,
+            seed=seed + number,
+            demonstrations_per_door=demonstrations_per_door,
+            randomization=randomization,
+            start=start,
+        )
+        for door, config in named_doors(doors, start=start).items()
         for number in range(episodes)
     ]
-    # The environment of the first door, to which resets bring the others.
-    arguments: dict[str, Any] = {"door": plan[0][1].as_dict()}
-    if randomization != "none":
-        arguments["randomization"] = randomization
-    if max_steps is not None:
-        arguments["max_episode_steps"] = max_steps
-    taught = partial(_taught, policy, chosen, demonstrations_per_door)
-    # An agent says which environment it acts in; each episode has one of its own.
-    made = gym.make(ENVIRONMENT_IDS[taught(seed).control], **arguments)
-    with contextlib.closing(made) as env:
+    first = tasks[0]
+    for task in tasks:
+        if task.base != first.base:
+            raise ValueError(
+                f"door {first.door} is opened with base={first.base!r} and door "
+                f"{task.door} with base={task.base!r}; a data set has one environment: "
+                "record two data sets"
+            )
+    limit = {} if max_steps is None else {"max_episode_steps": max_steps}
+    # The first agent says which environment they all act in. Resets bring its door to
+    # those of the other tasks.
+    with reported_errors(policy, chosen):
+        control = learned_agents(first, chosen)().control
+    with contextlib.closing(make_environment(first, control, **limit)) as env:
         write_dataset(
             folder,
-            _recorded(env, plan, policy, chosen, taught),
+            _recorded(env, tasks, chosen),
             env=env,
             policy=policy,
             config=options,
             overwrite=overwrite,
         )
-    return len(plan)
-
-
-def _taught(
-    name: str, policy: Policy, demonstrations_per_door: int, seed: int
-) -> Agent:
-    """Return an agent that has learned from the synthetic human of a seed."""
-    shown = Teacher().standard_demonstrations(demonstrations_per_door, seed=seed)
-    training = TrainingInput(demonstrations=shown, seed=seed)
-    with reported_errors(name, policy):
-        return learned(policy, training)()
+    return len(tasks)
 
 
 def _recorded(
-    env: gym.Env[Any, Any],
-    plan: _Plan,
-    name: str,
-    policy: Policy,
-    taught: Callable[[int], Agent],
+    env: gym.Env[Any, Any], tasks: Sequence[EpisodeTask], policy: Policy
 ) -> Iterator[RecordedEpisode]:
-    """Run and yield every episode of the plan."""
+    """Run and yield the episode of every task."""
     recorder = Recorder(env)
-    for door, config, seed in progress_bar(plan, desc="recording", unit="episode"):
-        agent = taught(seed)
-        with reported_errors(name, policy):
-            _act(agent, recorder, config, seed)
+    for task in progress_bar(tasks, desc="recording", unit="episode"):
+        with reported_errors(task.policy, policy):
+            _act(learned_agents(task, policy)(), recorder, task)
         episode = recorder.episode
-        LOG.info("%s, seed %d: %s", door, seed, outcome(episode))
+        LOG.info("%s, seed %d: %s", task.door, task.seed, outcome(episode))
         yield episode
 
 
-def _act(agent: Agent, env: Recorder, door: DoorConfig, seed: int) -> None:
+def _act(agent: Agent, env: Recorder, task: EpisodeTask) -> None:
     """Let the agent act from the reset to the end of the episode."""
     inner: Any = env.unwrapped
     # Small matrices: more threads only cost time, and change the order of sums.
     with threadpool_limits(limits=1, user_api="blas"):
-        options = {"door": door.as_dict()}
-        observation, _ = env.reset(seed=seed, options=options)
+        options = {"door": dict(task.door_config)}
+        observation, _ = env.reset(seed=task.reset_seed, options=options)
         agent.inform(inner.door_geometry)
         agent.reset(observation)
         ended = False

@@ -1,0 +1,140 @@
+"""Every command opens a door of every kind, from both starts, alone and together."""
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gplfd.experiments.datasets.npz import load_demonstrations
+from gplfd.experiments.episodes.build import make_environment
+from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.task import episode_task
+from gplfd_env.config import DOORS
+
+Gplfd = Callable[..., int]
+
+PUSHED = {"radius": 0.7, "handle": "knob", "latch": "spring", "swing": "push"}
+KINDS = {
+    (*door.kind.values(), door.radius > 0.65): name for name, door in DOORS.items()
+}
+"""The last preset of every kind of door and robot."""
+
+
+@pytest.fixture(params=[*KINDS.values(), "pushed.json"])
+def door(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """Return a door of every kind as a person gives it, the last as a file."""
+    (tmp_path / "pushed.json").write_text(json.dumps(PUSHED))
+    return str(request.param)
+
+
+def test_the_presets_are_of_several_kinds() -> None:
+    assert len(KINDS) >= 2
+    assert {DOORS[name].handle for name in KINDS.values()} >= {"bar", "lever"}
+
+
+@pytest.mark.parametrize("start", ["grasped", "approach"])
+def test_run_opens_it(gplfd: Gplfd, tmp_path: Path, door: str, start: str) -> None:
+    out = tmp_path / "run"
+    given = ("--doors", door, "--start", start, "--policy", "oracle")
+    assert gplfd("run", *given, "--out", str(out)) == 0
+    (metrics,) = json.loads((out / "metrics.json").read_text())
+    assert metrics["success"], metrics
+    assert (out / f"{metrics['door']}.rrd").stat().st_size > 0
+
+
+@pytest.mark.filterwarnings("ignore:rests")
+def test_a_run_of_several_kinds_learns_each_from_its_own(
+    gplfd: Gplfd, tmp_path: Path
+) -> None:
+    doors = ("small", "room-584", "0.42")
+    out = tmp_path / "run"
+    assert gplfd("run", "--policy", "promp", "--doors", *doors, "--out", str(out)) == 0
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert [(one["door"], one["success"]) for one in metrics] == [
+        (door, True) for door in doors
+    ]
+    bars = load_demonstrations(out / "demonstrations-small.npz")
+    levers = load_demonstrations(out / "demonstrations-room-584.npz")
+    assert bars.radii == (0.35, 0.35, 0.50, 0.50, 0.65, 0.65)
+    assert levers.radii == (0.53, 0.53, 0.65, 0.65, 0.78, 0.78)
+    # Who turns a lever turns the hand about the axis normal to the leaf.
+    turned = [np.abs(one.poses[:, 3]).max() for one in levers.demonstrations]
+    assert min(turned) > math.radians(15.0)
+    config = json.loads((out / "run.json").read_text())["config"]
+    assert config["demonstrations_of"] == {
+        "small": "demonstrations-small.npz",
+        "room-584": "demonstrations-room-584.npz",
+        "0.42": "demonstrations-small.npz",
+    }
+    # Alone or beside doors of another kind, an episode is the same.
+    given = ("--policy", "promp", "--doors", "room-584")
+    assert gplfd("run", *given, "--out", str(tmp_path / "alone")) == 0
+    alone = EpisodeLog.load(tmp_path / "alone" / "room-584.npz")
+    together = EpisodeLog.load(out / "room-584.npz")
+    np.testing.assert_array_equal(alone.ee_pose, together.ee_pose)
+    # What the run of several kinds wrote goes when another run takes its folder.
+    assert (
+        gplfd("run", "--policy", "oracle", "--doors", "small", "--out", str(out)) == 0
+    )
+    assert sorted(file.name for file in out.iterdir()) == [
+        *("demonstrations.npz", "metrics.json", "run.json", "small.npz", "small.rrd")
+    ]
+
+
+def test_one_set_of_demonstrations_is_for_one_kind_of_doors(
+    gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shown = tmp_path / "shown"
+    assert gplfd("run", "--policy", "oracle", "--doors", "small", "--out", "shown") == 0
+    capsys.readouterr()
+    given = ("--demonstrations", str(shown / "demonstrations.npz"))
+    assert gplfd("run", *given, "--doors", "small", "room-834", "--out", "two") == 2
+    message = capsys.readouterr().err
+    assert "differ in handle, latch" in message
+    assert "leave out --demonstrations" in message
+    assert not (tmp_path / "two").exists()
+
+
+def test_demos_are_recorded_and_replayed(
+    gplfd: Gplfd, door: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for start in ("grasped", "approach"):
+        name = f"{start}-v0"
+        given = ("--doors", door, "--start", start, "--policy", "oracle")
+        cut = ("--max-steps", "40", "--quiet")
+        assert gplfd("demos", "record", *given, *cut, "--out", name) == 0
+        assert gplfd("demos", "replay", name, "--quiet") == 0
+        assert "bit-exact over 40 steps" in capsys.readouterr().out
+
+
+def test_a_data_set_has_one_robot(
+    gplfd: Gplfd, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ("--doors", "small", "room-834", "--policy", "oracle")
+    assert gplfd("demos", "record", *given, "--out", "both-v0") == 2
+    assert "record two data sets" in capsys.readouterr().err
+
+
+def test_an_environment_of_a_task_has_everything_that_it_names() -> None:
+    task = episode_task(
+        "room-834",
+        DOORS["room-834"],
+        policy="oracle",
+        seed=3,
+        randomization="mild",
+        disturbance="person",
+        start="approach",
+    )
+    env = make_environment(task, "pose", max_episode_steps=7)
+    assert env.spec is not None
+    assert env.spec.max_episode_steps == 7
+    assert env.spec.kwargs == {
+        "door": dict(task.door_config),
+        "randomization": "mild",
+        "disturbance": "person",
+        "base": "mobile",
+        "start": "approach",
+    }
