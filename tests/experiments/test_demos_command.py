@@ -261,7 +261,8 @@ def test_without_minari_the_extra_is_named(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    for name in [name for name in sys.modules if name.startswith(DATASETS)]:
+    read_minari = (DATASETS, "gplfd.experiments.episodes.dataset")
+    for name in [name for name in sys.modules if name.startswith(read_minari)]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "minari", None)
     for command in (RECORD, ("demos", "replay", str(recorded))):
