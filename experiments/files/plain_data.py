@@ -91,8 +91,9 @@ def entry(entries: Mapping[str, Any], name: str, kind: Any) -> Any:
     Args:
         entries: As JSON or TOML give them.
         name: Of the entry.
-        kind: str, int, float, bool, Any, None, or of these ``tuple[kind, ...]`` for a
-            list, ``dict[str, kind]``, or a union. A whole number is a float, too.
+        kind: str, int, float, bool, Any, None, a Literal of strings, or of these
+            ``tuple[kind, ...]`` for a list, ``dict[str, kind]``, or a union. A whole
+            number is a float, too.
 
     Raises:
         ValueError: The entry is missing or of another type.
@@ -168,6 +169,8 @@ def _as(value: Any, kind: Any) -> Any:
         for one in inner:
             with contextlib.suppress(TypeError):
                 return _as(value, one)
+    if origin is typing.Literal and type(value) is str and value in inner:
+        return value
     if origin is tuple and type(value) is list:
         return tuple(_as(part, inner[0]) for part in value)
     if origin is dict and type(value) is dict:
@@ -183,6 +186,8 @@ def _described(kind: Any) -> str:
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if origin is types.UnionType:
         return " or ".join(map(_described, inner))
+    if origin is typing.Literal:
+        return " or ".join(map(repr, inner))
     if origin is tuple:
         return f"a list in [brackets], each of it {_described(inner[0])}"
     if origin is dict:

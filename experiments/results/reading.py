@@ -62,6 +62,7 @@ _SELDOM: Final = {
     "demonstrated_radii": tuple[float, ...],
     "demonstrated_kind": dict[str, str] | None,
     "base": str,
+    "start": str,
     "habits": dict[str, float] | None,
     "prior_radius": float | None,
     "trial": str,
@@ -248,6 +249,7 @@ def _condition(task: TaughtTask) -> Condition:
         taught,
         randomization=_told(task.randomization),
         disturbance=_told(task.disturbance),
+        start=task.start,
         trial=task.trial,
         level=task.level,
     )

@@ -23,6 +23,7 @@ from gplfd.experiments.study.tasks import RecordedTask, SkillTask
 from gplfd.experiments.teacher import standard_teacher
 from gplfd.policies.built_in import TABLE_1
 from gplfd.policies.demonstrations import Demonstration
+from gplfd_env.config import DoorConfig
 
 _NOISY: Final = (
     *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),
@@ -49,7 +50,7 @@ def checked(settings: StudySettings) -> StudySettings:
     settings = dataclasses.replace(settings, policies=_policies(settings.policies))
     for policy in settings.policies:
         chosen(policy)
-    named_doors(settings.doors)
+    named_doors(settings.doors, start=settings.start)
     for names in itertools.product(settings.randomizations, settings.disturbances):
         check_circumstances(*names)
     for field in dataclasses.fields(settings):
@@ -107,6 +108,7 @@ def conditions(settings: StudySettings) -> Iterator[Condition]:
             teacher_noise=noise,
             randomization=randomization,
             disturbance=disturbance,
+            start=settings.start,
         )
 
 
@@ -127,6 +129,7 @@ def episodes(
             teacher=teacher,
             randomization=condition.randomization,
             disturbance=condition.disturbance,
+            start=condition.start,
         )
 
 
@@ -182,13 +185,20 @@ def recorded_tasks(
 
 
 def tasks(settings: StudySettings) -> tuple[Task, ...]:
-    """Return all tasks of a study; seed after seed, so that any part compares all."""
+    """Return all tasks of a study; seed after seed, so that any part compares all.
+
+    Learning tests use demonstrations of furniture doors. A study without such a door
+    has none.
+    """
+    furniture = DoorConfig().kind
+    doors = named_doors(settings.doors, start=settings.start).values()
+    tested = settings.skill and any(door.kind == furniture for door in doors)
 
     def each() -> Iterator[Task]:
         for seed in range(settings.seeds):
             for condition in conditions(settings):
                 yield from episodes(settings, condition, [seed])
-            if settings.skill:
+            if tested:
                 yield from learning_tests(settings, seed)
 
     return tuple(each())

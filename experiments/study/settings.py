@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Literal
 
 TABLE_1_NAME: Final = "table-1"
 """Stands for the policies of the paper's Table 1 where policies are named."""
@@ -44,8 +44,13 @@ class StudySettings:
     disturbances: tuple[str, ...] = ("none",)
     """What happens from outside: none, push, person, ...; see `gplfd list`."""
 
+    start: Literal["grasped", "approach"] = "grasped"
+    """What episodes begin with: the handle in the hand, or the open hand before it,
+    which then reaches as the demonstrations do."""
+
     skill: bool = True
-    """Also hold what is learned against demonstrations left out, without a robot."""
+    """Also test what is learned on demonstrations of furniture doors that were left
+    out of the learning, without a robot."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -60,6 +65,8 @@ class Condition:
     """What varies from episode to episode."""
     disturbance: str = "none"
     """What happens from outside."""
+    start: str = "grasped"
+    """What episodes begin with."""
     trial: str = ""
     """Name of the trial, if they belong to one."""
     level: str = ""
@@ -77,8 +84,11 @@ class Condition:
         if self.trial:
             return f"trial {self.trial}, {self.level}"
         text = f"{self.teaching}, randomization {self.randomization}"
-        disturbed = self.disturbance != "none"
-        return f"{text}, disturbance {self.disturbance}" if disturbed else text
+        if self.disturbance != "none":
+            text += f", disturbance {self.disturbance}"
+        if self.start != "grasped":
+            text += f", start {self.start}"
+        return text
 
 
 PRESETS: Final[Mapping[str, StudySettings]] = MappingProxyType(

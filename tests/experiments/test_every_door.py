@@ -12,6 +12,9 @@ from gplfd.experiments.datasets.npz import load_demonstrations
 from gplfd.experiments.episodes.build import make_environment
 from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.episodes.task import episode_task
+from gplfd.experiments.results.reading import read_results
+from gplfd.experiments.study.settings import StudySettings
+from gplfd.experiments.study.settings_file import read_settings, write_settings
 from gplfd_env.config import DOORS
 
 Gplfd = Callable[..., int]
@@ -138,3 +141,33 @@ def test_an_environment_of_a_task_has_everything_that_it_names() -> None:
         "base": "mobile",
         "start": "approach",
     }
+
+
+@pytest.mark.parametrize("start", ["grasped", "approach"])
+def test_a_study_of_doors_of_several_kinds_can_be_read_and_recorded(
+    gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str], start: str
+) -> None:
+    (tmp_path / "pushed.json").write_text(json.dumps(PUSHED))
+    doors = (*KINDS.values(), "pushed.json")
+    given = ("--doors", *doors, "--start", start, "--policies", "oracle")
+    where = ("--engine", "serial", "--quiet", "--record", "--out", "study")
+    assert gplfd("benchmark", *given, "--seeds", "1", "--no-skill", *where) == 0
+    study = read_results(tmp_path / "study")
+    assert not study.unreadable
+    assert [one.task.door for one in study.episodes if not one.success] == []
+    assert {one.task.door for one in study.episodes} == {*KINDS.values(), "pushed"}
+    table = capsys.readouterr().out
+    for door in KINDS.values():
+        assert door in table
+    index = json.loads((tmp_path / "study" / "recordings" / "index.json").read_text())
+    assert [one["different"] for one in index["episodes"]] == [{}, {}, {}]
+    assert gplfd("report", "study") == 0
+
+
+def test_a_study_keeps_its_start(tmp_path: Path) -> None:
+    settings = StudySettings(doors=("small",), start="approach", seeds=1)
+    write_settings(tmp_path / "study.toml", settings)
+    assert read_settings(tmp_path / "study.toml") == settings
+    (tmp_path / "study.toml").write_text('start = "before"\n')
+    with pytest.raises(ValueError, match="must be 'grasped' or 'approach'"):
+        read_settings(tmp_path / "study.toml")

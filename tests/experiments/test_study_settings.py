@@ -161,3 +161,10 @@ def test_noise_makes_demonstrations_of_one_door_differ() -> None:
     assert noisy_teacher(1.0) == standard
     TeacherConfig(**noisy_teacher(0.0))
     TeacherConfig(**noisy_teacher(20.0))
+
+
+def test_learning_tests_are_of_furniture_doors() -> None:
+    rooms = checked(StudySettings(doors=("room-584",), seeds=1))
+    assert {type(task) for task in tasks(rooms)} == {EpisodeTask}
+    both = checked(StudySettings(doors=("room-584", "small"), seeds=1))
+    assert {type(task) for task in tasks(both)} == {EpisodeTask, SkillTask}
