@@ -1,17 +1,21 @@
 """Every command opens a door of every kind, from both starts, alone and together."""
 
+import contextlib
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun as rr
 
 from gplfd.experiments.datasets.npz import load_demonstrations
 from gplfd.experiments.episodes.build import make_environment
 from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.episodes.task import episode_task
+from gplfd.experiments.recording import live_view
+from gplfd.experiments.recording.stream import open_stream
 from gplfd.experiments.results.reading import read_results
 from gplfd.experiments.study.settings import StudySettings
 from gplfd.experiments.study.settings_file import read_settings, write_settings
@@ -171,3 +175,47 @@ def test_a_study_keeps_its_start(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text('start = "before"\n')
     with pytest.raises(ValueError, match="must be 'grasped' or 'approach'"):
         read_settings(tmp_path / "study.toml")
+
+
+class _Viewer:
+    """A viewer that nobody closes until the episode has ended."""
+
+    def poll(self) -> None:
+        return None
+
+    def wait(self) -> int:
+        return 0
+
+
+@pytest.mark.parametrize(
+    ("door", "start"),
+    [("cabinet", "approach"), ("room-584", "grasped"), ("pushed.json", "approach")],
+)
+def test_it_is_watched_live(
+    gplfd: Gplfd,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    door: str,
+    start: str,
+) -> None:
+    (tmp_path / "pushed.json").write_text(json.dumps(PUSHED))
+
+    @contextlib.contextmanager
+    def stream_to(url: str, arrangement: object) -> Iterator[rr.RecordingStream]:
+        stream = open_stream()
+        stream.save(url, default_blueprint=arrangement)
+        yield stream
+        stream.flush()
+        stream.disconnect()
+
+    @contextlib.contextmanager
+    def viewer_process(*, serve: bool) -> Iterator[tuple[_Viewer, str]]:
+        yield _Viewer(), str(tmp_path / "live.rrd")
+
+    monkeypatch.setattr(live_view, "_stream_to", stream_to)
+    monkeypatch.setattr(live_view, "_viewer_process", viewer_process)
+    given = ("--door", door, "--start", start, "--policy", "oracle")
+    assert gplfd("view", "--live", "--serve", *given, "--speed", "1e6") == 0
+    assert ": opened in" in capsys.readouterr().err
+    assert (tmp_path / "live.rrd").stat().st_size > 0
