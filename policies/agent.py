@@ -12,6 +12,7 @@ import numpy as np
 
 from gplfd.policies.compliance import ComplianceConfig, ComplianceController
 from gplfd.policies.gridded import GriddedMovement
+from gplfd.policies.handle_adapter import controller_of
 from gplfd.policies.phase import PhaseRule
 from gplfd.policies.steps import AgentStep, Observation
 from gplfd.policies.trajectory import GaussianTrajectory
@@ -185,7 +186,7 @@ class CompliantAgent:
     _controller: ComplianceController = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        controller = ComplianceController(self.movement, self.phases, self.config)
+        controller = controller_of(self.movement, self.phases, self.config)
         object.__setattr__(self, "_controller", controller)
 
     @property

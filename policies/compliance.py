@@ -15,8 +15,7 @@ where in memory a row begins.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -30,12 +29,10 @@ from gplfd.policies.controllers.stiffness import (
     StiffnessProfile,
     VirtualDynamics,
 )
-from gplfd.policies.gridded import GriddedMovement, GriddedMovements
-from gplfd.policies.handle_load import HandleAndDoor
-from gplfd.policies.handles import Handles
-from gplfd.policies.load import Encounter, LearnedLoad, LoadRule, Response
+from gplfd.policies.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
+from gplfd.policies.load import Encounter, LearnedLoad, Load, LoadRule
 from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
-from gplfd.policies.phase import POSE_ERROR, PhaseRule
+from gplfd.policies.phase import POSE_ERROR, PhaseObserver
 from gplfd.policies.steps import AgentStep
 from gplfd.policies.trajectory import ViaPoint
 from gplfd_env.task import CONTROL_PERIOD
@@ -46,9 +43,6 @@ Due = Bool[np.ndarray | np.bool_, "*N"]
 
 _LOST: Final = 0.1
 """A phase that falls by more had been found in the wrong place."""
-
-_LOOK_AHEAD: Final = 0.05
-"""Stretch of the path, in phase, whose chord is its direction."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -128,28 +122,30 @@ class _Memory:
 class ComplianceController:
     """Decides for one hand, or for many with one rule of the phase and one config.
 
+    `gplfd.policies.handle_adapter.controller_of` makes one, with adapters around
+    movements, phases and load where handles turn.
+
     Args:
-        movements: The movement that is followed, or one per member, on grids of one
-            size; adapted in place.
+        movements: The movements that are followed; adapted in place.
         phases: Tells where along the task the observed poses lie.
-        config: Stiffness, load, timing and via-points.
+        load: `ComplianceConfig.load` at work.
+        config: Stiffness, timing and via-points.
     """
 
     def __init__(
         self,
-        movements: GriddedMovement | Sequence[GriddedMovement],
-        phases: PhaseRule,
+        movements: GriddedMovements,
+        phases: PhaseObserver,
+        load: Load,
         config: ComplianceConfig,
     ) -> None:
-        self._movements = GriddedMovements(movements)
-        self._phases, self._config = phases, config
+        self._movements, self._phases = movements, phases
+        self._load, self._config = load, config
         shape = self._movements.durations.shape
         self._governor = StiffnessGovernor(config.profile, config.dynamics, shape)
         self._renderer = config.rendering.renderer(
             config.dynamics, config.control_period, shape
         )
-        self._handles = Handles(self._movements.handles, shape)
-        self._load = HandleAndDoor(config.load, config.profile, self._handles, shape)
         self._memory = _Memory(shape)
         self._via_noise = np.repeat(config.via_std, 3)
 
@@ -159,7 +155,6 @@ class ComplianceController:
         self._governor.reset(members)
         self._renderer.reset(members)
         self._load.reset(members)
-        self._handles.reset(members)
         self._memory.reset(members)
         self._phases.reset(members)
 
@@ -176,17 +171,21 @@ class ComplianceController:
         memory = self._memory
         # A copy: the rule may return it, and the command phase moves on below.
         command = memory.phase[members].copy()
-        shown = self._handles.shown(poses, members)
         seen = self._phases.update(
-            shown, memory.observed_phase[members], command, members
+            poses, memory.observed_phase[members], command, members
         )
         observed_phase = memory.observed_phase[members] = seen.phase
-        ahead = _ahead(observed_phase, self._handles.opening(observed_phase, members))
-        means, stds = self._movements.at(ahead, members)
-        via_point = self._adapt(poses, means[0], observed_phase, seen.std, members)
-        path = self._movements.at(ahead, members)[0] if via_point.any() else means
-        direction = _direction(self._handles.places(path[1:], members))
-        response = self._meet(poses, wrenches, direction, members)
+        mean, mean_std, direction = self._movements.ahead(observed_phase, members)
+        via_point = self._adapt(poses, observed_phase, seen.std, members)
+        if via_point.any():
+            _, _, direction = self._movements.ahead(observed_phase, members)
+        encounter = Encounter(
+            wrench=wrenches,
+            direction=direction,
+            pose=poses,
+            displacement=self._renderer.displacement(poses[..., :3], members),
+        )
+        response = self._load.meet(encounter, members)
         phase, rate = self._advance(response.pace, members)
         desired, velocity, std = self._set_point(phase, rate, observed_phase, members)
         # Where the hand is held off, along the path, the policy is not to be trusted.
@@ -216,40 +215,14 @@ class ComplianceController:
             phase=phase,
             observed_phase=observed_phase,
             phase_misfit=seen.misfit,
-            predicted_mean=self._handles.asked(means[0], members),
-            predicted_std=stds[0],
+            predicted_mean=self._movements.hand_poses(mean, members),
+            predicted_std=mean_std,
             via_point=via_point,
         )
-
-    def _meet(
-        self,
-        poses: Poses,
-        wrenches: Poses,
-        direction: Float[np.ndarray, "*N 3"],
-        members: Members,
-    ) -> Response:
-        """Return what is done about the force on these members' hands."""
-        hands = poses[..., :3]
-        encounter = Encounter(
-            wrench=wrenches,
-            direction=direction,
-            position=hands,
-            displacement=self._renderer.displacement(hands, members),
-        )
-        response = self._load.meet(encounter, poses, members)
-        if not self._handles.turn:
-            return response
-        on = self._handles.turned_on(
-            poses, direction, response.carried, self._config.control_period, members
-        )
-        # Who turns the handle on does not pull harder meanwhile.
-        pace = np.where(on, np.minimum(response.pace, 0.0), response.pace)
-        return replace(response, pace=pace)
 
     def _adapt(
         self,
         poses: Poses,
-        means: Poses,
         phases: Phases,
         phase_stds: Phases,
         members: Members,
@@ -267,17 +240,11 @@ class ComplianceController:
         along = rate * phase_std[..., None]
         # Indexed by `due`, the arrays of one hand have a leading axis, too.
         numbers, seen = self._movements.numbers[members][due], np.asarray(phases)[due]
-        for member, phase, pose, mean, error in zip(
-            numbers.tolist(),
-            seen.tolist(),
-            poses[due],
-            means[due],
-            along[due],
-            strict=True,
+        for member, phase, pose, error in zip(
+            numbers.tolist(), seen.tolist(), poses[due], along[due], strict=True
         ):
-            told = self._handles.told(pose, mean, member)
             via_point = ViaPoint(
-                phase=phase, pose=told, std=self._via_noise, along=error
+                phase=phase, pose=pose, std=self._via_noise, along=error
             )
             self._movements.observe(member, via_point)
         return due
@@ -290,13 +257,13 @@ class ComplianceController:
         The rotation leads by less than the pull.
         """
         turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
-        asked = np.array([*_ahead(phase, phase), turn_phase])
+        asked = np.array([*look_ahead(phase, phase), turn_phase])
         means, stds = self._movements.at(asked, members)
-        along = (means[2, ..., :3] - means[1, ..., :3]) / _LOOK_AHEAD
+        along = (means[2, ..., :3] - means[1, ..., :3]) / LOOK_AHEAD
         velocity = along * np.asarray(rate)[..., None]
         desired = means[0]
         desired[..., 3:] = means[3, ..., 3:]
-        return self._handles.asked(desired, members), velocity, stds[0]
+        return self._movements.hand_poses(desired, members), velocity, stds[0]
 
     def _advance(self, pace: Phases, members: Members) -> tuple[Phases, Phases]:
         """Return the command phase a period later, and its rate [1/s]."""
@@ -323,17 +290,3 @@ class ComplianceController:
         """Return the stiffness that σ asks for, as fast as it may rise."""
         wished = self._config.profile.stiffness(std)
         return self._governor.step(wished, self._config.control_period, members)
-
-
-def _ahead(phases: Phases, opening: Phases) -> Float[np.ndarray, "*S"]:
-    """Return where hands are, and the ends of a chord of the path ahead of them."""
-    end = np.minimum(opening + _LOOK_AHEAD, 1.0)
-    return np.array([phases, end - _LOOK_AHEAD, end])
-
-
-def _direction(chord: Float[np.ndarray, "2 *N 6"]) -> Float[np.ndarray, "*N 3"]:
-    """Return the directions in which movements lead on, unit vectors."""
-    chord = chord[1, ..., :3] - chord[0, ..., :3]
-    length = np.sqrt(np.add.reduce(chord * chord, axis=-1)) + 1e-9
-    unit: Float[np.ndarray, "*N 3"] = chord / length[..., None]
-    return unit

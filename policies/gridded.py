@@ -3,17 +3,34 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from gplfd.policies.adaptation import Adaptation, AdaptationForm, begin_adaptation
-from gplfd.policies.handle import TurnedHandle, turned_handle
 from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
 from gplfd.policies.movement import Movement
 from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
 Pose = Float[np.ndarray, " 6"]
+
+
+LOOK_AHEAD: Final = 0.05
+"""Stretch of the path, in phase, whose chord is its direction."""
+
+
+def look_ahead(
+    phases: Float[Numbers, "*N"], start: Float[Numbers, "*N"]
+) -> Float[np.ndarray, "*S"]:
+    """Return phases, and the ends of a chord of the path ahead of others.
+
+    Args:
+        phases: Phases in [0, 1].
+        start: Where the chords begin at the earliest.
+    """
+    end = np.minimum(start + LOOK_AHEAD, 1.0)
+    return np.array([phases, end - LOOK_AHEAD, end])
 
 
 class GriddedMovement:
@@ -144,9 +161,9 @@ class GriddedMovements:
         return self._durations
 
     @property
-    def handles(self) -> tuple[TurnedHandle | None, ...]:
-        """What the members turn first; None for a bar."""
-        return tuple(turned_handle(one.learned.aligned) for one in self._movements)
+    def members(self) -> tuple[GriddedMovement, ...]:
+        """The movement of every member."""
+        return self._movements
 
     @property
     def numbers(self) -> Int[np.ndarray, "*N"]:
@@ -180,6 +197,44 @@ class GriddedMovements:
         table = self._table
         both = (1.0 - share) * table.take(row, 0) + share * table.take(row + 1, 0)
         return both[..., :6], both[..., 6:]
+
+    def at_member(self, member: int, phase: float) -> tuple[Pose, Pose]:
+        """Return mean and standard deviation of one member at a phase, each (6,)."""
+        if not self._numbers.shape:
+            return self.at(np.float64(phase))
+        means, stds = self.at(np.array([phase]), np.array([member]))
+        return means[0], stds[0]
+
+    def ahead(
+        self, phases: Float[Numbers, "*N"], members: Members = EVERY_MEMBER
+    ) -> tuple[
+        Float[np.ndarray, "*N 6"], Float[np.ndarray, "*N 6"], Float[np.ndarray, "*N 3"]
+    ]:
+        """Return mean, standard deviation, and the direction of the path from there.
+
+        Args:
+            phases: Phases in [0, 1], one per member.
+            members: Whose they are.
+
+        Returns:
+            Means and standard deviations [m, rad], and unit vectors in the task frame.
+        """
+        means, stds = self.at(look_ahead(phases, phases), members)
+        return means[0], stds[0], self.direction(means[1:])
+
+    def hand_poses(
+        self, poses: Float[np.ndarray, "*N 6"], members: Members = EVERY_MEMBER
+    ) -> Float[np.ndarray, "*N 6"]:
+        """Return the poses of hands that follow poses of the movements: the same."""
+        return poses
+
+    @staticmethod
+    def direction(chord: Float[np.ndarray, "2 *N 6"]) -> Float[np.ndarray, "*N 3"]:
+        """Return the unit vectors along chords of paths."""
+        between = chord[1, ..., :3] - chord[0, ..., :3]
+        length = np.sqrt(np.add.reduce(between * between, axis=-1)) + 1e-9
+        unit: Float[np.ndarray, "*N 3"] = between / length[..., None]
+        return unit
 
     def _renew(self, member: int) -> None:
         movement = self._movements[member]

@@ -10,14 +10,12 @@ the path of the axis.
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd.policies.controllers.stiffness import StiffnessProfile
 from gplfd.policies.handles import Handles
 from gplfd.policies.load import Encounter, LoadRule, Response
 from gplfd.policies.members import EVERY_MEMBER, Members
-
-Poses = Float[np.ndarray, "*N 6"]
+from gplfd_env.task import CONTROL_PERIOD
 
 
 class HandleAndDoor:
@@ -28,6 +26,7 @@ class HandleAndDoor:
         profile: What uncertainty does to the stiffness.
         handles: What the members turn.
         shape: Leading axes of all arrays: () for one hand, (N,) for N hands.
+        period: Time between two control steps [s].
     """
 
     def __init__(
@@ -36,40 +35,44 @@ class HandleAndDoor:
         profile: StiffnessProfile,
         handles: Handles,
         shape: tuple[int, ...],
+        period: float = CONTROL_PERIOD,
     ) -> None:
-        self._handles = handles
+        self._handles, self._period = handles, period
         self._door = rule.begin(profile, shape)
-        self._handle = rule.begin(profile, shape) if handles.turn else None
+        self._handle = rule.begin(profile, shape)
 
     def reset(self, members: Members = EVERY_MEMBER) -> None:
         """Forget these members' doors."""
         self._door.reset(members)
-        if self._handle is not None:
-            self._handle.reset(members)
+        self._handle.reset(members)
 
-    def meet(
-        self, encounter: Encounter, poses: Poses, members: Members = EVERY_MEMBER
-    ) -> Response:
+    def meet(self, encounter: Encounter, members: Members = EVERY_MEMBER) -> Response:
         """Return what these members do about what they meet.
+
+        A handle whose door does not give is turned on meanwhile.
 
         Args:
             encounter: What their hands meet, along the path of the door.
-            poses: Of their hands, task frame [m, rad].
             members: Whose they are.
         """
-        if self._handle is None:
-            return self._door.meet(encounter, members)
-        places = self._handles.places(poses, members)[..., :3]
+        poses = encounter.pose
+        places = self._handles.places(poses, members)
         turning = replace(
             encounter,
             direction=self._handles.ways(poses, members),
-            position=encounter.position - places,
+            pose=poses - places,
         )
         held = self._handle.meet(turning, members)
         opening = replace(
             encounter,
             wrench=held.wrench,
-            position=places,
+            pose=places,
             hooked=self._handles.hooked(members),
         )
-        return self._door.meet(opening, members)
+        response = self._door.meet(opening, members)
+        on = self._handles.turned_on(
+            poses, encounter.direction, response.carried, self._period, members
+        )
+        # A hand that turns the handle on does not pull harder at the same time.
+        pace = np.where(on, np.minimum(response.pace, 0.0), response.pace)
+        return replace(response, pace=pace)

@@ -39,8 +39,8 @@ class Encounter:
     """Force and moment on the hand [N, N m]."""
     direction: Direction
     """Unit vector along which the policy moves the hand."""
-    position: Direction
-    """Where the hand is [m]."""
+    pose: Wrench
+    """Pose of the hand [m, rad]."""
     displacement: Direction
     """How far it has been displaced: e of Eq. (22) [m]."""
     hooked: Bool[np.ndarray | np.bool_, "*N"] | bool = False
@@ -210,7 +210,7 @@ class LoadLearner:
         self, resistance: Amount, encounter: Encounter, members: Members
     ) -> Amount:
         """Let r̂ follow what it took members to move on; return it."""
-        rule, position = self._rule, encounter.position
+        rule, position = self._rule, encounter.pose[..., :3]
         mark = self._mark[members]
         mark = np.where(np.isnan(mark), position, mark)
         moved = _along(encounter.direction, position - mark)

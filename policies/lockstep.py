@@ -11,8 +11,8 @@ from typing import Any, Protocol, SupportsIndex, runtime_checkable
 import numpy as np
 
 from gplfd.policies.agent import Agent, CompliantAgent, as_agent
-from gplfd.policies.compliance import ComplianceController
 from gplfd.policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
+from gplfd.policies.handle_adapter import controller_of
 from gplfd.policies.members import members_of
 from gplfd.policies.steps import AgentStep, Observation
 from gplfd.policies.trajectory import GaussianTrajectory
@@ -117,7 +117,7 @@ class _AllAtOnce:
     def __init__(self, agents: Sequence[CompliantAgent]) -> None:
         self._movements = [agent.movement for agent in agents]
         rule = agents[0].phases.stacked([agent.phases for agent in agents])
-        self._controller = ComplianceController(self._movements, rule, agents[0].config)
+        self._controller = controller_of(self._movements, rule, agents[0].config)
         self._actions = np.full((len(agents), 6), np.nan)
         self.control: Control = agents[0].control
 

@@ -60,16 +60,8 @@ class PhaseEstimate:
 
 
 @runtime_checkable
-class PhaseRule(Protocol):
+class PhaseObserver(Protocol):
     """Tells the phases of the observed poses of N members."""
-
-    @property
-    def settings(self) -> object:
-        """What rules of different members must share to be stacked."""
-
-    @classmethod
-    def stacked(cls, rules: Sequence[Any]) -> PhaseRule:
-        """Return the rule of all members of rules with equal settings."""
 
     def reset(self, members: Members = EVERY_MEMBER) -> None:
         """Let these members forget their paths and begin at the start of the task."""
@@ -92,6 +84,19 @@ class PhaseRule(Protocol):
 
     def rate(self, phases: Phases, members: Members = EVERY_MEMBER) -> Poses:
         """Return dμ/ds of these members' demonstrations at phases, (A, 6)."""
+
+
+@runtime_checkable
+class PhaseRule(PhaseObserver, Protocol):
+    """A phase observer of which those of several members can be made one."""
+
+    @property
+    def settings(self) -> object:
+        """What rules of different members must share to be stacked."""
+
+    @classmethod
+    def stacked(cls, rules: Sequence[Any]) -> PhaseRule:
+        """Return the rule of all members of rules with equal settings."""
 
 
 class ClockPhase:

@@ -122,7 +122,7 @@ PULL = np.array([1.0, 0.0, 0.0])
 def met(force: np.ndarray) -> Encounter:
     wrench = np.concatenate([force, np.zeros(3)])
     return Encounter(
-        wrench=wrench, direction=PULL, position=PRESSED[:3], displacement=np.zeros(3)
+        wrench=wrench, direction=PULL, pose=PRESSED, displacement=np.zeros(3)
     )
 
 
@@ -130,14 +130,14 @@ def test_the_spring_of_a_lever_is_carried_while_the_door_is_pulled() -> None:
     """And what is across both ways is yielded to, as it is where nothing turns."""
     spring, across = -6.0 * WAY, 3.0 * np.cross(PULL, WAY)
     load = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, Handles([EXACT], ()), ())
-    response = load.meet(met(spring + across - 8.0 * PULL), PRESSED)
+    response = load.meet(met(spring + across - 8.0 * PULL))
     assert_allclose(response.wrench[:3], across, atol=1e-9)
     assert response.carried == pytest.approx(8.0)
 
 
 def test_what_presses_a_lever_further_is_yielded_to() -> None:
     load = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, Handles([EXACT], ()), ())
-    response = load.meet(met(6.0 * WAY), PRESSED)
+    response = load.meet(met(6.0 * WAY))
     assert_allclose(response.wrench[:3], 6.0 * WAY)
 
 
@@ -145,7 +145,7 @@ def test_a_door_behind_a_handle_may_be_heavier_than_a_friction_grasp_holds() -> 
     for handle, carried in ((None, 25.0), (EXACT, 45.0)):
         handles = Handles([handle], ())
         load = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, handles, ())
-        assert load.meet(met(-45.0 * PULL), PRESSED).carried == pytest.approx(carried)
+        assert load.meet(met(-45.0 * PULL)).carried == pytest.approx(carried)
 
 
 def test_turning_a_handle_teaches_nothing_of_the_door() -> None:
@@ -158,11 +158,11 @@ def test_turning_a_handle_teaches_nothing_of_the_door() -> None:
         way = np.array(EXACT.way(pose.tolist()))
         wrench = np.concatenate([-2.0 * way, np.zeros(3)])
         turning = Encounter(
-            wrench=wrench, direction=way, position=pose[:3], displacement=np.zeros(3)
+            wrench=wrench, direction=way, pose=pose, displacement=np.zeros(3)
         )
-        load.meet(turning, pose)
-    assert load.meet(met(-20.0 * PULL), PRESSED).carried == pytest.approx(20.0)
-    stop = load.meet(met(-20.0 * WAY), PRESSED).wrench[:3] @ -WAY
+        load.meet(turning)
+    assert load.meet(met(-20.0 * PULL)).carried == pytest.approx(20.0)
+    stop = load.meet(met(-20.0 * WAY)).wrench[:3] @ -WAY
     assert 14.0 < stop < 18.0
 
 
@@ -175,10 +175,9 @@ def test_one_hand_and_many_meet_the_same() -> None:
         Encounter(
             wrench=forces,
             direction=np.tile(PULL, (3, 1)),
-            position=poses[:, :3],
+            pose=poses,
             displacement=np.zeros((3, 3)),
-        ),
-        poses,
+        )
     )
     for row, handle in enumerate(handles):
         alone = HandleAndDoor(
@@ -187,10 +186,9 @@ def test_one_hand_and_many_meet_the_same() -> None:
             Encounter(
                 wrench=forces[row],
                 direction=PULL,
-                position=poses[row, :3],
+                pose=poses[row],
                 displacement=np.zeros(3),
-            ),
-            poses[row],
+            )
         )
         assert_array_equal(together.wrench[row], alone.wrench)
         assert together.pace[row] == alone.pace
@@ -201,6 +199,6 @@ def test_a_bar_is_met_by_the_rule_alone() -> None:
     load = HandleAndDoor(rule, DEFAULT_PROFILE, Handles([None], ()), ())
     encounter = met(np.array([-30.0, 2.0, 1.0]))
     expected = rule.meet(encounter)
-    response = load.meet(encounter, PRESSED)
+    response = load.meet(encounter)
     assert_array_equal(response.wrench, expected.wrench)
     assert response.carried == expected.carried

@@ -15,7 +15,7 @@ def met(force, position=(0.0, 0.0, 0.0), displacement=(0.0, 0.0, 0.0)):
     return Encounter(
         wrench=force,
         direction=FORWARD,
-        position=np.array(position),
+        pose=np.append(position, np.zeros(3)),
         displacement=np.array(displacement),
     )
 
@@ -173,7 +173,7 @@ def test_stiffness_along_the_path_is_that_of_the_directions_axes():
     encounter = Encounter(
         wrench=np.append(-24.0 * direction, np.zeros(3)),
         direction=direction,
-        position=np.zeros(3),
+        pose=np.zeros(6),
         displacement=-0.5 * direction,
     )
     carried = load.meet(encounter).carried
@@ -227,7 +227,7 @@ def test_a_path_without_direction_is_waited_on_by_nobody():
     still = Encounter(
         wrench=wrench(x=-20.0),
         direction=np.zeros(3),
-        position=np.zeros(3),
+        pose=np.zeros(6),
         displacement=np.zeros(3),
     )
     response = LearnedLoad().begin(DEFAULT_PROFILE).meet(still)
@@ -281,7 +281,7 @@ def test_members_meet_their_doors_as_each_alone(rule):
         fields = {
             "wrench": 15.0 * rng.normal(size=(50, 6)),
             "direction": directions,
-            "position": 0.02 * rng.normal(size=(50, 3)),
+            "pose": 0.02 * rng.normal(size=(50, 6)),
             "displacement": 0.02 * rng.normal(size=(50, 3)),
         }
         some = np.flatnonzero(rng.random(50) < 0.7)
