@@ -22,7 +22,10 @@ def _search_installed_first() -> None:
 
     What stands before the standard library in ``sys.path`` is the user's:
     ``PYTHONPATH`` and the folder of the script or, after ``python -m``, the working
-    folder.
+    folder. The working folder is not searched at all: dependencies look for optional
+    modules, such as ``org`` and ``uarray``, and would run a user's file of that name.
+    A policy's own folder is searched while the policy is imported
+    (`gplfd.policies.user_policies`).
     """
     library = os.path.dirname(os.__file__)
     if library not in sys.path:
@@ -30,7 +33,9 @@ def _search_installed_first() -> None:
     first = sys.path.index(library)
     home = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     users = sys.path[:first]
-    sys.path[:] = dict.fromkeys((library, home, *sys.path[first:], *users))
+    by_module = __name__ == "__main__" and not sys.flags.safe_path
+    searched = users[1:] if by_module else users
+    sys.path[:] = dict.fromkeys((library, home, *sys.path[first:], *searched))
     for folder in users:
         for name in sys.stdlib_module_names.intersection(sys.modules):
             if getattr(sys.modules[name], "__file__", None) in (

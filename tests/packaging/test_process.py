@@ -19,14 +19,19 @@ STUDY = (
 RUN = ("run", "--policy", "oracle", "--doors", "small", "--out", "run")
 NAMES = ("re", "json", "random", "logging", "loky", "string", "signal", "numpy", "tyro")
 """What users call their files, too."""
+MISSED = ("org", "cython", "sksparse", "uarray")
+"""Modules that dependencies look for, and that are not installed."""
 
 
 def gplfd(
-    folder: Path, *arguments: str, **environment: str
+    folder: Path,
+    *arguments: str,
+    command: Sequence[str | Path] = (GPLFD,),
+    **environment: str,
 ) -> subprocess.CompletedProcess[str]:
     clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     return subprocess.run(
-        [GPLFD, *arguments],
+        [*command, *arguments],
         cwd=folder,
         env=clean | environment,
         capture_output=True,
@@ -49,11 +54,39 @@ def ran(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.glob("ran-*"))
 
 
-def test_nothing_that_lies_in_the_working_folder_is_run(tmp_path: Path) -> None:
-    lay_out(tmp_path, (*NAMES, "types"))
-    finished = gplfd(tmp_path, *STUDY)
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [
+        ((GPLFD,), (*NAMES, *MISSED, "types")),
+        # Python itself imports ``types`` before it comes to this package.
+        ((sys.executable, "-m", "gplfd"), (*NAMES, *MISSED)),
+    ],
+    ids=["script", "module"],
+)
+def test_nothing_that_lies_in_the_working_folder_is_run(
+    tmp_path: Path, command: Sequence[str | Path], names: Sequence[str]
+) -> None:
+    lay_out(tmp_path, names)
+    finished = gplfd(tmp_path, *STUDY, command=command)
     assert finished.returncode == 0, finished.stderr
     assert ran(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "command", [(GPLFD,), (sys.executable, "-m", "gplfd")], ids=["script", "module"]
+)
+def test_a_policy_in_the_working_folder_is_found_with_what_it_imports(
+    tmp_path: Path, command: Sequence[str | Path]
+) -> None:
+    (tmp_path / "beside.py").write_text("NAME = 'oracle'\n")
+    (tmp_path / "mine.py").write_text(
+        "from beside import NAME\n"
+        "from gplfd.policies.registry import POLICIES\n"
+        "make = POLICIES[NAME].make\n"
+    )
+    own = ("run", "--policy", "mine:make", "--doors", "small", "--out", "run")
+    finished = gplfd(tmp_path, *own, command=command)
+    assert finished.returncode == 0, finished.stderr
 
 
 def test_the_next_command_can_be_given_as_it_is_printed(tmp_path: Path) -> None:
