@@ -65,8 +65,12 @@ def main() -> int:
         The status of `gplfd.experiments.cli.main`, `INTERRUPTED` or `PIPE_CLOSED`.
     """
     # After the search was put in order: a user's folder may have a ``signal.py``.
+    import faulthandler
     import signal
     from typing import Any
+
+    # A crash in C, perhaps of a user's policy, says in which line of Python it was.
+    faulthandler.enable(all_threads=False)
 
     interrupted = False
 

@@ -43,7 +43,8 @@ class Record:
     """How often the synthetic human opens each of the three demonstrated doors."""
 
     randomization: str = "none"
-    """What the environment draws anew for every episode: none, mild or hard."""
+    """What is drawn at random for each episode: none, mild, hard or standard; see
+    `gplfd list`."""
 
     max_steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Cut episodes after this many steps; the environment's own limit by default."""

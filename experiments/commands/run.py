@@ -24,34 +24,36 @@ class Run:
     parameters."""
 
     policy: str = "gp"
-    """Policy to use; see `gplfd list`."""
+    """Policy to use: a name from `gplfd list`, or module:function for one of your
+    own."""
 
     seed: int = 0
     """Seed of teacher, policy and environment, 0 or more."""
 
     randomization: str = "none"
-    """What the environment draws anew for every door: none, mild or hard."""
+    """What is drawn at random for each episode: none, mild, hard or standard; see
+    `gplfd list`."""
 
     disturbance: str = "none"
-    """What happens from outside: none, push, person, ...; see `gplfd list`."""
+    """Disturbance during the episode: none, push, person, ...; see `gplfd list`."""
 
     start: Literal["grasped", "approach"] = "grasped"
-    """What episodes begin with: the handle in the hand, or the open hand 10 to 20 cm
-    before it, which then reaches as the demonstrations do."""
+    """State at the start: the hand holds the handle, or the open hand is 10 to 20 cm
+    in front of it and first reaches for it."""
 
     demonstrations_per_door: int = 2
-    """How often the synthetic human opens each of the three demonstrated doors."""
+    """Number of demonstrations by the synthetic human on each of the three
+    demonstrated doors."""
 
     demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = None
     """Learn from this .npz file of demonstrations instead of the synthetic human."""
 
     skill: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Learn nothing, but follow this skill, a file of `gplfd learn`, as the policy
-    does."""
+    """Use this skill, a file written by `gplfd learn`, instead of learning one."""
 
     looks: Literal["primitives", "tiago"] = "primitives"
-    """Draw the robot in recordings by its own shapes, or by the manufacturer's meshes
-    from an installed example-robot-data: pip install 'gplfd[tiago]'."""
+    """Shapes of the robot in recordings: simple ones, or the manufacturer's meshes of
+    the package example-robot-data (pip install 'gplfd[tiago]')."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder to write to; results/POLICY-seedSEED by default."""

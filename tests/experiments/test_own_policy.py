@@ -30,7 +30,7 @@ from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import door_config
 
 OWN = """\
-import numpy as np
+import os; import numpy as np
 from gplfd.policies import TrainingInput, make_agent
 
 class Still:
@@ -60,6 +60,16 @@ def leaving(training):
 
 def left(training):
     raise SystemExit(0)
+
+def ended(training):
+    os._exit(0)
+
+class Ending:
+    def act(self, observation):
+        os._exit(0)
+
+def ending(training):
+    return Ending()
 
 class Soft:
     control = "impedance"
@@ -165,6 +175,8 @@ def test_what_is_no_policy_is_refused_before_any_work(
         ("refusing", "FileNotFoundError: no weights", "line 20, in refusing"),
         ("leaving", "SystemExit: 0", "line 24, in act"),
         ("left", "SystemExit: 0", "line 30, in left"),
+        ("ended", "RuntimeError: os._exit(0) was called", "line 33, in ended"),
+        ("ending", "RuntimeError: os._exit(0) was called", "line 37, in act"),
     ],
 )
 def test_an_error_in_the_policy_is_reported_with_its_place(

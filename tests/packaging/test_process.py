@@ -4,6 +4,7 @@ All of it with the installed script, in a process of its own.
 """
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -209,6 +210,14 @@ def test_quiet_says_nothing_of_progress(tmp_path: Path) -> None:
     finished = gplfd(tmp_path, *RUN, "--quiet")
     assert (finished.returncode, finished.stderr) == (0, "")
     assert "small" in finished.stdout
+
+
+def test_a_policy_that_crashes_python_is_named_with_its_line(tmp_path: Path) -> None:
+    code = "import ctypes\ndef make(training):\n    ctypes.string_at(0)\n"
+    (tmp_path / "mine.py").write_text(code)
+    finished = gplfd(tmp_path, "run", "--policy", "mine:make")
+    assert finished.returncode == -signal.SIGSEGV
+    assert f'File "{tmp_path / "mine.py"}", line 3 in make' in finished.stderr
 
 
 INTERRUPTED = {
