@@ -65,9 +65,11 @@ class Run:
     def execute(self) -> int:
         """Open the doors and print a table, or what metrics.json holds."""
         with postponed_interruption():
+            from gplfd.experiments.episodes.metrics import late_decisions
             from gplfd.experiments.files.names import file_name
             from gplfd.experiments.files.plain_data import json_text
             from gplfd.experiments.files.table import text_table
+            from gplfd.experiments.progress import LOG
             from gplfd.experiments.results.table import run_table
             from gplfd.experiments.runs import open_doors
 
@@ -89,6 +91,8 @@ class Run:
             looks=self.looks,
             options=recorded(self),
         )
+        if late := late_decisions([one.as_json() for one in metrics]):
+            LOG.warning("warning: %s: %s", self.policy, late)
         if self.json:
             print(json_text([one.as_json() for one in metrics]))
             return 0
