@@ -73,10 +73,19 @@ def main() -> int:
     faulthandler.enable(all_threads=False)
 
     interrupted = False
+    message = "gplfd: interrupted; files already written are complete"
+    exit_at_once = os._exit
 
     def interrupt(*_: Any) -> None:
+        """Raise; the second Ctrl-C ends a policy that catches every exception."""
         nonlocal interrupted
+        if interrupted:
+            print(message, file=sys.stderr, flush=True)
+            exit_at_once(INTERRUPTED)
         interrupted = True
+        raise KeyboardInterrupt
+
+    def raise_again(*_: Any) -> None:
         raise KeyboardInterrupt
 
     def interrupt_again(lost: Any) -> None:
@@ -88,7 +97,7 @@ def main() -> int:
 
     signal.signal(signal.SIGINT, interrupt)
     if sys.platform != "win32":
-        signal.signal(signal.SIGALRM, interrupt)
+        signal.signal(signal.SIGALRM, raise_again)
         sys.unraisablehook = interrupt_again
     try:
         status = _run()
@@ -99,7 +108,7 @@ def main() -> int:
             raise
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if interrupted:
-        print("gplfd: interrupted; files already written are complete", file=sys.stderr)
+        print(message, file=sys.stderr)
         return INTERRUPTED
     return status
 

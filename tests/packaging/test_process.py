@@ -249,6 +249,12 @@ INTERRUPTED = {
         "        signal.raise_signal(signal.SIGINT)\n"
         "    return None"
     ),
+    "a loop that catches everything": (
+        "def make(training):\n"
+        "    while True:\n"
+        "        with contextlib.suppress(BaseException):\n"
+        "            signal.raise_signal(signal.SIGINT)"
+    ),
 }
 """Code in which Ctrl-C comes, some of which loses it."""
 
