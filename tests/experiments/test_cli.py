@@ -28,6 +28,8 @@ from gplfd_env import (
     RANDOMIZATIONS,
     RL_ENVIRONMENT_ID,
 )
+from gplfd_env.config import DoorConfig
+from gplfd_env.stance import base_for
 
 Gplfd = Callable[..., int]
 
@@ -238,6 +240,20 @@ def test_list_names_everything(
         assert name in printed
 
 
+def test_list_states_the_radii_that_can_be_given(
+    gplfd: Gplfd, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert gplfd("list") == 0
+    first = capsys.readouterr().out.splitlines()[0]
+    low, high, standing = re.findall(r"\d\.\d+", first)
+    assert named_doors([low, high, standing]).keys() == {low, high, standing}
+    for beyond in (float(low) - 0.01, float(high) + 0.01):
+        with pytest.raises(ValueError, match="outside"):
+            named_doors([f"{beyond:g}"])
+    assert base_for(DoorConfig(radius=float(standing))) == "fixed"
+    assert base_for(DoorConfig(radius=float(standing) + 0.01)) == "mobile"
+
+
 def test_list_as_json_names_what_can_be_given(
     gplfd: Gplfd, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -392,6 +408,8 @@ def test_a_door_of_one_s_own_is_given_as_a_file(tmp_path: Path) -> None:
     [
         ("pantry.json", '{"radius": 9.0}', "pantry.json holds no door: .*radius"),
         ("pantry.json", '{"hight": 0.9}', "holds no door: .*hight"),
+        ("a.json", '{"friction": 1}', r"mean 'hinge_friction' or 'closer_friction'\?"),
+        ("a.json", '{"mass": 9}', r"\(did you mean 'panel_mass'\?\)"),
         ("pantry.json", "[0.4]", "pantry.json"),
         ("small.json", '{"radius": 0.4}', "small is the name of a door already"),
     ],
