@@ -1,5 +1,7 @@
 """``gplfd run``: demonstrations, skill, and every door opened once."""
 
+import contextlib
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -78,19 +80,21 @@ class Run:
         folder = (
             self.out or Path("results") / f"{file_name(self.policy)}-seed{self.seed}"
         )
-        metrics = open_doors(
-            self.doors,
-            folder,
-            policy=self.policy,
-            seed=self.seed,
-            demonstrations=self.demonstrations or self.demonstrations_per_door,
-            skill=self.skill,
-            randomization=self.randomization,
-            disturbance=self.disturbance,
-            start=self.start,
-            looks=self.looks,
-            options=recorded(self),
-        )
+        # What a policy prints is no part of the table or JSON on standard output.
+        with contextlib.redirect_stdout(sys.stderr):
+            metrics = open_doors(
+                self.doors,
+                folder,
+                policy=self.policy,
+                seed=self.seed,
+                demonstrations=self.demonstrations or self.demonstrations_per_door,
+                skill=self.skill,
+                randomization=self.randomization,
+                disturbance=self.disturbance,
+                start=self.start,
+                looks=self.looks,
+                options=recorded(self),
+            )
         if late := late_decisions([one.as_json() for one in metrics]):
             LOG.warning("warning: %s: %s", self.policy, late)
         if self.json:

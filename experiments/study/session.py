@@ -1,6 +1,7 @@
 """One go at a study: settings kept, missing tasks run behind a bar, errors reported."""
 
 import contextlib
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,8 @@ def _run(
     with (
         contextlib.closing(run_study(folder, study, engine, recordings)) as results,
         counter("task", len(study), done) as bar,
+        # What a policy prints is no part of the table or JSON on standard output.
+        contextlib.redirect_stdout(sys.stderr),
     ):
         for _ in results:
             bar.update()
