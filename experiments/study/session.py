@@ -103,7 +103,7 @@ def _report_errors(study: Iterable[Task], folder: Path) -> int:
         first.setdefault(result["task"]["policy"], result)
     for result in first.values():
         LOG.error("%s: %s", _named(result), result["error"])
-        LOG.debug("%s", result.get("traceback", ""))
+        LOG.debug("%s", result.get("traceback") or "no traceback")
     return len(failed)
 
 
