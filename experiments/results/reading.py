@@ -85,7 +85,7 @@ _EPISODE_METRICS: Final = {
 _LATER: Final = frozenset(
     {
         *("reason", "capability", "stage"),
-        *("latency_wall_median_ms", "latency_wall_p95_ms", "latency_late_share"),
+        *("latency_wall_median_ms", "latency_wall_p95_ms"),
     }
 )
 """Metrics that results before them lack."""

@@ -76,7 +76,7 @@ def test_a_file_from_before_wall_times_were_measured_is_read(
     log = EpisodeLog.load(path)
     assert np.isnan(log.latency_wall_s).all()
     metrics = episode_metrics(log)
-    assert metrics.latency_wall_median_ms is metrics.latency_late_share is None
+    assert metrics.latency_wall_median_ms is metrics.latency_wall_p95_ms is None
     assert late_decisions([metrics.as_json()]) == ""
 
 

@@ -93,7 +93,6 @@ def test_results_from_before_wall_times_are_read(rows, episode_result):
     old = episode_result("gp")
     for name in [one for one in old["metrics"] if one.startswith("latency_wall_")]:
         del old["metrics"][name]
-    del old["metrics"]["latency_late_share"]
     row = rows(old)["gp", "0.5"]
     assert (row["decision CPU [ms]"], row["wall [ms]"]) == ("0.20", "–")
 
