@@ -3,7 +3,6 @@
 import contextlib
 import os
 import signal
-import sys
 import threading
 import time
 import warnings
@@ -135,7 +134,7 @@ def _pool(workers: int) -> Iterator[loky.ProcessPoolExecutor]:
 
 def _prepare(parent: int) -> None:
     """Leave Ctrl-C and standard output to the parent, and end when it does."""
-    os.dup2(sys.stderr.fileno(), 1)
+    os.dup2(2, 1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
