@@ -1,4 +1,4 @@
-"""What there is to run."""
+"""Doors, policies, environments, randomizations and disturbances by name."""
 
 import re
 from collections.abc import Mapping
@@ -32,46 +32,46 @@ def catalogue_json() -> dict[str, dict[str, str]]:
 
 def _sections() -> Mapping[str, Mapping[str, str]]:
     """Return a line about each name, by the titles of the sections."""
-    low, high = (
-        allowed_range(DoorConfig, "radius").low,
-        stance_of(DoorConfig(), "fixed").radius,
-    )
+    radius = allowed_range(DoorConfig, "radius")
+    standing = stance_of(DoorConfig(), "fixed").radius
     return {
-        f"doors (or any radius from {low:g} to {high:g} m)": {
+        f"doors (or any radius from {radius.low:g} to {radius.high:g} m, beyond "
+        f"{standing:g} m with a driving base; or a .json file)": {
             name: _door(config) for name, config in DOORS.items()
         },
-        "methods (or a policy of your own: module:function)": _policies("method"),
-        "ablations: a method without one idea, or with another one": _policies(
-            "ablation"
+        "methods that learn (or a policy of your own: module:function)": _policies(
+            "method"
         ),
-        "references, which learn nothing": _policies("reference"),
+        "ablations (a method with one part removed or replaced)": _policies("ablation"),
+        "references (policies that do not learn)": _policies("reference"),
         "policies of installed packages": {
             one.name: f"{one.policy.summary if one.policy else one.problem} "
             f"({one.package})"
             for one in packaged_policies(POLICIES)
         },
         "environments": {
-            ENVIRONMENT_ID: "command the hand's pose in the task frame",
-            IMPEDANCE_ENVIRONMENT_ID: "command its pose and its stiffness",
-            MOBILE_ENVIRONMENT_ID: "command its pose and the twist of the base",
-            GRIPPER_ENVIRONMENT_ID: "command its pose and the width of the gripper",
-            RL_ENVIRONMENT_ID: "for learners: flat, within ±1, and gentleness pays",
+            ENVIRONMENT_ID: "action: pose of the hand in the task frame",
+            IMPEDANCE_ENVIRONMENT_ID: "action: pose and stiffness of the hand",
+            MOBILE_ENVIRONMENT_ID: "action: pose of the hand and velocity of the base",
+            GRIPPER_ENVIRONMENT_ID: "action: pose of the hand and width of the gripper",
+            RL_ENVIRONMENT_ID: "for reinforcement learning: flat observations, actions "
+            "within ±1, reward for low forces",
         },
-        "randomizations (of doors, placement, grasp, sensors and delay)": {
-            "none": "every episode the same door",
-            "mild": "what a careful laboratory leaves over",
-            "hard": "another door every time, also of another radius",
-            "standard": "a door of a building every time: handle, way, side, closer",
+        "randomizations (drawn at every reset)": {
+            "none": "nothing: every episode has the given door",
+            "mild": "small errors of placement, grasp, sensors, delay; friction, mass",
+            "hard": "larger errors and delays; radius, friction, closer, mass, height",
+            "standard": "a door of a building: handle, swing, hinge side, closer",
         },
-        "disturbances (what happens from outside while the door is opened)": {
-            "none": "nothing",
-            "push": "the hand is pushed for 0.3 s by up to 15 N along and across",
-            "person": "somebody holds the hand for 2.5 s",
-            "person-behind": "somebody's hand is in the door's way for 2.5 s",
-            "stop": "the door is blocked for 2.5 s",
-            "locked": "the door does not open at all",
-            "bump": "the robot's base is moved by up to 10 mm ahead and to the side",
-            "breakaway": "the hinge sticks at the start, and a seal holds the leaf",
+        "disturbances (during the opening)": {
+            "none": "no disturbance",
+            "push": "a force of up to 15 N pushes the hand for 0.3 s",
+            "person": "a person holds the hand for 2.5 s",
+            "person-behind": "a person's hand blocks the door for 2.5 s",
+            "stop": "a fixed stop blocks the door for 2.5 s",
+            "locked": "the door is locked for the whole episode",
+            "bump": "the robot's base is displaced by up to 10 mm",
+            "breakaway": "stiction and a seal hold the closed door",
         },
     }
 
@@ -87,8 +87,10 @@ def _policies(kind: str) -> dict[str, str]:
 def _door(config: DoorConfig) -> str:
     closer = config.closer_preload
     return (
-        f"radius {config.radius:.2f} m, hinge friction {config.hinge_friction:g} N m"
-        + (f", closer {closer:g} N m" if closer else "")
+        f"radius {config.radius:.2f} m, hinge friction {config.hinge_friction:.2g} N m"
+        + (f", closer {closer:.3g} N m" if closer else "")
+        + (f", {config.handle}" if config.handle != "bar" else "")
+        + (" with latch" if config.latch != "none" else "")
     )
 
 

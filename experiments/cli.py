@@ -9,11 +9,15 @@ import contextlib
 import importlib.metadata
 import logging
 import os
+import re
+import shutil
 import sys
+import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from typing import Final, Protocol
+from typing import Any, Final, NoReturn, Protocol, TextIO
 
+import docstring_parser
 import tyro
 
 from gplfd.experiments.commands.benchmark import Benchmark, benchmark_from
@@ -30,12 +34,11 @@ from gplfd.experiments.commands.speed import Speed
 from gplfd.experiments.commands.trials import Trials
 from gplfd.experiments.commands.tune import Tune
 from gplfd.experiments.commands.view import View
+from gplfd.experiments.progress import LOG, MessageHandler
 from gplfd.experiments.study.engines import ONE_THREAD
 
 BAD_INPUT: Final = 2
 """Exit status for bad arguments or files."""
-
-_LOG: Final = logging.getLogger("gplfd")
 
 
 class Command(Protocol):
@@ -69,9 +72,14 @@ COMMANDS: Final[dict[str, Callable[..., Command]]] = {
 }
 """The subcommands by name."""
 
+SUBCOMMANDS: Final = {"demos": ("import", "export", "record", "replay", "inspect")}
+"""What follows the name of a command that has subcommands of its own."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Parse ``arguments`` (default: the process's own) and run the command.
+
+    Every command takes ``--debug``: errors come with their tracebacks.
 
     Returns:
         The exit status.
@@ -79,29 +87,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: From the parser, for ``--help`` (0) and wrong arguments (2).
     """
-    arguments = list(sys.argv[1:] if arguments is None else arguments)
-    if arguments == ["--version"]:
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if given == ["--version"]:
         print(f"gplfd {importlib.metadata.version('gplfd')}")
         return 0
-    with _messages(quiet="--quiet" in arguments):
+    arguments = [one for one in given if one != "--debug"]
+    debug, quiet = arguments != given, "--quiet" in arguments
+    level = logging.DEBUG if debug else logging.WARNING if quiet else logging.INFO
+    with _messages(level), _os_exit_raises():
         try:
             return _parsed(arguments).execute()
         except BrokenPipeError:
             raise
         except (ValueError, OSError, ModuleNotFoundError) as error:
-            _LOG.error(_in_words(error))
+            LOG.error(_in_words(error), exc_info=debug)
             return BAD_INPUT
 
 
 def _parsed(arguments: Sequence[str]) -> Command:
+    _check_command(arguments)
     commands = COMMANDS | {"benchmark": benchmark_from(arguments)}
-    command: Command = tyro.extras.subcommand_cli_from_dict(
-        commands,
-        prog="gplfd",
-        description="Open doors with policies learned from demonstrations. "
-        "`gplfd --version` prints the version, `gplfd doctor` what is missing here.",
-        args=arguments,
-    )
+    with _wrapped_help(arguments):
+        command: Command = tyro.extras.subcommand_cli_from_dict(
+            commands,
+            prog="gplfd",
+            description="Open doors with policies learned from demonstrations. "
+            "`gplfd --version` prints the version, `gplfd doctor` what is missing "
+            "here. Every command takes --debug: errors come with their tracebacks.",
+            args=arguments,
+        )
     # Before NumPy is loaded, unless the user says otherwise. The policies' matrices
     # have about a hundred rows: sharing them out costs ten times the work.
     for variable, number in ONE_THREAD.items():
@@ -110,22 +124,122 @@ def _parsed(arguments: Sequence[str]) -> Command:
 
 
 @contextlib.contextmanager
-def _messages(*, quiet: bool) -> Iterator[None]:
-    """Print what is logged on stderr: progress unless quiet, warnings, errors."""
-    handler = logging.StreamHandler(sys.stderr)
+def _wrapped_help(arguments: Sequence[str]) -> Iterator[None]:
+    """Break the lines of help between words, at the width of the terminal only.
+
+    tyro keeps some line breaks of docstrings, and prints each paragraph of a command's
+    description on one line. The overview of all commands has the first paragraph of
+    each.
+    """
+    library: Any = docstring_parser
+    parse, parse_fields = library.parse, library.parse_from_object
+
+    def fields_of(described: type) -> docstring_parser.Docstring:
+        found: docstring_parser.Docstring = parse_fields(described)
+        for field in found.params:
+            field.description = _joined_lines(field.description or "")
+        return found
+
+    asked = {"-h", "--help"} & {*arguments}
+    paragraphs = 1 if asked & {*arguments[:1]} else None
+
+    def description_of(text: str) -> docstring_parser.Docstring:
+        shown = _joined_lines(text).split("\n\n")[:paragraphs]
+        found: docstring_parser.Docstring = parse("\n\n".join(shown))
+        return found
+
+    library.parse, library.parse_from_object = description_of, fields_of
+    stream: Any = _WrappedLines(sys.stdout) if asked else sys.stdout
+    try:
+        with contextlib.redirect_stdout(stream):
+            yield
+    finally:
+        library.parse, library.parse_from_object = parse, parse_fields
+
+
+def _joined_lines(text: str) -> str:
+    """Return a text with each paragraph on one line."""
+    return "\n\n".join(" ".join(one.split()) for one in re.split(r"\n\s*\n", text))
+
+
+class _WrappedLines:
+    """A stream that breaks long lines between words, at the width of the terminal."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._wrapper = textwrap.TextWrapper(
+            shutil.get_terminal_size().columns,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+
+    def write(self, text: str) -> int:
+        """Write a text; what has colours is wrapped already, and longer by codes."""
+        if "\x1b" not in text:
+            text = "\n".join(map(self._wrapper.fill, text.split("\n")))
+        return self._stream.write(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def _check_command(arguments: Sequence[str]) -> None:
+    """Refuse the name of a command that does not exist; tyro suggests no other.
+
+    Raises:
+        ValueError: There is no such command.
+    """
+    first, second = (*arguments, "", "")[:2]
+    for before, name, known in (
+        ("", first, tuple(COMMANDS)),
+        (f"{first} ", second, SUBCOMMANDS.get(first, ())),
+    ):
+        if known and name and not name.startswith("-") and name not in known:
+            from gplfd_env.named import nearest_name
+
+            raise ValueError(
+                f"unknown command '{before}{name}'{nearest_name(name, known)}; give "
+                f"gplfd {before}with one of {', '.join(known)}"
+            )
+
+
+@contextlib.contextmanager
+def _messages(level: int) -> Iterator[None]:
+    """Print messages of a level or above on stderr, and warnings as one line each."""
+    handler = MessageHandler()
     handler.setFormatter(logging.Formatter("gplfd: %(message)s"))
-    _LOG.setLevel(logging.WARNING if quiet else logging.INFO)
-    _LOG.addHandler(handler)
+    LOG.setLevel(level)
+    LOG.addHandler(handler)
     try:
         with warnings.catch_warnings():
-            # Without the source line that raised it.
-            warnings.showwarning = lambda message, *_, **__: _LOG.warning(
-                "warning: %s", message
+            # Without the file and the source line that raised it.
+            warnings.showwarning = lambda message, *_, **__: LOG.warning(
+                "warning: %s", " ".join(str(message).split())
             )
             yield
     finally:
-        _LOG.removeHandler(handler)
-        _LOG.setLevel(logging.NOTSET)
+        LOG.removeHandler(handler)
+        LOG.setLevel(logging.NOTSET)
+
+
+@contextlib.contextmanager
+def _os_exit_raises() -> Iterator[None]:
+    """Make `os._exit` in a user's policy an error, which is reported with its place.
+
+    It would end the command at once, without a word and with the policy's status.
+    """
+    process, exit_at_once = os.getpid(), os._exit
+
+    def refuse(status: int) -> NoReturn:
+        if os.getpid() != process:  # A child of the policy, which may end so.
+            exit_at_once(status)
+        raise RuntimeError(f"os._exit({status}) was called")
+
+    os._exit = refuse
+    try:
+        yield
+    finally:
+        os._exit = exit_at_once
 
 
 def _in_words(error: Exception) -> str:

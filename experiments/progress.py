@@ -11,6 +11,14 @@ LOG: Final = logging.getLogger("gplfd")
 """Progress is information, and hidden where nobody asked for it: in a library."""
 
 
+class MessageHandler(logging.Handler):
+    """Prints messages on stderr, each on a line of its own above progress bars."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print a message."""
+        tqdm.write(self.format(record), file=sys.stderr)
+
+
 def progress_bar(
     items: Iterable[Any] | None = None, *, anywhere: bool = False, **options: Any
 ) -> "tqdm[Any]":

@@ -22,7 +22,10 @@ def _search_installed_first() -> None:
 
     What stands before the standard library in ``sys.path`` is the user's:
     ``PYTHONPATH`` and the folder of the script or, after ``python -m``, the working
-    folder.
+    folder. The working folder is not searched at all: dependencies look for optional
+    modules, such as ``org`` and ``uarray``, and would run a user's file of that name.
+    A policy's own folder is searched while the policy is imported
+    (`gplfd.policies.user_policies`).
     """
     library = os.path.dirname(os.__file__)
     if library not in sys.path:
@@ -30,7 +33,9 @@ def _search_installed_first() -> None:
     first = sys.path.index(library)
     home = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     users = sys.path[:first]
-    sys.path[:] = dict.fromkeys((library, home, *sys.path[first:], *users))
+    by_module = __name__ == "__main__" and not sys.flags.safe_path
+    searched = users[1:] if by_module else users
+    sys.path[:] = dict.fromkeys((library, home, *sys.path[first:], *searched))
     for folder in users:
         for name in sys.stdlib_module_names.intersection(sys.modules):
             if getattr(sys.modules[name], "__file__", None) in (
@@ -60,14 +65,27 @@ def main() -> int:
         The status of `gplfd.experiments.cli.main`, `INTERRUPTED` or `PIPE_CLOSED`.
     """
     # After the search was put in order: a user's folder may have a ``signal.py``.
+    import faulthandler
     import signal
     from typing import Any
 
+    # A crash in C, perhaps of a user's policy, says in which line of Python it was.
+    faulthandler.enable(all_threads=False)
+
     interrupted = False
+    message = "gplfd: interrupted; files already written are complete"
+    exit_at_once = os._exit
 
     def interrupt(*_: Any) -> None:
+        """Raise; the second Ctrl-C ends a policy that catches every exception."""
         nonlocal interrupted
+        if interrupted:
+            print(message, file=sys.stderr, flush=True)
+            exit_at_once(INTERRUPTED)
         interrupted = True
+        raise KeyboardInterrupt
+
+    def raise_again(*_: Any) -> None:
         raise KeyboardInterrupt
 
     def interrupt_again(lost: Any) -> None:
@@ -79,7 +97,7 @@ def main() -> int:
 
     signal.signal(signal.SIGINT, interrupt)
     if sys.platform != "win32":
-        signal.signal(signal.SIGALRM, interrupt)
+        signal.signal(signal.SIGALRM, raise_again)
         sys.unraisablehook = interrupt_again
     try:
         status = _run()
@@ -90,7 +108,7 @@ def main() -> int:
             raise
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if interrupted:
-        print("gplfd: interrupted; files already written are complete", file=sys.stderr)
+        print(message, file=sys.stderr)
         return INTERRUPTED
     return status
 

@@ -67,6 +67,11 @@ def with_fields(
 
 
 def nearest_name(name: object, known: Iterable[str]) -> str:
-    """Return a hint at the known name that was probably meant; "" if none is near."""
-    match = difflib.get_close_matches(str(name), list(known), n=1)
-    return f" (did you mean {match[0]!r}?)" if match else ""
+    """Return a hint at the known names that were probably meant; "" if none is near.
+
+    A word of a name, as ``friction`` of ``hinge_friction``, means all that have it.
+    """
+    known = list(known)
+    meant = [one for one in known if str(name) in one.split("_")]
+    meant = meant or difflib.get_close_matches(str(name), known, n=1)
+    return f" (did you mean {' or '.join(map(repr, meant))}?)" if meant else ""

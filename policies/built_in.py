@@ -129,116 +129,115 @@ TABLE_1: Final = (
 AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
     {
         "gp": Policy(
-            summary="heteroscedastic GP, adapted while opening, variable stiffness",
+            summary="heteroscedastic GP with online adaptation and variable stiffness",
             make=GP,
         ),
         "gp-product": Policy(
-            summary="gp with the paper's adaptation, a product of Gaussians",
+            summary="gp with the paper's adaptation (product of Gaussians)",
             make=replace(GP, adaptation=ProductAdaptation),
             kind="ablation",
         ),
         "gp-exact": Policy(
-            summary="gp conditioned on demonstrations and via-points, white spread",
+            summary="gp with joint conditioning on demonstrations and via-points",
             make=replace(GP, adaptation=ExactAdaptation),
             kind="ablation",
         ),
         "gp-independent-phase": Policy(
-            summary="gp for which an uncertain phase is chance noise on each output",
+            summary="gp that treats phase uncertainty as independent noise per output",
             make=replace(GP, adaptation=IndependentPhaseAdaptation),
             kind="ablation",
         ),
         "gp-own-clock": Policy(
-            summary="gp for which timing is unknown, though the path told the phase",
+            summary="gp that also adapts the timing of the motion",
             make=replace(GP, adaptation=OwnClockAdaptation, accepts_prior_mean=False),
             kind="ablation",
         ),
         "gp-fixed": Policy(
-            summary="the same GP without adaptation: the demonstrations' mean",
+            summary="gp without adaptation (follows the mean of the demonstrations)",
             make=replace(GP, adaptation=None),
             kind="ablation",
         ),
         "gp-homoscedastic": Policy(
-            summary="gp with one noise level for the whole task",
+            summary="gp with one noise level for the whole motion (homoscedastic)",
             make=replace(GP, fit=partial(fit_skill, noise="homoscedastic")),
             kind="ablation",
         ),
         "gp-dtw-euclidean": Policy(
-            summary="gp aligned by distance of poses instead of task completion",
+            summary="gp with dynamic time warping on poses instead of task completion",
             make=replace(GP, align=partial(align, method="dtw-euclidean")),
             kind="ablation",
         ),
         "gp-directions": Policy(
-            summary="gp aligned by directions too: other starts, parts done twice",
+            summary="gp that also aligns demonstrations by direction of motion",
             make=replace(GP, align=partial(align, method="directions")),
             kind="ablation",
         ),
         "gp-untrimmed": Policy(
-            summary="gp that learns the rests of recordings as part of the task",
+            summary="gp without trimming of rests at both ends of demonstrations",
             make=replace(GP, align=partial(align, trim_rests=False)),
             kind="ablation",
         ),
         "gp-clock": Policy(
-            summary="gp that dates its observations by the clock: learns its own lag",
+            summary="gp with the phase of observations taken from the clock",
             make=replace(GP, phases=clock_phase),
             kind="ablation",
         ),
         "gp-heading-trusting": Policy(
-            summary="gp that takes a heading error for progress",
+            summary="gp without tolerance for heading errors in the phase estimate",
             make=replace(GP, phases=heading_trusting_phase),
             kind="ablation",
         ),
         "gp-position-only": Policy(
-            summary="gp that learns no orientation: the hand does not turn",
+            summary="gp that learns positions only (constant orientation)",
             make=replace(GP, align=_positions_alone),
             kind="ablation",
         ),
         "gp-carried-load": Policy(
-            summary="gp that carries up to 25 N along the path, whatever holds it back",
+            summary="gp that compensates loads of up to 25 N along the path",
             make=replace(GP, config=ComplianceConfig(load=CarriedLoad())),
             kind="ablation",
         ),
         "gp-undamped": Policy(
-            summary="gp with the damping ratio alone: no damping for contact",
+            summary="gp without the additional damping for contact",
             make=replace(GP, config=ComplianceConfig(dynamics=UNDAMPED)),
             kind="ablation",
         ),
         "gp-within-demonstrations": Policy(
-            summary="gp that ends where its demonstrations end",
+            summary="gp that stops where the demonstrations end",
             make=replace(GP, beyond=0.0),
             kind="ablation",
         ),
         "gp-one-centimetre": Policy(
-            summary="gp with the published middle of stiffness, 1 cm and 0.05 rad",
+            summary="gp with medium stiffness at the published 1 cm and 0.05 rad",
             make=replace(GP, profile=FixedProfile(profile=DEFAULT_PROFILE)),
             kind="ablation",
         ),
         "gp-paper": Policy(
-            summary="what the paper states: Kersting, product, one stiffness law",
+            summary="the paper's method (Kersting noise, product of Gaussians)",
             make=PAPER,
         ),
         "gp-constant-100": Policy(
-            summary="gp always at 100 N/m, the least that it uses",
+            summary="gp with constant stiffness of 100 N/m (its minimum)",
             make=_constant_stiffness(100.0),
             kind="ablation",
         ),
         "gp-constant-200": Policy(
-            summary="gp always at 200 N/m",
+            summary="gp with constant stiffness of 200 N/m",
             make=_constant_stiffness(200.0),
             kind="ablation",
         ),
         "gp-constant-330": Policy(
-            summary="gp always at 330 N/m",
+            summary="gp with constant stiffness of 330 N/m",
             make=_constant_stiffness(330.0),
             kind="ablation",
         ),
         "gp-constant-500": Policy(
-            summary="gp always at 500 N/m, the greatest that it uses",
+            summary="gp with constant stiffness of 500 N/m (its maximum)",
             make=_constant_stiffness(500.0),
             kind="ablation",
         ),
         "gp-impedance": Policy(
-            summary="gp whose stiffness the arm itself renders, commanded beside the "
-            "pose",
+            summary="gp with stiffness realised by the arm's impedance control",
             make=replace(
                 GP,
                 config=ComplianceConfig(
@@ -248,12 +247,11 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             kind="ablation",
         ),
         "dmp": Policy(
-            summary="dynamic movement primitive of the mean; no uncertainty, no "
-            "via-points",
+            summary="dynamic movement primitive; no uncertainty, no via-points",
             make=Method(fit=fit_dmp, phases=demonstrated_phase),
         ),
         "promp": Policy(
-            summary="probabilistic movement primitive, conditioned while opening",
+            summary="probabilistic movement primitive with online conditioning",
             make=Method(fit=fit_promp, adaptation=OwnAdaptation),
         ),
         "gmr": Policy(
@@ -261,7 +259,7 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             make=Method(fit=fit_gmr),
         ),
         "tp-gmm": Policy(
-            summary="task-parameterised mixture: frames at handle and observed hinge",
+            summary="task-parameterised mixture, frames at handle and estimated hinge",
             make=Method(fit=fit_tp_gmm, adaptation=OwnAdaptation),
         ),
         "local-gp": Policy(
@@ -272,7 +270,7 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             ),
         ),
         "wishart-gp": Policy(
-            summary="GP mean, Wishart-process spread (reconstruction); no via-points",
+            summary="GP, Wishart-process covariance (reconstruction); no via-points",
             make=Method(
                 fit=partial(fit_wishart_gp, config=WishartGPConfig()),
                 seeded=True,
@@ -280,8 +278,7 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             ),
         ),
         "kmp": Policy(
-            summary="kernelised movement primitive, regularisation calibrated for "
-            "doors",
+            summary="kernelised movement primitive, regularisation tuned for doors",
             make=replace(KMP, fit=partial(fit_kmp, config=DOOR_KMP)),
         ),
         "kmp-published": Policy(
@@ -289,24 +286,24 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             make=KMP,
         ),
         "gmm-gp": Policy(
-            summary="GP with a Gaussian-mixture prior, conditioned while opening",
+            summary="GP with a Gaussian-mixture prior and online conditioning",
             make=Method(fit=fit_gmm_gp, adaptation=OwnAdaptation),
         ),
         "hinge-fit": _reference(
-            HingeFitAgent, "fits the hinge to the hand's path, follows it, yields"
+            HingeFitAgent, "estimates the hinge from the hand's path; compliant"
         ),
         "hinge-fit-told": _reference(
-            ToldHandleAgent, "turns the handle as it was told, then does as hinge-fit"
+            ToldHandleAgent, "knows the handle and turns it, then acts as hinge-fit"
         ),
         "reflex": _reference(
-            ReflexAgent, "moves on where the hand just went, yields to what is across"
+            ReflexAgent, "moves in the last direction of motion; compliant across it"
         ),
-        "chord": _reference(ChordAgent, "pulls towards where the hand just went"),
+        "chord": _reference(ChordAgent, "pulls in the last direction of motion"),
         "compliant-pull": _reference(
-            CompliantPullAgent, "pulls straight back with a constant force, yields"
+            CompliantPullAgent, "pulls straight back with a constant force; compliant"
         ),
         "oracle": _reference(
-            OracleAgent, "is told the door, follows its arc, does not yield"
+            OracleAgent, "knows the door and follows its exact arc; stiff"
         ),
     }
 )

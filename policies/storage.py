@@ -9,7 +9,7 @@ import secrets
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -19,8 +19,19 @@ _ALLOWANCE: Final = 2**26
 """And to so many bytes however small it is: constant arrays compress a thousandfold."""
 
 RecordT = TypeVar("RecordT")
-Members = Callable[[str], np.ndarray]
-"""Gives a member of an archive by its name, once."""
+
+
+@runtime_checkable
+class Members(Protocol):
+    """The members of an archive by name."""
+
+    def __call__(self, name: str) -> np.ndarray:
+        """Return a member; once."""
+        ...
+
+    def __contains__(self, name: str) -> bool:
+        """Return whether there is such a member, not yet returned."""
+        ...
 
 
 @contextlib.contextmanager
@@ -196,6 +207,9 @@ class _Members:
         with self._archive.open(info) as stream:
             # Given a number, it unpacks no more, whatever the compressed bytes hold.
             return array_of(stream.read(info.file_size), name)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._infos
 
     def plain(self) -> dict[str, np.ndarray]:
         """Return what are arrays of numbers or text."""

@@ -28,18 +28,18 @@ FAILED: Final = 1
 class Benchmark:
     """Compare policies on doors and seeds and print a table; resumable.
 
-    Writes DIR/tasks/<hash>.json (one per episode or test of what is learned),
+    Writes DIR/tasks/<hash>.json (one file per episode or prediction test),
     DIR/study.json (versions, command, settings), DIR/study.toml (the settings, for
-    --config) and DIR/table.md. Started again with the same folder, it skips what is
-    done and tries again what failed; more seeds, doors or policies add to it.
+    --config) and DIR/table.md. Started again with the same folder, it skips finished
+    tasks and repeats failed ones. More seeds, doors or policies extend the study.
     """
 
     config: Annotated[
         str,
         tyro.conf.arg(metavar="{table-1,small}|FILE.toml"),
     ] = "table-1"
-    """The study to run: the whole comparison, one of two minutes, or a saved
-    study.toml. Options given here win over it."""
+    """The study to run: table-1 (the whole comparison), small (two minutes), or a
+    saved study.toml. Options on the command line take precedence."""
 
     study: Annotated[StudySettings, tyro.conf.arg(name="")] = field(
         default_factory=StudySettings
@@ -47,18 +47,19 @@ class Benchmark:
     """What to compare."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/benchmark")
-    """Folder to write to, or to go on in."""
+    """Folder to write to; an unfinished study in it is resumed."""
 
     where: Annotated[EngineOptions, tyro.conf.arg(name="")] = ON_THIS_MACHINE
     """Where to run."""
 
     record: bool = False
-    """Also record the best, the median and the worst episode of every policy."""
+    """Also write recordings of the best, the median and the worst episode of every
+    policy."""
 
     json: Json = False
 
     quiet: tyro.conf.FlagCreatePairsOff[bool] = False
-    """Show no progress, only results and what went wrong."""
+    """Show no progress, only results, warnings and errors."""
 
     def execute(self) -> int:
         """Run the study, print its tables, and return `FAILED` if a task failed."""

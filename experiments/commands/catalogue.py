@@ -8,7 +8,7 @@ from gplfd.experiments.interruption import postponed_interruption
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Catalogue:
-    """List doors, policies, environments and randomizations, a line about each."""
+    """List doors, policies, environments, randomizations and disturbances."""
 
     json: Json = False
 

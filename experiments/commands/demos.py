@@ -43,7 +43,8 @@ class Record:
     """How often the synthetic human opens each of the three demonstrated doors."""
 
     randomization: str = "none"
-    """What the environment draws anew for every episode: none, mild or hard."""
+    """What is drawn at random for each episode: none, mild, hard or standard; see
+    `gplfd list`."""
 
     start: Literal["grasped", "approach"] = "grasped"
     """What episodes begin with: the handle in the hand, or the open hand 10 to 20 cm

@@ -8,10 +8,10 @@ from gplfd.experiments.interruption import postponed_interruption
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Doctor:
-    """Say what is installed here, and what is missing for pictures, windows, extras.
+    """Show what is installed, and what is missing for pictures, windows and extras.
 
-    Nothing that is missing is an error: the exit status is 0. Put the output into a
-    report of a bug.
+    Nothing that is missing is an error: the exit status is 0. Add the output to a
+    bug report.
     """
 
     json: Json = False

@@ -11,9 +11,9 @@ import tyro
 class Doors:
     """Read a door of DoorBench and write it as door parameters.
 
-    FILE is a spec.json of schema 1.0 of a single swing door. What is written is a
-    mapping that an environment takes as its door, and every --doors as a file; what
-    could not be represented is listed.
+    FILE is a spec.json of schema 1.0 of a single swing door. The file written can be
+    given to every --doors, and to an environment as its door. Properties that cannot
+    be represented are listed.
     """
 
     action: Annotated[Literal["import"], tyro.conf.Positional]

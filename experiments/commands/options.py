@@ -14,13 +14,13 @@ from gplfd.experiments.study.engines import Engine, EngineName, engine_named
 
 Quiet = Annotated[
     tyro.conf.FlagCreatePairsOff[bool],
-    tyro.conf.arg(help="Show no progress, only results."),
+    tyro.conf.arg(help="Show no progress, only results, warnings and errors."),
 ]
 """A flag without its opposite."""
 
 Json = Annotated[
     tyro.conf.FlagCreatePairsOff[bool],
-    tyro.conf.arg(help="Print JSON, and nothing else, on standard output."),
+    tyro.conf.arg(help="Print JSON and nothing else on standard output."),
 ]
 """For commands that print a table."""
 
@@ -30,11 +30,11 @@ class EngineOptions:
     """Where the tasks of a study are run."""
 
     engine: EngineName = "loky"
-    """Where to run: in processes of this machine, here in order, or on a Dask cluster
-    (`pip install 'gplfd[dask]'`)."""
+    """Where tasks run: loky (processes on this machine), serial (one after another in
+    this process), or dask (a cluster; pip install 'gplfd[dask]')."""
 
     workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Number of loky's processes; one per core by default."""
+    """Number of processes of loky; one per core by default."""
 
     address: Annotated[str | None, tyro.conf.arg(metavar="tcp://HOST:PORT")] = None
     """Scheduler of the Dask cluster."""

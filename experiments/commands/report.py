@@ -14,7 +14,7 @@ FAILED: Final = 1
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Report:
-    """Tell a study: rankings with intervals, paired tests, Table 1 measured, plots.
+    """Write a report of a study: rankings with intervals, paired tests, plots.
 
     Reads DIR/tasks/*.json and DIR/study.json, runs nothing, and writes report.html (one
     page that needs nothing else), report.md, figures/ and, of trials, trials.json: all
@@ -24,15 +24,15 @@ class Report:
     folders: Annotated[
         tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="DIR")
     ]
-    """Folder of a `gplfd benchmark` or `gplfd trials`; of several the results are put
-    together, yours beside others'."""
+    """Folder of a `gplfd benchmark` or `gplfd trials`; the results of several folders
+    are combined."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder to write to; the first study's own by default."""
 
     check: bool = False
-    """Write nothing, but say whether the results follow the protocol of trials; exit
-    status 1 if they do not."""
+    """Write nothing; check whether the results follow the protocol of the trials (exit
+    status 1 if they do not)."""
 
     reference: Annotated[str, tyro.conf.arg(metavar="POLICY")] = "gp"
     """Policy with which the others are compared; the best if the study lacks it."""

@@ -1,5 +1,7 @@
 """``gplfd run``: demonstrations, skill, and every door opened once."""
 
+import contextlib
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -24,34 +26,36 @@ class Run:
     parameters."""
 
     policy: str = "gp"
-    """Policy to use; see `gplfd list`."""
+    """Policy to use: a name from `gplfd list`, or module:function for one of your
+    own."""
 
     seed: int = 0
     """Seed of teacher, policy and environment, 0 or more."""
 
     randomization: str = "none"
-    """What the environment draws anew for every door: none, mild or hard."""
+    """What is drawn at random for each episode: none, mild, hard or standard; see
+    `gplfd list`."""
 
     disturbance: str = "none"
-    """What happens from outside: none, push, person, ...; see `gplfd list`."""
+    """Disturbance during the episode: none, push, person, ...; see `gplfd list`."""
 
     start: Literal["grasped", "approach"] = "grasped"
-    """What episodes begin with: the handle in the hand, or the open hand 10 to 20 cm
-    before it, which then reaches as the demonstrations do."""
+    """State at the start: the hand holds the handle, or the open hand is 10 to 20 cm
+    in front of it and first reaches for it."""
 
     demonstrations_per_door: int = 2
-    """How often the synthetic human opens each of the three demonstrated doors."""
+    """Number of demonstrations by the synthetic human on each of the three
+    demonstrated doors."""
 
     demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = None
     """Learn from this .npz file of demonstrations instead of the synthetic human."""
 
     skill: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Learn nothing, but follow this skill, a file of `gplfd learn`, as the policy
-    does."""
+    """Use this skill, a file written by `gplfd learn`, instead of learning one."""
 
     looks: Literal["primitives", "tiago"] = "primitives"
-    """Draw the robot in recordings by its own shapes, or by the manufacturer's meshes
-    from an installed example-robot-data: pip install 'gplfd[tiago]'."""
+    """Shapes of the robot in recordings: simple ones, or the manufacturer's meshes of
+    the package example-robot-data (pip install 'gplfd[tiago]')."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder to write to; results/POLICY-seedSEED by default."""
@@ -63,9 +67,11 @@ class Run:
     def execute(self) -> int:
         """Open the doors and print a table, or what metrics.json holds."""
         with postponed_interruption():
+            from gplfd.experiments.episodes.metrics import late_decisions
             from gplfd.experiments.files.names import file_name
             from gplfd.experiments.files.plain_data import json_text
             from gplfd.experiments.files.table import text_table
+            from gplfd.experiments.progress import LOG
             from gplfd.experiments.results.table import run_table
             from gplfd.experiments.runs import open_doors
 
@@ -74,19 +80,23 @@ class Run:
         folder = (
             self.out or Path("results") / f"{file_name(self.policy)}-seed{self.seed}"
         )
-        metrics = open_doors(
-            self.doors,
-            folder,
-            policy=self.policy,
-            seed=self.seed,
-            demonstrations=self.demonstrations or self.demonstrations_per_door,
-            skill=self.skill,
-            randomization=self.randomization,
-            disturbance=self.disturbance,
-            start=self.start,
-            looks=self.looks,
-            options=recorded(self),
-        )
+        # What a policy prints is no part of the table or JSON on standard output.
+        with contextlib.redirect_stdout(sys.stderr):
+            metrics = open_doors(
+                self.doors,
+                folder,
+                policy=self.policy,
+                seed=self.seed,
+                demonstrations=self.demonstrations or self.demonstrations_per_door,
+                skill=self.skill,
+                randomization=self.randomization,
+                disturbance=self.disturbance,
+                start=self.start,
+                looks=self.looks,
+                options=recorded(self),
+            )
+        if late := late_decisions([one.as_json() for one in metrics]):
+            LOG.warning("warning: %s: %s", self.policy, late)
         if self.json:
             print(json_text([one.as_json() for one in metrics]))
             return 0

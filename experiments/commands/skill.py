@@ -22,7 +22,7 @@ FAILED: Final = 1
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SkillTests:
-    """Judge methods on recordings: leave each out in turn, and predict it; no robot.
+    """Compare methods on recordings: predict each from the others; no robot.
 
     Writes DIR/report.html and report.md (which method is nearest, whether its
     uncertainty is honest, what it forecasts once a part was seen, and what to do about
@@ -44,7 +44,7 @@ class SkillTests:
     """Method with which the others are compared, and which skill.rrd shows."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/skill")
-    """Folder to write to, or to go on in."""
+    """Folder to write to; unfinished tests in it are resumed."""
 
     where: Annotated[EngineOptions, tyro.conf.arg(name="")] = ON_THIS_MACHINE
     """Where to run."""

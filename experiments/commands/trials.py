@@ -21,7 +21,7 @@ FAILED = 1
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Trials:
-    """Put ideas on trial: conditions in which each must show on a door; resumable.
+    """Test the ideas of the method in the conditions where each matters; resumable.
 
     Writes what `gplfd benchmark` writes. The whole protocol takes about an hour of two
     cores; `--part ideas` a third of that, `--part small` two minutes.
@@ -32,26 +32,26 @@ class Trials:
     locked, heavy, breakaway, delay, noise); all by default."""
 
     policies: tuple[str, ...] = ()
-    """Policies that take part beside the protocol's: names, or module:function for one
-    of your own."""
+    """Additional policies: names from `gplfd list`, or module:function for your
+    own."""
 
     part: Literal["whole", "ideas", "small"] = "whole"
     """The whole protocol; of it gp, hinge-fit and what lacks an idea; or two seeds of
     these."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/trials")
-    """Folder to write to, or to go on in."""
+    """Folder to write to; an unfinished study in it is resumed."""
 
     where: Annotated[EngineOptions, tyro.conf.arg(name="")] = ON_THIS_MACHINE
     """Where to run."""
 
     record: bool = False
-    """Also record a comparison per trial: who decides it, side by side."""
+    """Also write a recording per trial of the compared policies side by side."""
 
     json: Json = False
 
     quiet: tyro.conf.FlagCreatePairsOff[bool] = False
-    """Show no progress, only results and what went wrong."""
+    """Show no progress, only results, warnings and errors."""
 
     def execute(self) -> int:
         """Run the trials and return `FAILED` if an episode failed.

@@ -14,7 +14,7 @@ from gplfd.experiments.interruption import postponed_interruption
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tune:
-    """Tune methods, all with one budget, on doors and seeds that no study uses.
+    """Tune methods with equal budgets on doors and seeds that no study uses.
 
     Writes DIR/evaluations/<hash>.json and, when all are done, DIR/tuned.json: the best
     settings of each method, and what they and the published ones gave. Started again
@@ -34,7 +34,7 @@ class Tune:
     json: Json = False
 
     quiet: Quiet = False
-    """Show no progress, only results and what went wrong."""
+    """Show no progress, only results, warnings and errors."""
 
     def execute(self) -> int:
         """Tune, and print methods as published and tuned."""

@@ -33,10 +33,10 @@ class View:
     """With --live: seed of teacher, policy and environment, 0 or more."""
 
     randomization: str = "none"
-    """With --live: what the environment draws anew: none, mild or hard."""
+    """With --live: what is drawn at random: none, mild, hard or standard."""
 
     disturbance: str = "none"
-    """With --live: what happens from outside: none, push, person, ..."""
+    """With --live: disturbance during the episode: none, push, person, ..."""
 
     start: Literal["grasped", "approach"] = "grasped"
     """With --live: what the episode begins with, the handle in the hand or the open
@@ -46,7 +46,8 @@ class View:
     """With --live: simulated seconds per second."""
 
     serve: bool = False
-    """With --live: serve a browser on this machine instead of opening a window."""
+    """With --live: serve the viewer to a browser on this machine instead of opening a
+    window."""
 
     def execute(self) -> int:
         """Show the recording or the episode until the viewer is closed."""

@@ -128,6 +128,9 @@ class EpisodeLog:
     via_point: Flag
     latency_s: Number
     """CPU time of the agent's decision [s]."""
+    latency_wall_s: Number
+    """Wall time of the agent's decision [s]; NaN in files from before it was
+    measured."""
 
     forecast_times: Float[np.ndarray, " S"]
     """When the agent was asked for its forecast [s]; the first was asked before
@@ -219,7 +222,10 @@ class EpisodeLog:
 
     @classmethod
     def _of(cls, members: Members) -> "EpisodeLog":
-        arrays: dict[str, Any] = {name: members(name) for name in ARRAYS}
+        arrays: dict[str, Any] = {
+            name: members(name) for name in ARRAYS if name != _LATER or name in members
+        }
+        arrays.setdefault(_LATER, np.full(arrays["times"].shape, np.nan))
         header = settings(members("header"))
         for name, declared in _HEADER.items():
             if not isinstance(header.get(name), declared):
@@ -240,6 +246,9 @@ PER_STEP: Final = tuple(
     name for name, declared in ARRAYS.items() if declared.dim_str.split()[0] == "T"
 )
 """Arrays with a row per control step."""
+
+_LATER: Final = "latency_wall_s"
+"""Array that older files of this version lack."""
 
 _HEADER: Final[Mapping[str, Any]] = {
     field.name: get_origin(field.type) or field.type

@@ -9,6 +9,7 @@ Journal of NeuroEngineering and Rehabilitation 12:112, 2015. Errors of forecasts
 
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -22,8 +23,8 @@ from gplfd.experiments.episodes.forecast_error import (
     forecast_errors,
 )
 from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd_env.capability import STAGES
-from gplfd_env.task import DEMONSTRATED_ANGLE
+from gplfd_env.capability import HEAVY_FORCE, STAGES
+from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE
 
 _MOTION_STARTS: Final = math.radians(1.0)
 """The opening motion begins when the door has moved by this angle [rad] and ends when
@@ -141,6 +142,11 @@ class EpisodeMetrics:
     """Median CPU time of a decision [ms]."""
     latency_p95_ms: float
     """95th percentile of the CPU time of a decision [ms]."""
+    latency_wall_median_ms: float | None
+    """Median wall time of a decision [ms]; like the next None in logs from before it
+    was measured."""
+    latency_wall_p95_ms: float | None
+    """95th percentile of the wall time of a decision [ms]."""
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers, strings, lists and None by name."""
@@ -199,7 +205,52 @@ def episode_metrics(
         **disturbance_metrics(log),
         latency_median_ms=1e3 * float(np.median(log.latency_s)),
         latency_p95_ms=1e3 * float(np.percentile(log.latency_s, 95)),
+        latency_wall_median_ms=_finite(1e3 * np.median(log.latency_wall_s)),
+        latency_wall_p95_ms=_finite(1e3 * np.percentile(log.latency_wall_s, 95)),
     )
+
+
+def late_decisions(metrics: Sequence[Mapping[str, Any]]) -> str:
+    """Say in how many episodes decisions exceeded the control period; "" if in none.
+
+    The median decides: on a busy machine other processes make single decisions late.
+
+    Args:
+        metrics: Of episodes of one policy, as of `EpisodeMetrics.as_json`.
+    """
+    period = 1e3 * CONTROL_PERIOD
+    medians = [m.get("latency_wall_median_ms") or 0.0 for m in metrics]
+    late = [median for median in medians if median > period]
+    if not late:
+        return ""
+    return (
+        f"decisions took longer than the control period of {period:g} ms in "
+        f"{len(late)} of {len(metrics)} episodes (median {np.median(late):.1f} ms of "
+        "wall time); the simulation waits for them, a robot would not"
+    )
+
+
+_WORDS: Final = {
+    "grasp_lost": "hand lost the handle",
+    "base_blocked": "base was blocked",
+    "stalled": "door did not move further",
+    "latched": "latch was not released",
+    "not_grasped": "handle was not grasped",
+    "simulation_error": "simulation diverged",
+    "time_limit": "time ran out",
+    "blocked": "something blocked the door",
+    "out_of_reach": "an arm joint was at its limit",
+    "too_heavy": f"it took more than {HEAVY_FORCE:g} N",
+}
+"""Plain words for ``failure`` and ``reason`` of an episode."""
+
+
+def why_closed(failure: str, reason: str) -> str:
+    """Return in plain words why a door was not opened; "" if it was."""
+    words = _WORDS.get(failure, failure.replace("_", " "))
+    # Without a cause behind it, the reason repeats the failure.
+    cause = "" if reason in (failure, "handle_lost") else _WORDS.get(reason, reason)
+    return f"{words}: {cause}" if cause else words
 
 
 def opening_motion(log: EpisodeLog) -> slice:

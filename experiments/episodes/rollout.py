@@ -86,7 +86,7 @@ def rollout(
         while True:
             now = float(observation["time"][0])
             forecasts.take_if_due(now, force=ended)
-            decision, latency = _timed_decision(agent, observation)
+            decision, cpu, wall = _timed_decision(agent, observation)
             steps.add(
                 observation,
                 info,
@@ -94,7 +94,8 @@ def rollout(
                 times=now,
                 qpos=inner.data.qpos,
                 solved=info["success"],
-                latency_s=latency,
+                latency_s=cpu,
+                latency_wall_s=wall,
             )
             if on_step is not None:
                 angle = float(info["door_angle"])
@@ -107,10 +108,13 @@ def rollout(
             ended = terminated or truncated
 
 
-def _timed_decision(agent: Agent, observation: Any) -> tuple[AgentStep, float]:
-    """Let the agent decide; return the decision and its CPU time [s]."""
-    # CPU time of this thread: another process that takes the core away for a while
-    # does not count as the agent thinking.
-    started = time.thread_time_ns()
+def _timed_decision(agent: Agent, observation: Any) -> tuple[AgentStep, float, float]:
+    """Let the agent decide; return the decision, its CPU time and wall time [s].
+
+    CPU time is that of this thread: another process that takes the core away does not
+    count. Wall time is what a robot waits, for other threads and input as well.
+    """
+    started, cpu_started = time.perf_counter_ns(), time.thread_time_ns()
     decision = agent.act(observation)
-    return decision, 1e-9 * (time.thread_time_ns() - started)
+    cpu = time.thread_time_ns() - cpu_started
+    return decision, 1e-9 * cpu, 1e-9 * (time.perf_counter_ns() - started)

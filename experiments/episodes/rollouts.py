@@ -25,8 +25,8 @@ def rollouts(
     """Let every agent open its door once, and log each episode.
 
     An episode's log is that of `gplfd.experiments.episodes.rollout.rollout` with the
-    single environment and the agent alone, bit for bit, but for ``latency_s``: each
-    member's share of the batch's decision.
+    single environment and the agent alone, bit for bit, but for ``latency_s`` and
+    ``latency_wall_s``: each member's share of the batch's decision.
 
     Args:
         envs: N simulations with ``autoreset_mode="Disabled"``, of the agents' control.
@@ -57,9 +57,11 @@ def rollouts(
             times = observations["time"][:, 0]
             for row in np.flatnonzero(acting).tolist():
                 forecasts[row].take_if_due(float(times[row]), force=bool(ended[row]))
-            started = time.thread_time_ns()
+            started, cpu_started = time.perf_counter_ns(), time.thread_time_ns()
             decided = agents.act(observations, acting)
-            spent = 1e-9 * (time.thread_time_ns() - started) / np.count_nonzero(acting)
+            cpu = time.thread_time_ns() - cpu_started
+            wall = time.perf_counter_ns() - started
+            share = 1e-9 / np.count_nonzero(acting)
             steps.add(
                 observations,
                 infos,
@@ -67,7 +69,8 @@ def rollouts(
                 times=times,
                 qpos=envs.qpos,
                 solved=infos["success"],
-                latency_s=np.full(times.shape, spent),
+                latency_s=np.full(times.shape, share * cpu),
+                latency_wall_s=np.full(times.shape, share * wall),
             )
             lengths += acting
             # An episode's last row is the state in which it ended.

@@ -77,7 +77,12 @@ _EPISODE_METRICS: Final = {
     name: float | None if kind is float else kind
     for name, kind in typing.get_type_hints(EpisodeMetrics).items()
 }
-_LATER: Final = frozenset({"reason", "capability", "stage"})
+_LATER: Final = frozenset(
+    {
+        *("reason", "capability", "stage"),
+        *("latency_wall_median_ms", "latency_wall_p95_ms"),
+    }
+)
 """Metrics that results before them lack."""
 
 

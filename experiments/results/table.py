@@ -1,14 +1,18 @@
 """A study, and the doors of one run, as tables for the terminal and table.md."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from gplfd.experiments.episodes.metrics import EpisodeMetrics
+from gplfd.experiments.episodes.metrics import (
+    EpisodeMetrics,
+    late_decisions,
+    why_closed,
+)
 from gplfd.experiments.files.table import Table, markdown_table
 from gplfd.experiments.results.grouping import by_policy, grouped
 from gplfd.experiments.results.measures import (
-    EPISODE_MEASURES,
     PREDICTION_ERROR,
     Measure,
 )
@@ -29,7 +33,8 @@ _OF_SOLVED: Final = (
 _OF_ALL: Final = (
     PREDICTION_ERROR,
     Measure("governed_share", "governed [%]", digits=1, convert=lambda x: 100.0 * x),
-    EPISODE_MEASURES["latency_median_ms"],
+    Measure("latency_median_ms", "decision CPU [ms]"),
+    Measure("latency_wall_median_ms", "wall [ms]"),
 )
 _OF_RUN: Final = (
     Measure("radius", "radius [m]"),
@@ -37,7 +42,7 @@ _OF_RUN: Final = (
     Measure("time_to_30_deg", "to 30° [s]", digits=1),
     *_OF_SOLVED,
     PREDICTION_ERROR,
-    Measure("latency_p95_ms", "decision [ms p95]"),
+    Measure("latency_wall_p95_ms", "decision [ms p95]"),
 )
 
 
@@ -58,12 +63,17 @@ def study_table(episodes: Iterable[EpisodeResult]) -> Table:
 
     Rates are over the episodes that ran. Forces, slip and times are medians over the
     successes; the prediction error, the share of decisions in which the stability bound
-    limited the stiffness, and the decision time are medians over all that ran.
+    limited the stiffness, and the CPU and wall time of a decision are medians over all
+    that ran. The last column counts why doors stayed closed.
     """
     groups = grouped(episodes, lambda one: (one.policy, one.task.door))
     measures = (*_OF_SOLVED, *_OF_ALL)
     return Table(
-        columns=("policy", "door", "opened", "95 %", *(one.title for one in measures)),
+        columns=(
+            *("policy", "door", "opened", "95 %"),
+            *(one.title for one in measures),
+            "why not opened",
+        ),
         rows=tuple((*names, *_cells(own)) for names, own in groups.items()),
     )
 
@@ -76,11 +86,23 @@ def _cells(own: Sequence[EpisodeResult]) -> tuple[str, ...]:
         success_rate((one.task.seed, one.solved) for one in ran).interval,
         *(measure.text(measure.median(solved)) for measure in _OF_SOLVED),
         *(measure.text(measure.median(ran)) for measure in _OF_ALL),
+        _reasons(one for one in ran if not one.solved),
     )
+
+
+def _reasons(closed: Iterable[EpisodeResult]) -> str:
+    """Count why doors stayed closed, the most frequent reason first."""
+    reasons = Counter(
+        why_closed(one.metrics["failure"], one.metrics.get("reason", ""))
+        for one in closed
+    )
+    return "; ".join(f"{why} ({number})" for why, number in reasons.most_common())
 
 
 def run_table(metrics: Iterable[EpisodeMetrics]) -> Table:
     """Return the most telling metrics of a run, a row per door."""
+    metrics = tuple(metrics)
+    any_closed = not all(one.success for one in metrics)
 
     def text(measure: Measure, one: EpisodeMetrics) -> str:
         value = getattr(one, measure.metric)
@@ -90,12 +112,14 @@ def run_table(metrics: Iterable[EpisodeMetrics]) -> Table:
     rows = (
         (
             one.door,
-            "yes" if one.success else one.failure.replace("_", " "),
+            "yes" if one.success else "no",
             *(text(measure, one) for measure in _OF_RUN),
+            *([why_closed(one.failure, one.reason)] if any_closed else []),
         )
         for one in metrics
     )
-    return Table(columns=("door", "opened", *heads), rows=tuple(rows))
+    why = ("why not opened",) if any_closed else ()
+    return Table(columns=("door", "opened", *heads, *why), rows=tuple(rows))
 
 
 def write_tables(folder: Path, settings: StudySettings) -> str:
@@ -149,5 +173,10 @@ def _tables(folder: Path, settings: StudySettings) -> Iterator[str]:
         results, unreadable = _results(folder, settings, condition)
         if len(several) > 1:
             yield f"{condition}:"
-        yield from filter(None, (error_count(results), *unreadable))
+        late = {
+            name: late_decisions([one.metrics for one in own])
+            for name, own in by_policy(results).items()
+        }
+        warnings = (f"warning: {name}: {said}" for name, said in late.items() if said)
+        yield from filter(None, (error_count(results), *warnings, *unreadable))
         yield markdown_table(study_table(results))

@@ -1,6 +1,7 @@
 """One go at a study: settings kept, missing tasks run behind a bar, errors reported."""
 
 import contextlib
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -80,6 +81,8 @@ def _run(
     with (
         contextlib.closing(run_study(folder, study, engine, recordings)) as results,
         counter("task", len(study), done) as bar,
+        # What a policy prints is no part of the table or JSON on standard output.
+        contextlib.redirect_stdout(sys.stderr),
     ):
         for _ in results:
             bar.update()
@@ -101,6 +104,7 @@ def _report_errors(study: Iterable[Task], folder: Path) -> int:
         first.setdefault(result["task"]["policy"], result)
     for result in first.values():
         LOG.error("%s: %s", _named(result), result["error"])
+        LOG.debug("%s", result.get("traceback") or "no traceback")
     return len(failed)
 
 

@@ -17,9 +17,9 @@ class StudySettings:
     """Everything that says which tasks a study has."""
 
     policies: tuple[str, ...] = (TABLE_1_NAME, "hinge-fit")
-    """Policies to compare; see `gplfd list`. "table-1" stands for the nine of the
-    paper's Table 1, "table-1-tuned" for the same as tuned. hinge-fit learns nothing:
-    the line that learning has to be measured against."""
+    """Policies to compare: names from `gplfd list`, or module:function for your own.
+    "table-1" stands for the nine methods of the paper's Table 1, "table-1-tuned" for
+    the same methods after tuning. hinge-fit learns nothing and is the baseline."""
 
     doors: tuple[str, ...] = (
         *("small", "medium", "large"),
@@ -32,25 +32,27 @@ class StudySettings:
     """Number of seeds: 0, 1, ... Each has demonstrations of its own."""
 
     demonstrations_per_door: tuple[int, ...] = (2,)
-    """How often the synthetic human opens each of the three demonstrated doors."""
+    """Numbers of demonstrations by the synthetic human on each of the three
+    demonstrated doors."""
 
     teacher_noise: tuple[float, ...] = (1.0,)
-    """Noise levels of the synthetic human: multiples of its standard wobble, grasp
-    offset, drift and sensor noise."""
+    """Noise levels of the synthetic human: multiples of its standard variation in
+    motion, grasp offset, drift and sensor noise."""
 
     randomizations: tuple[str, ...] = ("none",)
-    """What varies from episode to episode: none, mild or hard."""
+    """What is drawn at random for each episode: none, mild, hard or standard; see
+    `gplfd list`."""
 
     disturbances: tuple[str, ...] = ("none",)
-    """What happens from outside: none, push, person, ...; see `gplfd list`."""
+    """Disturbances during episodes: none, push, person, ...; see `gplfd list`."""
 
     start: Literal["grasped", "approach"] = "grasped"
     """What episodes begin with: the handle in the hand, or the open hand before it,
     which then reaches as the demonstrations do."""
 
     skill: bool = True
-    """Also test what is learned on demonstrations of furniture doors that were left
-    out of the learning, without a robot."""
+    """Also test how well each policy predicts demonstrations of furniture doors that it
+    did not learn from; no robot is simulated."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

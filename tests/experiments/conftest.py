@@ -229,6 +229,7 @@ def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
         "predicted_std": 0.004 * six,
         "via_point": np.arange(n_steps) % 10 == 0,
         "latency_s": 1e-3 * one,
+        "latency_wall_s": 2e-3 * one,
         "forecast_times": np.array([0.0, 2.0, 4.0]),
         "forecast_phase": phases,
         "forecast_mean": np.stack([arc] * 3),

@@ -1,4 +1,5 @@
 import hashlib
+import itertools
 import json
 import os
 import re
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd.experiments import runs
+from gplfd.experiments import cli, runs
 from gplfd.experiments.datasets.npz import load_demonstrations
 from gplfd.experiments.episodes.doors import named_doors
 from gplfd.experiments.episodes.log import EpisodeLog
@@ -27,6 +28,8 @@ from gplfd_env import (
     RANDOMIZATIONS,
     RL_ENVIRONMENT_ID,
 )
+from gplfd_env.config import DoorConfig
+from gplfd_env.stance import base_for
 
 Gplfd = Callable[..., int]
 
@@ -187,7 +190,6 @@ def test_a_disk_that_cannot_be_written_to_is_said_before_any_work(
 
 def test_parser_errors_have_status_2(gplfd: Gplfd) -> None:
     assert gplfd("run", "--seed", "many") == 2
-    assert gplfd("rum") == 2
     assert gplfd("run", "--help") == 0
 
 
@@ -239,6 +241,20 @@ def test_list_names_everything(
         assert name in printed
 
 
+def test_list_states_the_radii_that_can_be_given(
+    gplfd: Gplfd, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert gplfd("list") == 0
+    first = capsys.readouterr().out.splitlines()[0]
+    low, high, standing = re.findall(r"\d\.\d+", first)
+    assert named_doors([low, high, standing]).keys() == {low, high, standing}
+    for beyond in (float(low) - 0.01, float(high) + 0.01):
+        with pytest.raises(ValueError, match="outside"):
+            named_doors([f"{beyond:g}"])
+    assert base_for(DoorConfig(radius=float(standing))) == "fixed"
+    assert base_for(DoorConfig(radius=float(standing) + 0.01)) == "mobile"
+
+
 def test_list_as_json_names_what_can_be_given(
     gplfd: Gplfd, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -270,11 +286,93 @@ def test_help_and_errors_have_no_colours_where_nobody_sees_them(
     gplfd: Gplfd, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert gplfd("--help") == 0
-    assert gplfd("lst") == 2
+    assert gplfd("list", "--jsn") == 2
     printed = capsys.readouterr()
     assert "doctor" in printed.out
-    assert "Unrecognized options: lst" in printed.err
+    assert "Unrecognized options: --jsn" in printed.err
     assert "\x1b" not in printed.out + printed.err
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (("benchmrk", "--seeds", "3"), "'benchmrk' (did you mean 'benchmark'?); give"),
+        (("lst",), "'lst' (did you mean 'list'?); give gplfd with one of run, learn"),
+        (("demos", "imprt", "a.csv"), "'demos imprt' (did you mean 'import'?); give"),
+        (("zzz",), "'zzz'; give gplfd with one of run, learn"),
+    ],
+)
+def test_a_mistyped_command_is_refused_with_a_suggestion(
+    gplfd: Gplfd,
+    capsys: pytest.CaptureFixture[str],
+    command: tuple[str, ...],
+    message: str,
+) -> None:
+    assert gplfd(*command) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith(f"gplfd: unknown command {message}")
+
+
+def test_subcommands_that_are_suggested_exist(
+    gplfd: Gplfd, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for command, names in cli.SUBCOMMANDS.items():
+        assert gplfd(command, "--help") == 0
+        assert f"{{{','.join(names)}}}" in capsys.readouterr().out
+
+
+def test_debug_prints_the_traceback_of_an_error(
+    gplfd: Gplfd, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for arguments in (
+        ("run", "--doors", "smal", "--debug"),
+        ("--debug", "view", "nothing.rrd"),
+    ):
+        assert gplfd(*arguments) == 2
+        first, second, *_ = capsys.readouterr().err.splitlines()
+        assert first.startswith("gplfd: ")
+        assert second == "Traceback (most recent call last):"
+
+
+@pytest.mark.parametrize("width", [80, 120])
+@pytest.mark.parametrize("command", [*cli.COMMANDS, "demos import", ""])
+def test_help_breaks_lines_at_the_width_of_the_terminal_only(
+    gplfd: Gplfd,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    width: int,
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    assert gplfd(*command.split(), "--help") == 0
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines()[2:])) <= width
+    _, _, rest = printed.partition("\n\n")
+    description, *boxes = re.split(r"\n\n[╭ ]", rest)
+    assert boxes
+    for line, following in itertools.pairwise(description.splitlines()):
+        if line and following:
+            assert len(line) + 1 + len(following.split()[0]) > width
+
+
+def test_help_of_options_is_not_broken_where_its_docstring_is(
+    gplfd: Gplfd, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "120")
+    assert gplfd("run", "--help") == 0
+    assert " names (see `gplfd list`), radii in metres, or .json files of door p" in (
+        capsys.readouterr().out
+    )
+
+
+@pytest.mark.parametrize("command", ["run", "benchmark", "view", "demos record"])
+def test_help_names_every_randomization(
+    gplfd: Gplfd, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    assert gplfd(*command.split(), "--help") == 0
+    printed = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    *names, last = RANDOMIZATIONS
+    assert f"{', '.join(names)} or {last}" in printed
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh"])
@@ -311,6 +409,8 @@ def test_a_door_of_one_s_own_is_given_as_a_file(tmp_path: Path) -> None:
     [
         ("pantry.json", '{"radius": 9.0}', "pantry.json holds no door: .*radius"),
         ("pantry.json", '{"hight": 0.9}', "holds no door: .*hight"),
+        ("a.json", '{"friction": 1}', r"mean 'hinge_friction' or 'closer_friction'\?"),
+        ("a.json", '{"mass": 9}', r"\(did you mean 'panel_mass'\?\)"),
         ("pantry.json", "[0.4]", "pantry.json"),
         ("small.json", '{"radius": 0.4}', "small is the name of a door already"),
     ],

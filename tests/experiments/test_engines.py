@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,20 @@ def test_workers_are_processes_with_one_thread_deaf_to_ctrl_c() -> None:
     ((_, (process, threads, deaf, safe)),) = Processes(workers=1).run(look, [0])
     assert process != os.getpid()
     assert (threads, deaf, safe) == ("1", True, True)
+
+
+def test_a_warning_in_workers_is_given_once_and_here() -> None:
+    def work(item: int) -> int:
+        import warnings
+
+        warnings.warn(f"late\nby {item % 2}", stacklevel=1)
+        return item
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        finished = list(Processes(workers=2).run(work, range(6)))
+    assert sorted(finished) == [(item, item) for item in range(6)]
+    assert sorted(str(one.message) for one in caught) == ["late\nby 0", "late\nby 1"]
 
 
 def test_items_whose_worker_died_once_are_run_again(tmp_path: Path) -> None:

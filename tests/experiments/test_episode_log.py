@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.metrics import episode_metrics, late_decisions
 
 MakeLog = Callable[..., EpisodeLog]
 
@@ -62,6 +63,21 @@ def test_incomplete_file(tmp_path: Path, make_log: MakeLog) -> None:
     np.savez(path, **arrays)
     with pytest.raises(ValueError, match=r"log\.npz cannot be read .* lacks 'wrench'"):
         EpisodeLog.load(path)
+
+
+def test_a_file_from_before_wall_times_were_measured_is_read(
+    tmp_path: Path, make_log: MakeLog
+) -> None:
+    path = tmp_path / "log.npz"
+    make_log().save(path)
+    with np.load(path) as archive:
+        arrays = {n: archive[n] for n in archive.files if n != "latency_wall_s"}
+    np.savez(path, **arrays)
+    log = EpisodeLog.load(path)
+    assert np.isnan(log.latency_wall_s).all()
+    metrics = episode_metrics(log)
+    assert metrics.latency_wall_median_ms is metrics.latency_wall_p95_ms is None
+    assert late_decisions([metrics.as_json()]) == ""
 
 
 @pytest.mark.parametrize("header", ["[1]", "{", "[" * 9999, '{"other": 1}'])

@@ -8,11 +8,14 @@ import pytest
 from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.episodes.metrics import (
     episode_metrics,
+    late_decisions,
     log_dimensionless_jerk,
     opening_motion,
     prediction_errors,
+    why_closed,
     work_on_door,
 )
+from gplfd_env.wrappers import FAILURES, REASONS
 
 MakeLog = Callable[..., EpisodeLog]
 
@@ -130,6 +133,44 @@ def test_stiffness_margin_latency_and_slip(make_log: MakeLog) -> None:
     assert metrics.latency_p95_ms == pytest.approx(1.9)
     assert metrics.slip_max_mm == pytest.approx(2.0)
     assert metrics.duration == pytest.approx(6.0)
+
+
+def test_late_decisions_are_counted_by_wall_time(make_log: MakeLog) -> None:
+    wall = np.full(601, 0.02)
+    wall[:60] = 0.05
+    late, in_time = (
+        episode_metrics(make_log(latency_wall_s=one)) for one in (wall, wall / 6)
+    )
+    assert late.latency_wall_median_ms == pytest.approx(20.0)
+    assert late.latency_wall_p95_ms == pytest.approx(50.0)
+    assert late_decisions([in_time.as_json()]) == ""
+    assert late_decisions([late.as_json(), in_time.as_json()]).startswith(
+        "decisions took longer than the control period of 10 ms in 1 of 2 episodes "
+        "(median 20.0 ms of wall time)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("failure", "reason", "words"),
+    [
+        ("", "", ""),
+        ("time_limit", "time_limit", "time ran out"),
+        ("grasp_lost", "handle_lost", "hand lost the handle"),
+        ("stalled", "too_heavy", "door did not move further: it took more than 20 N"),
+        ("melted", "", "melted"),
+    ],
+)
+def test_why_a_door_stayed_closed_is_said_in_plain_words(
+    failure: str, reason: str, words: str
+) -> None:
+    assert why_closed(failure, reason) == words
+
+
+def test_every_failure_and_reason_has_words() -> None:
+    for failure in (*FAILURES[1:], "time_limit"):
+        assert why_closed(failure, failure) not in (failure, failure.replace("_", " "))
+    for reason in REASONS:
+        assert "_" not in why_closed("stalled", reason)
 
 
 def test_a_door_that_never_moved_has_metrics(make_log: MakeLog) -> None:

@@ -31,7 +31,7 @@ from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import door_config
 
 OWN = """\
-import numpy as np
+import os, warnings; import numpy as np
 from gplfd.policies import TrainingInput, make_agent
 
 class Still:
@@ -62,6 +62,21 @@ def leaving(training):
 def left(training):
     raise SystemExit(0)
 
+def chatty(training):
+    warnings.warn("the gain is zero")
+    print("making an agent")
+    return Still()
+
+def ended(training):
+    os._exit(0)
+
+class Ending:
+    def act(self, observation):
+        os._exit(0)
+
+def ending(training):
+    return Ending()
+
 class Soft:
     control = "impedance"
 
@@ -88,6 +103,31 @@ def gplfd(*arguments: str) -> int:
         return cli.main(arguments)
     except SystemExit as error:
         return int(error.code or 0)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("run", "--doors", "small", "--policy"),
+        ("benchmark", *SHORT, "--engine", "serial", "--policies"),
+        ("benchmark", *SHORT, "--workers", "1", "--policies"),
+    ],
+    ids=["run", "serial", "loky"],
+)
+@pytest.mark.filterwarnings("default")
+def test_json_stays_alone_on_standard_output(
+    module: str, capfd: pytest.CaptureFixture[str], command: tuple[str, ...]
+) -> None:
+    policy = f"{module}:chatty"
+    assert gplfd(*command, policy, "--out", "out", "--json") == 0
+    printed = capfd.readouterr()
+    (row,) = json.loads(printed.out)
+    assert row["policy"] == policy
+    said = re.split(r"[\n\r]", printed.err)
+    assert "making an agent" in printed.err
+    assert [one for one in said if "warning" in one] == [
+        "gplfd: warning: the gain is zero"
+    ]
 
 
 @pytest.mark.parametrize("form", ["{}:make", "./{}.py:make"])
@@ -166,6 +206,8 @@ def test_what_is_no_policy_is_refused_before_any_work(
         ("refusing", "FileNotFoundError: no weights", "line 20, in refusing"),
         ("leaving", "SystemExit: 0", "line 24, in act"),
         ("left", "SystemExit: 0", "line 30, in left"),
+        ("ended", "RuntimeError: os._exit(0) was called", "line 38, in ended"),
+        ("ending", "RuntimeError: os._exit(0) was called", "line 42, in act"),
     ],
 )
 def test_an_error_in_the_policy_is_reported_with_its_place(

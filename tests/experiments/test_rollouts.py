@@ -1,6 +1,7 @@
 """Episodes in lockstep are the episodes that run alone."""
 
 import dataclasses
+import time
 from collections.abc import Sequence
 
 import gymnasium as gym
@@ -72,10 +73,30 @@ def test_logs_are_those_of_episodes_alone(
         env = gym.make(id, door=door, randomization=randomization)
         alone = rollout(env, agent, policy=policy, door=str(door), seed=seed)
         for field in dataclasses.fields(EpisodeLog):
-            if field.name == "latency_s":
+            if field.name.startswith("latency_"):
                 continue
             first, second = getattr(log, field.name), getattr(alone, field.name)
             np.testing.assert_array_equal(first, second, err_msg=field.name)
+
+
+def test_wall_times_include_waiting() -> None:
+    class Waiting(Softening):
+        def act(self, observation: object) -> np.ndarray:
+            time.sleep(0.004)
+            return super().act(observation)
+
+    envs = gym.make_vec(
+        ENVIRONMENT_IDS["impedance"],
+        num_envs=2,
+        max_episode_steps=4,
+        autoreset_mode="Disabled",
+    )
+    agents = batch_agents([Waiting(), Waiting()])
+    names = {"policy": "own", "doors": ["medium", "medium"], "seeds": [2, 3]}
+    for log in rollouts(envs, agents, **names):
+        # Half of the batch's decision, in which both wait.
+        assert log.latency_wall_s.min() >= 0.004
+        assert np.median(log.latency_s) < 0.004
 
 
 class Softening:

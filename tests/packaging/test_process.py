@@ -4,6 +4,7 @@ All of it with the installed script, in a process of its own.
 """
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -19,14 +20,19 @@ STUDY = (
 RUN = ("run", "--policy", "oracle", "--doors", "small", "--out", "run")
 NAMES = ("re", "json", "random", "logging", "loky", "string", "signal", "numpy", "tyro")
 """What users call their files, too."""
+MISSED = ("org", "cython", "sksparse", "uarray")
+"""Modules that dependencies look for, and that are not installed."""
 
 
 def gplfd(
-    folder: Path, *arguments: str, **environment: str
+    folder: Path,
+    *arguments: str,
+    command: Sequence[str | Path] = (GPLFD,),
+    **environment: str,
 ) -> subprocess.CompletedProcess[str]:
     clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     return subprocess.run(
-        [GPLFD, *arguments],
+        [*command, *arguments],
         cwd=folder,
         env=clean | environment,
         capture_output=True,
@@ -49,11 +55,39 @@ def ran(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.glob("ran-*"))
 
 
-def test_nothing_that_lies_in_the_working_folder_is_run(tmp_path: Path) -> None:
-    lay_out(tmp_path, (*NAMES, "types"))
-    finished = gplfd(tmp_path, *STUDY)
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [
+        ((GPLFD,), (*NAMES, *MISSED, "types")),
+        # Python itself imports ``types`` before it comes to this package.
+        ((sys.executable, "-m", "gplfd"), (*NAMES, *MISSED)),
+    ],
+    ids=["script", "module"],
+)
+def test_nothing_that_lies_in_the_working_folder_is_run(
+    tmp_path: Path, command: Sequence[str | Path], names: Sequence[str]
+) -> None:
+    lay_out(tmp_path, names)
+    finished = gplfd(tmp_path, *STUDY, command=command)
     assert finished.returncode == 0, finished.stderr
     assert ran(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "command", [(GPLFD,), (sys.executable, "-m", "gplfd")], ids=["script", "module"]
+)
+def test_a_policy_in_the_working_folder_is_found_with_what_it_imports(
+    tmp_path: Path, command: Sequence[str | Path]
+) -> None:
+    (tmp_path / "beside.py").write_text("NAME = 'oracle'\n")
+    (tmp_path / "mine.py").write_text(
+        "from beside import NAME\n"
+        "from gplfd.policies.registry import POLICIES\n"
+        "make = POLICIES[NAME].make\n"
+    )
+    own = ("run", "--policy", "mine:make", "--doors", "small", "--out", "run")
+    finished = gplfd(tmp_path, *own, command=command)
+    assert finished.returncode == 0, finished.stderr
 
 
 def test_the_next_command_can_be_given_as_it_is_printed(tmp_path: Path) -> None:
@@ -178,6 +212,14 @@ def test_quiet_says_nothing_of_progress(tmp_path: Path) -> None:
     assert "small" in finished.stdout
 
 
+def test_a_policy_that_crashes_python_is_named_with_its_line(tmp_path: Path) -> None:
+    code = "import ctypes\ndef make(training):\n    ctypes.string_at(0)\n"
+    (tmp_path / "mine.py").write_text(code)
+    finished = gplfd(tmp_path, "run", "--policy", "mine:make")
+    assert finished.returncode == -signal.SIGSEGV
+    assert f'File "{tmp_path / "mine.py"}", line 3 in make' in finished.stderr
+
+
 INTERRUPTED = {
     "import": "signal.raise_signal(signal.SIGINT)",
     "learning": "def make(training):\n    signal.raise_signal(signal.SIGINT)",
@@ -206,6 +248,12 @@ INTERRUPTED = {
         "    with contextlib.suppress(KeyboardInterrupt):\n"
         "        signal.raise_signal(signal.SIGINT)\n"
         "    return None"
+    ),
+    "a loop that catches everything": (
+        "def make(training):\n"
+        "    while True:\n"
+        "        with contextlib.suppress(BaseException):\n"
+        "            signal.raise_signal(signal.SIGINT)"
     ),
 }
 """Code in which Ctrl-C comes, some of which loses it."""

@@ -5,9 +5,11 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final, TypeVar
 
 import loky
@@ -46,14 +48,38 @@ class Processes:
         """See `gplfd.experiments.study.engines.Engine.run`."""
         waiting = deque(items)
         workers = self.workers or loky.cpu_count()
+        watched = partial(_with_warnings, work)
         while waiting:
-            suspects = yield from _together(work, waiting, workers)
+            suspects = yield from _together(watched, waiting, workers)
             for item in suspects:
-                yield item, _alone(work, item)
+                yield item, _alone(watched, item)
+
+
+def _with_warnings(
+    work: Callable[[ItemT], ResultT], item: ItemT
+) -> tuple[ResultT, list[str]]:
+    """Return a result and the texts of the warnings on the way to it.
+
+    A worker shares the terminal with the parent's progress bar and cannot print them.
+    """
+    with warnings.catch_warnings(record=True) as caught:
+        result = work(item)
+    return result, [str(one.message) for one in caught]
+
+
+def _warned(outcome: tuple[ResultT, list[str]]) -> ResultT:
+    """Repeat a worker's warnings in this process and return its result."""
+    result, texts = outcome
+    for text in texts:
+        # One place for all: a text is shown once, however many tasks give it.
+        warnings.warn(text, stacklevel=1)
+    return result
 
 
 def _together(
-    work: Callable[[ItemT], ResultT], waiting: deque[ItemT], workers: int
+    work: Callable[[ItemT], tuple[ResultT, list[str]]],
+    waiting: deque[ItemT],
+    workers: int,
 ) -> Generator[tuple[ItemT, ResultT], None, list[ItemT]]:
     """Take items until none waits or a worker dies; return those it left behind."""
     running: dict[Any, ItemT] = {}
@@ -68,7 +94,7 @@ def _together(
                     waiting.popleft()
                 done, _ = loky.wait(running, return_when=loky.FIRST_COMPLETED)
                 for future in sorted(done, key=_is_broken):
-                    yield running[future], future.result()
+                    yield running[future], _warned(future.result())
                     del running[future]
         except loky.BrokenProcessPool:
             return list(running.values())
@@ -79,13 +105,15 @@ def _is_broken(future: Any) -> bool:
     return isinstance(future.exception(), loky.BrokenProcessPool)
 
 
-def _alone(work: Callable[[ItemT], ResultT], item: ItemT) -> ResultT | Lost:
+def _alone(
+    work: Callable[[ItemT], tuple[ResultT, list[str]]], item: ItemT
+) -> ResultT | Lost:
     """Run an item again that was running when a worker died."""
     for _ in range(ATTEMPTS - 1):
         with _pool(1) as pool, contextlib.suppress(loky.BrokenProcessPool):
             with postponed_interruption():
                 future = pool.submit(work, item)
-            result: ResultT = future.result()
+            result: ResultT = _warned(future.result())
             return result
     return Lost(
         reason=f"its worker process died in each of {ATTEMPTS} attempts: killed, "
@@ -105,7 +133,8 @@ def _pool(workers: int) -> Iterator[loky.ProcessPoolExecutor]:
 
 
 def _prepare(parent: int) -> None:
-    """Leave Ctrl-C to the parent, and end when it does."""
+    """Leave Ctrl-C and standard output to the parent, and end when it does."""
+    os.dup2(2, 1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
