@@ -1,22 +1,23 @@
-"""One go at a study: settings kept, missing tasks run behind a bar, errors reported."""
+"""Run or resume a study: keep its settings, run missing tasks, report what is wrong."""
 
 import contextlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from gplfd.experiments.arguments import check_folder
-from gplfd.experiments.files.plain_data import write_json
 from gplfd.experiments.files.provenance import provenance
 from gplfd.experiments.progress import LOG, counter
 from gplfd.experiments.study.engines import Engine
 from gplfd.experiments.study.runner import run_study
 from gplfd.experiments.study.store import (
+    STUDY,
     damaged_results,
     is_finished,
     made_by_other_code,
     made_elsewhere,
     stored_result,
+    write_study,
 )
 from gplfd.experiments.study.tasks import Result, Task
 from gplfd.policies.demonstrations import Demonstration
@@ -29,7 +30,10 @@ def carry_out(
     engine: Engine,
     recordings: Sequence[Demonstration] = (),
 ) -> int:
-    """Run the tasks of a study that have no result yet, or an error.
+    """Run the tasks of a study that have no complete result yet, or an error.
+
+    In the end every task must have a complete result on the disk, and the study its
+    study.json: files may have been deleted or changed meanwhile.
 
     Args:
         study: All its tasks.
@@ -39,9 +43,11 @@ def carry_out(
         recordings: All that its `RecordedTask`s learn from.
 
     Returns:
-        The number of tasks that ended in an error.
+        How many things are wrong: tasks that ended in an error or have no result, and
+        study.json if it is gone.
 
     Raises:
+        ValueError: A later version of this package wrote a file of the study.
         OSError: A file cannot be written, or the engine not be reached.
     """
     check_folder(folder)
@@ -49,8 +55,9 @@ def carry_out(
     config = dict(options)
     if own := {name: source for name, source in sources.items() if source}:
         config["policy_sources"] = own
-    write_json(folder / "study.json", provenance(config))
-    for reason in damaged_results(folder, study):
+    damaged = damaged_results(folder, study)
+    write_study(folder, provenance(config))
+    for reason in damaged:
         LOG.warning("warning: %s; its task is run again", reason)
     others = made_by_other_code(folder, study)
     _warn_of_other_code(others, len(study), folder)
@@ -65,7 +72,7 @@ def carry_out(
             elsewhere,
             len(study),
         )
-    return _report_errors(study, folder)
+    return _report(study, folder)
 
 
 def _run(
@@ -84,9 +91,12 @@ def _run(
             bar.update()
 
 
-def _report_errors(study: Iterable[Task], folder: Path) -> int:
-    results = [stored_result(folder, task) or {} for task in study]
-    failed = [result for result in results if not is_finished(result)]
+def _report(study: Sequence[Task], folder: Path) -> int:
+    """Say what is wrong with a study that has run, and return how many things."""
+    results = [stored_result(folder, task) for task in study]
+    failed = [one for one in results if one is not None and not is_finished(one)]
+    missing = results.count(None)
+    lacks_study = not (folder / STUDY).is_file()
     if failed:
         LOG.error(
             "%d of %d tasks ended in errors, kept in %s; the same command tries them "
@@ -95,12 +105,28 @@ def _report_errors(study: Iterable[Task], folder: Path) -> int:
             len(results),
             folder / "tasks",
         )
+    if missing:
+        LOG.error(
+            "%d of %d tasks have no complete result in %s: files were deleted or "
+            "changed while the study ran; the same command runs these tasks again",
+            missing,
+            len(results),
+            folder / "tasks",
+        )
+        for reason in damaged_results(folder, study):
+            LOG.error(reason)
+    if lacks_study:
+        LOG.error(
+            "%s is gone: it was deleted while the study ran; the same command writes "
+            "it again",
+            folder / STUDY,
+        )
     first: dict[str, Result] = {}
     for result in failed:
         first.setdefault(result["task"]["policy"], result)
     for result in first.values():
         LOG.error("%s: %s", _named(result), result["error"])
-    return len(failed)
+    return len(failed) + missing + lacks_study
 
 
 def _named(result: Result) -> str:

@@ -20,17 +20,22 @@ from gplfd.experiments.study.settings_file import read_settings, write_settings
 
 
 @pytest.fixture
-def ran(monkeypatch: pytest.MonkeyPatch, episode_result: Any) -> list[Any]:
+def ran(
+    monkeypatch: pytest.MonkeyPatch, episode_result: Any, learning_result: Any
+) -> list[Any]:
     """Replace what a worker does; remember the tasks."""
     tasks = []
-    metrics = episode_result("gp", radius=0.35)["metrics"]
+    metrics = {
+        "episode": episode_result("gp", radius=0.35)["metrics"],
+        "skill": learning_result("gp")["metrics"],
+    }
 
     def run_job(job: Any) -> list[Any]:
         tasks.extend(job)
         return [
             jobs.failed(task, "ValueError: cannot learn")
             if (task.policy, task.seed) == ("oracle", 1)
-            else {**jobs.failed(task, ""), "metrics": metrics}
+            else {**jobs.failed(task, ""), "metrics": metrics[task.kind]}
             for task in job
         ]
 
