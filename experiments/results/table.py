@@ -90,7 +90,7 @@ def study_table(episodes: Sequence[EpisodeResult]) -> Table:
     stiffness, and the decision time are medians over all that have them.
     """
     measures = (*_OF_SOLVED, *_OF_ALL)
-    errors = any(one.error for one in episodes)
+    errors = any(one.error for one in episodes if one.counts)
     columns = (
         *("policy", "door", "opened", "95 %"),
         *(["errors"] if errors else []),
@@ -112,7 +112,7 @@ def _cells(own: Sequence[EpisodeResult], errors: bool) -> tuple[str, ...]:
     return (
         f"{len(solved)}/{len(known)}",
         success_rate((one.task.seed, one.solved) for one in known).interval,
-        *([str(sum(bool(one.error) for one in own))] if errors else []),
+        *([str(sum(bool(one.error) for one in known))] if errors else []),
         *(measure.text(measure.median(solved)) for measure in _OF_SOLVED),
         *(measure.text(measure.median(known)) for measure in _OF_ALL),
     )

@@ -1,9 +1,12 @@
 """Run or resume a study: keep its settings, run missing tasks, report what is wrong."""
 
 import contextlib
-from collections.abc import Mapping, Sequence
+import json
+import queue
+import threading
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from gplfd.experiments.arguments import check_folder
 from gplfd.experiments.files.provenance import provenance
@@ -21,6 +24,9 @@ from gplfd.experiments.study.store import (
 )
 from gplfd.experiments.study.tasks import Result, Task
 from gplfd.policies.demonstrations import Demonstration
+
+_PATIENCE: Final = 600.0
+"""After how long without a result a warning says what is waited for [s]."""
 
 
 def carry_out(
@@ -82,13 +88,49 @@ def _run(
     recordings: Sequence[Demonstration],
 ) -> None:
     """Run what is missing behind a progress bar that counts tasks."""
-    done = sum(is_finished(stored_result(folder, task)) for task in study)
+    waiting = [task for task in study if not is_finished(stored_result(folder, task))]
     with (
         contextlib.closing(run_study(folder, study, engine, recordings)) as results,
-        counter("task", len(study), done) as bar,
+        counter("task", len(study), len(study) - len(waiting)) as bar,
+        _warnings_of_silence(waiting) as finished,
     ):
-        for _ in results:
+        for result in results:
             bar.update()
+            finished.put(json.dumps(result["task"], sort_keys=True))
+
+
+@contextlib.contextmanager
+def _warnings_of_silence(study: Sequence[Task]) -> Iterator["queue.SimpleQueue[str]"]:
+    """Say what is waited for when no task finishes for long; a policy may hang.
+
+    Yields:
+        Takes the definitions of tasks that are finished, as JSON with sorted keys.
+    """
+    finished: queue.SimpleQueue[str] = queue.SimpleQueue()
+    waiting = {json.dumps(task.definition, sort_keys=True): task for task in study}
+
+    def watch() -> None:
+        while waiting:
+            try:
+                waiting.pop(finished.get(timeout=_PATIENCE), None)
+            except queue.Empty:
+                first = next(iter(waiting.values()))
+                LOG.warning(
+                    "warning: no task has finished for %g minutes. Perhaps a policy "
+                    "hangs; the first task without a result is: %s. Ctrl-C ends the "
+                    "study and keeps what is finished",
+                    _PATIENCE / 60.0,
+                    _named(first.definition),
+                )
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield finished
+    finally:
+        for definition in list(waiting):
+            finished.put(definition)
+        watcher.join()
 
 
 def _report(study: Sequence[Task], folder: Path) -> int:
@@ -125,12 +167,12 @@ def _report(study: Sequence[Task], folder: Path) -> int:
     for result in failed:
         first.setdefault(result["task"]["policy"], result)
     for result in first.values():
-        LOG.error("%s: %s", _named(result), result["error"])
+        LOG.error("%s: %s", _named(result["task"]), result["error"])
     return len(failed) + missing + lacks_study
 
 
-def _named(result: Result) -> str:
-    task = result["task"]
+def _named(task: Mapping[str, Any]) -> str:
+    """Name a task by its definition."""
     if task["kind"] == "recorded":
         return f"{task['policy']}, recording {task['seed']} left out"
     what = task["door"] if task["kind"] == "episode" else f"{task['held_out']} left out"

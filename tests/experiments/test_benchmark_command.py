@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 import types
 from pathlib import Path
@@ -17,7 +18,7 @@ import pytest
 from gplfd.experiments.cli import main
 from gplfd.experiments.results.reading import read_results
 from gplfd.experiments.results.records import DEMONSTRATED, NON_STANDARD
-from gplfd.experiments.study import jobs, runner, store
+from gplfd.experiments.study import jobs, runner, session, store
 from gplfd.experiments.study.engines import Lost
 from gplfd.experiments.study.settings import StudySettings
 from gplfd.experiments.study.settings_file import read_settings, write_settings
@@ -230,6 +231,30 @@ def test_doors_of_several_kinds_are_read_back(
         "cabinet": NON_STANDARD,
         "small": DEMONSTRATED,
     }
+
+
+def test_a_policy_that_hangs_is_named(
+    tmp_path: Path, ran: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    warned = threading.Event()
+
+    def warn(message: str, *values: object) -> None:
+        if "a result is: gp, small, seed 1. Ctrl-C ends" in message % values:
+            warned.set()
+
+    measured = runner.run_job
+
+    def hang(job: Any) -> list[Any]:
+        if job[0].seed == 1:
+            assert warned.wait(60.0)
+        return measured(job)
+
+    monkeypatch.setattr(session, "_PATIENCE", 0.01)
+    monkeypatch.setattr(session.LOG, "warning", warn)
+    monkeypatch.setattr(runner, "run_job", hang)
+    options = ["--policies", "gp", "--doors", "small", "--seeds", "2", "--no-skill"]
+    assert benchmark(tmp_path, *options) == 0
+    assert warned.is_set()
 
 
 def test_quiet_shows_no_progress_but_results_and_errors(

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -72,8 +73,26 @@ def test_only_the_item_that_kills_its_workers_is_lost(tmp_path: Path) -> None:
     lost = finished.pop(1)
     assert isinstance(lost, Lost)
     assert f"died in each of {ATTEMPTS} attempts" in lost.reason
+    assert lost.crashed
     assert finished == {0: 0, 2: 2, 3: 3}
     assert len(list(tmp_path.iterdir())) == ATTEMPTS
+
+
+@pytest.mark.parametrize(
+    ("end", "reason", "crashed"),
+    [
+        (lambda: os._exit(0), "it left Python with exit status 0", True),
+        (lambda: os.kill(os.getpid(), signal.SIGSEGV), "crashed (SIGSEGV)", True),
+        (lambda: os.kill(os.getpid(), signal.SIGKILL), "killed, perhaps for w", False),
+    ],
+)
+def test_the_end_of_a_worker_tells_who_ended_it(
+    end: Any, reason: str, crashed: bool
+) -> None:
+    ((_, lost),) = Processes(workers=1).run(lambda _: end(), [0])
+    assert isinstance(lost, Lost)
+    assert reason in lost.reason
+    assert lost.crashed == crashed
 
 
 def test_closing_ends_the_workers(tmp_path: Path) -> None:
