@@ -181,6 +181,8 @@ def read_files(files: Iterable[Path]) -> tuple[list[TaskResult], list[str]]:
 
 
 def _reason(file: Path, error: Exception) -> str:
+    if isinstance(error, FileNotFoundError):
+        return f"{file.name}: there is no such file"
     text = " ".join(str(error).split()).replace(str(file), "it")
     return f"{file.name}: {text[:_LONGEST]}"
 
