@@ -32,7 +32,7 @@ from gplfd.experiments.study.tasks import (
     task_from,
 )
 from gplfd.experiments.teacher import Habits, TeacherConfig
-from gplfd_env.config import DoorConfig
+from gplfd_env.config import DoorConfig, door_config
 from gplfd_env.disturbance import disturbance_named
 from gplfd_env.randomization import door_randomization
 
@@ -267,7 +267,7 @@ def _told(spec: str | Mapping[str, Any]) -> str:
 
 
 def _episode(task: EpisodeTask, shared: Mapping[str, Any]) -> EpisodeResult:
-    planned = drawn = DoorConfig(**task.door_config)
+    planned = drawn = door_config(dict(task.door_config))
     metrics = shared["metrics"]
     if shared["error"]:
         metrics = {} if shared["lost"] else _CLOSED_BY_ERROR

@@ -95,6 +95,19 @@ def test_the_end_of_a_worker_tells_who_ended_it(
     assert lost.crashed == crashed
 
 
+def test_an_item_in_this_process_cannot_end_it() -> None:
+    leave = os._exit
+
+    def work(status: int) -> str:
+        try:
+            os._exit(status)
+        except SystemExit as error:
+            return str(error)
+
+    assert list(Serial().run(work, [0])) == [(0, "os._exit(0) was called")]
+    assert os._exit is leave
+
+
 def test_closing_ends_the_workers(tmp_path: Path) -> None:
     def work(item: int) -> int:
         if item == 1:
