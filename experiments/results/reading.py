@@ -267,26 +267,20 @@ def _told(spec: str | Mapping[str, Any]) -> str:
 
 
 def _episode(task: EpisodeTask, shared: Mapping[str, Any]) -> EpisodeResult:
-    planned = drawn = door_config(dict(task.door_config))
+    planned = door_config(dict(task.door_config))
     metrics = shared["metrics"]
     if shared["error"]:
         metrics = {} if shared["lost"] else _CLOSED_BY_ERROR
-    else:
-        if metrics["radius"] != planned.radius:
-            drawn = planned.replaced({"radius": metrics["radius"]})
-        if len(metrics["forecast_progress"]) != len(metrics["forecast_error_mm"]):
-            raise ValueError("forecast_progress and forecast_error_mm differ in length")
+    radius = metrics.get("radius", planned.radius)
     shown: dict[str, Any] = dict(task.demonstrated_kind or {})
     if planned != DoorConfig(radius=planned.radius, **shown):
         kind = NON_STANDARD
-    elif any(
-        abs(drawn.radius - each) < _SAME_RADIUS for each in task.demonstrated_radii
-    ):
+    elif any(abs(radius - each) < _SAME_RADIUS for each in task.demonstrated_radii):
         kind = DEMONSTRATED
     else:
         kind = UNDEMONSTRATED
     return EpisodeResult(
-        radius=drawn.radius,
+        radius=radius,
         drawn=door_randomization(task.randomization).radius is not None,
         kind=kind,
         door_kind=door_kind(planned),
@@ -301,9 +295,11 @@ def _learning_test(shared: Mapping[str, Any]) -> LearningTestResult:
 
 
 def _code(record: Mapping[str, Any]) -> str:
+    if "versions" not in record:
+        return "unknown code"
     versions = entry(record, "versions", dict[str, str])
     packages = ", ".join(f"{name} {version}" for name, version in versions.items())
-    git = entry(record, "git", dict[str, str | bool | None] | None)
+    git = entry({"git": None, **record}, "git", dict[str, str | bool | None] | None)
     if git is None:
         return packages
     edited = " with edits" if git.get("dirty") else ""

@@ -12,6 +12,7 @@ from typing import Any, Final
 from gplfd.experiments.episodes.metrics import EpisodeMetrics
 from gplfd.experiments.files.plain_data import check_stamp, entry, stamp
 from gplfd.experiments.study.tasks import EpisodeTask, RecordedTask, Task
+from gplfd_env.config import door_config
 
 KIND: Final = "gplfd result"
 VERSION: Final = 1
@@ -71,7 +72,7 @@ _OUTPUTS: Final = frozenset({"outputs_cpu_s", "outputs_nlpd"})
 _EPISODE_KINDS: Final[Mapping[str, Any]] = {
     name: _NUMBER if kind is float else kind
     for name, kind in typing.get_type_hints(EpisodeMetrics).items()
-}
+} | {"radius": float}
 
 
 def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
@@ -106,6 +107,10 @@ def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
         kinds |= {name: _BY_OUTPUTS for name in _OUTPUTS & kinds.keys()}
     for name, kind in kinds.items():
         _check_metric(name, entry(metrics, name, kind))
+    if isinstance(task, EpisodeTask):
+        door_config(dict(task.door_config)).replaced({"radius": metrics["radius"]})
+        if len(metrics["forecast_progress"]) != len(metrics["forecast_error_mm"]):
+            raise ValueError("forecast_progress and forecast_error_mm differ in length")
     return metrics
 
 

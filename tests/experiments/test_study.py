@@ -220,6 +220,10 @@ DAMAGES = {
     "no task": (lambda text: '{"error": ""}', "lacks task, which must be an object"),
     "a metric less": (lambda text: text.replace('"success"', '"x"'), "lacks success"),
     "odd metric": (lambda text: text.replace("true", "7"), "success = 7 must be true"),
+    "odd radius": (
+        lambda text: re.sub(r'"radius": 0.5(?=,\s+"seed")', '"radius": 7.0', text),
+        "radius = 7.0 is outside",
+    ),
     "another format": (
         lambda text: text.replace('"gplfd result"', '"gplfd study"'),
         "it holds gplfd study, not gplfd result",
