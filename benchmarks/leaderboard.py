@@ -37,7 +37,8 @@ def answers_of(files: Sequence[Path]) -> Found:
     """Return what files hold together; of a policy in several what the first says.
 
     Raises:
-        ValueError: A file of another version of the protocol.
+        ValueError: A file of another version of the protocol, or one that leaves out
+            episodes in which a policy raised an error.
         OSError: A file cannot be read.
     """
     found: dict[str, dict[str, dict[str, Answers]]] = {}
@@ -50,6 +51,13 @@ def answers_of(files: Sequence[Path]) -> Found:
             )
         for trial, levels in held["trials"].items():
             for level, policies in levels.items():
+                for policy, own in policies.items():
+                    # Files that do not say what was lost leave errors out of rates.
+                    if own["errors"] and "lost" not in own:
+                        raise ValueError(
+                            f"{file} leaves out episodes in which {policy} raised an "
+                            "error; run `gplfd report` again on its results"
+                        )
                 here = found.setdefault(trial, {}).setdefault(level, {})
                 found[trial][level] = dict(policies) | here
     return found
@@ -62,11 +70,17 @@ def levels_of(name: str) -> tuple[str, ...]:
 
 
 def entrants(found: Found) -> list[str]:
-    """Return the policies that took part in every trial, the most successful first."""
-    sets = [
-        set(found.get(name, {}).get(level, {}))
+    """Return the policies that took part in every trial, the most successful first.
+
+    Those of which the machine lost an episode have no place: nobody knows its outcome.
+    """
+    levels = [
+        found.get(name, {}).get(level, {})
         for name in TRIALS
         for level in levels_of(name)
+    ]
+    sets = [
+        {one for one, own in held.items() if not own.get("lost")} for held in levels
     ]
     everywhere = sorted(set.intersection(*sets))
     return sorted(everywhere, key=lambda policy: -_succeeded(found, policy))

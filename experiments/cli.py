@@ -15,7 +15,7 @@ import sys
 import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Final, NoReturn, Protocol, TextIO
+from typing import Any, Final, Protocol, TextIO
 
 import docstring_parser
 import tyro
@@ -34,6 +34,7 @@ from gplfd.experiments.commands.speed import Speed
 from gplfd.experiments.commands.trials import Trials
 from gplfd.experiments.commands.tune import Tune
 from gplfd.experiments.commands.view import View
+from gplfd.experiments.interruption import os_exit_raises
 from gplfd.experiments.progress import LOG, MessageHandler
 from gplfd.experiments.study.engines import ONE_THREAD
 
@@ -94,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = [one for one in given if one != "--debug"]
     debug, quiet = arguments != given, "--quiet" in arguments
     level = logging.DEBUG if debug else logging.WARNING if quiet else logging.INFO
-    with _messages(level), _os_exit_raises():
+    with _messages(level), os_exit_raises():
         try:
             return _parsed(arguments).execute()
         except BrokenPipeError:
@@ -220,26 +221,6 @@ def _messages(level: int) -> Iterator[None]:
     finally:
         LOG.removeHandler(handler)
         LOG.setLevel(logging.NOTSET)
-
-
-@contextlib.contextmanager
-def _os_exit_raises() -> Iterator[None]:
-    """Make `os._exit` in a user's policy an error, which is reported with its place.
-
-    It would end the command at once, without a word and with the policy's status.
-    """
-    process, exit_at_once = os.getpid(), os._exit
-
-    def refuse(status: int) -> NoReturn:
-        if os.getpid() != process:  # A child of the policy, which may end so.
-            exit_at_once(status)
-        raise RuntimeError(f"os._exit({status}) was called")
-
-    os._exit = refuse
-    try:
-        yield
-    finally:
-        os._exit = exit_at_once
 
 
 def _in_words(error: Exception) -> str:

@@ -123,6 +123,8 @@ def same_door(
         for one in episodes
         if one.kind != NON_STANDARD and math.isclose(one.radius, radius)
     ]
+    # Doors of another kind may have the same radius.
+    same = [one for one in same if one.door_kind == same[0].door_kind]
     first = min((one.task.seed for one in same), default=0)
     found = {one.policy: one for one in same if one.task.seed == first}
     order = [name for name in ranked(episodes) if name in found]

@@ -1,9 +1,12 @@
-"""When an interruption by Ctrl-C may come."""
+"""Ends of the process: when Ctrl-C may come, and `os._exit` in a policy."""
 
 import contextlib
+import os
 import signal
 import sys
 from collections.abc import Iterator
+from typing import NoReturn
+from unittest.mock import patch
 
 
 @contextlib.contextmanager
@@ -22,3 +25,20 @@ def postponed_interruption() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextlib.contextmanager
+def os_exit_raises() -> Iterator[None]:
+    """Make `os._exit` in a user's policy an error, which is reported with its place.
+
+    It would end the process at once, without a word and with the policy's status.
+    """
+    process, exit_at_once = os.getpid(), os._exit
+
+    def refuse(status: int) -> NoReturn:
+        if os.getpid() != process:  # A child of the policy, which may end so.
+            exit_at_once(status)
+        raise RuntimeError(f"os._exit({status}) was called")
+
+    with patch.object(os, "_exit", refuse):
+        yield

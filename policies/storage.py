@@ -49,8 +49,8 @@ def complete_or_absent(path: str | Path) -> Iterator[Path]:
     target.parent.mkdir(parents=True, exist_ok=True)
     # No search for *.json or *.npz finds what a killed process leaves.
     temporary = target.parent / f".{secrets.token_hex(8)}.tmp"
-    temporary.touch(exist_ok=False)
     try:
+        temporary.touch(exist_ok=False)
         yield temporary
         with temporary.open("r+b") as written:
             os.fsync(written.fileno())

@@ -12,7 +12,7 @@ import tomllib
 import types
 import typing
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -34,6 +34,63 @@ _KINDS: Final[Mapping[Any, str]] = types.MappingProxyType(
         types.NoneType: "null",
     }
 )
+
+
+class NewerFormatError(ValueError):
+    """A file was written by a later version of this package."""
+
+
+def stamp(kind: str, version: int) -> dict[str, Any]:
+    """Return the entries that say what a file holds, as archives of arrays have them.
+
+    Args:
+        kind: What the file holds, for example "gplfd study".
+        version: Version of the layout of ``kind``.
+    """
+    return {"format": kind, "format_version": version}
+
+
+def check_stamp(entries: Mapping[str, Any], kind: str, version: int) -> int:
+    """Return the version of a file's layout; 0 for files from before versions.
+
+    Args:
+        entries: What the file holds, with or without those of `stamp`.
+        kind: What it must hold.
+        version: Latest version that this program reads.
+
+    Raises:
+        NewerFormatError: The file has a later version.
+        ValueError: It holds something else, or its version is no whole number.
+    """
+    if "format_version" not in entries and "format" not in entries:
+        return 0
+    if (found := entry(entries, "format", str)) != kind:
+        raise ValueError(f"it holds {found:.{_SHOWN}}, not {kind}")
+    found_version: int = entry(entries, "format_version", int)
+    if found_version > version:
+        raise NewerFormatError(
+            f"it has version {found_version} of {kind}, and this program reads up to "
+            f"version {version}; use the gplfd that wrote it, or a later one"
+        )
+    if found_version < 1:
+        raise ValueError(f"format_version = {found_version} must be 1 or more")
+    return found_version
+
+
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Say of which file the content is wrong, where a block finds that it is.
+
+    Raises:
+        NewerFormatError: In place of one.
+        ValueError: In place of one.
+    """
+    try:
+        yield
+    except NewerFormatError as error:
+        raise NewerFormatError(f"{path}: {error}") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def write_json(path: str | Path, value: Any, *, indent: int | None = 2) -> None:

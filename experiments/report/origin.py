@@ -17,7 +17,7 @@ from gplfd.experiments.report.document import (
 )
 from gplfd.experiments.results.grouping import by_policy, grouped
 from gplfd.experiments.results.records import EpisodeResult, StudyResults, TaskResult
-from gplfd.experiments.results.table import error_count
+from gplfd.experiments.results.table import remarks
 
 TITLE = "What was run"
 _LEFT_OUT = "Files without a result, left out"
@@ -25,7 +25,7 @@ _LEFT_OUT = "Files without a result, left out"
 
 def header(results: StudyResults) -> tuple[Block, ...]:
     """Say what is missing, and where every number comes from."""
-    warnings = [literal(error_count(results.episodes))]
+    warnings = [literal(said) for said in remarks(results.episodes)]
     if failed := sum(bool(one.error) for one in results.tests):
         tests = f"{failed} of {len(results.tests)} learning tests ended in an error."
         warnings.append(tests)

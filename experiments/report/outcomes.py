@@ -9,7 +9,7 @@ from typing import Final
 from gplfd.experiments.files.table import Table
 from gplfd.experiments.report.document import Details, literal
 from gplfd.experiments.report.policy_table import Cell, medians, policy_table
-from gplfd.experiments.results.grouping import Runs, door_name, of_kind, without_errors
+from gplfd.experiments.results.grouping import Runs, counted, door_name, of_kind
 from gplfd.experiments.results.measures import ADA_FORCE, EPISODE_MEASURES
 from gplfd.experiments.results.records import KINDS, EpisodeResult
 from gplfd.experiments.results.statistics import success_rate
@@ -45,6 +45,7 @@ _FAILURES: Final = {
     "grasp lost": "the handle left the hand",
     "simulation error": "the simulation diverged",
     "time limit": "the episode's time was over",
+    "policy error": "the policy raised an error, in learning or acting",
 }
 
 
@@ -144,9 +145,9 @@ def _reasons(conditions: Mapping[str, Runs]) -> list[str]:
 
 
 def _episodes(conditions: Mapping[str, Runs]) -> Iterator[EpisodeResult]:
-    """Yield all episodes that ran."""
+    """Yield all episodes that count."""
     for runs in conditions.values():
-        for own in without_errors(runs).values():
+        for own in counted(runs).values():
             yield from own
 
 

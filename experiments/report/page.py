@@ -31,7 +31,7 @@ from gplfd.experiments.report.recordings import recording_section
 from gplfd.experiments.report.sentences import PRIVILEGED
 from gplfd.experiments.report.table_one import table_one_section
 from gplfd.experiments.report.trials import trial_sections
-from gplfd.experiments.results.grouping import Runs, conditions, without_errors
+from gplfd.experiments.results.grouping import Runs, conditions, counted
 from gplfd.experiments.results.reading import read_all
 from gplfd.experiments.results.records import StudyResults
 from gplfd.experiments.results.trials_file import FILE as ANSWERS
@@ -94,7 +94,7 @@ def report(
         reference: As in `write_report`.
     """
     shown = conditions(one for one in results.episodes if not one.task.trial)
-    ran = {title: without_errors(runs) for title, runs in shown.items()}
+    ran = {title: counted(runs) for title, runs in shown.items()}
     first = next(iter(ran.values()), {})
     policies = sorted({one.policy for one in results.all})
     lead = list(header(results))

@@ -5,11 +5,11 @@ from typing import Any
 
 from gplfd.experiments.files.table import Table
 from gplfd.experiments.report.document import code
-from gplfd.experiments.results.grouping import without_errors
+from gplfd.experiments.results.grouping import counted
 from gplfd.experiments.results.measures import Measure
 
 Cell = Callable[[Sequence[Any]], str]
-"""Says what some results of a policy are, none of them an error."""
+"""Says what some results of a policy are, all of which count."""
 
 
 def policy_table(
@@ -29,8 +29,8 @@ def policy_table(
     for title, results in groups.items():
         if len(groups) > 1:
             rows.append((f"**{title}**", *("" for _ in columns)))
-        for policy, ran in without_errors(results).items():
-            failed = len(results[policy]) - len(ran)
+        for policy, ran in counted(results).items():
+            failed = sum(bool(one.error) for one in results[policy])
             name = f"{code(policy)}\nerrors: {failed}" if failed else code(policy)
             cells = (cell(ran) if ran else "–" for cell in columns.values())
             rows.append((name, *cells))

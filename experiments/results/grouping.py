@@ -1,4 +1,4 @@
-"""Results grouped once: by condition, policy, kind of door and door."""
+"""Results grouped: by condition, policy, kind of door and door."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -28,30 +28,43 @@ def conditions(episodes: Iterable[EpisodeResult]) -> dict[str, Runs]:
 def ranked(episodes: Iterable[EpisodeResult]) -> Runs:
     """Return episodes by policy: who opens most comes first, then who is gentlest.
 
-    A policy whose episodes all ended in an error comes last.
+    A policy whose episodes were all lost by the machine comes last.
     """
     return dict(sorted(by_policy(episodes).items(), key=_rank))
 
 
 def _rank(item: tuple[str, Sequence[EpisodeResult]]) -> tuple[float, float, str]:
     policy, own = item
-    ran = [one for one in own if not one.error]
-    rate = sum(one.opened() for one in ran) / len(ran) if ran else -1.0
-    force = EPISODE_MEASURES["force_radial_peak"].median(ran)
+    known = [one for one in own if one.counts]
+    rate = sum(one.opened() for one in known) / len(known) if known else -1.0
+    force = EPISODE_MEASURES["force_radial_peak"].median(known)
     return -rate, math.inf if force is None else force, policy
 
 
-def without_errors(
-    results: Mapping[str, Sequence[ResultT]],
-) -> dict[str, list[ResultT]]:
-    """Return results by policy, those alone that are no error."""
+def counted(results: Mapping[str, Sequence[ResultT]]) -> dict[str, list[ResultT]]:
+    """Return results by policy, those alone that count.
+
+    Episodes in which the policy raised an error count, as failures; what the machine
+    lost does not, nor a learning test that ended in an error.
+    """
     return {
-        policy: [one for one in own if not one.error] for policy, own in results.items()
+        policy: [one for one in own if one.counts] for policy, own in results.items()
     }
 
 
+def by_door_kind(
+    episodes: Iterable[EpisodeResult],
+) -> dict[str, list[EpisodeResult]]:
+    """Return episodes by kind of door, the kinds in the order in which they come.
+
+    Doors of a kind are opened by one motion: handle, latch, swing and side of the hinge
+    are the same, and policies learned from demonstrations of that kind.
+    """
+    return grouped(episodes, lambda one: one.door_kind)
+
+
 def of_kind(runs: Runs, kind: str) -> Runs:
-    """Return the episodes at doors of one kind, by policy."""
+    """Return the episodes of one of `KINDS`, by policy."""
     return {
         policy: [one for one in own if one.kind == kind] for policy, own in runs.items()
     }

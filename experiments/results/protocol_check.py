@@ -51,8 +51,8 @@ def _of_policy(policy: str, own: Sequence[EpisodeResult]) -> Iterator[str]:
         yield f"{len(missing)} of {len(expected)} are missing: {_list(missing)}"
     if strange := [one.task for one in own if _draw(one.task) not in expected]:
         yield f"{len(strange)} are not the protocol's: {_list(strange)}"
-    if failed := [one.task for one in own if one.error]:
-        yield f"{len(failed)} episodes ended in an error: {_list(failed)}"
+    if gone := [one.task for one in own if one.lost]:
+        yield f"{len(gone)} episodes were lost by the machine: {_list(gone)}"
     codes = Counter(one.code for one in own)
     if len(codes) > 1:
         yield f"they were made by {len(codes)} versions of the code"

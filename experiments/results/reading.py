@@ -2,16 +2,14 @@
 
 import dataclasses
 import json
-import typing
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
-from gplfd.experiments.episodes.metrics import EpisodeMetrics
 from gplfd.experiments.episodes.task import EpisodeTask, Task, TaughtTask
 from gplfd.experiments.files.plain_data import entry, read_json
 from gplfd.experiments.learning_tests.folds import HELD_OUT
-from gplfd.experiments.results.measures import LEARNING_MEASURES, RECORDED_MEASURES
 from gplfd.experiments.results.records import (
     DEMONSTRATED,
     NON_STANDARD,
@@ -21,20 +19,21 @@ from gplfd.experiments.results.records import (
     RecordedResult,
     StudyResults,
     TaskResult,
+    door_kind,
 )
+from gplfd.experiments.study.result_format import POLICY_ERROR, lost, outcome
 from gplfd.experiments.study.settings import Condition
+from gplfd.experiments.study.store import STUDY, read_study
 from gplfd.experiments.study.tasks import RecordedTask, SkillTask, task_from
 from gplfd.experiments.teacher import Habits, TeacherConfig
-from gplfd_env.config import DoorConfig
+from gplfd_env.config import DoorConfig, door_config
 from gplfd_env.disturbance import disturbance_named
 from gplfd_env.randomization import door_randomization
 
-STUDY, TASKS = "study.json", "tasks"
+TASKS: Final = "tasks"
 
 _SAME_RADIUS: Final = 1e-3
 """Doors whose radii differ by less are the same to a hand [m]."""
-_LARGEST: Final = 1e9
-"""No metric is larger; what is computed from any of them stays finite."""
 _LONGEST: Final = 200
 """Characters of a name, and of a reason."""
 
@@ -70,20 +69,16 @@ _SELDOM: Final = {
 }
 """Fields that most episodes' files leave out."""
 _SOURCE: Final = dict[str, Any] | None
-_BY_OUTPUTS: Final = dict[str, float | None]
-_OUTPUTS: Final = frozenset({"outputs_cpu_s", "outputs_nlpd"})
-# The runner writes None for what is not finite.
-_EPISODE_METRICS: Final = {
-    name: float | None if kind is float else kind
-    for name, kind in typing.get_type_hints(EpisodeMetrics).items()
-}
-_LATER: Final = frozenset(
+_CLOSED_BY_ERROR: Final[Mapping[str, Any]] = MappingProxyType(
     {
-        *("reason", "capability", "stage"),
-        *("latency_wall_median_ms", "latency_wall_p95_ms"),
+        "success": False,
+        "failure": POLICY_ERROR,
+        "final_angle_deg": 0.0,
+        "forecast_progress": (),
+        "forecast_error_mm": (),
     }
 )
-"""Metrics that results before them lack."""
+"""What counts of an episode in which the policy raised an error."""
 
 
 def read_results(folder: Path) -> StudyResults:
@@ -113,7 +108,7 @@ def read_results(folder: Path) -> StudyResults:
     study: dict[str, Any] = {}
     if (folder / STUDY).exists():
         try:
-            study = read_json(folder / STUDY)
+            study = read_study(folder)
         except (OSError, ValueError) as error:
             unreadable.append(_reason(folder / STUDY, error))
     return _of_study(study, found, unreadable)
@@ -181,6 +176,8 @@ def read_files(files: Iterable[Path]) -> tuple[list[TaskResult], list[str]]:
 
 
 def _reason(file: Path, error: Exception) -> str:
+    if isinstance(error, FileNotFoundError):
+        return f"{file.name}: there is no such file"
     text = " ".join(str(error).split()).replace(str(file), "it")
     return f"{file.name}: {text[:_LONGEST]}"
 
@@ -198,18 +195,19 @@ def _test_order(one: LearningTestResult) -> tuple[Any, ...]:
 def _result(record: Mapping[str, Any]) -> TaskResult:
     fields = dict(entry(record, "task", dict[str, Any]))
     source = entry({"policy_source": None, **fields}, "policy_source", _SOURCE) or {}
-    task, failed = _task(fields), "error" in record
+    task = _task(fields)
+    metrics = outcome(record, task)
     shared: dict[str, Any] = {
         "task": task,
         "pair": dataclasses.replace(task, policy="", policy_source=None).key,
-        "metrics": {} if failed else entry(record, "metrics", dict[str, Any]),
-        "error": entry(record, "error", str) or "no reason given" if failed else "",
+        "metrics": metrics,
+        "error": str(record.get("error", "")) or ("" if metrics else "no reason given"),
+        "lost": lost(record),
         "code": _code(record),
         "machine": str(record.get("arithmetic", "")),
         "policy_source": ", ".join(f"{name} {said}" for name, said in source.items()),
     }
     if isinstance(task, RecordedTask):
-        _check_learning(shared, (*RECORDED_MEASURES, *LEARNING_MEASURES))
         return RecordedResult(**shared)
     if isinstance(task, TaughtTask):
         shared["condition"] = _condition(task)
@@ -265,75 +263,39 @@ def _told(spec: str | Mapping[str, Any]) -> str:
 
 
 def _episode(task: EpisodeTask, shared: Mapping[str, Any]) -> EpisodeResult:
-    planned = drawn = DoorConfig(**task.door_config)
-    if not shared["error"]:
-        metrics = shared["metrics"]
-        _check(metrics, _asked_of(metrics))
-        if metrics["radius"] != planned.radius:
-            drawn = planned.replaced({"radius": metrics["radius"]})
-        if len(metrics["forecast_progress"]) != len(metrics["forecast_error_mm"]):
-            raise ValueError("forecast_progress and forecast_error_mm differ in length")
-    if dataclasses.replace(planned, radius=DoorConfig().radius) != DoorConfig():
+    planned = door_config(dict(task.door_config))
+    metrics = shared["metrics"]
+    if shared["error"]:
+        metrics = {} if shared["lost"] else _CLOSED_BY_ERROR
+    radius = metrics.get("radius", planned.radius)
+    shown: dict[str, Any] = dict(task.demonstrated_kind or {})
+    if planned != DoorConfig(radius=planned.radius, **shown):
         kind = NON_STANDARD
-    elif any(
-        abs(drawn.radius - each) < _SAME_RADIUS for each in task.demonstrated_radii
-    ):
+    elif any(abs(radius - each) < _SAME_RADIUS for each in task.demonstrated_radii):
         kind = DEMONSTRATED
     else:
         kind = UNDEMONSTRATED
     return EpisodeResult(
-        radius=drawn.radius,
+        radius=radius,
         drawn=door_randomization(task.randomization).radius is not None,
         kind=kind,
-        **shared,
+        door_kind=door_kind(planned),
+        **{**shared, "metrics": metrics},
     )
 
 
-def _asked_of(metrics: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the kinds of an episode's metrics, but for later ones that it lacks."""
-    absent = _LATER - metrics.keys()
-    return {n: kind for n, kind in _EPISODE_METRICS.items() if n not in absent}
-
-
 def _learning_test(shared: Mapping[str, Any]) -> LearningTestResult:
-    _check_learning(shared, LEARNING_MEASURES)
     outputs = shared["metrics"].get("outputs_cpu_s") or {}
     seconds = {int(n): float(each) for n, each in outputs.items() if each is not None}
     return LearningTestResult(outputs_cpu_s=seconds, **shared)
 
 
-def _check_learning(shared: Mapping[str, Any], measures: Iterable[str]) -> None:
-    """Raise ValueError unless metrics are numbers, and those of a table are there."""
-    if shared["error"]:
-        return
-    metrics = shared["metrics"]
-    # Those of a criterion may be missing, those of a table not.
-    kinds = dict.fromkeys((*metrics, *measures), float | None)
-    _check(metrics, kinds | {name: _BY_OUTPUTS for name in _OUTPUTS & kinds.keys()})
-
-
-def _check(metrics: Mapping[str, Any], kinds: Mapping[str, Any]) -> None:
-    """Raise ValueError for a metric that is missing, or that cannot be computed with.
-
-    Args:
-        metrics: By name.
-        kinds: Type of each, as of `entry`.
-    """
-    for name, kind in kinds.items():
-        value = entry(metrics, name, kind)
-        if name == "seed":
-            continue
-        low = 0.0 if name.startswith("prediction_error") else -_LARGEST
-        parts = value.values() if isinstance(value, Mapping) else value
-        for part in parts if isinstance(value, Mapping | tuple) else [value]:
-            if isinstance(part, int | float) and not low <= part <= _LARGEST:
-                raise ValueError(f"{name} = {part:g} is no plausible measurement")
-
-
 def _code(record: Mapping[str, Any]) -> str:
+    if "versions" not in record:
+        return "unknown code"
     versions = entry(record, "versions", dict[str, str])
     packages = ", ".join(f"{name} {version}" for name, version in versions.items())
-    git = entry(record, "git", dict[str, str | bool | None] | None)
+    git = entry({"git": None, **record}, "git", dict[str, str | bool | None] | None)
     if git is None:
         return packages
     edited = " with edits" if git.get("dirty") else ""

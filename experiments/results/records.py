@@ -8,14 +8,22 @@ from gplfd.experiments.episodes.task import EpisodeTask, Task
 from gplfd.experiments.results.statistics import Key
 from gplfd.experiments.study.settings import Condition
 from gplfd.experiments.study.tasks import RecordedTask, SkillTask
+from gplfd_env.config import DoorConfig
 
 DEMONSTRATED: Final = "demonstrated radii"
 UNDEMONSTRATED: Final = "undemonstrated radii"
 NON_STANDARD: Final = "non-standard doors"
-"""Doors that differ from the demonstrated ones in more than the radius: more friction,
-a closer, another mass."""
+"""Doors that differ from the demonstrated ones of their kind in more than the radius:
+more friction, a closer, another mass."""
 KINDS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)
-"""Kinds of doors, in the order in which they are shown."""
+"""How doors relate to the demonstrated ones, in the order in which they are shown."""
+
+
+def door_kind(door: DoorConfig) -> str:
+    """Return the kind of a door in words: all that decides by which motion it opens."""
+    latch = "" if door.latch == "none" else f" with {door.latch} latch"
+    side = "" if door.hinge_side == "right" else ", hinge on the left"
+    return f"{door.handle}{latch}, {door.swing}{side}"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -27,9 +35,13 @@ class TaskResult:
     pair: str
     """Key of the task without its policy: results with the same key are a pair."""
     metrics: Mapping[str, Any]
-    """What was measured, numbers finite or None; empty for an error."""
+    """What was measured, numbers finite or None; nothing for an error. An older result
+    lacks metrics that were added since."""
     error: str
     """Why nothing was measured; "" if something was."""
+    lost: bool
+    """Whether the machine failed, not the policy: a worker was killed, or memory or
+    disk were full. Nothing is known of such a task, which counts nowhere."""
     code: str
     """Which code made the result."""
     machine: str
@@ -47,6 +59,11 @@ class TaskResult:
         """Seed, and what names the task among those of all policies."""
         return self.task.seed, self.pair
 
+    @property
+    def counts(self) -> bool:
+        """Whether it is part of rates, medians and comparisons."""
+        return not self.error
+
     def number(self, name: str) -> float | None:
         """Return a metric; None where it is missing."""
         value: float | None = self.metrics.get(name)
@@ -63,7 +80,11 @@ class TaughtResult(TaskResult):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EpisodeResult(TaughtResult):
-    """What is known of an episode."""
+    """What is known of an episode.
+
+    Where the policy raised an error, in learning or acting, the door was not opened:
+    the episode counts as a failure, ``policy_error``, with a door that is closed.
+    """
 
     task: EpisodeTask
     """Which door was to be opened."""
@@ -74,7 +95,14 @@ class EpisodeResult(TaughtResult):
     drawn: bool
     """Whether the radius is drawn at random."""
     kind: str
-    """Kind of door, one of `KINDS`."""
+    """How the door relates to the demonstrated ones, one of `KINDS`."""
+    door_kind: str
+    """Kind of door, of `door_kind`: handle, latch, swing and side of the hinge."""
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is part of rates and comparisons: unless the machine failed."""
+        return not self.lost
 
     def opened(self, angle: int = 60) -> bool:
         """Return whether the door was ever open by 15, 30 or 60 degrees."""

@@ -11,7 +11,7 @@ from gplfd.experiments.episodes.metrics import (
     why_closed,
 )
 from gplfd.experiments.files.table import Table, markdown_table
-from gplfd.experiments.results.grouping import by_policy, grouped
+from gplfd.experiments.results.grouping import by_door_kind, by_policy, grouped
 from gplfd.experiments.results.measures import (
     PREDICTION_ERROR,
     Measure,
@@ -20,6 +20,7 @@ from gplfd.experiments.results.reading import read_files
 from gplfd.experiments.results.records import EpisodeResult
 from gplfd.experiments.results.statistics import success_rate
 from gplfd.experiments.study.plan import conditions, episodes
+from gplfd.experiments.study.result_format import EPISODE_METRICS, VERSION
 from gplfd.experiments.study.settings import Condition, StudySettings
 from gplfd.experiments.study.store import result_path
 from gplfd.policies.storage import complete_or_absent
@@ -46,47 +47,85 @@ _OF_RUN: Final = (
 )
 
 
-def error_count(episodes: Sequence[EpisodeResult]) -> str:
-    """Say how many episodes ended in an error; "" if none did."""
-    failed = [one for one in episodes if one.error]
-    if not failed:
-        return ""
-    whose = ", ".join(f"{name} {len(own)}" for name, own in by_policy(failed).items())
-    return (
-        f"{len(failed)} of {len(episodes)} episodes ended in an error and count "
-        f"neither as opened nor as closed: {whose}."
-    )
+def remarks(episodes: Sequence[EpisodeResult]) -> list[str]:
+    """Say what a reader of rates has to know: errors, lost episodes, missing metrics.
 
+    Args:
+        episodes: Those of a table.
 
-def study_table(episodes: Iterable[EpisodeResult]) -> Table:
-    """Return a row per policy and door, in the order in which they come.
-
-    Rates are over the episodes that ran. Forces, slip and times are medians over the
-    successes; the prediction error, the share of decisions in which the stability bound
-    limited the stiffness, and the CPU and wall time of a decision are medians over all
-    that ran. The last column counts why doors stayed closed.
+    Returns:
+        A sentence for each that there is; none if all is well.
     """
-    groups = grouped(episodes, lambda one: (one.policy, one.task.door))
+
+    def of_all(some: Sequence[EpisodeResult]) -> str:
+        return f"{len(some)} of {len(episodes)} episodes"
+
+    def whose(some: Sequence[EpisodeResult]) -> str:
+        return ", ".join(f"{name} {len(own)}" for name, own in by_policy(some).items())
+
+    said = []
+    lost = [one for one in episodes if one.lost]
+    if raised := [one for one in episodes if one.error and one.counts]:
+        said.append(
+            f"{of_all(raised)} ended in an error of the policy and count as not opened:"
+            f" {whose(raised)}."
+        )
+    if lost:
+        said.append(
+            f"{of_all(lost)} were lost, because the machine failed, and count nowhere; "
+            f"run the study again: {whose(lost)}."
+        )
+    measured = [one for one in episodes if not one.error]
+    now = EPISODE_METRICS[VERSION]
+    if older := [one for one in measured if now - one.metrics.keys()]:
+        lacking = frozenset[str]().union(*(now - one.metrics.keys() for one in older))
+        said.append(
+            f"{of_all(older)} were made by an earlier version and lack metrics that "
+            f"were added since: {', '.join(sorted(lacking))}."
+        )
+    for name, own in by_policy(measured).items():
+        if late := late_decisions([one.metrics for one in own]):
+            said.append(f"warning: {name}: {late}")
+    return said
+
+
+def study_table(episodes: Sequence[EpisodeResult]) -> Table:
+    """Return a row per policy and door, in groups if there are several kinds of doors.
+
+    Rates are over all episodes but lost ones: where the policy raised an error, the
+    door was not opened. Forces, slip and times are medians over the successes; the
+    prediction error, the share of decisions in which the stability bound limited the
+    stiffness, and the CPU and wall time of a decision are medians over all that have
+    them. The last column counts why doors stayed closed.
+    """
     measures = (*_OF_SOLVED, *_OF_ALL)
-    return Table(
-        columns=(
-            *("policy", "door", "opened", "95 %"),
-            *(one.title for one in measures),
-            "why not opened",
-        ),
-        rows=tuple((*names, *_cells(own)) for names, own in groups.items()),
+    errors = any(one.error for one in episodes if one.counts)
+    columns = (
+        *("policy", "door", "opened", "95 %"),
+        *(["errors"] if errors else []),
+        *(one.title for one in measures),
+        "why not opened",
     )
+    kinds = by_door_kind(episodes)
+    rows: list[tuple[str, ...]] = []
+    for kind, here in kinds.items():
+        if len(kinds) > 1:
+            rows.append((f"**{kind}**", *("" for _ in columns[1:])))
+        groups = grouped(here, lambda one: (one.policy, one.task.door))
+        rows += [(*names, *_cells(own, errors)) for names, own in groups.items()]
+    return Table(columns=columns, rows=tuple(rows))
 
 
-def _cells(own: Sequence[EpisodeResult]) -> tuple[str, ...]:
-    ran = [one for one in own if not one.error]
-    solved = [one for one in ran if one.solved]
+def _cells(own: Sequence[EpisodeResult], errors: bool) -> tuple[str, ...]:
+    known = [one for one in own if one.counts]
+    solved = [one for one in known if one.solved]
     return (
-        f"{len(solved)}/{len(ran)}",
-        success_rate((one.task.seed, one.solved) for one in ran).interval,
+        f"{len(solved)}/{len(known)}",
+        success_rate((one.task.seed, one.solved) for one in known).interval,
+        *([str(sum(bool(one.error) for one in known))] if errors else []),
         *(measure.text(measure.median(solved)) for measure in _OF_SOLVED),
-        *(measure.text(measure.median(ran)) for measure in _OF_ALL),
-        _reasons(one for one in ran if not one.solved),
+        *(measure.text(measure.median(known)) for measure in _OF_ALL),
+        _reasons(one for one in known if not one.solved),
     )
 
 
@@ -137,23 +176,29 @@ def write_tables(folder: Path, settings: StudySettings) -> str:
 def study_rows(folder: Path, settings: StudySettings) -> list[dict[str, Any]]:
     """Return the numbers of the tables: a row per condition, policy and door.
 
-    Each has ``condition``, ``policy``, ``door``, ``episodes`` that ran, ``opened``,
-    ``errors``, and by their metrics' names the medians of `study_table`, in its units;
-    None where there is nothing to take one of.
+    Each has ``condition``, ``policy``, ``door``, its ``door_kind``, ``episodes`` that
+    count, ``opened``, ``errors`` of the policy, which count as not opened, ``lost``
+    episodes, which do not count, and by their metrics' names the medians of
+    `study_table`, in its units; None where there is nothing to take one of.
     """
     rows: list[dict[str, Any]] = []
     for condition in conditions(settings):
         results, _ = _results(folder, settings, condition)
         groups = grouped(results, lambda one: (one.policy, one.task.door))
         for (policy, door), own in groups.items():
-            ran = [one for one in own if not one.error]
-            solved = [one for one in ran if one.solved]
+            known = [one for one in own if one.counts]
+            solved = [one for one in known if one.solved]
             said = {"condition": str(condition), "policy": policy, "door": door}
-            counts = {"episodes": len(ran), "opened": len(solved)}
-            medians = {one.metric: one.median(solved) for one in _OF_SOLVED} | {
-                one.metric: one.median(ran) for one in _OF_ALL
+            counts = {
+                "episodes": len(known),
+                "opened": len(solved),
+                "errors": sum(bool(one.error) for one in known),
+                "lost": len(own) - len(known),
             }
-            rows.append(said | counts | {"errors": len(own) - len(ran)} | medians)
+            medians = {one.metric: one.median(solved) for one in _OF_SOLVED} | {
+                one.metric: one.median(known) for one in _OF_ALL
+            }
+            rows.append(said | {"door_kind": own[0].door_kind} | counts | medians)
     return rows
 
 
@@ -173,10 +218,5 @@ def _tables(folder: Path, settings: StudySettings) -> Iterator[str]:
         results, unreadable = _results(folder, settings, condition)
         if len(several) > 1:
             yield f"{condition}:"
-        late = {
-            name: late_decisions([one.metrics for one in own])
-            for name, own in by_policy(results).items()
-        }
-        warnings = (f"warning: {name}: {said}" for name, said in late.items() if said)
-        yield from filter(None, (error_count(results), *warnings, *unreadable))
+        yield from (*remarks(results), *unreadable)
         yield markdown_table(study_table(results))

@@ -88,7 +88,7 @@ def _numbers(
         if side.level not in ("", level):
             continue
         for one in own:
-            value = None if one.error else value_of(one.metrics, measure)
+            value = value_of(one.metrics, measure) if one.counts else None
             if value is not None:
                 # Levels that are compared with each other open the same doors.
                 within = "" if side.level else level
@@ -125,7 +125,7 @@ def seed_means(episodes: Sequence[EpisodeResult], measure: str) -> list[float]:
 def _by_seed(episodes: Iterable[EpisodeResult], measure: str) -> dict[int, list[float]]:
     values: dict[int, list[float]] = {}
     for one in episodes:
-        value = None if one.error else value_of(one.metrics, measure)
+        value = value_of(one.metrics, measure) if one.counts else None
         if value is not None:
             values.setdefault(one.task.seed, []).append(value)
     return values

@@ -47,7 +47,8 @@ def _trial(
         level: {
             policy: {
                 "episodes": len(own),
-                "errors": sum(bool(one.error) for one in own),
+                "errors": sum(bool(one.error) for one in own if one.counts),
+                "lost": sum(one.lost for one in own),
                 **{measure: _measure(own, measure) for measure in trial.measures},
             }
             for policy, levels in policies.items()

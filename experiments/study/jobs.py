@@ -1,5 +1,6 @@
 """What a worker does with a job: learn once, open all its doors in lockstep."""
 
+import errno
 import json
 import math
 import numbers
@@ -21,11 +22,17 @@ from gplfd.experiments.episodes.task import EpisodeTask, Task
 from gplfd.experiments.files.provenance import code_state
 from gplfd.experiments.learning_tests.recorded import recorded_metrics
 from gplfd.experiments.learning_tests.scores import method_metrics
+from gplfd.experiments.study.result_format import STAMP
 from gplfd.experiments.study.sources import NO_FILES, Files, policy_of
 from gplfd.experiments.study.tasks import Job, Result, SkillTask
 from gplfd.policies.agent import Agent
 from gplfd.policies.demonstrations import Demonstration
 from gplfd.policies.policy import Policy
+
+_EXHAUSTED: Final = frozenset(
+    {errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EMFILE, errno.ENFILE}
+)
+"""What a machine says whose disk, memory or table of files is full."""
 
 FORECAST_PERIOD: Final = 0.05
 """Simulated time between forecasts [s]: at most a degree of a demonstrated opening."""
@@ -60,15 +67,18 @@ def run_job(
         ]
 
 
-def failed(task: Task, reason: str, trace: str = "") -> Result:
-    """Return the result of a task that came to nothing.
+def failed(task: Task, reason: str, trace: str = "", *, lost: bool = False) -> Result:
+    """Return the result of a task that ended in an error.
 
     Args:
         task: Which.
         reason: Why, in a sentence.
         trace: Where in the code; "" when the worker is gone.
+        lost: Whether the error is the machine's. Without, it is the policy's, and
+            counts as a failure of the policy.
     """
-    return {**_origin(task), "error": reason, "traceback": trace}
+    result = {**_origin(task), "error": reason, "traceback": trace}
+    return {**result, "lost": True} if lost else result
 
 
 def episode_logs(tasks: Sequence[EpisodeTask]) -> tuple[EpisodeLog, ...]:
@@ -89,7 +99,7 @@ def episode_logs(tasks: Sequence[EpisodeTask]) -> tuple[EpisodeLog, ...]:
 
 
 def _origin(task: Task) -> Result:
-    return {"task": task.definition, **code_state()}
+    return {**STAMP, "task": task.definition, **code_state()}
 
 
 def _seen(task: Task) -> Result:
@@ -105,7 +115,14 @@ def _all_failed(
     reason, trace = f"{type(error).__name__}: {error}", traceback.format_exc()
     if policy is not None and (place := where(error, policy)):
         reason = f"{reason} ({place})"
-    return [failed(task, reason, trace) for task in tasks]
+    # A worker that cannot load the policy, or has no memory, says nothing about it.
+    lost = policy is None or _is_of_machine(error)
+    return [failed(task, reason, trace, lost=lost) for task in tasks]
+
+
+def _is_of_machine(error: BaseException) -> bool:
+    full = isinstance(error, OSError) and error.errno in _EXHAUSTED
+    return full or isinstance(error, MemoryError)
 
 
 def _attempt(

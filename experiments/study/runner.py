@@ -13,7 +13,7 @@ from gplfd.experiments.study.engines.serial import Serial
 from gplfd.experiments.study.jobs import failed, run_job
 from gplfd.experiments.study.sources import files_of
 from gplfd.experiments.study.store import is_finished, result_path, stored_result
-from gplfd.experiments.study.tasks import Result, jobs_of
+from gplfd.experiments.study.tasks import Job, Result, jobs_of
 from gplfd.policies.demonstrations import Demonstration
 
 
@@ -47,15 +47,30 @@ def run_study(
     if recordings:
         sent["recordings"] = tuple(recordings)
     work = partial(run_job, **sent) if sent else run_job
-    finished = (engine or Serial()).run(work, jobs_of(missing))
-    # Closed at once when the reader stops, so that no worker outlives an interruption.
-    with contextlib.closing(finished):
-        for job, outcome in finished:
-            results = (
-                [failed(task, outcome.reason) for task in job]
-                if isinstance(outcome, Lost)
-                else outcome
-            )
-            for task, result in zip(job, results, strict=True):
-                write_json(result_path(folder, task), result)
-                yield result
+    jobs = jobs_of(missing)
+    while jobs:
+        alone: list[Job] = []
+        finished = (engine or Serial()).run(work, jobs)
+        # Closed at once when the reader stops, so that no worker outlives an
+        # interruption.
+        with contextlib.closing(finished):
+            for job, outcome in finished:
+                if isinstance(outcome, Lost) and len(job) > 1:
+                    # One task may end the worker of all: alone, the others are run.
+                    alone += [(task,) for task in job]
+                    continue
+                yield from _written(folder, job, outcome)
+        jobs = tuple(alone)
+
+
+def _written(
+    folder: Path, job: Job, outcome: Sequence[Result] | Lost
+) -> Generator[Result, None, None]:
+    results = (
+        [failed(job[0], outcome.reason, lost=not outcome.crashed)]
+        if isinstance(outcome, Lost)
+        else outcome
+    )
+    for task, result in zip(job, results, strict=True):
+        write_json(result_path(folder, task), result)
+        yield result

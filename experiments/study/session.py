@@ -1,27 +1,34 @@
-"""One go at a study: settings kept, missing tasks run behind a bar, errors reported."""
+"""Run or resume a study: keep its settings, run missing tasks, report what is wrong."""
 
 import contextlib
+import json
+import queue
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+import threading
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from gplfd.experiments.arguments import check_folder
 from gplfd.experiments.episodes.task import Task
-from gplfd.experiments.files.plain_data import write_json
 from gplfd.experiments.files.provenance import provenance
 from gplfd.experiments.progress import LOG, counter
 from gplfd.experiments.study.engines import Engine
 from gplfd.experiments.study.runner import run_study
 from gplfd.experiments.study.store import (
+    STUDY,
     damaged_results,
     is_finished,
     made_by_other_code,
     made_elsewhere,
     stored_result,
+    write_study,
 )
 from gplfd.experiments.study.tasks import Result
 from gplfd.policies.demonstrations import Demonstration
+
+_PATIENCE: Final = 600.0
+"""After how long without a result a warning says what is waited for [s]."""
 
 
 def carry_out(
@@ -31,7 +38,10 @@ def carry_out(
     engine: Engine,
     recordings: Sequence[Demonstration] = (),
 ) -> int:
-    """Run the tasks of a study that have no result yet, or an error.
+    """Run the tasks of a study that have no complete result yet, or an error.
+
+    In the end every task must have a complete result on the disk, and the study its
+    study.json: files may have been deleted or changed meanwhile.
 
     Args:
         study: All its tasks.
@@ -41,9 +51,11 @@ def carry_out(
         recordings: All that its `RecordedTask`s learn from.
 
     Returns:
-        The number of tasks that ended in an error.
+        How many things are wrong: tasks that ended in an error or have no result, and
+        study.json if it is gone.
 
     Raises:
+        ValueError: A later version of this package wrote a file of the study.
         OSError: A file cannot be written, or the engine not be reached.
     """
     check_folder(folder)
@@ -51,8 +63,9 @@ def carry_out(
     config = dict(options)
     if own := {name: source for name, source in sources.items() if source}:
         config["policy_sources"] = own
-    write_json(folder / "study.json", provenance(config))
-    for reason in damaged_results(folder, study):
+    damaged = damaged_results(folder, study)
+    write_study(folder, provenance(config))
+    for reason in damaged:
         LOG.warning("warning: %s; its task is run again", reason)
     others = made_by_other_code(folder, study)
     _warn_of_other_code(others, len(study), folder)
@@ -67,7 +80,7 @@ def carry_out(
             elsewhere,
             len(study),
         )
-    return _report_errors(study, folder)
+    return _report(study, folder)
 
 
 def _run(
@@ -77,20 +90,59 @@ def _run(
     recordings: Sequence[Demonstration],
 ) -> None:
     """Run what is missing behind a progress bar that counts tasks."""
-    done = sum(is_finished(stored_result(folder, task)) for task in study)
+    waiting = [task for task in study if not is_finished(stored_result(folder, task))]
     with (
         contextlib.closing(run_study(folder, study, engine, recordings)) as results,
-        counter("task", len(study), done) as bar,
+        counter("task", len(study), len(study) - len(waiting)) as bar,
+        _warnings_of_silence(waiting) as finished,
         # What a policy prints is no part of the table or JSON on standard output.
         contextlib.redirect_stdout(sys.stderr),
     ):
-        for _ in results:
+        for result in results:
             bar.update()
+            finished.put(json.dumps(result["task"], sort_keys=True))
 
 
-def _report_errors(study: Iterable[Task], folder: Path) -> int:
-    results = [stored_result(folder, task) or {} for task in study]
-    failed = [result for result in results if not is_finished(result)]
+@contextlib.contextmanager
+def _warnings_of_silence(study: Sequence[Task]) -> Iterator["queue.SimpleQueue[str]"]:
+    """Say what is waited for when no task finishes for long; a policy may hang.
+
+    Yields:
+        Takes the definitions of tasks that are finished, as JSON with sorted keys.
+    """
+    finished: queue.SimpleQueue[str] = queue.SimpleQueue()
+    waiting = {json.dumps(task.definition, sort_keys=True): task for task in study}
+
+    def watch() -> None:
+        while waiting:
+            try:
+                waiting.pop(finished.get(timeout=_PATIENCE), None)
+            except queue.Empty:
+                first = next(iter(waiting.values()))
+                LOG.warning(
+                    "warning: no task has finished for %g minutes. Perhaps a policy "
+                    "hangs; the first task without a result is: %s. Ctrl-C ends the "
+                    "study and keeps what is finished",
+                    _PATIENCE / 60.0,
+                    _named(first.definition),
+                )
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield finished
+    finally:
+        for definition in list(waiting):
+            finished.put(definition)
+        watcher.join()
+
+
+def _report(study: Sequence[Task], folder: Path) -> int:
+    """Say what is wrong with a study that has run, and return how many things."""
+    results = [stored_result(folder, task) for task in study]
+    failed = [one for one in results if one is not None and not is_finished(one)]
+    missing = results.count(None)
+    lacks_study = not (folder / STUDY).is_file()
     if failed:
         LOG.error(
             "%d of %d tasks ended in errors, kept in %s; the same command tries them "
@@ -99,17 +151,33 @@ def _report_errors(study: Iterable[Task], folder: Path) -> int:
             len(results),
             folder / "tasks",
         )
+    if missing:
+        LOG.error(
+            "%d of %d tasks have no complete result in %s: files were deleted or "
+            "changed while the study ran; the same command runs these tasks again",
+            missing,
+            len(results),
+            folder / "tasks",
+        )
+        for reason in damaged_results(folder, study):
+            LOG.error(reason)
+    if lacks_study:
+        LOG.error(
+            "%s is gone: it was deleted while the study ran; the same command writes "
+            "it again",
+            folder / STUDY,
+        )
     first: dict[str, Result] = {}
     for result in failed:
         first.setdefault(result["task"]["policy"], result)
     for result in first.values():
-        LOG.error("%s: %s", _named(result), result["error"])
+        LOG.error("%s: %s", _named(result["task"]), result["error"])
         LOG.debug("%s", result.get("traceback") or "no traceback")
-    return len(failed)
+    return len(failed) + missing + lacks_study
 
 
-def _named(result: Result) -> str:
-    task = result["task"]
+def _named(task: Mapping[str, Any]) -> str:
+    """Name a task by its definition."""
     if task["kind"] == "recorded":
         return f"{task['policy']}, recording {task['seed']} left out"
     what = task["door"] if task["kind"] == "episode" else f"{task['held_out']} left out"

@@ -5,19 +5,33 @@ import json
 import typing
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from gplfd.experiments.files.plain_data import entry, read_toml
+from gplfd.experiments.files.plain_data import (
+    NewerFormatError,
+    check_stamp,
+    entry,
+    naming,
+    read_toml,
+    stamp,
+)
+from gplfd.experiments.study.plan import checked
 from gplfd.experiments.study.settings import PRESETS, StudySettings
 from gplfd.policies.storage import complete_or_absent
 from gplfd_env.named import nearest_name
+
+KIND: Final = "gplfd study settings"
+VERSION: Final = 1
+"""Version of the file: of its keys and what they mean."""
+_STAMP: Final = stamp(KIND, VERSION)
 
 
 def settings_named(name: str) -> StudySettings:
     """Return the settings of a preset, or those in a file.
 
     Raises:
-        ValueError: There is neither, or the file is wrong.
+        ValueError: There is neither, or the file is wrong: it cannot be read, or its
+            values make no study.
         OSError: It cannot be read.
     """
     if name in PRESETS:
@@ -29,32 +43,43 @@ def settings_named(name: str) -> StudySettings:
             f"{nearest_name(name, PRESETS)}; studies: {', '.join(PRESETS)}; or give a "
             "study.toml"
         )
-    return read_settings(path)
+    settings = read_settings(path)
+    with naming(path):
+        checked(settings)
+    return settings
 
 
 def read_settings(path: Path) -> StudySettings:
     """Read settings; what the file does not say is as in `StudySettings`.
 
     Raises:
+        NewerFormatError: A later version of this package wrote the file.
         ValueError: The file is not TOML, has an unknown key or a value of the wrong
             type.
         OSError: It cannot be read.
     """
     entries = read_toml(path)
-    try:
-        return _settings(entries)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+    with naming(path):
+        check_stamp(entries, KIND, VERSION)
+        values = {name: entries[name] for name in entries if name not in _STAMP}
+        return _settings(values)
 
 
 def write_settings(path: Path, settings: StudySettings) -> None:
     """Write all settings, complete or not at all.
 
     Raises:
+        NewerFormatError: A later version of this package wrote the file that is there.
         OSError: The file cannot be written.
     """
+    try:
+        read_settings(path)
+    except NewerFormatError:
+        raise
+    except (OSError, ValueError):
+        pass  # It is written again.
     lines = [f"# gplfd benchmark --config {path.name}"]
-    for name, value in dataclasses.asdict(settings).items():
+    for name, value in (_STAMP | dataclasses.asdict(settings)).items():
         # JSON's way of writing texts, numbers, lists and truth values is TOML's, too;
         # but a character that TOML wants escaped and JSON does not.
         text = json.dumps(value, allow_nan=False, ensure_ascii=False)

@@ -2,12 +2,58 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from gplfd.experiments.episodes.task import Task
-from gplfd.experiments.files.plain_data import entry, read_json
+from gplfd.experiments.files.plain_data import (
+    NewerFormatError,
+    check_stamp,
+    entry,
+    naming,
+    read_json,
+    stamp,
+    write_json,
+)
 from gplfd.experiments.files.provenance import code_state
+from gplfd.experiments.study.result_format import outcome
 from gplfd.experiments.study.tasks import Result, task_from
+
+STUDY: Final = "study.json"
+"""Name of the file that says what made the results of a folder."""
+STUDY_KIND: Final = "gplfd study"
+STUDY_VERSION: Final = 1
+
+
+def write_study(folder: Path, about: Mapping[str, Any]) -> None:
+    """Write what made a study's results, complete or not at all.
+
+    Raises:
+        NewerFormatError: A later version of this package wrote the file that is there.
+        OSError: The file cannot be written.
+    """
+    try:
+        read_study(folder)
+    except NewerFormatError:
+        raise
+    except (OSError, ValueError):
+        pass  # It is written again.
+    stamped = stamp(STUDY_KIND, STUDY_VERSION) | dict(about)
+    write_json(folder / STUDY, stamped)
+
+
+def read_study(folder: Path) -> dict[str, Any]:
+    """Return what study.json says.
+
+    Raises:
+        FileNotFoundError: There is none.
+        NewerFormatError: A later version of this package wrote it.
+        OSError: It cannot be read.
+        ValueError: It is damaged.
+    """
+    about = read_json(folder / STUDY)
+    with naming(folder / STUDY):
+        check_stamp(about, STUDY_KIND, STUDY_VERSION)
+    return about
 
 
 def made_elsewhere(folder: Path, study: Iterable[Task]) -> int:
@@ -41,20 +87,26 @@ def _kept(folder: Path, study: Iterable[Task]) -> Iterator[Result]:
 
 
 def damaged_results(folder: Path, study: Iterable[Task]) -> tuple[str, ...]:
-    """Say of every result file that is there and holds no result what is wrong."""
+    """Say of every result file that holds no complete result what is wrong.
+
+    Raises:
+        NewerFormatError: A later version of this package wrote one of them.
+    """
     reasons = []
     for task in study:
         try:
             _read(folder, task)
         except FileNotFoundError:
             continue
+        except NewerFormatError:
+            raise
         except (OSError, ValueError) as error:
             reasons.append(str(error))
     return tuple(reasons)
 
 
 def is_finished(result: Mapping[str, Any] | None) -> bool:
-    """Tell whether a result stays: it is there, and no error."""
+    """Tell whether a result stays: it is there, complete, and no error."""
     return result is not None and "error" not in result
 
 
@@ -67,9 +119,14 @@ def stored_result(folder: Path, task: Task) -> Result | None:
     """Return the result of a task, which may be an error.
 
     None if there is none: no file, or one of those that `damaged_results` names.
+
+    Raises:
+        NewerFormatError: A later version of this package wrote it.
     """
     try:
         return _read(folder, task)
+    except NewerFormatError:
+        raise
     except (OSError, ValueError):
         return None
 
@@ -77,13 +134,8 @@ def stored_result(folder: Path, task: Task) -> Result | None:
 def _read(folder: Path, task: Task) -> Result:
     path = result_path(folder, task)
     result = read_json(path)
-    try:
-        if "error" in result:
-            entry(result, "error", str)
-        else:
-            entry(result, "metrics", dict[str, Any])
+    with naming(path):
+        outcome(result, task)
         if task_from(entry(result, "task", dict[str, Any])).key != task.key:
             raise ValueError("it holds the result of another task")
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
     return result

@@ -1,5 +1,6 @@
 """What a study consists of: episodes and learning tests, each named by its hash."""
 
+import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
@@ -8,8 +9,9 @@ from gplfd.experiments.episodes.task import EpisodeTask, Task, TaughtTask
 from gplfd.experiments.learning_tests.folds import HeldOut
 
 Result = dict[str, Any]
-"""What a task came to: ``task``, the ``versions`` and ``git`` of the code that made it,
-and ``metrics`` or, where the task failed, ``error`` and ``traceback``."""
+"""What a task came to: the ``format`` and ``format_version`` of the file, ``task``, the
+``versions`` and ``git`` of the code that made it, and ``metrics`` or, where the task
+failed, ``error``, ``traceback`` and, where the machine failed it, ``lost``."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,7 +56,14 @@ def task_from(record: Mapping[str, Any]) -> Task:
     """
     fields = dict(record)
     try:
-        return _KINDS[fields.pop("kind")](**fields)
+        kind = _KINDS[fields.pop("kind")]
+        known = {field.name for field in dataclasses.fields(kind)}
+        if unknown := sorted(fields.keys() - known):
+            raise ValueError(
+                f"not a task of a study: unknown field {unknown[0]!r:.40}; perhaps a "
+                "later version of gplfd wrote it"
+            )
+        return kind(**fields)
     except (KeyError, TypeError) as error:
         reason = f"not a task of a study: {error!r:.100} in {record!r:.200}"
         raise ValueError(reason) from error

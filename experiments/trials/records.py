@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from gplfd.experiments.study.result_format import POLICY_ERROR
 from gplfd.experiments.teacher import DEMONSTRATED_RADII
 
 
@@ -99,8 +100,11 @@ MEASURES: Mapping[str, tuple[str, Better]] = {
 
 
 def value_of(metrics: Mapping[str, Any], measure: str) -> float | None:
-    """Return a measure of an episode as a number; None where it has none."""
+    """Return a measure of an episode as a number; None where it has none.
+
+    A policy that raised an error did not keep the grasp.
+    """
     if measure == "grasp_kept":
-        return float(metrics["failure"] != "grasp_lost")
-    value = metrics[measure]
+        return float(metrics["failure"] not in ("grasp_lost", POLICY_ERROR))
+    value = metrics.get(measure)
     return None if value is None else float(value)

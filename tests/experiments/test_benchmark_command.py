@@ -2,9 +2,12 @@
 
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 import types
 from pathlib import Path
@@ -13,24 +16,31 @@ from typing import Any
 import pytest
 
 from gplfd.experiments.cli import main
-from gplfd.experiments.study import jobs, runner, store
+from gplfd.experiments.results.reading import read_results
+from gplfd.experiments.results.records import DEMONSTRATED, NON_STANDARD
+from gplfd.experiments.study import jobs, runner, session, store
 from gplfd.experiments.study.engines import Lost
 from gplfd.experiments.study.settings import StudySettings
 from gplfd.experiments.study.settings_file import read_settings, write_settings
 
 
 @pytest.fixture
-def ran(monkeypatch: pytest.MonkeyPatch, episode_result: Any) -> list[Any]:
+def ran(
+    monkeypatch: pytest.MonkeyPatch, episode_result: Any, learning_result: Any
+) -> list[Any]:
     """Replace what a worker does; remember the tasks."""
     tasks = []
-    metrics = episode_result("gp", radius=0.35)["metrics"]
+    metrics = {
+        "episode": episode_result("gp", radius=0.35)["metrics"],
+        "skill": learning_result("gp")["metrics"],
+    }
 
     def run_job(job: Any) -> list[Any]:
         tasks.extend(job)
         return [
             jobs.failed(task, "ValueError: cannot learn")
             if (task.policy, task.seed) == ("oracle", 1)
-            else {**jobs.failed(task, ""), "metrics": metrics}
+            else {**jobs.failed(task, ""), "metrics": metrics[task.kind]}
             for task in job
         ]
 
@@ -88,9 +98,9 @@ def test_writes_table_and_settings_and_says_where(
     table = (tmp_path / "table.md").read_text()
     assert table.strip() in printed.out
     assert "| gp | small | 2/2 |" in table
-    assert "| oracle | small | 1/1 |" in table
+    assert "| oracle | small | 1/2 |" in table
     assert table.startswith(
-        "1 of 4 episodes ended in an error and count neither as opened nor as closed: "
+        "1 of 4 episodes ended in an error of the policy and count as not opened: "
         "oracle 1.\n"
     )
     assert f"gplfd report {tmp_path}" in printed.out
@@ -127,6 +137,124 @@ def test_workers_that_die_are_errors_of_the_study(
     printed = capsys.readouterr().err
     assert "gplfd: 2 of 2 tasks ended in errors" in printed
     assert "gplfd: oracle, small, seed 0: its worker process died" in printed
+
+
+def test_files_that_are_deleted_meanwhile_are_missed(
+    tmp_path: Path,
+    ran: list[Any],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Whoever deletes the folder of a study that runs is told what is gone."""
+    out = tmp_path / "out"
+    measured = runner.run_job
+
+    def delete(job: Any) -> list[Any]:
+        if job[0].seed == 2:
+            shutil.rmtree(out)
+        return measured(job)
+
+    options = ["--policies", "gp", "--doors", "small", "--seeds", "4", "--no-skill"]
+    with monkeypatch.context() as deleting:
+        deleting.setattr(runner, "run_job", delete)
+        assert benchmark(out, *options) == 1
+    printed = capsys.readouterr()
+    assert f"gplfd: 2 of 4 tasks have no complete result in {out}/tasks" in printed.err
+    assert f"gplfd: {out}/study.json is gone" in printed.err
+    assert "| gp | small | 2/2 |" in printed.out
+    assert benchmark(out, *options) == 0
+    assert [task.seed for task in ran] == [0, 1, 2, 3, 0, 1]
+    assert "| gp | small | 4/4 |" in capsys.readouterr().out
+    assert (out / "study.json").is_file()
+
+
+def test_a_result_that_is_damaged_meanwhile_is_named(
+    tmp_path: Path,
+    ran: list[Any],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    measured = runner.run_job
+
+    def damage(job: Any) -> list[Any]:
+        for file in files(tmp_path):
+            file.write_text(file.read_text().replace('"success"', '"sucess"'))
+        return measured(job)
+
+    options = ["--policies", "gp", "--doors", "small", "--seeds", "2", "--no-skill"]
+    with monkeypatch.context() as damaging:
+        damaging.setattr(runner, "run_job", damage)
+        assert benchmark(tmp_path, *options) == 1
+    printed = capsys.readouterr().err
+    assert "gplfd: 1 of 2 tasks have no complete result" in printed
+    assert ".json: it lacks success, which must be true or false" in printed
+    assert benchmark(tmp_path, *options) == 0
+    assert "it lacks success" in capsys.readouterr().err
+    assert len(ran) == 3
+
+
+@pytest.mark.parametrize("name", ["study.json", "study.toml", "tasks"])
+def test_a_later_version_s_files_are_refused_and_kept(
+    name: str, tmp_path: Path, ran: list[Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--policies", "gp", "--doors", "small", "--seeds", "1", "--no-skill"]
+    assert benchmark(tmp_path, *options) == 0
+    file = next(tmp_path.glob(f"{name}/*.json"), tmp_path / name)
+    assert "format_version" in file.read_text()
+    later = re.sub(r'(format_version"?\W+)1', r"\g<1>7", file.read_text())
+    file.write_text(later)
+    about = (tmp_path / "study.json").read_text()
+    capsys.readouterr()
+    assert benchmark(tmp_path, *options, "--seeds", "2") == 2
+    printed = capsys.readouterr().err
+    assert f"gplfd: {file}: it has version 7 of gplfd " in printed
+    assert "this program reads up to version 1" in printed
+    assert file.read_text() == later
+    assert (tmp_path / "study.json").read_text() == about
+    assert len(ran) == 1
+
+
+def test_doors_of_several_kinds_are_read_back(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    doors = ("room-834", "cabinet", "small")
+    options = ["--policies", "oracle", "--doors", *doors, "--seeds", "1", "--no-skill"]
+    assert benchmark(tmp_path, *options) == 0
+    printed = capsys.readouterr().out
+    for door in doors:
+        assert f"| oracle | {door} | 1/1 |" in printed
+    assert "| **lever with spring latch, pull** |" in printed
+    found = read_results(tmp_path)
+    assert found.unreadable == ()
+    assert {one.task.door: one.kind for one in found.episodes} == {
+        "room-834": NON_STANDARD,
+        "cabinet": NON_STANDARD,
+        "small": DEMONSTRATED,
+    }
+
+
+def test_a_policy_that_hangs_is_named(
+    tmp_path: Path, ran: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    warned = threading.Event()
+
+    def warn(message: str, *values: object) -> None:
+        if "a result is: gp, small, seed 1. Ctrl-C ends" in message % values:
+            warned.set()
+
+    measured = runner.run_job
+
+    def hang(job: Any) -> list[Any]:
+        if job[0].seed == 1:
+            assert warned.wait(60.0)
+        return measured(job)
+
+    monkeypatch.setattr(session, "_PATIENCE", 0.01)
+    monkeypatch.setattr(session.LOG, "warning", warn)
+    monkeypatch.setattr(runner, "run_job", hang)
+    options = ["--policies", "gp", "--doors", "small", "--seeds", "2", "--no-skill"]
+    assert benchmark(tmp_path, *options) == 0
+    assert warned.is_set()
 
 
 def test_quiet_shows_no_progress_but_results_and_errors(
@@ -329,6 +457,11 @@ def test_a_wrong_file_ends_with_status_2(
     assert benchmark(tmp_path / "out", "--config", str(file)) == 2
     printed = capsys.readouterr().err
     assert "unknown key 'polices' (did you mean 'policies'?)" in printed
+    file.write_text("policies = ['gp', 'kpm']")
+    assert benchmark(tmp_path / "out", "--config", str(file)) == 2
+    printed = capsys.readouterr().err
+    assert f"gplfd: {file}: unknown policy 'kpm' (did you mean 'kmp'?)" in printed
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_folder_that_cannot_be_written_ends_with_status_2(

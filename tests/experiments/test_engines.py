@@ -3,6 +3,7 @@
 import contextlib
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -87,8 +88,39 @@ def test_only_the_item_that_kills_its_workers_is_lost(tmp_path: Path) -> None:
     lost = finished.pop(1)
     assert isinstance(lost, Lost)
     assert f"died in each of {ATTEMPTS} attempts" in lost.reason
+    assert lost.crashed
     assert finished == {0: 0, 2: 2, 3: 3}
     assert len(list(tmp_path.iterdir())) == ATTEMPTS
+
+
+@pytest.mark.parametrize(
+    ("end", "reason", "crashed"),
+    [
+        (lambda: os._exit(0), "it left Python with exit status 0", True),
+        (lambda: os.kill(os.getpid(), signal.SIGSEGV), "crashed (SIGSEGV)", True),
+        (lambda: os.kill(os.getpid(), signal.SIGKILL), "killed, perhaps for w", False),
+    ],
+)
+def test_the_end_of_a_worker_tells_who_ended_it(
+    end: Any, reason: str, crashed: bool
+) -> None:
+    ((_, lost),) = Processes(workers=1).run(lambda _: end(), [0])
+    assert isinstance(lost, Lost)
+    assert reason in lost.reason
+    assert lost.crashed == crashed
+
+
+def test_an_item_in_this_process_cannot_end_it() -> None:
+    leave = os._exit
+
+    def work(status: int) -> str:
+        try:
+            os._exit(status)
+        except RuntimeError as error:
+            return str(error)
+
+    assert list(Serial().run(work, [0])) == [(0, "os._exit(0) was called")]
+    assert os._exit is leave
 
 
 def test_closing_ends_the_workers(tmp_path: Path) -> None:

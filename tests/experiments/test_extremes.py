@@ -70,6 +70,16 @@ def test_the_comparison_goes_from_the_best_to_the_worst(episodes):
     assert same_door(read, 0.65, "gp") == {}
 
 
+def test_doors_of_another_kind_are_not_compared(write_study, episode_result):
+    lever = DoorConfig(radius=0.5, handle="lever", latch="spring")
+    door = {"door_config": lever.as_dict(), "demonstrated_kind": lever.kind}
+    radii = {"demonstrated_radii": [0.5]}
+    results = [episode_result("gp"), episode_result("kmp", door="x", **door, **radii)]
+    read = read_results(write_study(results)).episodes
+    assert [one.kind for one in read] == ["demonstrated radii"] * 2
+    assert [*same_door(read, 0.5, "gp")] == ["gp"]
+
+
 def test_only_times_may_differ_in_a_repetition():
     stored = {"work": 1.0, "latency_median_ms": 1.0, "stiffness_min": [1.0], "old": 3}
     again = {"work": 1.5, "latency_median_ms": 2.0, "stiffness_min": [1.0], "new": 4}

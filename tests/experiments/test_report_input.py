@@ -144,6 +144,15 @@ def test_what_is_accepted_can_be_drawn(results, write_study, monkeypatch):
         (lambda text: text.replace("0.0001", "-1"), "no plausible measurement"),
         (lambda text: text.replace('"none"', '"nne"'), "unknown randomization 'nne'"),
         (lambda text: text.replace('"kind"', '"kid"'), "it lacks kind"),
+        (
+            lambda text: text.replace('"seed"', '"wind": 1, "seed"'),
+            "unknown field 'wind'",
+        ),
+        (lambda text: f'{{"format_version": 1, {text[1:]}', "it lacks format"),
+        (
+            lambda text: f'{{"format": "gplfd result", "format_version": 9, {text[1:]}',
+            "it has version 9 of gplfd result, and this program reads up to version 1",
+        ),
         (lambda text: text.replace('"seed": 0', '"seed": -1'), "seed = -1 must be 0"),
         (lambda text: text.replace('"gp"', '"g\\np"'), "is not a name in one line"),
         (lambda text: text.replace('"radius": 0.5', '"radius": 7'), "radius = 7.0 is"),

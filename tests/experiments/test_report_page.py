@@ -56,6 +56,12 @@ def markdown(folder, reference="gp"):
     return markdown_page(report(read_results(folder), folder, folder, reference))
 
 
+ERROR = {"error": "ValueError: x", "traceback": "Traceback ..."}
+"""Of an episode in which the policy raised an error."""
+LOST = {"error": "its worker was killed", "traceback": ""}
+"""Of one whose worker was killed."""
+
+
 def cells(text, title="## Doors opened"):
     """The first table after a title: cells by policy and head."""
     lines = text.partition(title)[2].splitlines()
@@ -217,31 +223,36 @@ def test_errors_are_apart_and_come_first(study, policies, episode_result):
     text = (folder / "report.md").read_text()
     first = text.splitlines()[2]
     assert first.startswith(
-        "> **Mind:** 1 of 49 episodes ended in an error and count neither as opened "
-        "nor as closed: gp 1."
+        "> **Mind:** 1 of 49 episodes ended in an error of the policy and count as not "
+        "opened: gp 1."
     )
-    assert "`gp`, 16 of 16 (0.81–1.00), is best" in text
-    assert "| `gp`<br>errors: 1 | 16/16" in text
+    assert "`gp`, 16 of 17 (0.62–0.99), is best" in text
+    assert "| `gp`<br>errors: 1 | 16/17" in text
+    assert cells(text)["gp`<br>errors: 1"]["policy error"] == "1"
     assert "1 × gp, 0.5: ValueError: too <few> demonstrations" in text
     assert "too &lt;few&gt; demonstrations" in (folder / "report.html").read_text()
 
 
-def test_a_policy_is_not_best_over_the_errors_of_another(study, episode_result):
+@pytest.mark.parametrize(
+    ("broken", "said"),
+    [
+        (ERROR, "is best; next is `kmp`, 1 of 8 (0.02–0.47)"),
+        (LOST, "is best together with `kmp`"),
+    ],
+)
+def test_errors_count_and_lost_episodes_do_not(broken, said, study, episode_result):
     results = [episode_result("gp", seed) for seed in range(8)]
     for seed in range(8):
         other = episode_result("kmp", seed)
-        results.append({**other, "error": "OSError: x"} if seed else other)
+        results.append({**other, **broken} if seed else other)
     text = markdown(study(results))
-    assert (
-        "**Doors opened to 60°:** `gp`, 8 of 8 (0.68–1.00), is best together with `kmp`"
-        in text
-    )
+    assert f"**Doors opened to 60°:** `gp`, 8 of 8 (0.68–1.00), {said}" in text
 
 
 def test_a_policy_whose_episodes_all_failed_has_its_row(
     study, policies, episode_result
 ):
-    broken = [{**episode_result("mine", seed), "error": "E: x"} for seed in range(3)]
+    broken = [{**episode_result("mine", seed), **LOST} for seed in range(3)]
     folder = study([*policies, *broken])
     write_report(folder)
     text = (folder / "report.md").read_text()
@@ -250,7 +261,7 @@ def test_a_policy_whose_episodes_all_failed_has_its_row(
 
 
 def test_parts_of_a_study_give_a_report(study, episode_result, learning_result):
-    broken = {"error": "RuntimeError: gone"}
+    broken = LOST
     for results, expected in (
         ([episode_result("gp")], "nothing to compare"),
         ([learning_result("gp")], "1 learning tests of 1 policies"),

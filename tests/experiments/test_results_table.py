@@ -5,9 +5,12 @@ from scipy.stats import binomtest
 
 from gplfd.experiments.episodes.metrics import episode_metrics
 from gplfd.experiments.files.table import Table, html_table, markdown_table, text_table
+from gplfd.experiments.results.grouping import by_door_kind, counted, numbers, ranked
+from gplfd.experiments.results.measures import EPISODE_MEASURES
 from gplfd.experiments.results.reading import read_results
-from gplfd.experiments.results.statistics import success_rate
-from gplfd.experiments.results.table import error_count, run_table, study_table
+from gplfd.experiments.results.statistics import paired, signed_rank, success_rate
+from gplfd.experiments.results.table import remarks, run_table, study_table
+from gplfd_env.config import DOORS
 
 SMALL = Table(columns=("name", "a|b\n[m]"), rows=(("x", "1"), ("long", "2.5\nmore")))
 
@@ -97,23 +100,129 @@ def test_results_from_before_wall_times_are_read(rows, episode_result):
     assert (row["decision CPU [ms]"], row["wall [ms]"]) == ("0.20", "–")
 
 
-def test_an_error_counts_neither_as_opened_nor_as_closed(
-    rows, episode_result, write_study
-):
-    broken = {**episode_result("gp", 1), "error": "x"}
-    results = (episode_result("gp"), broken, {**episode_result("kmp"), "error": "x"})
+def raised(result):
+    """The same episode, had the policy raised an error."""
+    return {**result, "error": "ValueError: x", "traceback": "Traceback ..."}
+
+
+def gone(result):
+    """The same episode, had its worker been killed."""
+    return {**result, "error": "its worker died", "traceback": ""}
+
+
+@pytest.fixture
+def episodes_of(write_study):
+    return lambda *results: read_results(write_study(results)).episodes
+
+
+def test_an_error_of_the_policy_is_a_door_not_opened(rows, episodes_of, episode_result):
+    # One policy opens what it tries and raises at the other doors; one tries them all.
+    results = [
+        *(episode_result("picky", seed, radial=1.0) for seed in range(4)),
+        *(raised(episode_result("picky", seed)) for seed in range(4, 8)),
+        *(episode_result("tries", seed, radial=9.0) for seed in range(6)),
+        *(episode_result("tries", seed, opened=False) for seed in range(6, 8)),
+        raised(episode_result("broken")),
+    ]
+    table = rows(*results)
+    assert table["picky", "0.5"]["opened"] == "4/8"
+    assert (
+        table["picky", "0.5"]["95 %"]
+        == success_rate((seed, seed < 4) for seed in range(8)).interval
+    )
+    assert table["picky", "0.5"]["errors"] == "4"
+    assert table["picky", "0.5"]["radial force [N]"] == "1.0"
+    assert (table["tries", "0.5"]["opened"], table["tries", "0.5"]["errors"]) == (
+        "6/8",
+        "0",
+    )
+    assert table["broken", "0.5"]["opened"] == "0/1"
+    assert table["broken", "0.5"]["radial force [N]"] == "–"
+    episodes = episodes_of(*results)
+    assert remarks(episodes) == [
+        "5 of 17 episodes ended in an error of the policy and count as not opened: "
+        "broken 1, picky 4."
+    ]
+    assert [*ranked(episodes)] == ["tries", "picky", "broken"]
+    one = next(one for one in episodes if one.policy == "broken")
+    assert (one.solved, one.opened(15), one.metrics["failure"]) == (
+        False,
+        False,
+        "policy_error",
+    )
+
+
+def test_what_the_machine_lost_counts_nowhere(rows, episodes_of, episode_result):
+    results = [
+        episode_result("gp", 0),
+        gone(episode_result("gp", 1)),
+        gone(episode_result("kmp", 0)),
+    ]
     table = rows(*results)
     assert table["gp", "0.5"]["opened"] == "1/1"
     assert table["kmp", "0.5"]["opened"] == "0/0"
-    assert table["kmp", "0.5"]["radial force [N]"] == "–"
-    assert error_count(read_results(write_study(results)).episodes) == (
-        "2 of 3 episodes ended in an error and count neither as opened nor as closed: "
-        "gp 1, kmp 1."
-    )
-    assert (
-        error_count(read_results(write_study([episode_result("gp")] * 3)).episodes)
-        == ""
-    )
+    episodes = episodes_of(*results)
+    (said,) = remarks(episodes)
+    assert said.startswith("2 of 3 episodes were lost, because the machine failed, and")
+    assert [*ranked(episodes)] == ["gp", "kmp"]
+    assert counted({"gp": episodes[:2]}) == {"gp": [episodes[0]]}
+
+
+def test_paired_comparisons_know_errors(episodes_of, episode_result):
+    results = [
+        *(episode_result("gp", seed) for seed in range(8)),
+        *(raised(episode_result("kmp", seed)) for seed in range(7)),
+        gone(episode_result("kmp", 7)),
+    ]
+    runs = counted(ranked(episodes_of(*results)))
+    opened = {
+        policy: {one.key: float(one.opened()) for one in own}
+        for policy, own in runs.items()
+    }
+    pairs = paired(opened["gp"], opened["kmp"])
+    assert pairs.seeds == tuple(range(7))
+    assert (set(pairs.first), set(pairs.second)) == ({1.0}, {0.0})
+    assert signed_rank(*pairs.per_seed()) < 0.05
+    # There is no force where nothing was felt.
+    assert numbers(runs, EPISODE_MEASURES["force_radial_peak"])["kmp"] == {}
+
+
+def test_what_all_is_measured_needs_no_remark(episodes_of, episode_result):
+    assert remarks(episodes_of(*[episode_result("gp")] * 3)) == []
+
+
+def test_metrics_that_older_results_lack_are_named(episodes_of, episode_result):
+    older = episode_result("gp", 1)
+    for name in ("capability", "stage"):
+        del older["metrics"][name]
+    episodes = episodes_of(episode_result("gp", 0), older)
+    assert remarks(episodes) == [
+        "1 of 2 episodes were made by an earlier version and lack metrics that were "
+        "added since: capability, stage."
+    ]
+    assert [one.number("capability") for one in episodes] == [6, None]
+
+
+def test_doors_are_in_groups_of_their_kind(episodes_of, episode_result):
+    room = DOORS["room-834"]
+    door = {"door": "room-834", "door_config": room.as_dict()}
+    results = [
+        episode_result(policy, radius=radius, **task)
+        for policy in ("gp", "kmp")
+        for radius, task in ((0.5, {}), (room.radius, door))
+    ]
+    episodes = episodes_of(*results)
+    kinds = by_door_kind(episodes)
+    assert [*kinds] == ["bar, pull", "lever with spring latch, pull"]
+    assert [len(own) for own in kinds.values()] == [2, 2]
+    assert [row[:2] for row in study_table(episodes).rows] == [
+        ("**bar, pull**", ""),
+        ("gp", "0.5"),
+        ("kmp", "0.5"),
+        ("**lever with spring latch, pull**", ""),
+        ("gp", "room-834"),
+        ("kmp", "room-834"),
+    ]
 
 
 def test_a_run_has_a_row_per_door(make_log):

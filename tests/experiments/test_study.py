@@ -1,15 +1,28 @@
 """Studies: tasks named by their definition, results kept, nothing done twice."""
 
 import dataclasses
+import errno
 import json
+import os
 import re
 
 import pytest
 
+from gplfd.experiments.episodes.metrics import EpisodeMetrics
 from gplfd.experiments.episodes.task import EpisodeTask
 from gplfd.experiments.files import provenance
+from gplfd.experiments.files.plain_data import NewerFormatError
+from gplfd.experiments.results.measures import LEARNING_MEASURES, RECORDED_MEASURES
 from gplfd.experiments.study import jobs, runner, store
 from gplfd.experiments.study.engines import Lost
+from gplfd.experiments.study.result_format import (
+    EPISODE_METRICS,
+    FORECAST_METRICS,
+    LEARNING_METRICS,
+    STAMP,
+    VERSION,
+    lost,
+)
 from gplfd.experiments.study.runner import run_study
 from gplfd.experiments.study.store import made_by_other_code
 from gplfd.experiments.study.tasks import SkillTask, jobs_of, task_from
@@ -30,16 +43,24 @@ def episodes(policies, seeds):
     ]
 
 
-def succeeded(task):
-    return {
-        "task": task.definition,
-        **store.code_state(),
-        "metrics": {"success": True},
-    }
+@pytest.fixture
+def succeeded(episode_result):
+    """Return the result of a task that was measured."""
+    metrics = episode_result("gp")["metrics"]
+
+    def result(task):
+        return {
+            **STAMP,
+            "task": task.definition,
+            **store.code_state(),
+            "metrics": metrics,
+        }
+
+    return result
 
 
 @pytest.fixture
-def runs(monkeypatch):
+def runs(monkeypatch, succeeded):
     """Replace what a worker does by a record of which jobs ran."""
     done = []
 
@@ -141,6 +162,11 @@ def test_what_is_no_task_is_refused(record):
         task_from(record)
 
 
+def test_an_unknown_field_of_a_task_is_named():
+    with pytest.raises(ValueError, match="unknown field 'wind'; perhaps a later ver"):
+        task_from({**episode().definition, "wind": 3})
+
+
 def test_a_job_learns_from_one_set_of_demonstrations():
     both = [episode(door=door) for door in DOORS]
     others = [
@@ -174,7 +200,7 @@ def test_more_seeds_repeat_nothing(tmp_path, runs):
     assert [job[0].seed for job in runs] == [0, 1, 2]
 
 
-def test_a_task_that_failed_is_run_again(tmp_path, runs, monkeypatch):
+def test_a_task_that_failed_is_run_again(tmp_path, runs, succeeded, monkeypatch):
     study = episodes(("broken", "gp"), range(1))
     first = list(run_study(tmp_path, study))
     assert [result.get("error") for result in first] == [
@@ -193,7 +219,17 @@ DAMAGES = {
     "nothing in it": (lambda text: "{}", "lacks metrics, which must be an object"),
     "no metrics": (lambda text: '{"metrics": [1]}', r"metrics = \[1\] must be an obj"),
     "no reason": (lambda text: '{"error": null}', "error = None must be a text"),
-    "no task": (lambda text: '{"metrics": {}}', "lacks task, which must be an object"),
+    "no task": (lambda text: '{"error": ""}', "lacks task, which must be an object"),
+    "a metric less": (lambda text: text.replace('"success"', '"x"'), "lacks success"),
+    "odd metric": (lambda text: text.replace("true", "7"), "success = 7 must be true"),
+    "odd radius": (
+        lambda text: re.sub(r'"radius": 0.5(?=,\s+"seed")', '"radius": 7.0', text),
+        "radius = 7.0 is outside",
+    ),
+    "another format": (
+        lambda text: text.replace('"gplfd result"', '"gplfd study"'),
+        "it holds gplfd study, not gplfd result",
+    ),
     "strange task": (lambda text: '{"error": "", "task": {}}', "not a task of a study"),
     "other task": (lambda text: text.replace("small", "large"), "of another task"),
     "NaN": (lambda text: text.replace("true", "NaN"), "infinite or not a number"),
@@ -218,16 +254,94 @@ def test_a_damaged_result_is_named_and_its_task_run_again(
     assert store.damaged_results(tmp_path, study) == ()
 
 
-def test_what_no_worker_finished_is_an_error_of_its_tasks(tmp_path):
+def test_a_version_of_results_has_its_metrics():
+    # Another metric of an episode makes another version, so that older results, which
+    # lack it, stay complete: add it to `EPISODE_METRICS`, and raise `VERSION`.
+    now = {field.name for field in dataclasses.fields(EpisodeMetrics)}
+    assert now == EPISODE_METRICS[VERSION]
+    assert max(EPISODE_METRICS) == VERSION
+    assert LEARNING_MEASURES.keys() == LEARNING_METRICS
+    assert RECORDED_MEASURES.keys() == FORECAST_METRICS
+
+
+def test_an_older_result_lacks_only_later_metrics(tmp_path, runs):
+    task = episode()
+    (result,) = run_study(tmp_path, [task])
+    path = store.result_path(tmp_path, task)
+    older = {name: result[name] for name in result if name not in STAMP}
+    older["metrics"] = dict(result["metrics"])
+    for name in EPISODE_METRICS[1] - EPISODE_METRICS[0]:
+        del older["metrics"][name]
+    path.write_text(json.dumps(older))
+    assert list(run_study(tmp_path, [task])) == []
+    # A result of this version must have them.
+    path.write_text(json.dumps({**older, **STAMP}))
+    assert list(run_study(tmp_path, [task])) == [result]
+
+
+def test_a_later_version_s_result_is_neither_read_nor_replaced(tmp_path, runs):
+    task = episode()
+    list(run_study(tmp_path, [task]))
+    path = store.result_path(tmp_path, task)
+    later = json.dumps(json.loads(path.read_text()) | {"format_version": 99})
+    path.write_text(later)
+    said = f"{path}: it has version 99 of gplfd result, .* up to version {VERSION}"
+    for look in (run_study, store.damaged_results):
+        with pytest.raises(NewerFormatError, match=said):
+            list(look(tmp_path, [task]))
+    assert path.read_text() == later
+
+
+def test_tasks_whose_worker_died_are_run_alone(tmp_path, runs):
     class Deadly:
         def run(self, work, items):
             for item in items:
-                yield item, Lost(reason="its worker died")
+                deadly = any(task.door == "large" for task in item)
+                died = Lost(reason="its worker died", crashed=len(item) == 1)
+                yield item, died if deadly else work(item)
+
+    opened, died = run_study(tmp_path, episodes(("gp",), range(1)), Deadly())
+    assert opened["metrics"]["success"]
+    assert died["error"] == "its worker died"
+    assert died["task"]["door"] == "large"
+    assert not lost(died)
+
+
+def test_what_the_machine_ended_is_lost(tmp_path):
+    class Full:
+        def run(self, work, items):
+            for item in items:
+                yield item, Lost(reason="its worker was killed")
 
     study = episodes(("gp",), range(1))
-    results = list(run_study(tmp_path, study, Deadly()))
-    assert [result["error"] for result in results] == ["its worker died"] * 2
+    results = list(run_study(tmp_path, study, Full()))
+    assert [result["error"] for result in results] == ["its worker was killed"] * 2
     assert [result["task"]["door"] for result in results] == list(DOORS)
+    assert all(map(lost, results))
+
+
+def test_results_from_before_versions_say_who_failed():
+    assert lost({"error": "its worker died", "traceback": ""})
+    assert not lost({"error": "ValueError: x", "traceback": "Traceback ..."})
+    assert not lost({"metrics": {}, "traceback": ""})
+
+
+@pytest.mark.parametrize("step", ["os.fsync", "pathlib.Path.touch"])
+def test_a_full_disk_ends_a_study_that_goes_on_later(tmp_path, runs, monkeypatch, step):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    study = episodes(("gp",), range(2))
+    results = run_study(tmp_path, study)
+    next(results)
+    with monkeypatch.context() as disk:
+        disk.setattr(step, full)
+        with pytest.raises(OSError, match="No space left on device") as raised:
+            next(results)
+    first, second = (store.result_path(tmp_path, task) for task in study[:2])
+    assert raised.value.filename == str(second)
+    assert list((tmp_path / "tasks").iterdir()) == [first]
+    assert len(list(run_study(tmp_path, study))) == 3
 
 
 def test_an_engine_is_stopped_when_nobody_reads_on(tmp_path, runs):

@@ -1,6 +1,7 @@
 """Jobs: learned once, opened together, and each task as if it were alone."""
 
 import dataclasses
+import errno
 import json
 import math
 from collections.abc import Callable, Mapping
@@ -15,6 +16,7 @@ from gplfd.experiments.episodes.task import EpisodeTask
 from gplfd.experiments.study import jobs
 from gplfd.experiments.study.engines.processes import Processes
 from gplfd.experiments.study.jobs import episode_logs, run_job
+from gplfd.experiments.study.result_format import VERSION
 from gplfd.experiments.study.runner import run_study
 from gplfd.experiments.study.store import stored_result
 from gplfd.experiments.study.tasks import SkillTask, jobs_of
@@ -208,6 +210,37 @@ def test_a_policy_that_cannot_learn_is_asked_once(
     ] * 2
     assert len(calls) == 1
     assert opened == []
+
+
+@pytest.mark.parametrize(
+    ("error", "machine"),
+    [
+        (ValueError("no"), False),
+        (SystemExit(0), False),
+        (FileNotFoundError(2, "no such file"), False),
+        (MemoryError(), True),
+        (OSError(errno.ENOSPC, "no space left on device"), True),
+    ],
+)
+def test_an_error_is_the_policy_s_or_the_machine_s(
+    error: BaseException,
+    machine: bool,
+    opened: list[dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(*_: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(jobs, "learned_agents", fail)
+    results = run_job((task("oracle", 0.35), task("oracle", 0.5)))
+    assert [result.get("lost", False) for result in results] == [machine] * 2
+    assert all(result["format_version"] == VERSION for result in results)
+
+
+def test_a_policy_that_a_worker_lacks_is_the_machine_s_error() -> None:
+    (result,) = run_job((task("nowhere:make"),))
+    assert "nowhere" in result["error"]
+    assert result["lost"]
 
 
 def test_simulations_are_closed_when_an_episode_fails(

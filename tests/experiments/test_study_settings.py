@@ -71,6 +71,13 @@ def test_a_file_need_not_say_everything(tmp_path: Path) -> None:
         ("seeds" + 40 * ".a" + " = 1", "is nested deeper than 32 levels"),
         ("skill = 1", "skill = 1 must be true or false"),
         ("seeds = 3\n[more]", "unknown key 'more'"),
+        (
+            'format = "gplfd study settings"\nformat_version = 9',
+            "it has version 9 of gplfd study settings, and this program reads up to "
+            "version 1",
+        ),
+        ('format = "x"', "it holds x, not gplfd study settings"),
+        ("format_version = 1", "it lacks format, which must be a text"),
     ],
 )
 def test_a_wrong_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
@@ -97,6 +104,25 @@ def test_a_study_without_end_or_sense_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):
         checked(StudySettings(**settings))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('policies = ["gp-fixd"]', "did you mean 'gp-fixed'"),
+        ('doors = ["smal"]', "did you mean 'small'"),
+        ("seeds = 0", "--seeds 0 must be 1 or more"),
+        ('randomizations = ["none", "none"]', "none is given twice"),
+    ],
+)
+def test_a_wrong_value_is_refused_with_the_name_of_its_file(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=re.escape(message)) as raised:
+        settings_named(str(path))
+    assert str(raised.value).startswith(f"{path}: ")
 
 
 def test_a_study_that_does_not_exist_is_refused() -> None:

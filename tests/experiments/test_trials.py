@@ -14,7 +14,9 @@ from gplfd.experiments.report.markdown import markdown_page
 from gplfd.experiments.report.page import report, write_report
 from gplfd.experiments.results.protocol_check import protocol_problems
 from gplfd.experiments.results.reading import read_all, read_results
+from gplfd.experiments.results.statistics import success_rate
 from gplfd.experiments.results.trials import answered, of_trial, summary
+from gplfd.experiments.results.trials_file import trial_answers
 from gplfd.experiments.study import jobs, runner
 from gplfd.experiments.study.tasks import jobs_of, task_from
 from gplfd.experiments.trials import plan
@@ -231,6 +233,23 @@ def test_errors_and_missing_numbers_count_for_nothing(
     assert answer(folder, "recovery_time").verdict == "open"
 
 
+@pytest.mark.parametrize("share", ["success", "grasp_kept"])
+def test_an_error_of_the_policy_is_a_failure_in_every_share(
+    share: str, write_study: Callable, episode_result: MakeEpisode
+) -> None:
+    results = [episode_result("gp", n, trial="stop", level="stop") for n in range(16)]
+    for result in results[:8]:
+        result.update(error="ValueError: no", traceback="Traceback ...")
+    results[8].update(error="its worker died", traceback="")
+    found = read_results(write_study(results))
+    rate = summary(of_trial(found.episodes, "stop")["gp"]["stop"], share)
+    assert (rate.successes, rate.trials) == (7, 15)
+    assert rate == success_rate((seed, seed >= 8) for seed in range(15))
+    entry = trial_answers(found)["trials"]["stop"]["stop"]["gp"]
+    assert (entry["episodes"], entry["errors"], entry["lost"]) == (16, 8, 1)
+    assert entry["success"]["estimate"] == pytest.approx(7 / 15, abs=1e-5)
+
+
 def test_the_report_has_a_section_per_trial(
     write_study: Callable, episode_result: MakeEpisode
 ) -> None:
@@ -408,6 +427,14 @@ def whole(monkeypatch: pytest.MonkeyPatch, episode_result: MakeEpisode) -> Any:
     return results
 
 
+def test_an_error_of_a_policy_follows_the_protocol(
+    write_study: Callable, whole: Any
+) -> None:
+    results = json.loads(json.dumps(whole()))
+    results[5].update(error="ValueError: no", traceback="Traceback ...")
+    assert protocol_problems(read_results(write_study(results))) == []
+
+
 def test_a_whole_trial_follows_the_protocol(
     write_study: Callable, whole: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -438,7 +465,10 @@ def test_a_whole_trial_follows_the_protocol(
             lambda r: r[2]["git"].update(commit="f" * 16),
             "made by 2 versions of the code",
         ),
-        (lambda r: r[5].update(error="no"), "gp: 1 episodes ended in an error"),
+        (
+            lambda r: r[5].update(error="it was killed", traceback=""),
+            "gp: 1 episodes were lost by the machine",
+        ),
         (lambda r: r[5]["metrics"].clear(), "not a result: 0005.json"),
         (lambda r: r.clear() or r.append(ORDINARY), "there is no episode of a trial"),
     ],

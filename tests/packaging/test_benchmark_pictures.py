@@ -116,6 +116,26 @@ def test_a_policy_of_others_has_its_place(
     assert "mine:make" not in printed(capsys, theirs)
 
 
+def test_a_policy_with_lost_episodes_has_no_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stored = json.loads(leaderboard.STORED.read_text())["trials"]
+    for policies in (level for trial in stored.values() for level in trial.values()):
+        if "oracle" in policies:
+            policies["mine:make"] = {**policies["oracle"], "errors": 1, "lost": 0}
+    theirs = tmp_path / "trials.json"
+    theirs.write_text(json.dumps({"protocol": VERSION, "trials": stored}))
+    assert "mine:make" in printed(capsys, theirs)
+    stored["stop"]["stop"]["mine:make"]["lost"] = 1
+    theirs.write_text(json.dumps({"protocol": VERSION, "trials": stored}))
+    assert "mine:make" not in printed(capsys, theirs)
+    # Earlier versions left errors out of rates, and did not say what was lost.
+    del stored["stop"]["stop"]["mine:make"]["lost"]
+    theirs.write_text(json.dumps({"protocol": VERSION, "trials": stored}))
+    with pytest.raises(ValueError, match="leaves out episodes in which mine:make rai"):
+        leaderboard.answers_of([leaderboard.STORED, theirs])
+
+
 def test_another_protocol_has_another_leaderboard(tmp_path: Path) -> None:
     old = ROOT / "docs" / "results" / "trials-v1.json"
     with pytest.raises(ValueError, match=f"of protocol 1, .* leaderboard of {VERSION}"):

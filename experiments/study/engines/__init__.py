@@ -36,6 +36,9 @@ class Lost:
 
     reason: str
     """Why, in a sentence."""
+    crashed: bool = False
+    """Whether the item ended its own worker, by leaving Python or by a crash, whenever
+    it ran alone; else the machine may have ended it."""
 
 
 class Engine(Protocol):

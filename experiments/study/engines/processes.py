@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import signal
 import threading
 import time
@@ -27,6 +28,11 @@ _ENVIRONMENT: Final = {
     "PYTHONSAFEPATH": "1",
 }
 
+_CRASHES: Final = frozenset(
+    {signal.SIGSEGV, signal.SIGABRT, signal.SIGFPE, signal.SIGILL}
+)
+"""Signals by which a process ends itself; others come from the machine."""
+
 _PULSE: Final = 1.0
 """How often a worker looks whether its parent is still there [s]."""
 
@@ -36,7 +42,8 @@ class Processes:
     """Runs items in worker processes of this machine.
 
     A worker that dies breaks the pool. The items that were running are then run again,
-    one at a time, so that only the one that kills its worker is lost.
+    one at a time, so that only the one that kills its worker is lost. How that worker
+    ended tells whether the item did it or the machine.
     """
 
     workers: int | None = None
@@ -109,16 +116,38 @@ def _alone(
     work: Callable[[ItemT], tuple[ResultT, list[str]]], item: ItemT
 ) -> ResultT | Lost:
     """Run an item again that was running when a worker died."""
+    ends: list[int | None] = []
     for _ in range(ATTEMPTS - 1):
-        with _pool(1) as pool, contextlib.suppress(loky.BrokenProcessPool):
+        with _pool(1) as pool:
             with postponed_interruption():
                 future = pool.submit(work, item)
-            result: ResultT = _warned(future.result())
-            return result
+            try:
+                result: ResultT = _warned(future.result())
+            except loky.BrokenProcessPool as error:
+                ends.append(_exit_code(error))
+            else:
+                return result
+    crashed = all(end is not None and (end >= 0 or -end in _CRASHES) for end in ends)
+    how = ", ".join(dict.fromkeys(map(_in_words, ends)))
     return Lost(
-        reason=f"its worker process died in each of {ATTEMPTS} attempts: killed, "
-        "crashed or out of memory"
+        reason=f"its worker process died in each of {ATTEMPTS} attempts: {how}",
+        crashed=crashed,
     )
+
+
+def _exit_code(error: loky.BrokenProcessPool) -> int | None:
+    """Return with which code a pool's only worker ended; loky says it in a text."""
+    found = re.search(r"exit codes of the workers are \{\w+\((-?\d+)\)\}", str(error))
+    return int(found[1]) if found else None
+
+
+def _in_words(end: int | None) -> str:
+    if end is None:
+        return "killed, crashed or out of memory"
+    if end >= 0:
+        return f"it left Python with exit status {end}"
+    kind = "crashed" if -end in _CRASHES else "killed, perhaps for want of memory"
+    return f"{kind} ({signal.Signals(-end).name})"
 
 
 @contextlib.contextmanager

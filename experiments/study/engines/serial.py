@@ -4,6 +4,8 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+from gplfd.experiments.interruption import os_exit_raises
+
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
 
@@ -17,4 +19,6 @@ class Serial:
     ) -> Generator[tuple[ItemT, ResultT], None, None]:
         """See `gplfd.experiments.study.engines.Engine.run`."""
         for item in items:
-            yield item, work(item)
+            with os_exit_raises():
+                result = work(item)
+            yield item, result
