@@ -161,6 +161,51 @@ def test_code_in_the_pages_runs(page: Path, first_run: Path) -> None:
     assert [one for one in blocks if '"gplfd/' in one and "gplfd_env" not in one] == []
 
 
+def copied_policy(document: Path) -> str:
+    """Return the policy that a page lets its reader copy, as the page has it."""
+    text = document.read_text()
+    if document.suffix == ".md":
+        blocks = re.findall(r"```python\n(.*?)```", text, re.S)
+        return next(block for block in blocks if "def act(" in block)
+    cells = ["".join(cell["source"]) for cell in json.loads(text)["cells"]]
+    return next(cell for cell in cells if "def act(" in cell).split("\n", 1)[1] + "\n"
+
+
+def test_policies_that_readers_copy_open_doors_gently(tmp_path: Path) -> None:
+    """The doors of `gplfd run` and of `--config small`, with the literal snippets."""
+    tutorial = DOCS / "tutorials" / "your-policy.ipynb"
+    snippet = copied_policy(ROOT / "README.md")
+    assert copied_policy(DOCS / "own-policy.md") == snippet
+    assert copied_policy(tutorial) == snippet
+    example = (ROOT / "examples" / "your_own_policy.py").read_text()
+    assert snippet[: snippet.index("def make(")] in example
+    (cell,) = (
+        "".join(cell["source"])
+        for cell in json.loads(tutorial.read_text())["cells"]
+        if cell["source"][0] == "%%writefile feel.py\n"
+    )
+    (tmp_path / "mine.py").write_text(snippet)
+    (tmp_path / "feel.py").write_text(cell.split("\n", 1)[1])
+    study = (
+        "benchmark --config small --no-skill --engine serial --json --quiet "
+        "--policies mine:make feel:make"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-m", "gplfd", *study.split()],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+    rows = json.loads(ran.stdout)
+    assert {(row["door"], row["opened"]) for row in rows} == {
+        (door, 3) for door in ("small", "medium", "large")
+    }
+    assert all(row["force_radial_peak"] < 8.0 for row in rows)
+    assert all(row["force_tangential_peak"] < 16.0 for row in rows)
+
+
 def commands(document: Path) -> Iterator[list[str]]:
     """Yield the arguments of every `gplfd` in the commands of a page."""
     for block in re.findall(r"```bash\n(.*?)```", text_of(document), re.S):
