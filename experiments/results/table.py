@@ -37,7 +37,7 @@ _OF_RUN: Final = (
     Measure("time_to_30_deg", "to 30° [s]", digits=1),
     *_OF_SOLVED,
     PREDICTION_ERROR,
-    Measure("latency_p95_ms", "decision [ms p95]"),
+    Measure("latency_p95_ms", "CPU time per decision, p95 [ms]"),
 )
 
 
