@@ -97,20 +97,25 @@ def value_sentence(
     policy: str,
     trials: str = "seeds",
 ) -> str:
-    """Say how a policy's numbers stand; less is better. "" if there are none.
+    """Say how a policy's numbers stand; less is better.
 
     Args:
         measure: What the numbers are.
         numbers: Number by policy and task.
         policy: The policy the sentence is about.
         trials: What the independent trials are.
+
+    Returns:
+        The sentence; "" if the policy has no numbers, or nothing to compare with.
     """
     title = measure.phrase[0].upper() + measure.phrase[1:]
     own = numbers.get(policy, {})
     if not own:
         return ""
-    middle = f"median {measure.text(median(own.values()), unit=True)}"
     rivals = _rivals(numbers, policy, partial(_value_rival, measure, trials))
+    if not rivals:
+        return ""
+    middle = f"median {measure.text(median(own.values()), unit=True)}"
     return f"**{title}:** {_standing(policy, middle, rivals)}"
 
 
