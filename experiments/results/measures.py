@@ -99,7 +99,7 @@ PREDICTION_ERROR: Final = Measure(
     convert=_root_in_mm,
 )
 
-WALL_TIME: Final = "wall_median_ms"
+WALL_TIME: Final = "latency_wall_median_ms"
 """Metric of the wall time of a decision; results of earlier versions lack it."""
 
 EPISODE_MEASURES: Final = {

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from gplfd.experiments.episodes.metrics import EpisodeMetrics
 from gplfd.experiments.files.table import Table, markdown_table
+from gplfd.experiments.results.failures import why_closed
 from gplfd.experiments.results.grouping import by_policy, grouped
 from gplfd.experiments.results.measures import (
     EPISODE_MEASURES,
@@ -37,7 +38,7 @@ _OF_RUN: Final = (
     Measure("time_to_30_deg", "to 30° [s]", digits=1),
     *_OF_SOLVED,
     PREDICTION_ERROR,
-    Measure("latency_p95_ms", "CPU time per decision, p95 [ms]"),
+    Measure("latency_p95_ms", "CPU time\nper decision\np95 [ms]"),
 )
 
 
@@ -62,9 +63,18 @@ def study_table(episodes: Iterable[EpisodeResult]) -> Table:
     """
     groups = grouped(episodes, lambda one: (one.policy, one.task.door))
     measures = (*_OF_SOLVED, *_OF_ALL)
+    why = {names: why_closed(own) for names, own in groups.items()}
+    last = ["not opened because"] if any(why.values()) else []
     return Table(
-        columns=("policy", "door", "opened", "95 %", *(one.title for one in measures)),
-        rows=tuple((*names, *_cells(own)) for names, own in groups.items()),
+        columns=(
+            *("policy", "door", "opened", "95 %"),
+            *(one.title for one in measures),
+            *last,
+        ),
+        rows=tuple(
+            (*names, *_cells(own), *([why[names]] if last else []))
+            for names, own in groups.items()
+        ),
     )
 
 

@@ -76,6 +76,18 @@ def test_forces_are_medians_over_successes(rows, episode_result):
     assert row["radial force [N]"] == "3.0"
     assert row["√E[ε²] [mm]"] == "10.0"
     assert row["governed [%]"] == "5.5"
+    assert row["CPU time per decision [ms]"] == "0.20"
+
+
+def test_the_table_says_why_doors_stayed_closed(rows, episode_result):
+    closed = episode_result("gp", 3, opened=False)
+    closed["metrics"]["reason"] = "too_heavy"
+    lost = episode_result("gp", 4, opened=False)
+    lost["metrics"] |= {"failure": "grasp_lost", "reason": "handle_lost"}
+    assert "not opened because" not in rows(episode_result("gp"))["gp", "0.5"]
+    table = rows(closed, closed | {"task": {**closed["task"], "seed": 5}}, lost)
+    why = table["gp", "0.5"]["not opened because"]
+    assert why == "2 × stalled (too heavy), 1 × grasp lost"
 
 
 def test_an_error_counts_neither_as_opened_nor_as_closed(
@@ -105,9 +117,9 @@ def test_a_run_has_a_row_per_door(make_log):
     lines = text_table(run_table(metrics)).splitlines()
     assert lines[0].split()[:5] == ["door", "opened", "radius", "angle", "to"]
     assert lines[1].split()[:3] == ["[m]", "[°]", "[s]"]
-    assert lines[2].split()[:4] == ["small", "yes", "0.50", "66.0"]
-    assert lines[3].startswith("large  grasp lost")
-    assert len({line.rfind(" ") for line in lines[2:]}) == 1
+    assert lines[4].split()[:4] == ["small", "yes", "0.50", "66.0"]
+    assert lines[5].startswith("large  grasp lost")
+    assert len({line.rfind(" ") for line in lines[4:]}) == 1
 
 
 def test_brackets_beside_brackets_are_no_link() -> None:
