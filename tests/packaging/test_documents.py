@@ -184,11 +184,14 @@ def test_policies_that_readers_copy_open_doors_gently(tmp_path: Path) -> None:
         for cell in json.loads(tutorial.read_text())["cells"]
         if cell["source"][0] == "%%writefile feel.py\n"
     )
+    page = (DOCS / "own-policy.md").read_text()
+    (method,) = re.findall(r"```python\n([^`]*^make = Method[^`]*)```", page, re.M)
+    (tmp_path / "method.py").write_text(method)
     (tmp_path / "mine.py").write_text(snippet)
     (tmp_path / "feel.py").write_text(cell.split("\n", 1)[1])
     study = (
         "benchmark --config small --no-skill --engine serial --json --quiet "
-        "--policies mine:make feel:make"
+        "--policies mine:make feel:make method:make"
     )
     ran = subprocess.run(
         [sys.executable, "-m", "gplfd", *study.split()],
