@@ -234,6 +234,30 @@ def test_commands_are_what_the_command_line_takes(
         assert cli.main(arguments) == 0, arguments
 
 
+def test_the_method_s_page_quotes_the_stored_trials() -> None:
+    """The table of what somebody feels, and the heavy doors that open."""
+    trials = json.loads((DOCS / "results" / "trials-v2.json").read_text())["trials"]
+
+    def value(trial: str, level: str, policy: str, measure: str) -> float:
+        return float(trials[trial][level][policy][measure]["estimate"])
+
+    page = (DOCS / "method.md").read_text()
+    table = page.partition("| | person holds the hand")[2].partition("\n\n")[0]
+    rows = re.findall(r"(?m)^\| `([\w-]+)` \| (.*) \|$", table)
+    assert len(rows) == 7
+    for policy, cells in rows:
+        felt = (
+            value("person", "holds the hand", policy, "person_force_peak"),
+            value("stop", "stop", policy, "stop_force_sustained"),
+            value("locked", "locked", policy, "stop_force_sustained"),
+        )
+        opened = (
+            f"{20 * value('heavy', level, policy, 'success'):.0f}/20"
+            for level in ("14 N", "24 N")
+        )
+        assert cells == " | ".join([*(f"{one:.1f}" for one in felt), ", ".join(opened)])
+
+
 def test_every_public_name_has_a_place_in_the_reference() -> None:
     """Whatever a module exports, and every class that an environment's id makes."""
     pages = "".join(path.read_text() for path in (ROOT / "docs" / "api").glob("*.md"))
