@@ -201,7 +201,8 @@ def _trial(
     yield Table(
         columns=("policy", *(MEASURES[name][0] for name in trial.measures)),
         rows=tuple(_rows(trial, levels)),
-        note="Ordered by the first measure. Shares: of episodes, with clustered Wilson "
+        note="Ordered by the first measure; policies that opened no door come last. "
+        "Shares: of episodes, with clustered Wilson "
         "intervals. Others: typical value of a seed, with its 95 % interval.",
     )
     yield _picture(name, levels, reference)
@@ -261,8 +262,12 @@ def _rows(trial: Trial, levels: Mapping[str, Runs]) -> Iterable[tuple[str, ...]]
 
 
 def _rank(episodes: Sequence[EpisodeResult], measures: Sequence[str]) -> list[float]:
-    """Sort by the measures in order, the best first; without a number last."""
-    ranks = []
+    """Sort by the measures in order, the best first; without a number last.
+
+    Who opened no door comes after all others: its small force is no merit.
+    """
+    opened = summary(episodes, "success") if "success" in measures else None
+    ranks = [0.0 if opened is None or opened.estimate > 0.0 else 1.0]
     for measure in measures:
         found = summary(episodes, measure)
         value = math.nan if found is None else found.estimate

@@ -282,6 +282,21 @@ def test_the_report_has_a_section_per_trial(
     assert "16 of 16" not in text
 
 
+def test_who_opened_no_door_of_a_trial_comes_last(
+    write_study: Callable, episode_result: MakeEpisode
+) -> None:
+    results = []
+    for policy, force, opened in (("gp", 9.0, True), ("dmp", 1.0, False)):
+        for seed in range(6):
+            result = episode_result(policy, seed, trial="messy", level="messy")
+            result["metrics"] |= {"force_radial_peak": force, "success": opened}
+            results.append(result)
+    folder = write_study(results)
+    page = markdown_page(report(read_results(folder), folder, folder, "gp"))
+    table = page.partition("## Trial: messy")[2]
+    assert table.index("| `gp` |") < table.index("| `dmp` |")
+
+
 def test_a_small_difference_is_told_from_zero(
     write_study: Callable, episode_result: MakeEpisode
 ) -> None:
