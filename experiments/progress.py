@@ -20,19 +20,42 @@ class MessageHandler(logging.Handler):
 
 
 def progress_bar(
-    items: Iterable[Any] | None = None, *, anywhere: bool = False, **options: Any
+    items: Iterable[Any] | None = None,
+    *,
+    anywhere: bool = False,
+    made: type["tqdm[Any]"] = tqdm,
+    **options: Any,
 ) -> "tqdm[Any]":
     """Return tqdm's bar over some items, where progress is wanted.
 
     Args:
         items: What to go through; None for a bar that is moved by hand.
         anywhere: Show it also where stderr is no terminal.
+        made: Class of the bar.
         options: Of tqdm.
     """
     wanted = LOG.isEnabledFor(logging.INFO)
     # To tqdm None means: where stderr is a terminal.
     disable = not wanted if anywhere or not wanted else None
-    return tqdm(items, **{"leave": False, "disable": disable} | options)
+    return made(items, **{"leave": False, "disable": disable} | options)
+
+
+_TELLING: Final = 0.1
+"""Share of the work after which the time that is left can be estimated: before it, the
+start of the workers and the size of the first jobs decide."""
+
+
+class _Counter(tqdm):  # type: ignore[type-arg]
+    """A bar that estimates the time left once enough of the work is done."""
+
+    @property
+    def format_dict(self) -> Any:
+        """What the bar is written from, see tqdm."""
+        known = super().format_dict
+        new, left = known["n"] - known["initial"], known["total"] - known["initial"]
+        if new < _TELLING * left:
+            known["bar_format"] = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}]"
+        return known
 
 
 def counter(unit: str, total: int, done: int) -> "tqdm[Any]":
@@ -48,6 +71,7 @@ def counter(unit: str, total: int, done: int) -> "tqdm[Any]":
     LOG.info("%d %ss, %d of them done already", total, unit, done)
     pause = 0.5 if sys.stderr.isatty() else 30.0
     return progress_bar(
+        made=_Counter,
         total=total,
         initial=done,
         unit=unit,

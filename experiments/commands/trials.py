@@ -29,15 +29,15 @@ class Trials:
 
     trials: tuple[str, ...] = ()
     """Trials to run (radius, further, few, messy, rests, turned, person, push, stop,
-    locked, heavy, breakaway, delay, noise); all by default."""
+    locked, heavy, breakaway, delay, noise); by default all that the part has."""
 
     policies: tuple[str, ...] = ()
     """Additional policies: names from `gplfd list`, or module:function for your
     own."""
 
     part: Literal["whole", "ideas", "small"] = "whole"
-    """The whole protocol; of it gp, hinge-fit and what lacks an idea; or two seeds of
-    these."""
+    """The whole protocol; of it gp, hinge-fit and the variants that lack an idea; or a
+    first look: six seeds of the strongest contrasts of five trials."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/trials")
     """Folder to write to; an unfinished study in it is resumed."""
@@ -66,7 +66,9 @@ class Trials:
             from gplfd.experiments.trials.plan import named_trials, trial_tasks
 
         tasks = trial_tasks(
-            named_trials(self.trials), policies=self.policies, part=self.part
+            named_trials(self.trials, self.part),
+            policies=self.policies,
+            part=self.part,
         )
         engine = self.where.made()
         errors = carry_out(tasks, recorded(self), self.out, engine)

@@ -237,6 +237,7 @@ _WORDS: Final = {
     "latched": "latch was not released",
     "not_grasped": "handle was not grasped",
     "simulation_error": "simulation diverged",
+    "policy_error": "policy raised an error",
     "time_limit": "time ran out",
     "blocked": "something blocked the door",
     "out_of_reach": "an arm joint was at its limit",

@@ -26,10 +26,14 @@ class Paragraph:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Items:
-    """A list of short texts."""
+    """A list of short texts; empty ones are left out."""
 
     texts: tuple[str, ...]
     """A text with marks per item."""
+
+    def __post_init__(self) -> None:
+        """Leave out what says nothing."""
+        object.__setattr__(self, "texts", tuple(filter(None, self.texts)))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

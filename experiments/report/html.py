@@ -139,6 +139,8 @@ def _block(block: Block, images: Mapping[str, bytes]) -> str:
         case Paragraph(text=text, warning=warning):
             kind = ' class="warning"' if warning else ""
             return f"<p{kind}>{inline(text)}</p>"
+        case Items(texts=()):
+            return ""
         case Items(texts=texts):
             return f"<ul>{''.join(f'<li>{inline(text)}</li>' for text in texts)}</ul>"
         case Verbatim(text=text):

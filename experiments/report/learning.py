@@ -7,6 +7,7 @@ from typing import Final
 from gplfd.experiments.files.table import Table
 from gplfd.experiments.report.document import (
     Block,
+    Details,
     Items,
     Paragraph,
     Picture,
@@ -41,7 +42,7 @@ def learning_section(tests: Tests, reference: str) -> Section:
         for title, runs in groups.items():
             blocks += [Paragraph(text=f"**{title}**"), _standing(runs, reference)]
         blocks += [
-            _table(groups),
+            Details(title="All measures of the learning tests", table=_table(groups)),
             *_outputs(standard),
             *prediction_plots(standard, reference),
         ]
@@ -95,7 +96,10 @@ def _outputs(tests: Tests) -> list[Block]:
         for outputs in sorted({n for one in tests for n in one.outputs_cpu_s})
     }
     note = "CPU time to learn [s] as the number of outputs grows, medians."
-    return [policy_table({"": timed}, columns, note)] if timed else []
+    if not timed:
+        return []
+    table = policy_table({"": timed}, columns, note)
+    return [Details(title="CPU time to learn by number of outputs", table=table)]
 
 
 def _seconds(outputs: int, own: Tests) -> str:

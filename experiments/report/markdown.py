@@ -23,7 +23,7 @@ def markdown_page(document: Document) -> str:
     parts = [f"# {document.title}", *map(_block, document.lead)]
     for section in document.sections:
         parts += [f"## {_shown(section.title)}", *map(_block, section.blocks)]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def _block(block: Block) -> str:

@@ -9,8 +9,10 @@ from typing import Final
 from gplfd.experiments.files.table import Table
 from gplfd.experiments.report.document import Details, literal
 from gplfd.experiments.report.policy_table import Cell, medians, policy_table
+from gplfd.experiments.results import failures
+from gplfd.experiments.results.failures import failure_of
 from gplfd.experiments.results.grouping import Runs, counted, door_name, of_kind
-from gplfd.experiments.results.measures import ADA_FORCE, EPISODE_MEASURES
+from gplfd.experiments.results.measures import ADA_FORCE, EPISODE_MEASURES, WALL_TIME
 from gplfd.experiments.results.records import KINDS, EpisodeResult
 from gplfd.experiments.results.statistics import success_rate
 
@@ -29,6 +31,7 @@ _TOGETHER: Final = (
     ("prediction_error_position",),
     ("stability_margin_translation",),
     ("latency_median_ms",),
+    (WALL_TIME,),
 )
 """Metrics of a column, the first above the second."""
 _DISTURBED: Final = (
@@ -38,42 +41,51 @@ _DISTURBED: Final = (
     ("release_speed", "recovery_time"),
 )
 """The same of what a disturbance did, where there was one."""
-_FAILURES: Final = {
-    "stalled": "the hand held on and the door gained no more angle",
-    "latched": "the latch held the door, whose handle was not turned far enough",
-    "not grasped": "the hand did not take hold of the handle",
-    "grasp lost": "the handle left the hand",
-    "simulation error": "the simulation diverged",
-    "time limit": "the episode's time was over",
-    "policy error": "the policy raised an error, in learning or acting",
+_MEANINGS: Final[Mapping[str, str]] = {
+    "solved": "open by 60° and held there for 0.5 s with the handle in the hand, of "
+    "all that ran; below it the 95 % interval (Wilson's, wider where doors of a seed "
+    "are alike)",
+    "to 60°": "ever open so far, with the same interval",
+    "to 30°": "the same at 30°",
+    "to 15°": "the same at 15°",
+    "time_to_60_deg": "simulated time until the door was first open so far",
+    "force_tangential_peak": "force along the path of the handle: its peak, and what "
+    "95 % of the samples stay below (p95)",
+    "force_radial_peak": "force across the path, which does no work: peak and p95",
+    "force_handle_peak": "largest force on the handle in any direction, and largest "
+    "angular acceleration of the door",
+    "slip_max_mm": "largest distance of the hand from where it grasped the handle",
+    "work": "work of the hand on the door",
+    "prediction_error_position": "prediction error: root of the squared distance "
+    "between predicted and true position plus the stated variance, averaged over the "
+    "opening",
+    "stability_margin_translation": "smallest distance of dk/dt from its bound",
+    "latency_median_ms": "processor time of a call of the policy, without waiting",
+    WALL_TIME: "time on the clock of a call of the policy",
+    "person_force_peak": "peak force on the person, and the largest borne for 0.5 s",
+    "stop_force_peak": "peak force on the stop, and the largest borne for 0.5 s",
+    "push_displacement_mm": "largest displacement of the hand by the push",
+    "release_speed": "largest speed of the door in the second after a disturbance, and "
+    "time until it was 5° further open",
+    f"above {ADA_FORCE} N": "opened doors with a peak force, tangential or radial, "
+    "above the limit of ADA 404.2.9 for opening an interior door",
+    "median angle\nlargest": "door angle at the end of the episode",
 }
+"""What a column means, by its head or by its first metric."""
 
 
 def outcome_table(conditions: Mapping[str, Runs]) -> Table:
     """All measures on all doors, the policies of each condition in a group."""
-    meanings = "; ".join(
-        f"{reason}: {_FAILURES[reason]}"
-        for reason in _reasons(conditions)
-        if reason in _FAILURES
-    )
     note = (
-        "**Solved:** solved / ran, open by 60° for 0.5 s with the handle in the hand. "
-        "**To 60°, 30°, 15°:** opened so far, if only for a moment. Below both, "
-        "95 % intervals (Wilson's, for fewer trials where doors of a seed are alike). "
-        "Then medians: forces, slip and work over the doors "
-        "opened to 60°, the others over all episodes that have them. A policy that "
-        "opens few doors has few numbers: the paired tests compare equal doors. "
-        f"**Above {ADA_FORCE} N:** openings with a peak, tangential or radial, above "
-        "the limit of ADA 404.2.9 for opening an interior door. Policies are in order "
-        "of opening to 60°, then of radial force."
+        "Medians: forces, slip and work over the doors opened to 60°, the others over "
+        "all episodes that have them. A policy that opens few doors has few numbers: "
+        "the paired tests compare equal doors."
     )
-    if meanings:
-        note += f" **Not solved**, by the environment's reason: {meanings}."
     return policy_table(conditions, _columns(conditions), note)
 
 
 def outcome_details(conditions: Mapping[str, Runs]) -> list[Details]:
-    """The same table by kind of door, and the most telling numbers door by door."""
+    """All measures, the same by kind of door, and the main numbers door by door."""
     by_kind = {}
     for title, runs in conditions.items():
         for kind in KINDS:
@@ -88,7 +100,18 @@ def outcome_details(conditions: Mapping[str, Runs]) -> list[Details]:
         "Solved / ran with Wilson's 95 % interval, how many were opened to 60° if not "
         "as many, and the median peak radial force of these [N]."
     )
+    meanings = Table(
+        columns=("column", "meaning"),
+        rows=tuple(
+            (head, meaning)
+            for head in _columns(conditions)
+            if (meaning := _meaning(head))
+        ),
+        left=True,
+    )
     return [
+        Details(title="All measures", table=outcome_table(conditions)),
+        Details(title="What the columns mean", table=meanings),
         Details(
             title="By kind of door", table=policy_table(by_kind, _columns(conditions))
         ),
@@ -101,6 +124,8 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, Cell]:
     for angle in _ANGLES:
         columns[f"to {angle}°"] = partial(_rate, methodcaller("opened", angle))
     for metrics in _TOGETHER:
+        if metrics == (WALL_TIME,) and not _any(conditions, WALL_TIME):
+            continue
         columns |= medians(*map(EPISODE_MEASURES.__getitem__, metrics))
     disturbed = [one for one in _episodes(conditions) if one.task.disturbance != "none"]
     for metrics in _DISTURBED:
@@ -111,6 +136,14 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, Cell]:
         columns[literal(reason)] = partial(_count, reason)
     columns["median angle\nlargest"] = _angles
     return columns
+
+
+def _meaning(head: str) -> str:
+    """Explain a column by its head; a reason of failure as the environment means it."""
+    first, _, _ = head.partition("\n")
+    titles = {one.title: name for name, one in EPISODE_MEASURES.items()}
+    key = titles.get(first, head)
+    return _MEANINGS.get(key, "") or failures.MEANINGS.get(key, "")
 
 
 def _rate(succeeds: Callable[[EpisodeResult], bool], own: Episodes) -> str:
@@ -141,7 +174,7 @@ def _above(own: Episodes) -> str:
 
 def _reasons(conditions: Mapping[str, Runs]) -> list[str]:
     """Why episodes did not solve the task, in words of the environment."""
-    return sorted({_reason(one) for one in _episodes(conditions) if not one.solved})
+    return sorted({failure_of(one) for one in _episodes(conditions) if not one.solved})
 
 
 def _episodes(conditions: Mapping[str, Runs]) -> Iterator[EpisodeResult]:
@@ -151,12 +184,12 @@ def _episodes(conditions: Mapping[str, Runs]) -> Iterator[EpisodeResult]:
             yield from own
 
 
-def _reason(one: EpisodeResult) -> str:
-    return one.metrics["failure"].replace("_", " ") or "no reason given"
+def _any(conditions: Mapping[str, Runs], metric: str) -> bool:
+    return any(one.number(metric) is not None for one in _episodes(conditions))
 
 
 def _count(reason: str, own: Episodes) -> str:
-    return str(sum(_reason(one) == reason for one in own if not one.solved))
+    return str(sum(failure_of(one) == reason for one in own if not one.solved))
 
 
 def _angles(own: Episodes) -> str:

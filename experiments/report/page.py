@@ -6,8 +6,10 @@ from pathlib import Path
 
 from gplfd.experiments.figures.style import paper_style, write_figure
 from gplfd.experiments.files.plain_data import write_json
+from gplfd.experiments.files.table import Table
 from gplfd.experiments.report.document import (
     Block,
+    Details,
     Document,
     Paragraph,
     Picture,
@@ -19,7 +21,7 @@ from gplfd.experiments.report.html import html_page
 from gplfd.experiments.report.learning import learning_section
 from gplfd.experiments.report.markdown import FIGURES, markdown_page
 from gplfd.experiments.report.origin import header, origin_section
-from gplfd.experiments.report.outcomes import outcome_details, outcome_table
+from gplfd.experiments.report.outcomes import outcome_details
 from gplfd.experiments.report.paired import paired_tests, standing
 from gplfd.experiments.report.plots import (
     force_by_radius,
@@ -29,6 +31,7 @@ from gplfd.experiments.report.plots import (
 from gplfd.experiments.report.recorded import recorded_section
 from gplfd.experiments.report.recordings import recording_section
 from gplfd.experiments.report.sentences import PRIVILEGED
+from gplfd.experiments.report.summary import late_decisions, summary_table
 from gplfd.experiments.report.table_one import table_one_section
 from gplfd.experiments.report.trials import trial_sections
 from gplfd.experiments.results.grouping import Runs, conditions, counted
@@ -97,7 +100,12 @@ def report(
     ran = {title: counted(runs) for title, runs in shown.items()}
     first = next(iter(ran.values()), {})
     policies = sorted({one.policy for one in results.all})
-    lead = list(header(results))
+    *warning, counts, command = header(results)
+    lead: list[Block] = [*warning]
+    if shown:
+        every = [one for one in results.episodes if one.counts and not one.task.trial]
+        lead += late_decisions(every)
+        lead.append(summary_table(ran))
     if reference not in policies:
         ranking = [*first, *policies]
         best = next((one for one in ranking if one not in PRIVILEGED), ranking[0])
@@ -111,14 +119,14 @@ def report(
             lead.append(Paragraph(text=text))
         lead += [standing(first, reference), _how_to_read(first)]
         sections += [_opened(shown, first, reference), _paired(ran, reference)]
+    lead += [counts, command]
     if results.recorded:
         sections.append(recorded_section(results.recorded, reference))
+    if results.tests:
+        sections.append(table_one_section(results.tests))
+        sections.append(learning_section(results.tests, reference))
     if results.episodes or results.tests:
-        sections += [
-            table_one_section(results.tests),
-            learning_section(results.tests, reference),
-            recording_section(study, folder, policies),
-        ]
+        sections.append(recording_section(study, folder, policies))
     sections.append(origin_section(results))
     doors = bool(results.episodes or results.tests)
     return Document(
@@ -136,10 +144,9 @@ def _opened(shown: Mapping[str, Runs], first: Runs, reference: str) -> Section:
         anchor="doors",
         blocks=(
             *([] if several else [Paragraph(text=f"{title}.")]),
-            outcome_table(shown),
-            *outcome_details(shown),
             *([Paragraph(text=f"Plots: {title}.")] if several else []),
             *_plots(first, reference),
+            *outcome_details(shown),
         ),
     )
 
@@ -152,7 +159,10 @@ def _paired(ran: Mapping[str, Runs], reference: str) -> Section:
             blocks.append(Paragraph(text=f"**{title[0].upper()}{title[1:]}**"))
         if place:
             blocks.append(standing(runs, reference))
-        blocks.append(paired_tests(runs, reference))
+        tests = paired_tests(runs, reference)
+        if isinstance(tests, Table):
+            tests = Details(title=f"{reference} against each other policy", table=tests)
+        blocks.append(tests)
     return Section(title="Paired tests", anchor="tests", blocks=tuple(blocks))
 
 

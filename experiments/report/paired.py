@@ -41,8 +41,14 @@ def standing(runs: Runs, reference: str) -> Items:
         texts.append(rate_sentence(title, new, reference))
     title = "Opened and held, the handle in the hand"
     texts.append(rate_sentence(title, _successes(runs, held=True), reference))
+    # Whoever opened nothing is not ranked.
+    able = {
+        policy: own
+        for policy, own in runs.items()
+        if policy == reference or any(one.opened() for one in own)
+    }
     for measure in map(EPISODE_MEASURES.__getitem__, HEADLINES):
-        texts.append(value_sentence(measure, numbers(runs, measure), reference))
+        texts.append(value_sentence(measure, numbers(able, measure), reference))
     return Items(texts=tuple(texts))
 
 

@@ -7,7 +7,14 @@ from dataclasses import replace
 from typing import Final
 
 from gplfd.experiments.files.table import Table, text_table
-from gplfd.experiments.report.document import Block, Items, Paragraph, Section, code
+from gplfd.experiments.report.document import (
+    Block,
+    Details,
+    Items,
+    Paragraph,
+    Section,
+    code,
+)
 from gplfd.experiments.report.learning import prediction_plots
 from gplfd.experiments.report.policy_table import Cell, medians, policy_table
 from gplfd.experiments.report.sentences import value_sentence
@@ -71,12 +78,13 @@ def recorded_section(results: Results, reference: str) -> Section:
             "Recordings are the independent "
             "trials of the intervals."
         ),
+        _summary(results),
         Items(texts=standings),
-        *(_table(title, runs) for title in _TABLES),
         *prediction_plots([one for one in results if not one.error], reference),
         Paragraph(text="**What to make of it**"),
         Items(texts=tuple(_advice(runs.get(reference, ()), reference))),
-        _by_recording(runs),
+        *(Details(title=title, table=_table(title, runs)) for title in _TABLES),
+        Details(title="NLPD recording by recording", table=_by_recording(runs)),
     ]
     return Section(
         title="What was learned from the recordings",
@@ -87,16 +95,28 @@ def recorded_section(results: Results, reference: str) -> Section:
 
 def overview(results: Results) -> str:
     """Return the headlines of all methods as a table of plain text, best first."""
-    order = sorted(by_policy(results).items(), key=_likelihood)
-    columns: dict[str, Cell] = {"n": lambda own: str(len(own))}
-    for name in (*LEARNING_HEADLINES, "coverage_95", *_FORECASTS):
-        columns |= medians(_MEASURES[name])
-    table = policy_table({"": dict(order)}, columns)
+    table = _summary(results)
     # Plain text has neither marks nor lines within a cell.
     rows = tuple(
         (row[0].replace("`", "").replace("\n", ", "), *row[1:]) for row in table.rows
     )
     return text_table(replace(table, rows=rows))
+
+
+def _summary(results: Results) -> Table:
+    """Return the headlines of all methods, those with the best likelihood first."""
+    order = sorted(by_policy(results).items(), key=_likelihood)
+    columns: dict[str, Cell] = {"n": lambda own: str(len(own))}
+    for name in (*LEARNING_HEADLINES, "coverage_95", *_FORECASTS):
+        columns |= medians(_MEASURES[name])
+    note = (
+        "Medians over recordings. **n:** recordings left out, one at a time. "
+        "**NLPD:** negative log predictive density of the outputs that move, less is "
+        "better. **Position, rotation:** error of the prediction. **Inside 95 %:** "
+        "share of the recording inside the stated 95 % intervals, 0.95 is right. "
+        "**After 25 %:** error and NLPD of the rest once a quarter has been seen."
+    )
+    return policy_table({"": dict(order)}, columns, note)
 
 
 def _likelihood(item: tuple[str, Results]) -> float:
@@ -108,7 +128,7 @@ def _table(title: str, runs: Mapping[str, Results]) -> Table:
     columns: dict[str, Cell] = {"n": lambda own: str(len(own))}
     for names in _TABLES[title]:
         columns |= medians(*map(_MEASURES.__getitem__, names))
-    return policy_table({"": runs}, columns, f"**{title}**, medians over recordings.")
+    return policy_table({"": runs}, columns, "Medians over recordings.")
 
 
 def _by_recording(runs: Mapping[str, Results]) -> Table:
@@ -126,8 +146,7 @@ def _by_recording(runs: Mapping[str, Results]) -> Table:
     return Table(
         columns=("left out", *map(code, runs)),
         rows=rows,
-        note="**NLPD recording by recording**, numbered from 0 in the order of the "
-        "file.",
+        note="Recordings are numbered from 0 in the order of the file.",
     )
 
 

@@ -56,7 +56,20 @@ def rate_sentence(
     if not own:
         return f"**{title}:** {code(policy)} has no episode that ran."
     rate = success_rate((seed, opened) for (seed, _), opened in own.items())
-    rivals = _rivals(successes, policy, _rate_rival)
+    # Whoever opened nothing is not ranked.
+    able = {name: each for name, each in successes.items() if any(each.values())}
+    rivals = _rivals({policy: own, **able}, policy, _rate_rival)
+    if not rate.successes:
+        most = max(rivals, key=lambda rival: rival.lead, default=None)
+        other = (
+            f"{code(most.name)} opened most, {most.text}"
+            if most
+            else "nor did any other policy"
+        )
+        return f"**{title}:** {code(policy)} opened none of {rate.trials}; {other}."
+    if not rivals and successes.keys() - PRIVILEGED - {policy}:
+        counted = f"{code(policy)}, {_count(rate)}"
+        return f"**{title}:** {counted}; no other policy opened a door."
     return f"**{title}:** {_standing(policy, _count(rate), rivals)}"
 
 
@@ -91,13 +104,18 @@ def value_sentence(
         numbers: Number by policy and task.
         policy: The policy the sentence is about.
         trials: What the independent trials are.
+
+    Returns:
+        The sentence; "" if the policy has no numbers, or nothing to compare with.
     """
     title = measure.phrase[0].upper() + measure.phrase[1:]
     own = numbers.get(policy, {})
     if not own:
-        return f"**{title}:** {code(policy)} has no value."
-    middle = f"median {measure.text(median(own.values()), unit=True)}"
+        return ""
     rivals = _rivals(numbers, policy, partial(_value_rival, measure, trials))
+    if not rivals:
+        return ""
+    middle = f"median {measure.text(median(own.values()), unit=True)}"
     return f"**{title}:** {_standing(policy, middle, rivals)}"
 
 

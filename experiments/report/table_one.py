@@ -13,6 +13,7 @@ from gplfd.experiments.files.table import Table
 from gplfd.experiments.learning_tests.criteria import CRITERIA, Criterion, Mark, mark
 from gplfd.experiments.report.document import (
     Block,
+    Details,
     Items,
     Paragraph,
     Section,
@@ -63,13 +64,14 @@ def _blocks(tests: Sequence[LearningTestResult]) -> list[Block]:
         note += f" Not in this study, or only with errors: {names(missing)}."
     marks = _marks(measured)
     blocks: list[Block] = [
-        _table(marks, note),
+        Details(title="Marks with their numbers", table=_table(marks, note)),
         Paragraph(text=_summary(marks)),
         Items(texts=tuple(_explained(CRITERIA[row], marks[row]) for row in CRITERIA)),
     ]
     if tuned:
         note = "The same with the settings that `gplfd tune` found for each method."
-        blocks.append(_table(_marks(tuned), note))
+        table = _table(_marks(tuned), note)
+        blocks.append(Details(title="Marks of the tuned methods", table=table))
     return blocks
 
 

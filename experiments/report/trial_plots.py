@@ -26,9 +26,12 @@ _KINDS: Final[Mapping[str, tuple[str, dict[str, Any]]]] = {
     "own": ("own policy", {"marker": "^", "color": style.TRUTH}),
 }
 _VERDICTS: Final[Mapping[Verdict, tuple[str, dict[str, Any]]]] = {
-    "shows": ("the idea shows", {"marker": "o", "color": style.TRUTH}),
-    "open": ("not shown", {"marker": "o", "color": style.MARK, "mfc": "white"}),
-    "harms": ("does harm", {"marker": "X", "color": style.LIMIT}),
+    "shows": ("better with the idea", {"marker": "o", "color": style.TRUTH}),
+    "open": (
+        "no significant difference",
+        {"marker": "o", "color": style.MARK, "mfc": "white"},
+    ),
+    "harms": ("worse with the idea", {"marker": "X", "color": style.LIMIT}),
 }
 _POINT: Final[dict[str, Any]] = {"linestyle": "none", "ms": 4.5, "zorder": 4}
 _DOT: Final = 2.4
@@ -102,8 +105,8 @@ def ideas(answers: Mapping[str, Sequence[Answer]]) -> Figure:
         end = max(map(abs, axes.get_xlim()))
         axes.set_xlim((end, -end) if MEASURES[measure][1] == "less" else (-end, end))
         axes.set_xlabel(f"{MEASURES[measure][0]}: with − without")
-    panels[0].set_title("← does harm", loc="left")
-    panels[0].set_title("helps →", loc="right")
+    panels[0].set_title("← worse with the idea", loc="left")
+    panels[0].set_title("better with the idea →", loc="right")
     _legend(figure, list(_VERDICTS.values()))
     return figure
 

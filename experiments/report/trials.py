@@ -28,16 +28,17 @@ from gplfd.experiments.results.trials import (
     of_trial,
     summary,
 )
-from gplfd.experiments.trials.protocol import TRIALS, VERSION
-from gplfd.experiments.trials.records import MEASURES, Trial
+from gplfd.experiments.trials.protocol import SEEDS, TRIALS, VERSION
+from gplfd.experiments.trials.records import MEASURES, Side, Trial
 
 Levels = Mapping[str, Sequence[EpisodeResult]]
 
 _VERDICTS: Final = {
-    "shows": "**shows**",
-    "harms": "does\N{NO-BREAK SPACE}harm",
-    "open": "not\N{NO-BREAK SPACE}shown",
+    "shows": "**better with it**",
+    "harms": "worse with it",
+    "open": "no significant difference",
 }
+"""How an idea did in a contrast."""
 
 
 def trial_sections(
@@ -57,11 +58,18 @@ def trial_sections(
     if not held:
         return ()
     answers = {
-        name: [answered(contrast, own) for contrast in TRIALS[name].contrasts]
+        name: [
+            answered(contrast, own)
+            for contrast in TRIALS[name].contrasts
+            if _ran(contrast.having, own) and _ran(contrast.lacking, own)
+        ]
         for name, own in held.items()
     }
+    asked = sum(len(TRIALS[name].contrasts) for name in held)
+    left_out = asked - sum(map(len, answers.values()))
+    blocks = (*_extent(held, left_out), *_ideas(answers))
     return (
-        Section(title="Ideas on trial", anchor="ideas", blocks=tuple(_ideas(answers))),
+        Section(title="What each idea is worth", anchor="ideas", blocks=blocks),
         *(
             Section(
                 title=f"Trial: {name}",
@@ -76,8 +84,37 @@ def trial_sections(
     )
 
 
+def _ran(side: Side, policies: Mapping[str, Levels]) -> bool:
+    """Whether a side of a contrast has episodes."""
+    levels = policies.get(side.policy, {})
+    return bool(levels.get(side.level) if side.level else levels)
+
+
+def _extent(
+    trials: Mapping[str, Mapping[str, Levels]], left_out: int
+) -> Iterable[Paragraph]:
+    """Say which part of the protocol these results are."""
+    seeds = {
+        one.task.seed
+        for policies in trials.values()
+        for levels in policies.values()
+        for own in levels.values()
+        for one in own
+    }
+    text = f"Protocol v{VERSION}, {len(trials)} of {len(TRIALS)} trials."
+    if left_out:
+        text += f" {left_out} of its contrasts were not run and are not listed."
+    yield Paragraph(text=text)
+    if len(seeds) < SEEDS:
+        text = (
+            f"A first look: {len(seeds)} of the {SEEDS} seeds with which the protocol "
+            "decides. `gplfd trials --part ideas` runs all of them."
+        )
+        yield Paragraph(text=text, warning=True)
+
+
 def _together(answers: Mapping[str, Sequence[Answer]]) -> Iterable[str]:
-    """Say of policies that lack an idea in several trials who is better where."""
+    """Summarise the contrasts with a policy that takes part in several trials."""
     asked: dict[tuple[str, str], dict[str, dict[str, None]]] = {}
     for trial, own in answers.items():
         for one in own:
@@ -89,16 +126,24 @@ def _together(answers: Mapping[str, Sequence[Answer]]) -> Iterable[str]:
         undecided = [one for one in trials.get("open", ()) if one not in decided]
         if len(decided) + len(undecided) < 2:
             continue
-        places = {verdict: ", ".join(trials.get(verdict, ())) for verdict in _VERDICTS}
-        better = f"better in {places['shows']}" if places["shows"] else "better nowhere"
-        worse = f"worse in {places['harms']}" if places["harms"] else "worse nowhere"
-        dominated = not places["shows"] and places["harms"]
-        verdict = ": **dominated**" if dominated else ""
-        yield (
-            f"{idea}: than {code(lacking)} without it, the policy that has it is "
-            f"{better} and {worse}{verdict}; undecided: "
-            f"{', '.join(undecided) or 'none'}."
-        )
+        subject = f"**{idea[0].upper()}{idea[1:]}:**"
+        if not decided:
+            yield (
+                f"{subject} no significant difference to {code(lacking)} "
+                f"({', '.join(undecided)})."
+            )
+            continue
+        found = [
+            f"{said} in {', '.join(places)}"
+            for said, places in (
+                ("better", trials.get("shows", ())),
+                ("worse", trials.get("harms", ())),
+                ("no significant difference", undecided),
+            )
+            if places
+        ]
+        never = "" if trials.get("shows") else " **It is better in no trial.**"
+        yield f"{subject} compared with {code(lacking)}, {'; '.join(found)}.{never}"
 
 
 def _ideas(answers: Mapping[str, Sequence[Answer]]) -> Iterable[Block]:
@@ -109,22 +154,25 @@ def _ideas(answers: Mapping[str, Sequence[Answer]]) -> Iterable[Block]:
             MEASURES[answer.contrast.measure][0],
             f"{answer.contrast.having} : {answer.contrast.lacking}",
             _difference(answer),
-            _VERDICTS[answer.verdict],
+            _result(answer),
         )
         for trial, own in answers.items()
         for answer in own
     )
     note = (
-        "What an idea is worth: the policy that has it minus the one that lacks it and "
-        "nothing else, seed by seed, with the 95 % interval of the difference "
-        "(Hodges-Lehmann; of shares, mean and Student's). An idea **shows** where the "
-        "interval leaves zero out on its side."
+        "**Difference:** the policy with the idea minus the one without it, which is "
+        "equal in everything else, seed by seed, with the 95 % interval "
+        "(Hodges-Lehmann; of shares, mean and Student's). **Result:** better or worse "
+        "with the idea where the interval excludes zero (the protocol says that the "
+        "idea shows, or does harm)."
     )
-    yield Paragraph(text=f"Protocol v{VERSION}.")
     if together := tuple(_together(answers)):
         yield Items(texts=together)
+    if not rows:
+        yield Paragraph(text="No contrast has both of its policies in these results.")
+        return
     yield Table(
-        columns=("idea", "trial", "measure", "with : without", "difference", ""),
+        columns=("idea", "trial", "measure", "with : without", "difference", "result"),
         rows=tuple(sorted(rows)),
         note=note,
         left=True,
@@ -133,9 +181,10 @@ def _ideas(answers: Mapping[str, Sequence[Answer]]) -> Iterable[Block]:
         yield Picture(
             name="trials_ideas",
             draw=partial(ideas, answers),
-            caption="**What an idea is worth:** in brackets who lacks it; a point per "
-            "difference, a line through its 95 % interval (from six seeds on). To the "
-            "right of zero the idea helps, whether more or less is better.",
+            caption="**Differences with and without an idea:** in brackets the policy "
+            "without it; a point per difference, a line through its 95 % interval "
+            "(from six seeds on). Right of zero is better with the idea, whether more "
+            "or less of the measure is better.",
             alternative="Differences of all contrasts, a panel per measure",
         )
 
@@ -152,7 +201,8 @@ def _trial(
     yield Table(
         columns=("policy", *(MEASURES[name][0] for name in trial.measures)),
         rows=tuple(_rows(trial, levels)),
-        note="Ordered by the first measure. Shares: of episodes, with clustered Wilson "
+        note="Ordered by the first measure; policies that opened no door come last. "
+        "Shares: of episodes, with clustered Wilson "
         "intervals. Others: typical value of a seed, with its 95 % interval.",
     )
     yield _picture(name, levels, reference)
@@ -162,7 +212,7 @@ def _trial(
                 f"{answer.contrast.idea}: {code(answer.contrast.having)} against "
                 f"{code(answer.contrast.lacking)}, "
                 f"{MEASURES[answer.contrast.measure][0]} {_difference(answer)}: "
-                f"{_VERDICTS[answer.verdict]}."
+                f"{_result(answer)}."
                 for answer in answers
             )
         )
@@ -174,10 +224,10 @@ def _picture(name: str, levels: Mapping[str, Runs], reference: str) -> Picture:
     return Picture(
         name=f"trial_{name}",
         draw=partial(deciding_numbers, levels, measure, reference),
-        caption=f"**{title[0].upper()}{title[1:]},** what decides this trial ({better} "
-        "is better), in the order of the table. A pale dot per seed, larger where "
-        "several are alike; a mark at the share or the typical value, a line through "
-        "its 95 % interval (of what is no share, from six seeds on). "
+        caption=f"**{title[0].upper()}{title[1:]}** decides this trial ({better} is "
+        "better). Order as in the table. A pale dot per seed, larger where several are "
+        "equal; a mark at the share or the typical value, a line through its 95 % "
+        "interval (for values that are not shares, from six seeds on). "
         f"Bold: {code(reference)}.",
         alternative=f"{title}, a row per policy",
     )
@@ -212,8 +262,12 @@ def _rows(trial: Trial, levels: Mapping[str, Runs]) -> Iterable[tuple[str, ...]]
 
 
 def _rank(episodes: Sequence[EpisodeResult], measures: Sequence[str]) -> list[float]:
-    """Sort by the measures in order, the best first; without a number last."""
-    ranks = []
+    """Sort by the measures in order, the best first; without a number last.
+
+    Who opened no door comes after all others: its small force is no merit.
+    """
+    opened = summary(episodes, "success") if "success" in measures else None
+    ranks = [0.0 if opened is None or opened.estimate > 0.0 else 1.0]
     for measure in measures:
         found = summary(episodes, measure)
         value = math.nan if found is None else found.estimate
@@ -225,11 +279,19 @@ def _rank(episodes: Sequence[EpisodeResult], measures: Sequence[str]) -> list[fl
 def _cell(episodes: Sequence[EpisodeResult], measure: str) -> str:
     found = summary(episodes, measure)
     if found is None:
-        return "–"
+        return "no value"
     if isinstance(found, Rate):
         return f"{found.successes}/{found.trials}\n{found.interval}"
     digits = _digits(measure)
     return f"{number_text(found.estimate, digits)}\n{_interval(found, digits)}".strip()
+
+
+def _result(answer: Answer) -> str:
+    if answer.shift is None:
+        return "no value in common"
+    if math.isinf(answer.shift.low):
+        return "too few seeds for an interval"
+    return _VERDICTS[answer.verdict]
 
 
 def _difference(answer: Answer) -> str:

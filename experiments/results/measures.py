@@ -99,6 +99,9 @@ PREDICTION_ERROR: Final = Measure(
     convert=_root_in_mm,
 )
 
+WALL_TIME: Final = "latency_wall_median_ms"
+"""Metric of the wall time of a decision; results of earlier versions lack it."""
+
 EPISODE_MEASURES: Final = {
     measure.metric: measure
     for measure in (
@@ -114,7 +117,12 @@ EPISODE_MEASURES: Final = {
         _of_opened("work", "work [J]", digits=2),
         PREDICTION_ERROR,
         Measure("stability_margin_translation", "stability margin [N/(m·s)]", digits=0),
-        Measure("latency_median_ms", "decision [ms]", "CPU time of a decision"),
+        Measure(
+            "latency_median_ms",
+            "CPU time per decision [ms]",
+            "CPU time of a decision",
+        ),
+        Measure(WALL_TIME, "wall time per decision [ms]"),
         _of_opened("force_handle_peak", "handle peak [N]"),
         _of_opened("door_acceleration_peak", "door |φ̈| [rad/s²]"),
         Measure("person_force_peak", "on a person [N]", digits=1),

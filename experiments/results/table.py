@@ -1,6 +1,5 @@
 """A study, and the doors of one run, as tables for the terminal and table.md."""
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -11,9 +10,12 @@ from gplfd.experiments.episodes.metrics import (
     why_closed,
 )
 from gplfd.experiments.files.table import Table, markdown_table
+from gplfd.experiments.results.failures import closed_because
 from gplfd.experiments.results.grouping import by_door_kind, by_policy, grouped
 from gplfd.experiments.results.measures import (
+    EPISODE_MEASURES,
     PREDICTION_ERROR,
+    WALL_TIME,
     Measure,
 )
 from gplfd.experiments.results.reading import read_files
@@ -34,8 +36,8 @@ _OF_SOLVED: Final = (
 _OF_ALL: Final = (
     PREDICTION_ERROR,
     Measure("governed_share", "governed [%]", digits=1, convert=lambda x: 100.0 * x),
-    Measure("latency_median_ms", "decision CPU [ms]"),
-    Measure("latency_wall_median_ms", "wall [ms]"),
+    EPISODE_MEASURES["latency_median_ms"],
+    EPISODE_MEASURES[WALL_TIME],
 )
 _OF_RUN: Final = (
     Measure("radius", "radius [m]"),
@@ -43,7 +45,7 @@ _OF_RUN: Final = (
     Measure("time_to_30_deg", "to 30° [s]", digits=1),
     *_OF_SOLVED,
     PREDICTION_ERROR,
-    Measure("latency_wall_p95_ms", "decision [ms p95]"),
+    Measure("latency_wall_p95_ms", "wall time\nper decision\np95 [ms]"),
 )
 
 
@@ -100,11 +102,12 @@ def study_table(episodes: Sequence[EpisodeResult]) -> Table:
     """
     measures = (*_OF_SOLVED, *_OF_ALL)
     errors = any(one.error for one in episodes if one.counts)
+    closed = any(not one.solved for one in episodes if one.counts)
     columns = (
         *("policy", "door", "opened", "95 %"),
         *(["errors"] if errors else []),
         *(one.title for one in measures),
-        "why not opened",
+        *(["not opened because"] if closed else []),
     )
     kinds = by_door_kind(episodes)
     rows: list[tuple[str, ...]] = []
@@ -112,7 +115,9 @@ def study_table(episodes: Sequence[EpisodeResult]) -> Table:
         if len(kinds) > 1:
             rows.append((f"**{kind}**", *("" for _ in columns[1:])))
         groups = grouped(here, lambda one: (one.policy, one.task.door))
-        rows += [(*names, *_cells(own, errors)) for names, own in groups.items()]
+        for names, own in groups.items():
+            why = [closed_because(own)] if closed else []
+            rows.append((*names, *_cells(own, errors), *why))
     return Table(columns=columns, rows=tuple(rows))
 
 
@@ -125,17 +130,7 @@ def _cells(own: Sequence[EpisodeResult], errors: bool) -> tuple[str, ...]:
         *([str(sum(bool(one.error) for one in known))] if errors else []),
         *(measure.text(measure.median(solved)) for measure in _OF_SOLVED),
         *(measure.text(measure.median(known)) for measure in _OF_ALL),
-        _reasons(one for one in known if not one.solved),
     )
-
-
-def _reasons(closed: Iterable[EpisodeResult]) -> str:
-    """Count why doors stayed closed, the most frequent reason first."""
-    reasons = Counter(
-        why_closed(one.metrics["failure"], one.metrics.get("reason", ""))
-        for one in closed
-    )
-    return "; ".join(f"{why} ({number})" for why, number in reasons.most_common())
 
 
 def run_table(metrics: Iterable[EpisodeMetrics]) -> Table:
@@ -157,7 +152,7 @@ def run_table(metrics: Iterable[EpisodeMetrics]) -> Table:
         )
         for one in metrics
     )
-    why = ("why not opened",) if any_closed else ()
+    why = ("not opened because",) if any_closed else ()
     return Table(columns=("door", "opened", *heads, *why), rows=tuple(rows))
 
 

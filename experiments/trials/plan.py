@@ -14,8 +14,8 @@ from gplfd_env.config import DoorConfig
 from gplfd_env.named import nearest_name
 
 
-def named_trials(names: Sequence[str]) -> dict[str, Trial]:
-    """Return trials by name; all of them for no name.
+def named_trials(names: Sequence[str], part: Part = "whole") -> dict[str, Trial]:
+    """Return trials by name; without a name all that a part of the protocol has.
 
     Raises:
         ValueError: An unknown name, or one given twice.
@@ -28,7 +28,7 @@ def named_trials(names: Sequence[str]) -> dict[str, Trial]:
             )
         if list(names).count(name) > 1:
             raise ValueError(f"trial {name} is given twice")
-    return {name: TRIALS[name] for name in names or TRIALS}
+    return {name: TRIALS[name] for name in names or PARTS[part].variants or TRIALS}
 
 
 def trial_tasks(
@@ -47,13 +47,18 @@ def trial_tasks(
     Raises:
         ValueError: An unknown policy.
     """
-    seeds, everywhere = PARTS[part]
+    plan = PARTS[part]
     tuned = TUNED if part == "whole" else ()
     return tuple(
         task
-        for seed, (name, trial) in itertools.product(range(seeds), trials.items())
+        for seed, (name, trial) in itertools.product(range(plan.seeds), trials.items())
         for policy in dict.fromkeys(
-            (*everywhere, *trial.also, *(tuned if trial.tuned else ()), *policies)
+            (
+                *plan.everywhere,
+                *plan.variants.get(name, trial.also),
+                *(tuned if trial.tuned else ()),
+                *policies,
+            )
         )
         for task in _tasks(name, trial, policy, seed)
     )

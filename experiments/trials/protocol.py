@@ -18,6 +18,7 @@ in 79 of 100 repetitions, one as large as 0.8 in 91 (1,500 simulated each).
 import dataclasses
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final, Literal
 
@@ -46,16 +47,40 @@ that is searched."""
 Part = Literal["whole", "ideas", "small"]
 """Of the protocol."""
 
-PARTS: Final[Mapping[Part, tuple[int, tuple[str, ...]]]] = MappingProxyType(
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PartPlan:
+    """What is run of the protocol."""
+
+    seeds: int
+    """Number of seeds."""
+    everywhere: tuple[str, ...]
+    """Policies of every trial."""
+    variants: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Variants of `gp` that lack an idea, by trial; a trial that is not listed has all
+    of its own."""
+
+
+PARTS: Final[Mapping[Part, PartPlan]] = MappingProxyType(
     {
-        "whole": (SEEDS, EVERYWHERE),
-        "ideas": (SEEDS, ("gp", "hinge-fit")),
-        "small": (2, ("gp", "hinge-fit")),
+        "whole": PartPlan(seeds=SEEDS, everywhere=EVERYWHERE),
+        "ideas": PartPlan(seeds=SEEDS, everywhere=("gp", "hinge-fit")),
+        "small": PartPlan(
+            seeds=6,
+            everywhere=("gp", "hinge-fit"),
+            variants={
+                "radius": ("gp-fixed",),
+                "turned": ("gp-clock", "gp-position-only"),
+                "person": ("gp-constant-500", "gp-carried-load"),
+                "locked": ("gp-constant-330", "gp-carried-load"),
+                "heavy": ("gp-constant-100", "gp-carried-load"),
+            },
+        ),
     }
 )
-"""Number of seeds, and policies of every trial beside those that lack an idea. The
-ideas are decided as in the whole; the small part shows that everything runs, and
-decides nothing."""
+"""The parts by name. The ideas are decided as in the whole. The small part is a first
+look at the strongest contrasts of docs/results/trials-v2.json, with the fewest seeds
+that give an interval; it decides nothing."""
 
 CONSTANT: Final = tuple(f"gp-constant-{k}" for k in (100, 200, 330, 500))
 """`gp` at constant stiffnesses."""

@@ -70,7 +70,8 @@ def adapt(
 
     Args:
         movement: What was learned.
-        via_points: Poses to be reached, in any order.
+        via_points: Poses to be reached, in any order: they are taken in the order of
+            their phases. Without any, the movement is predicted as it was learned.
         form: Of a skill, "own-clock" (its default where the demonstrations' clocks are
             known), for via-points by the clock of a repetition, whose timing is
             unknown, too; "process" (its default elsewhere), for phases that are
@@ -86,7 +87,13 @@ def adapt(
         ValueError: if the movement cannot adapt, or not in this form.
     """
     chosen = _form(movement, form) if form is None or isinstance(form, str) else form
-    return AdaptedMovement(movement=movement, via_points=tuple(via_points), form=chosen)
+    # How surprising a via-point is, and so the scale of σ, depends on those before it.
+    ordered = sorted(via_points, key=lambda one: (one.phase, tuple(one.pose)))
+    return AdaptedMovement(
+        movement=movement,
+        via_points=tuple(ordered),
+        form=chosen if ordered else NoAdaptation,
+    )
 
 
 def begin_adaptation(

@@ -99,7 +99,9 @@ class ProcessAdaptation(StudentProcess):
       all outputs share (`ViaPoint.along`), and the white part of the demonstrations'
       spread, which for smooth demonstrations is negligible.
     * The size of the spread is uncertain, see `StudentProcess`.
-    * Mean and covariance do not depend on the order of the via-points or on the grid.
+    * Mean and covariance do not depend on the grid, and the mean not on the order of
+      the via-points. Where they share an error along the path, the scale of the
+      covariance depends on their order; `gplfd.policies.adapt` takes them by phase.
 
     Phases are those of the alignment, as where they are told from the path. For
     via-points by a clock see `gplfd.policies.adaptation.own_clock`.

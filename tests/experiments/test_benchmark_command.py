@@ -1,6 +1,7 @@
 """`gplfd benchmark`: what it runs, what it keeps, and what it refuses."""
 
 import json
+import logging
 import os
 import re
 import shutil
@@ -16,6 +17,7 @@ from typing import Any
 import pytest
 
 from gplfd.experiments.cli import main
+from gplfd.experiments.progress import counter
 from gplfd.experiments.results.reading import read_results
 from gplfd.experiments.results.records import DEMONSTRATED, NON_STANDARD
 from gplfd.experiments.study import jobs, runner, session, store
@@ -550,3 +552,14 @@ def test_a_study_that_was_stopped_twice_is_as_one_that_was_not(tmp_path: Path) -
         assert timeless(path) == timeless(other)
     # What was finished was not done again.
     assert all(path.read_bytes() == content for path, content in interrupted.items())
+
+
+def test_the_time_left_is_estimated_once_a_tenth_of_the_work_is_done(caplog):
+    """Before, the start of the workers would be taken for the pace of the work."""
+    caplog.set_level(logging.INFO, logger="gplfd")
+    with counter("task", 110, 10) as bar:
+        bar.update(9)
+        assert "?" not in str(bar)
+        assert "<" not in str(bar)
+        bar.update(1)
+        assert "<" in str(bar)

@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import re
+from pathlib import Path
 
 import pytest
 
@@ -23,6 +24,7 @@ from gplfd.experiments.report.document import (
 from gplfd.experiments.report.html import html_page, inline
 from gplfd.experiments.report.markdown import markdown_page
 from gplfd.experiments.report.page import report, write_report
+from gplfd.experiments.results.measures import WALL_TIME
 from gplfd.experiments.results.reading import read_results
 from gplfd.experiments.results.statistics import success_rate
 
@@ -128,6 +130,101 @@ def test_equal_results_give_equal_bytes(study, tmp_path, policies, learning_resu
         assert file.read_bytes() == other.read_bytes(), file.name
 
 
+def test_the_page_begins_with_a_summary_of_what_was_opened(
+    study, policies, episode_result
+):
+    """Rates and forces by kind of radius, failures in words, errors as not opened."""
+    broken = [{**episode_result("mine", seed), "error": "E: x"} for seed in range(3)]
+    for result in policies:
+        if result["task"]["policy"] == "kmp":
+            result["metrics"]["reason"] = "too_heavy"
+    text = markdown(study([*policies, *broken]))
+    summary, _, _ = text.partition("- **Doors opened to 60°:**")
+    rows = cells(summary, "# Opening doors")
+    assert len(rows["gp"]) <= 9
+    known, new = "<br>demonstrated radii", "<br>new radii"
+    assert rows["gp"] == {
+        "policy": "`gp`",
+        "seeds": "8",
+        f"opened,{known}": "8/8<br>0.68–1.00",
+        f"opened,{new}": "8/8<br>0.68–1.00",
+        f"radial force [N],{known}": "1.0<br>1.0 to 1.1",
+        f"radial force [N],{new}": "1.0<br>1.0 to 1.1",
+        "not opened because": "",
+        "errors": "0",
+    }
+    assert rows["kmp"][f"radial force [N],{new}"] == "none opened"
+    assert (
+        rows["kmp"]["not opened because"]
+        == "8 × door did not move further: it took more than 20 N"
+    )
+    order = list(rows)
+    assert order.index("kmp") < order.index("**opened no door (not ranked)**")
+    assert order.index("**opened no door (not ranked)**") < order.index("dmp")
+    assert rows["mine"][f"opened,{known}"].startswith("0/3<br>")
+    assert (rows["mine"]["not opened because"], rows["mine"]["errors"]) == (
+        "3 × policy raised an error",
+        "3",
+    )
+    # What is wide is folded away.
+    folded = html_page(
+        report(read_results(study(policies)), Path(), Path(), "gp"),
+        dict.fromkeys(("success", "radial_force", "forecast"), b""),
+    )
+    shown = re.sub(r"<details>.*?</details>", "", folded, flags=re.S)
+    heads = re.findall(r"<thead>(.*?)</thead>", shown, re.S)
+    assert max(head.count("<th ") for head in heads) <= 8
+    assert len(heads) < len(re.findall(r"<thead>", folded))
+
+
+def test_the_summary_groups_by_kind_of_door(study, episode_result):
+    results = [episode_result("gp", seed) for seed in range(3)]
+    pushed = [episode_result("gp", seed, door="pushed") for seed in range(3)]
+    for result in pushed:
+        result["task"]["door_config"]["swing"] = "push"
+    text = markdown(study([*results, *pushed]))
+    summary = text.partition("- **Doors opened")[0]
+    for kind in ("bar, pull", "bar, push"):
+        assert summary.count(f"| **{kind}** |") == 1
+    # Fewer than six seeds have no interval.
+    assert "| 1.0 |" in summary
+
+
+def test_no_bullet_is_empty(study, episode_result):
+    text = markdown(study([episode_result("gp", opened=False)]))
+    assert "`gp` has no value" not in text
+    assert not re.findall(r"(?m)^- *$", text)
+    assert "<ul></ul>" not in html_page(
+        Document(title="", lead=(Items(texts=("",)),), sections=()), {}
+    )
+    assert "`gp` opened none of 1; nor did any other policy." in text
+
+
+def test_decisions_slower_than_the_control_period_are_a_warning(study, episode_result):
+    slow = episode_result("gp")
+    slow["metrics"][WALL_TIME] = 50.0
+    text = markdown(study([slow]))
+    assert (
+        "> **Mind:** Decisions of `gp` take longer than the control period of 10 ms"
+        in text
+    )
+    assert "wall time per decision [ms]" in text
+    assert "CPU time per decision [ms]" in text
+    plain = markdown(study([episode_result("gp")]))
+    assert "control period" not in plain
+    older = episode_result("gp")
+    older["metrics"].pop(WALL_TIME)
+    assert "wall time per" not in markdown(study([older]))
+
+
+def test_every_column_is_explained(study, policies):
+    text = markdown(study(policies))
+    heads = text.partition("**All measures**\n\n")[2].splitlines()[0]
+    columns = heads.strip("| ").split(" | ")[1:]
+    meanings = text.partition("| column | meaning |")[2]
+    assert [one for one in columns if f"| {one} | " not in meanings] == []
+
+
 def test_every_number_comes_from_the_results(study, policies):
     text = markdown(study(policies))
     rate = success_rate((seed, True) for seed in range(16))
@@ -190,7 +287,7 @@ def test_a_policy_that_opened_no_door_and_why(study, policies):
     assert rows["dmp"][reached[2]] == "35.0°<br>38.5°"
     assert rows["kmp"]["stalled"] == "8"
     assert rows["gp"]["stalled"] == "0"
-    assert "stalled: the hand held on and the door gained no more angle." in text
+    assert "| stalled | the hand held on and the door gained no more angle |" in text
 
 
 def test_a_door_that_slipped_away_is_opened_but_not_solved(
@@ -291,7 +388,10 @@ def test_without_the_reference_the_best_takes_its_place(study, policies):
     others = [one for one in policies if one["task"]["policy"] != "gp"]
     text = markdown(study(others))
     assert "`gp` is not in this study; `kmp` takes its place." in text
-    assert "**Doors opened to 60°:** `kmp`, 8 of 16 (0.28–0.72), is best" in text
+    assert (
+        "**Doors opened to 60°:** `kmp`, 8 of 16 (0.28–0.72); no other policy opened"
+        in text
+    )
 
 
 def test_radii_that_are_drawn_are_in_bands(study, policies, episode_result):

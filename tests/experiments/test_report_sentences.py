@@ -76,12 +76,23 @@ def test_who_knows_the_radius_is_not_called_the_best():
     runs = {"gp": successes(5), "oracle": successes(20)}
     assert rate(runs).endswith("has nothing to compare with.")
     numbers = {"gp": forces(2.0), "oracle": forces(1.0)}
-    assert value(numbers).endswith("has nothing to compare with.")
+    assert value(numbers) == ""
 
 
 def test_a_reference_without_numbers_says_so():
     assert "`gp` has no episode that ran" in rate({"kmp": successes(1)})
-    assert "`gp` has no value" in value({"kmp": forces(1.0)})
+    assert value({"kmp": forces(1.0)}) == ""
+
+
+def test_who_opened_nothing_is_not_ranked():
+    none = rate({"gp": successes(0), "kmp": successes(5), "dmp": successes(0)})
+    assert "`gp` opened none of 20; `kmp` opened most, 5 of 20" in none
+    assert "`dmp`" not in none
+    alone = rate({"gp": successes(5), "dmp": successes(0)})
+    assert "`gp`, 5 of 20" in alone
+    assert alone.endswith("no other policy opened a door.")
+    nobody = rate({"gp": successes(0), "dmp": successes(0)})
+    assert nobody.endswith("`gp` opened none of 20; nor did any other policy.")
 
 
 def test_the_best_value_and_the_nearest():

@@ -4,6 +4,7 @@ import dataclasses
 import json
 from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from gplfd.experiments.report.markdown import markdown_page
 from gplfd.experiments.report.page import report, write_report
 from gplfd.experiments.results.protocol_check import protocol_problems
 from gplfd.experiments.results.reading import read_all, read_results
-from gplfd.experiments.results.statistics import success_rate
+from gplfd.experiments.results.statistics import FEWEST_PAIRS, success_rate
 from gplfd.experiments.results.trials import answered, of_trial, summary
 from gplfd.experiments.results.trials_file import trial_answers
 from gplfd.experiments.study import jobs, runner
@@ -35,6 +36,7 @@ from gplfd.policies.registry import POLICIES
 from gplfd_env.disturbance import disturbance_named
 from gplfd_env.randomization import door_randomization
 
+ROOT = Path(__file__).parents[2]
 MakeEpisode = Callable[..., dict[str, Any]]
 ORDINARY: dict[str, Any] = {}
 
@@ -62,24 +64,46 @@ def test_methods_take_part_as_tuned_where_learning_decides(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(plan, "TUNED", ("kmp-published",))
-    whole, ideas, small = (trial_tasks(named_trials(()), part=part) for part in PARTS)
+    whole, ideas, small = (
+        trial_tasks(named_trials((), part), part=part) for part in PARTS
+    )
     met = {task.trial for task in whole if task.policy == "kmp-published"}
     assert met == {"radius", "messy", "turned", "noise"}
     assert not [task for task in (*ideas, *small) if task.policy == "kmp-published"]
     # The ideas are those of the whole, seed by seed.
     assert {task.key for task in ideas} < {task.key for task in whole}
     assert {task.seed for task in ideas} == set(range(SEEDS))
+    assert {task.key for task in small} < {task.key for task in ideas}
+
+
+def test_a_first_look_is_short_and_all_its_contrasts_showed_in_the_protocol() -> None:
+    """With fewer seeds than these there is no interval, and nothing can show."""
+    small = PARTS["small"]
+    assert small.seeds == FEWEST_PAIRS
+    # 0.4 s of CPU time each: two minutes on two cores with room to spare.
+    assert len(trial_tasks(named_trials((), "small"), part="small")) <= 300
+    published = json.loads((ROOT / "docs" / "results" / "trials-v2.json").read_text())
+    looked_at = [
+        one
+        for one in published["contrasts"]
+        if one["without"] in small.variants.get(one["trial"], ())
+    ]
+    assert {one["verdict"] for one in looked_at} == {"shows"}
+    assert {one["trial"] for one in looked_at} == set(small.variants)
+    assert {one["without"] for one in looked_at} == {
+        name for own in small.variants.values() for name in own
+    }
 
 
 def test_tasks_come_back_from_their_files_and_share_what_they_learn() -> None:
-    tasks = trial_tasks(named_trials(()), part="small")
+    tasks = trial_tasks(named_trials(()), part="ideas")
     for task in tasks:
         assert task_from(task.definition) == task
     learned = Counter(task.policy for job in jobs_of(tasks) for task in job[:1])
     # Standard, beyond, 45°, with prior, one per door, small alone, with prior, messy,
     # with rests.
-    assert learned["gp"] == 2 * 9
-    assert learned["gp-constant-100"] == 2
+    assert learned["gp"] == SEEDS * 9
+    assert learned["gp-constant-100"] == SEEDS
 
 
 def test_the_protocol_is_sound() -> None:
@@ -96,16 +120,17 @@ def test_the_protocol_is_sound() -> None:
             for side in (contrast.having, contrast.lacking):
                 assert side.policy in present, name
                 assert side.level in ("", *trial.levels), name
-    seeds, everywhere = PARTS["small"]
-    assert seeds == 2
-    assert set(everywhere) <= set(EVERYWHERE)
+    for part in PARTS.values():
+        assert set(part.everywhere) <= set(EVERYWHERE)
+        for name, variants in part.variants.items():
+            assert set(variants) <= set(TRIALS[name].also)
 
 
 def test_own_policies_take_part_and_unknown_names_are_refused() -> None:
     trials = named_trials(("stop",))
     tasks = trial_tasks(trials, policies=("gp-product", "gp"), part="small")
-    assert Counter(task.policy for task in tasks)["gp-product"] == 2
-    assert Counter(task.policy for task in tasks)["gp"] == 2
+    assert Counter(task.policy for task in tasks)["gp-product"] == 6
+    assert Counter(task.policy for task in tasks)["gp"] == 6
     with pytest.raises(
         ValueError, match=r"unknown trial 'stopp' \(did you mean 'stop'"
     ):
@@ -267,12 +292,27 @@ def test_the_report_has_a_section_per_trial(
     assert "`hinge-fit` (reference) | 8/8<br>0.68–1.00" in text
     shown = (
         "| variable stiffness | stop | doors opened and held, share | "
-        "gp : gp-constant-100 | +1.00 (1.00 to 1.00) | **shows** |"
+        "gp : gp-constant-100 | +1.00 (1.00 to 1.00) | **better with it** |"
     )
     assert shown in text
     # A trial's episodes are no part of the ordinary tables.
     assert "8 of 8" in text
     assert "16 of 16" not in text
+
+
+def test_who_opened_no_door_of_a_trial_comes_last(
+    write_study: Callable, episode_result: MakeEpisode
+) -> None:
+    results = []
+    for policy, force, opened in (("gp", 9.0, True), ("dmp", 1.0, False)):
+        for seed in range(6):
+            result = episode_result(policy, seed, trial="messy", level="messy")
+            result["metrics"] |= {"force_radial_peak": force, "success": opened}
+            results.append(result)
+    folder = write_study(results)
+    page = markdown_page(report(read_results(folder), folder, folder, "gp"))
+    table = page.partition("## Trial: messy")[2]
+    assert table.index("| `gp` |") < table.index("| `dmp` |")
 
 
 def test_a_small_difference_is_told_from_zero(
@@ -288,7 +328,7 @@ def test_a_small_difference_is_told_from_zero(
         ]
     )
     text = markdown_page(report(read_results(folder), folder, folder, "gp"))
-    assert "| −0.004 (−0.004 to −0.004) | **shows** |" in text
+    assert "| −0.004 (−0.004 to −0.004) | **better with it** |" in text
 
 
 def test_the_report_keeps_every_number_in_a_small_file(
@@ -328,13 +368,14 @@ def test_the_report_keeps_every_number_in_a_small_file(
 @pytest.mark.parametrize(
     ("stop", "locked", "text"),
     [
-        (True, False, "is better in stop and worse in locked; undecided: none."),
+        (True, False, "compared with `{}`, better in stop; worse in locked."),
         (
             False,
             None,
-            "is better nowhere and worse in stop: **dominated**; undecided: loc",
+            "compared with `{}`, worse in stop; no significant difference in locked. "
+            "**It is better in no trial.**",
         ),
-        (None, None, "is better nowhere and worse nowhere; undecided: stop, locked."),
+        (None, None, "no significant difference to `{}` (stop, locked)."),
     ],
 )
 def test_an_idea_is_judged_over_all_trials_together(
@@ -357,7 +398,11 @@ def test_an_idea_is_judged_over_all_trials_together(
                 results.append(result)
     folder = write_study(results)
     page = markdown_page(report(read_results(folder), folder, folder, "gp"))
-    assert f"than `{CONSTANT[0]}` without it, the policy that has it {text}" in page
+    assert f"**Variable stiffness:** {text.format(CONSTANT[0])}" in page
+    # Contrasts with policies that did not run are counted, not listed.
+    assert CONSTANT[1] not in page
+    assert "contrasts were not run and are not listed." in page
+    assert "A first look: 8 of the 20 seeds" in page
 
 
 def test_the_command_runs_a_part_and_goes_on(
@@ -380,15 +425,15 @@ def test_the_command_runs_a_part_and_goes_on(
     arguments += ["--out", str(tmp_path / "out"), "--quiet"]
     assert main(arguments) == 0
     assert {task.trial for task in ran} == {"stop"}
-    assert len(ran) == 2 * 8
+    assert len(ran) == 6 * 8
     ran.clear()
     assert main([*arguments, "--policies", "gp-product"]) == 0
     assert {task.policy for task in ran} == {"gp-product"}
     capsys.readouterr()
     assert main([*arguments, "--json"]) == 0
     (stop,) = json.loads(capsys.readouterr().out)["trials"]["stop"].values()
-    assert stop["gp"]["episodes"] == stop["gp-product"]["episodes"] == 2
-    assert stop["gp"]["success"]["seeds"] == [metrics["success"]] * 2
+    assert stop["gp"]["episodes"] == stop["gp-product"]["episodes"] == 6
+    assert stop["gp"]["success"]["seeds"] == [metrics["success"]] * 6
     assert main(["trials", "--trials", "stops"]) == 2
 
 
@@ -503,5 +548,5 @@ def test_results_of_others_are_put_beside(
 def test_the_same_demonstrations_have_the_same_hash() -> None:
     first, *others = trial_tasks(named_trials(("stop", "messy")), part="small")
     hashes = {task.shown: jobs.demonstrations_hash(task) for task in (first, *others)}
-    # Two seeds, tidy and messy.
-    assert len(hashes) == len(set(hashes.values())) == 4
+    # Six seeds, tidy and messy.
+    assert len(hashes) == len(set(hashes.values())) == 12

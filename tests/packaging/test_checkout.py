@@ -176,6 +176,13 @@ def test_pages_have_each_marked_command_once(page: str, name: str) -> None:
     assert marked[0].strip()
 
 
+def test_the_readme_activates_the_environment_whose_commands_it_uses() -> None:
+    text = (ROOT / "README.md").read_text()
+    first = text.index(".venv/bin/activate && pip install . && gplfd run")
+    assert ".venv/bin/gplfd" not in text
+    assert first < text.index("\ngplfd ")
+
+
 def test_four_commands_lead_from_a_clone_to_a_network_judged_beside_gp() -> None:
     page = (ROOT / "docs/learners.md").read_text()
     (block,) = re.findall(r"<!-- command: clone -->\n```bash\n(.*?)\n```", page, re.S)

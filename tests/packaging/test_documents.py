@@ -161,6 +161,54 @@ def test_code_in_the_pages_runs(page: Path, first_run: Path) -> None:
     assert [one for one in blocks if '"gplfd/' in one and "gplfd_env" not in one] == []
 
 
+def copied_policy(document: Path) -> str:
+    """Return the policy that a page lets its reader copy, as the page has it."""
+    text = document.read_text()
+    if document.suffix == ".md":
+        blocks = re.findall(r"```python\n(.*?)```", text, re.S)
+        return next(block for block in blocks if "def act(" in block)
+    cells = ["".join(cell["source"]) for cell in json.loads(text)["cells"]]
+    return next(cell for cell in cells if "def act(" in cell).split("\n", 1)[1] + "\n"
+
+
+def test_policies_that_readers_copy_open_doors_gently(tmp_path: Path) -> None:
+    """The doors of `gplfd run` and of `--config small`, with the literal snippets."""
+    tutorial = DOCS / "tutorials" / "your-policy.ipynb"
+    snippet = copied_policy(ROOT / "README.md")
+    assert copied_policy(DOCS / "own-policy.md") == snippet
+    assert copied_policy(tutorial) == snippet
+    example = (ROOT / "examples" / "your_own_policy.py").read_text()
+    assert snippet[: snippet.index("def make(")] in example
+    (cell,) = (
+        "".join(cell["source"])
+        for cell in json.loads(tutorial.read_text())["cells"]
+        if cell["source"][0] == "%%writefile feel.py\n"
+    )
+    page = (DOCS / "own-policy.md").read_text()
+    (method,) = re.findall(r"```python\n([^`]*^make = Method[^`]*)```", page, re.M)
+    (tmp_path / "method.py").write_text(method)
+    (tmp_path / "mine.py").write_text(snippet)
+    (tmp_path / "feel.py").write_text(cell.split("\n", 1)[1])
+    study = (
+        "benchmark --config small --no-skill --engine serial --json --quiet "
+        "--policies mine:make feel:make method:make"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-m", "gplfd", *study.split()],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+    rows = json.loads(ran.stdout)
+    assert {(row["door"], row["opened"]) for row in rows} == {
+        (door, 3) for door in ("small", "medium", "large")
+    }
+    assert all(row["force_radial_peak"] < 8.0 for row in rows)
+    assert all(row["force_tangential_peak"] < 16.0 for row in rows)
+
+
 def commands(document: Path) -> Iterator[list[str]]:
     """Yield the arguments of every `gplfd` in the commands of a page."""
     for block in re.findall(r"```bash\n(.*?)```", text_of(document), re.S):
@@ -184,6 +232,30 @@ def test_commands_are_what_the_command_line_takes(
         monkeypatch.setattr(command, "execute", lambda self: 0)
     for arguments in commands(document):
         assert cli.main(arguments) == 0, arguments
+
+
+def test_the_method_s_page_quotes_the_stored_trials() -> None:
+    """The table of what somebody feels, and the heavy doors that open."""
+    trials = json.loads((DOCS / "results" / "trials-v2.json").read_text())["trials"]
+
+    def value(trial: str, level: str, policy: str, measure: str) -> float:
+        return float(trials[trial][level][policy][measure]["estimate"])
+
+    page = (DOCS / "method.md").read_text()
+    table = page.partition("| | person holds the hand")[2].partition("\n\n")[0]
+    rows = re.findall(r"(?m)^\| `([\w-]+)` \| (.*) \|$", table)
+    assert len(rows) == 7
+    for policy, cells in rows:
+        felt = (
+            value("person", "holds the hand", policy, "person_force_peak"),
+            value("stop", "stop", policy, "stop_force_sustained"),
+            value("locked", "locked", policy, "stop_force_sustained"),
+        )
+        opened = (
+            f"{20 * value('heavy', level, policy, 'success'):.0f}/20"
+            for level in ("14 N", "24 N")
+        )
+        assert cells == " | ".join([*(f"{one:.1f}" for one in felt), ", ".join(opened)])
 
 
 def test_every_public_name_has_a_place_in_the_reference() -> None:

@@ -15,7 +15,7 @@ EXAMPLES = [path for path in ALL if path.stem not in ELSEWHERE]
 
 SAYS = {
     "random_agent": "failure:",
-    "your_own_policy": "gplfd view results/replay/medium.rrd",
+    "your_own_policy": "gplfd view results/imitate/medium.rrd",
     "vectorised_evaluation": "5/5 opened",
     "rl_smoke": "16/16 opened",
     "plot_episode": "opened: True",

@@ -109,12 +109,61 @@ def test_weak_via_points_change_nothing(skill, form):
 @pytest.mark.parametrize("form", FORMS)
 def test_order_of_via_points_does_not_matter(skill, form):
     points = [via(skill, phase, 0.03 * k) for k, phase in enumerate((0.2, 0.5, 0.63))]
-    forward = adapt(skill, points, form).predict(TIMES)
-    backward = adapt(skill, points[::-1], form).predict(TIMES)
+    forward, backward = (
+        begin_adaptation(skill, ADAPTATIONS[form], TIMES) for _ in range(2)
+    )
+    for ahead, behind in zip(points, points[::-1], strict=True):
+        forward.observe(ahead)
+        backward.observe(behind)
     np.testing.assert_allclose(forward.mean, backward.mean, atol=1e-9)
     # How surprising an output is, given the others, is asked when it is observed.
     once = 1e-3 if form == "own-clock" else 1e-9
     np.testing.assert_allclose(forward.std, backward.std, atol=once)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_adapt_takes_via_points_in_any_order_to_the_same_result(skill, form):
+    """Also where they share an error along the path, on which the scale depends."""
+    points = [
+        ViaPoint(phase=phase, pose=via(skill, phase, shift).pose, along=slope)
+        for phase, shift, slope in (
+            (0.2, 0.03, 0.02),
+            (0.5, -0.06, 0.04),
+            (0.8, 0.1, 0.03),
+        )
+    ]
+    first, *others = (
+        adapt(skill, [points[place] for place in order], form).predict(TIMES)
+        for order in ((0, 1, 2), (2, 1, 0), (1, 2, 0))
+    )
+    for other in others:
+        np.testing.assert_array_equal(other.mean, first.mean)
+        np.testing.assert_array_equal(other.std, first.std)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_adapt_without_via_points_is_the_prediction(skill, form):
+    predicted = skill.predict(TIMES)
+    adapted = adapt(skill, [], form).predict(TIMES)
+    np.testing.assert_array_equal(adapted.mean, predicted.mean)
+    np.testing.assert_array_equal(adapted.std, predicted.std)
+    with pytest.raises(ValueError, match="Unknown adaptation form"):
+        adapt(skill, [], "proces")
+
+
+def test_one_demonstration_is_enough_where_no_deviations_are_asked_for():
+    poses = smooth_curves(1, 0.3, 0)
+    one = AlignedDemonstrations(times=TIMES, poses=poses)
+    with pytest.raises(ValueError, match="needs at least 2 of them, got 1"):
+        fit_skill(one)
+    for noise in ("homoscedastic", "kersting"):
+        with pytest.warns(UserWarning, match="One demonstration says nothing"):
+            skill = fit_skill(one, noise=noise)
+        point = via(skill, 0.5, 0.1)
+        for form in ("exact", "product"):
+            assert np.isfinite(adapt(skill, [point], form).predict(TIMES).std).all()
+        with pytest.raises(ValueError, match="needs at least 2 demonstrations, got 1"):
+            adapt(skill, [point], "process").predict(TIMES)
 
 
 @pytest.mark.parametrize("form", INDEPENDENT)
