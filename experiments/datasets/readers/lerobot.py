@@ -11,9 +11,11 @@ import numpy as np
 
 from gplfd.experiments.arrays import FloatArray
 from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers.parquet_pages import claim_columns
 from gplfd.experiments.datasets.readers.selection import Selection, chosen
 from gplfd.experiments.datasets.readers.tables import named_columns, recording
 from gplfd.experiments.files.plain_data import entry, read_json
+from gplfd.policies.storage import DecodingBudget, regular_file
 
 try:
     import pyarrow.parquet as parquet
@@ -26,8 +28,6 @@ except ImportError as error:
 INFO: Final = "meta/info.json"
 STATE: Final = "observation.state"
 _VERSION: Final = "v3."
-_LARGEST_EXPANSION: Final = 50
-_ALLOWANCE: Final = 2**26
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
@@ -92,11 +92,12 @@ def _table(path: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     files = sorted((path / "data").glob("*/*.parquet"))
     if not files:
         raise ValueError("there is no parquet file in its folder data")
+    budget = DecodingBudget(sum(regular_file(file).stat().st_size for file in files))
     episodes, frames, values = [], [], []
     for file in files:
         try:
-            with parquet.ParquetFile(file) as opened:
-                _check_size(opened.metadata, file.stat().st_size)
+            with file.open("rb") as stream, parquet.ParquetFile(stream) as opened:
+                claim_columns(stream, opened.metadata, wanted, budget)
                 table = opened.read(columns=wanted)
             episodes.append(table["episode_index"].to_numpy())
             frames.append(table["frame_index"].to_numpy())
@@ -109,14 +110,6 @@ def _table(path: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
         np.concatenate(frames).astype(np.float64),
         np.concatenate(values).astype(np.float64),
     )
-
-
-def _check_size(metadata: Any, size: int) -> None:
-    """Raise if the columns claim more than such a file can hold."""
-    groups = range(metadata.num_row_groups)
-    claimed = sum(metadata.row_group(group).total_byte_size for group in groups)
-    if not 0 <= claimed <= max(_ALLOWANCE, _LARGEST_EXPANSION * size):
-        raise ValueError(f"it claims to unpack to {claimed:,} bytes")
 
 
 def _rows(column: Any) -> FloatArray:
