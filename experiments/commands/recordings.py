@@ -39,6 +39,10 @@ class Import:
     units: Literal["m", "cm", "mm", "in"] | None = None
     """Unit of positions; before what the file says, and metres where it says none."""
 
+    time_unit: Literal["s", "ms", "us", "ns"] | None = None
+    """Unit of times in tables and arrays; before what the file says, and seconds where
+    it says none."""
+
     angles: Literal["rad", "deg"] = "rad"
     """Unit of rotation vectors rx, ry, rz that say none."""
 
@@ -94,6 +98,7 @@ class Import:
             body=self.body,
             columns=_names(self.columns),
             units=self.units,
+            time_unit=self.time_unit,
             angles=self.angles,
             quaternions=self.quaternions,
             recorded_rate=self.recorded_rate,

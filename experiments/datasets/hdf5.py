@@ -40,7 +40,10 @@ def member(group: Any, name: str) -> Any:
 
 def check_links(group: Any) -> None:
     """Raise ValueError if a link in a group, or below it, leads elsewhere."""
-    group.visititems_links(lambda name, link: _check_link(group, name, link))
+    links: list[tuple[str, Any]] = []
+    group.visititems_links(lambda name, link: links.append((name, link)))
+    for name, link in links:
+        _check_link(group, name, link)
 
 
 def _check_link(group: Any, name: str, link: Any) -> None:

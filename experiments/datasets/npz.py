@@ -140,12 +140,19 @@ def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file is cut, holds something else, has another version, units
-            or frame, or an invalid demonstration.
+        ValueError: The file is a recording of another kind, is cut, holds something
+            else, has another version, units or frame, or an invalid demonstration.
     """
-    return read_archive(
-        demonstrations_file(path), kind=KIND, version=VERSION, build=_labelled
-    )
+    file = demonstrations_file(path)
+    advice = f"gplfd demos import {path} --out SET makes a set of a recording"
+    if file.is_file() and file.suffix != Path(FILE).suffix:
+        raise ValueError(
+            f"{path} is no set of demonstrations (.npz or folder); {advice}"
+        )
+    try:
+        return read_archive(file, kind=KIND, version=VERSION, build=_labelled)
+    except ValueError as error:
+        raise ValueError(f"{error}; {advice}") from error
 
 
 def demonstrations_file(path: str | Path) -> Path:

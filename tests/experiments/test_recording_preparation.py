@@ -1,7 +1,9 @@
 """What is wrong with a recording is mended, refused or noticed, and said."""
 
 import math
+import tracemalloc
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,8 @@ from gplfd.experiments.datasets.preparation.hinge import find_hinge
 from gplfd.experiments.datasets.preparation.report import report, warnings_in
 from gplfd.experiments.datasets.preparation.settings import Preparation
 from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers import read_recordings
+from gplfd.experiments.datasets.readers.selection import Selection
 from gplfd_env.se3 import relative_poses
 from gplfd_env.task import handle_pose_on_arc
 
@@ -203,6 +207,47 @@ def test_centimetres_are_noticed() -> None:
     assert "are positions in millimetres?" in texts(motion, warnings=True)
     motion = only(changed(raw, positions=1e-3 * raw.positions))
     assert "mm: is the unit right?" in texts(motion, warnings=True)
+
+
+@pytest.mark.parametrize(("unit", "s"), [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
+def test_a_wrong_unit_of_time_is_noticed(tmp_path: Path, unit: str, s: float) -> None:
+    """Accepted with a warning, or refused before much memory is taken; both say how."""
+    raw = door()
+    table = np.column_stack([np.asarray(raw.times) / s, raw.positions])
+    lines = [",".join(map(repr, row)) for row in table.tolist()]
+    (tmp_path / "a.csv").write_text("\n".join(["t,x [m],y [m],z [m]", *lines]))
+    (read,) = read_recordings(tmp_path / "a.csv", Selection())
+    tracemalloc.start()
+    try:
+        said = texts(only(read, Preparation()), warnings=True)
+    except ValueError as error:
+        said = str(error)
+    assert tracemalloc.get_traced_memory()[1] < 2**28
+    tracemalloc.stop()
+    assert f"are times in {unit}? say --time-unit {unit}" in said
+    (read,) = read_recordings(tmp_path / "a.csv", Selection(time_unit=unit))
+    assert read.notes == ()
+    assert_allclose(np.asarray(read.times), np.asarray(raw.times), rtol=0, atol=1e-12)
+
+
+def test_seconds_that_are_said_to_be_milliseconds_are_noticed(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time [ms],x,y\n0,0,0\n0.02,0,1\n0.04,0,2\n")
+    (read,) = read_recordings(tmp_path / "a.csv", Selection())
+    assert "every 0.02 ms: are times in s? say --time-unit s, or" in read.notes[0]
+    for rate in (1.2, 30.0, 240.0, 1000.0, 4000.0):
+        (tmp_path / "b.csv").write_text(f"t,x,y\n0,0,0\n{1 / rate},0,1\n")
+        assert read_recordings(tmp_path / "b.csv", Selection())[0].notes == ()
+
+
+def test_samples_that_would_be_made_are_counted_first() -> None:
+    """Of all recordings together; a few samples may span any time."""
+    slow = changed(door(), times=3e4 * np.linspace(0.0, 1.0, 401))
+    settings = replace(AS_RECORDED, rate=100.0, largest_gap=1e4)
+    assert len(only(slow, replace(settings, rate=1.0)).demonstration.times) == 30001
+    with pytest.raises(ValueError, match=r"makes 3,000,001, and 1,000,000 are left"):
+        only(slow, settings)
+    with pytest.raises(ValueError, match=r"makes 300,001, and 99,997 are left"):
+        prepare([slow] * 4, replace(settings, rate=10.0))
 
 
 @pytest.mark.parametrize("shift", [-1, 1])

@@ -574,6 +574,24 @@ def test_rotation_vectors_of_many_turns_are_noticed(tmp_path: Path) -> None:
     assert not table(tmp_path, "x,y,rx,ry,rz\n0,0,0,0,1\n0,1,0,0,2\n").notes
 
 
+def test_columns_among_which_the_time_may_be_are_shown(tmp_path: Path) -> None:
+    one = table(tmp_path, "Zeit;X;Ort;Y;Z\n0,0;1;a;2;3\n0,1;1;b;2;3\n")
+    with pytest.raises(
+        ValueError,
+        match=r"no time stamps: its columns are Zeit, X, Ort, Y, Z\. If one of them is "
+        r"the time, .* --columns t,x,-,y,z\. Otherwise say how many samples",
+    ):
+        prepare([one], Preparation())
+    columns = ("t", "x", "-", "y", "z")
+    one = table(tmp_path, "Zeit;X;Ort;Y;Z\n0,0;1;a;2;3\n0,1;1;b;2;3\n", columns=columns)
+    assert_array_equal(np.asarray(one.times), [0.0, 0.1])
+    np.savez(tmp_path / "a.npz", pos=POSITIONS, zeit=TIMES)
+    with pytest.raises(
+        ValueError, match=r"arrays are pos \(60, 3\), zeit \(60,\)\. .* --body POSIT"
+    ):
+        prepare(read_recordings(tmp_path / "a.npz", ANY), Preparation())
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
@@ -644,6 +662,73 @@ def test_cells_and_structures_of_one_name_are_one_set(tmp_path: Path) -> None:
         read_recordings(tmp_path / "a.mat", Selection(columns=columns))
     with pytest.raises(ValueError, match=r"more than one set of recordings; .* e, s"):
         read_recordings(tmp_path / "a.mat", Selection())
+
+
+def cells(*arrays: Any) -> Any:
+    made = np.empty((1, len(arrays)), dtype=object)
+    made[0, :] = arrays
+    return made
+
+
+WITH_QUATERNION = ("x", "y", "z", "qw", "qx", "qy", "qz")
+
+
+@pytest.mark.parametrize(
+    ("content", "selection"),
+    [
+        ({"x": {"pos": POSITIONS, "time": TIMES}}, ANY),
+        ({"datasetRaw": {"pos": POSITIONS.T, "time": TIMES[:, None]}}, ANY),
+        ({"x": {"pos": cells(POSITIONS.T, POSITIONS.T), "time": TIMES}}, ANY),
+        ({"x": {"pos": cells(POSITIONS), "time": cells(TIMES)}}, ANY),
+        ({"x": {"pos": POSITIONS, "time": cells(TIMES)}}, ANY),
+        (
+            {"x": {"pos": POSITIONS, "time": TIMES}},
+            Selection(body="x.pos", columns=("x", "y", "z")),
+        ),
+        (
+            {"datasetRaw": {"pos": np.hstack([POSITIONS, WXYZ]).T, "time": TIMES}},
+            Selection(columns=WITH_QUATERNION),
+        ),
+        (
+            {"x": cells(*2 * [{"hand": POSITIONS, "turn": WXYZ.T, "time": TIMES}])},
+            Selection(body="x.hand,x.turn", columns=WITH_QUATERNION),
+        ),
+        (
+            {"hand": POSITIONS, "stamp": TIMES},
+            Selection(body="hand, stamp", columns=("x", "y", "z", "t")),
+        ),
+    ],
+)
+def test_times_and_rotations_stand_beside_positions(
+    tmp_path: Path, content: Any, selection: Selection
+) -> None:
+    scipy.io.savemat(tmp_path / "a.mat", content)
+    recordings = read_recordings(tmp_path / "a.mat", selection)
+    for one in recordings:
+        assert_array_equal(one.positions, POSITIONS)
+        assert one.times is not None
+        assert_array_equal(one.times, TIMES)
+        if "qw" in selection.columns:
+            assert one.quaternions is not None
+            assert_array_equal(one.quaternions, WXYZ)
+
+
+def test_arrays_of_one_npz_are_put_side_by_side(tmp_path: Path) -> None:
+    stacked = {"ee_pos": np.stack([POSITIONS] * 3), "ee_quat": np.stack([WXYZ] * 3)}
+    np.savez(tmp_path / "a.npz", time=TIMES, **stacked)
+    both = Selection(body="ee_pos,ee_quat", columns=WITH_QUATERNION)
+    found = read_recordings(tmp_path / "a.npz", both)
+    assert [one.name for one in found] == [f"a.npz[{n}]" for n in range(3)]
+    for one in found:
+        assert_array_equal(np.asarray(one.times), TIMES)
+        assert_array_equal(np.asarray(one.quaternions), WXYZ)
+    np.savez(tmp_path / "b.npz", ee_pos=POSITIONS, ee_quat=WXYZ[1:])
+    with pytest.raises(ValueError, match=r"\(60, 3\), \(59, 4\) have not the same"):
+        read_recordings(tmp_path / "b.npz", both)
+    with pytest.raises(ValueError, match="no array of columns 'turn'"):
+        read_recordings(
+            tmp_path / "b.npz", Selection(body="ee_pos,turn", columns=("x", "y", "z"))
+        )
 
 
 # ------------------------------------------------------------------ refusals

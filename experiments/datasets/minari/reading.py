@@ -233,14 +233,13 @@ def _array(dataset: Any, budget: DecodingBudget) -> NDArray[Any]:
 def _arrays(group: Any, budget: DecodingBudget) -> dict[str, NDArray[Any]]:
     """Return arrays by name, in nested groups by ``group/name``."""
     check_links(group)
-    arrays: dict[str, NDArray[Any]] = {}
-
-    def keep(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset):
-            arrays[name] = _array(item, budget)
-
-    group.visititems(keep)
-    return arrays
+    found: list[tuple[str, Any]] = []
+    group.visititems(lambda name, item: found.append((name, item)))
+    return {
+        name: _array(item, budget)
+        for name, item in found
+        if isinstance(item, h5py.Dataset)
+    }
 
 
 def _nested(flat: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,6 +4,7 @@ The hand is a feature of the data set, ``observation.state`` where nothing is sa
 its numbers are is told by their names in the data set, or by ``--columns``.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -63,6 +64,8 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         raise ValueError(
             f"{name} has {values.shape[1]} numbers, and {len(heads)} names"
         )
+    # The times are made here.
+    seconds = replace(selection, time_unit="s")
     recordings = []
     for episode in np.unique(episodes):
         own = episodes == episode
@@ -70,7 +73,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         columns["t"] = frames[own] / rate
         units = {column: unit for column, (_, unit) in found.items()}
         label = f"{path.name}: episode {episode}"
-        recordings.append(recording(label, columns, units | {"t": "s"}, selection))
+        recordings.append(recording(label, columns, units | {"t": "s"}, seconds))
     return recordings
 
 
