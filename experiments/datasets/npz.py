@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gplfd.policies.demonstrations import Demonstration
-from gplfd.policies.storage import Members, read_archive, write_archive
+from gplfd.policies.storage import Members, read_archive, regular_file, write_archive
 
 KIND: Final = "gplfd demonstrations"
 """What the file says it holds."""
@@ -143,9 +143,9 @@ def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
         ValueError: The file is a recording of another kind, is cut, holds something
             else, has another version, units or frame, or an invalid demonstration.
     """
-    file = demonstrations_file(path)
+    file = regular_file(demonstrations_file(path), f"a set, a folder with {FILE}")
     advice = f"gplfd demos import {path} --out SET makes a set of a recording"
-    if file.is_file() and file.suffix != Path(FILE).suffix:
+    if file.suffix != Path(FILE).suffix:
         raise ValueError(
             f"{path} is no set of demonstrations (.npz or folder); {advice}"
         )

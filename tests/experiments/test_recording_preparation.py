@@ -12,8 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from gplfd.experiments.datasets.preparation import Motion, prepare
-from gplfd.experiments.datasets.preparation.hinge import find_hinge
+from gplfd.experiments.datasets.preparation.hinge import find_hinge, suspicious_order
 from gplfd.experiments.datasets.preparation.report import report, warnings_in
+from gplfd.experiments.datasets.preparation.samples import usable, without_spikes
 from gplfd.experiments.datasets.preparation.settings import Preparation
 from gplfd.experiments.datasets.raw import RawRecording
 from gplfd.experiments.datasets.readers import read_recordings
@@ -21,6 +22,7 @@ from gplfd.experiments.datasets.readers.selection import Selection
 from gplfd_env.se3 import relative_poses
 from gplfd_env.task import handle_pose_on_arc
 
+ROOT = Path(__file__).parents[2]
 RATE = 200.0
 AS_RECORDED = Preparation(frame="recorded", trim_rests=False, cutoff=None, rate=None)
 START = np.array([1.2, -0.4, 0.9])
@@ -258,6 +260,49 @@ def test_a_wrong_order_of_quaternions_is_noticed_on_a_door(shift: int) -> None:
         raw, quaternions=np.roll(np.asarray(raw.quaternions), shift, axis=1)
     )
     assert "is their order right?" in texts(only(wrong), warnings=True)
+
+
+def free_motion(rng: np.random.Generator) -> RawRecording:
+    """A hand that goes on some arc, and turns otherwise: a plate put down, a push."""
+    course = np.linspace(0.0, 1.0, 100)
+    axis, arm, turn = rng.normal(size=(3, 3))
+    axis /= np.linalg.norm(axis)
+    arm = np.cross(axis, arm)
+    way = minimum_jerk(course) * rng.uniform(0.4, 2.2)
+    arc = Rotation.from_rotvec(way[:, None] * axis).apply(arm * rng.uniform(0.2, 0.8))
+    turn *= rng.uniform(0.0, 2.5) / np.linalg.norm(turn)
+    own = minimum_jerk(course) if rng.random() < 0.5 else course ** rng.uniform(0.5, 2)
+    grip = Rotation.from_quat(rng.normal(size=4))
+    return RawRecording(
+        name="free",
+        times=course,
+        positions=arc + rng.normal(0.0, 0.002, (100, 3)),
+        unit="m",
+        quaternions=(Rotation.from_rotvec(own[:, None] * turn) * grip).as_quat(),
+    )
+
+
+def test_a_hand_that_turns_freely_is_seldom_told_of_its_order() -> None:
+    """3 of 400; before the share and time of the turning were asked for, 12.
+
+    On recordings of people who open a box, of which the order is changed, 15 of 18 are
+    found as before, and none of the nine as they are.
+    """
+    rng = np.random.default_rng(0)
+    poses = [usable(free_motion(rng), None, None)[0].poses for _ in range(400)]
+    told = sum(suspicious_order(each) is not None for each in poses)
+    assert told <= 3
+    found, wrongly = 0, 0
+    for file in sorted((ROOT / "examples/recordings/openbox").glob("*.csv")):
+        (raw,) = read_recordings(file, Selection())
+        opened = without_spikes(usable(raw, None, 20.0)[0])[0].poses
+        wrongly += suspicious_order(opened) is not None
+        for shift in (-1, 1):
+            changed_order = np.hstack(
+                [opened[:, :3], np.roll(opened[:, 3:], shift, axis=1)]
+            )
+            found += suspicious_order(changed_order) is not None
+    assert (found, wrongly) == (15, 0)
 
 
 def test_one_that_is_unlike_the_others_is_named() -> None:
