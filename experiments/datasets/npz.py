@@ -143,8 +143,14 @@ def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
         ValueError: The file is a recording of another kind, is cut, holds something
             else, has another version, units or frame, or an invalid demonstration.
     """
-    file = regular_file(demonstrations_file(path), f"a set, a folder with {FILE}")
+    file = demonstrations_file(path)
     advice = f"gplfd demos import {path} --out SET makes a set of a recording"
+    if Path(path).is_dir() and not file.exists():
+        raise FileNotFoundError(
+            f"there is no {FILE} in {path}; gplfd demos import FILES --out SET makes a "
+            "set of recordings"
+        )
+    regular_file(file, f"a set, a folder with {FILE}")
     if file.suffix != Path(FILE).suffix:
         raise ValueError(
             f"{path} is no set of demonstrations (.npz or folder); {advice}"
