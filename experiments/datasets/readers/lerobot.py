@@ -67,12 +67,13 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     # The times are made here.
     seconds = replace(selection, time_unit="s")
     recordings = []
-    for episode in np.unique(episodes):
-        own = episodes == episode
+    order = np.argsort(episodes, kind="stable")
+    starts = np.flatnonzero(np.diff(episodes[order])) + 1
+    for own in np.split(order, starts):
         columns = {column: values[own, place] for column, (place, _) in found.items()}
         columns["t"] = frames[own] / rate
         units = {column: unit for column, (_, unit) in found.items()}
-        label = f"{path.name}: episode {episode}"
+        label = f"{path.name}: episode {episodes[own[0]]}"
         recordings.append(recording(label, columns, units | {"t": "s"}, seconds))
     return recordings
 

@@ -105,7 +105,7 @@ def named_columns(
                 f"{where} has no column {' and no '.join(missing)}: it has "
                 f"{', '.join(heads)!s:.200}. Name the columns in their order, for "
                 "example --columns t,x,y,z,qx,qy,qz,qw with - for one to leave out; "
-                "positions of joints are none of a hand"
+                "joint positions are not a hand pose"
             )
     return found
 
