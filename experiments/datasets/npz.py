@@ -151,10 +151,10 @@ def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
             "set of recordings"
         )
     regular_file(file, f"a set, a folder with {FILE}")
-    if file.suffix != Path(FILE).suffix:
-        raise ValueError(
-            f"{path} is no set of demonstrations (.npz or folder); {advice}"
-        )
+    with file.open("rb") as stream:
+        is_archive = stream.read(2) == b"PK"
+    if not is_archive:
+        raise ValueError(f"{path} cannot be read as {KIND}: it is no .npz; {advice}")
     try:
         return read_archive(file, kind=KIND, version=VERSION, build=_labelled)
     except ValueError as error:

@@ -220,6 +220,8 @@ def _array(dataset: Any, budget: DecodingBudget) -> NDArray[Any]:
     """Return a dataset as an array; text as an array of str."""
     check_readable(dataset, budget)
     if h5py.check_string_dtype(dataset.dtype) is None:
+        if dataset.dtype.hasobject:
+            raise ValueError(f"{dataset.name} holds neither numbers nor text")
         return np.asarray(dataset[()])
     texts: list[str] = []
     for start in range(0, len(dataset), _TEXTS):
