@@ -30,7 +30,7 @@ class Import:
     """Folder to write."""
 
     body: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """What moves: a segment, joint, marker or three, topic, or array of the file."""
+    """What moves: a segment, joint, marker or three, topic, array, or arrays A,B."""
 
     columns: Annotated[str | None, tyro.conf.arg(metavar="t,x,y,z,...")] = None
     """Names of the columns of a table without a header, in order, with - for one to

@@ -98,7 +98,7 @@ def recordings(
             f"it has no array of positions: it has {_listed(numbers)}. Name one "
             "'positions' (N, 3), with 'times' (N,) and 'quaternions_wxyz' (N, 4); or "
             "say what the columns of an array are, --body NAME --columns t,x,y,z,... "
-            "with - for one to leave out"
+            "with - for one to leave out; --body A,B takes two arrays side by side"
         )
     _, group = chosen(selection.body, _sets(motions), "set of recordings", file=name)
     return [
