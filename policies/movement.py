@@ -69,9 +69,11 @@ class LearnedMovement:
     def __repr__(self) -> str:
         """Return the method and what it learned from, in one line."""
         count, phases, _ = self.aligned.poses.shape
+        lasting = f"{self.duration * self.aligned.end:.3g} s"
+        if self.aligned.end < 1.0:
+            lasting += f", continued to {self.duration:.3g} s"
         return (
-            f"{type(self).__name__}({count} demonstrations, {phases} phases, "
-            f"{self.duration:.3g} s)"
+            f"{type(self).__name__}({count} demonstrations, {phases} phases, {lasting})"
         )
 
 

@@ -6,7 +6,9 @@ import json
 import math
 import os
 import secrets
+import stat
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar, runtime_checkable
@@ -14,9 +16,17 @@ from typing import Any, Final, Protocol, TypeVar, runtime_checkable
 import numpy as np
 
 _LARGEST_EXPANSION: Final = 20
-"""An archive may unpack to this many times its own size; logs reach 2.1 times."""
+"""A file may decode to this many times its own size; logs reach 2.1 times."""
 _ALLOWANCE: Final = 2**26
 """And to so many bytes however small it is: constant arrays compress a thousandfold."""
+
+_FILE_TYPES: Final = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a named pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
 
 RecordT = TypeVar("RecordT")
 
@@ -32,6 +42,122 @@ class Members(Protocol):
     def __contains__(self, name: str) -> bool:
         """Return whether there is such a member, not yet returned."""
         ...
+
+
+class DecodingBudget:
+    """Bytes of memory that the content of one file may still take when it is decoded.
+
+    A compressed file of some kilobytes can hold gigabytes. Every reader claims what an
+    array takes, as the float64 that it becomes, before it allocates the array. All
+    arrays of a file together may take 20 times the size of the file, or 64 MiB if that
+    is more.
+
+    Args:
+        size: Size of the file [bytes].
+        least: Bytes that are allowed however small the file is.
+    """
+
+    def __init__(self, size: int, *, least: int = _ALLOWANCE) -> None:
+        self._size = size
+        self._limit = max(_LARGEST_EXPANSION * size, least)
+        self.left = self._limit
+        """Bytes that may still be claimed."""
+
+    def claim(self, amount: int, what: str) -> None:
+        """Take bytes from the budget.
+
+        Args:
+            amount: Bytes about to be allocated.
+            what: What needs them, for the message.
+
+        Raises:
+            ValueError: The budget has not so many left.
+        """
+        if not 0 <= amount <= self.left:
+            raise ValueError(
+                f"it unpacks to more than its size allows: with {what} of {amount:,} "
+                f"bytes it would take more than {self._limit:,} bytes of memory, and "
+                f"the file has {self._size:,}. It is damaged, or made to fill the "
+                "memory"
+            )
+        self.left -= amount
+
+
+class Decompressor(Protocol):
+    """Decompressor of one frame, as in `bz2`, `lz4.frame` and `compression.zstd`."""
+
+    eof: bool
+    unused_data: bytes | None
+
+    def decompress(self, data: bytes, /, max_length: int) -> bytes:
+        """Return at most ``max_length`` bytes of what the data hold."""
+
+
+def decompressed(
+    data: bytes, decompressor: Callable[[], Any], budget: DecodingBudget, what: str
+) -> bytes:
+    """Decompress frames that follow each other, to no more than a budget allows.
+
+    Args:
+        data: The compressed frames.
+        decompressor: Makes a `Decompressor` for one frame.
+        budget: From which the result is claimed.
+        what: What the data are, for a message.
+
+    Raises:
+        ValueError: The data are cut off, or hold more than the budget allows.
+    """
+    parts = []
+    rest: bytes | None = data
+    while rest:
+        frame: Decompressor = decompressor()
+        part = frame.decompress(rest, budget.left + 1)
+        budget.claim(len(part), what)
+        if not frame.eof:
+            raise ValueError(f"{what} is cut off")
+        parts.append(part)
+        rest = frame.unused_data
+    return b"".join(parts)
+
+
+def inflated(data: bytes, budget: DecodingBudget, what: str) -> bytes:
+    """Decompress one zlib stream, to no more than a budget allows.
+
+    Bytes that follow the stream are ignored.
+
+    Raises:
+        ValueError: The data are damaged, cut off, or hold more than the budget allows.
+    """
+    stream = zlib.decompressobj()
+    try:
+        content = stream.decompress(data, budget.left + 1)
+    except zlib.error as error:
+        raise ValueError(f"{what} is damaged: {error}") from error
+    budget.claim(len(content), what)
+    if not stream.eof:
+        raise ValueError(f"{what} is cut off")
+    return content
+
+
+def regular_file(path: str | Path, kind: str = "a file") -> Path:
+    """Return a path that can be opened for reading without waiting for a writer.
+
+    Args:
+        path: The path; a link is followed.
+        kind: What is expected there, for the message.
+
+    Raises:
+        FileNotFoundError: There is nothing.
+        ValueError: It is a folder, a named pipe, a device or a socket.
+    """
+    path = Path(path)
+    if path.is_file():
+        return path
+    if not path.exists():
+        raise FileNotFoundError(f"there is no file {path}")
+    mode = path.stat().st_mode
+    found = next((name for is_type, name in _FILE_TYPES if is_type(mode)), "no file")
+    raise ValueError(f"{path} is {found}; give {kind}")
 
 
 @contextlib.contextmanager
@@ -91,7 +217,7 @@ def read_archive(
 
     The file is not trusted. Nothing in it is run, only members that ``build`` asks for
     are unpacked, their arrays are as large as their bytes and not as their headers
-    claim, and together they take at most 20 times the size of the file, or 64 MiB.
+    claim, and together they take at most what a `DecodingBudget` allows.
 
     Args:
         path: File to read.
@@ -103,16 +229,15 @@ def read_archive(
     Raises:
         FileNotFoundError: There is no such file.
         OSError: The file cannot be read.
-        ValueError: The file is cut, is not an .npz, holds something else, has another
-            version, lacks a member, has another one, or ``build`` refuses it.
+        ValueError: It is no regular file, is cut, is not an .npz, holds something else,
+            has another version, lacks a member, has another one, or ``build`` refuses
+            it.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no file {path}")
+    path = regular_file(path, f"a file (.npz) that holds {kind}")
     content = path.read_bytes()
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            members = _Members(archive, limit=_LARGEST_EXPANSION * len(content))
+            members = _Members(archive, DecodingBudget(len(content)))
             members.check(kind, version)
             record = build(members)
             members.check_all_taken()
@@ -136,10 +261,9 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
         OSError: The file cannot be read.
         ValueError: It is no .npz, or damaged.
     """
-    content = Path(path).read_bytes()
+    content = regular_file(path).read_bytes()
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        members = _Members(archive, limit=_LARGEST_EXPANSION * len(content))
-        return members.plain()
+        return _Members(archive, DecodingBudget(len(content))).plain()
 
 
 def array_of(content: bytes, name: str) -> np.ndarray:
@@ -187,9 +311,9 @@ class _NotPlainError(ValueError):
 class _Members:
     """Gives every member of an archive once; raises whatever damage leads to."""
 
-    def __init__(self, archive: zipfile.ZipFile, limit: int) -> None:
+    def __init__(self, archive: zipfile.ZipFile, budget: DecodingBudget) -> None:
         self._archive = archive
-        self._free = max(limit, _ALLOWANCE)
+        self._budget = budget
         infos = archive.infolist()
         self._infos = {info.filename.removesuffix(".npy"): info for info in infos}
         if len(self._infos) < len(infos):
@@ -201,12 +325,14 @@ class _Members:
         info = self._infos.pop(name)
         if info.flag_bits & 1 or info.compress_type not in _COMPRESSIONS:
             raise ValueError(f"{name!r} is encrypted, or compressed in an unusual way")
-        self._free -= info.file_size
-        if self._free < 0:
-            raise ValueError("it unpacks to more than its size allows")
+        self._budget.claim(info.file_size, f"{name!r:.40}")
         with self._archive.open(info) as stream:
             # Given a number, it unpacks no more, whatever the compressed bytes hold.
-            return array_of(stream.read(info.file_size), name)
+            array = array_of(stream.read(info.file_size), name)
+        if array.dtype.kind in "biuf":
+            # Who computes with it makes float64 of it.
+            self._budget.claim(max(0, 8 * array.size - array.nbytes), f"{name!r:.40}")
+        return array
 
     def __contains__(self, name: str) -> bool:
         return name in self._infos

@@ -30,7 +30,7 @@ class Import:
     """Folder to write."""
 
     body: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """What moves: a segment, joint, marker or three, topic, or array of the file."""
+    """What moves: a segment, joint, marker or three, topic, array, or arrays A,B."""
 
     columns: Annotated[str | None, tyro.conf.arg(metavar="t,x,y,z,...")] = None
     """Names of the columns of a table without a header, in order, with - for one to
@@ -38,6 +38,10 @@ class Import:
 
     units: Literal["m", "cm", "mm", "in"] | None = None
     """Unit of positions; before what the file says, and metres where it says none."""
+
+    time_unit: Literal["s", "ms", "us", "ns"] | None = None
+    """Unit of times in tables and arrays; before what the file says, and seconds where
+    it says none."""
 
     angles: Literal["rad", "deg"] = "rad"
     """Unit of rotation vectors rx, ry, rz that say none."""
@@ -94,6 +98,7 @@ class Import:
             body=self.body,
             columns=_names(self.columns),
             units=self.units,
+            time_unit=self.time_unit,
             angles=self.angles,
             quaternions=self.quaternions,
             recorded_rate=self.recorded_rate,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gplfd.policies.demonstrations import Demonstration
-from gplfd.policies.storage import Members, read_archive, write_archive
+from gplfd.policies.storage import Members, read_archive, regular_file, write_archive
 
 KIND: Final = "gplfd demonstrations"
 """What the file says it holds."""
@@ -140,12 +140,25 @@ def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file is cut, holds something else, has another version, units
-            or frame, or an invalid demonstration.
+        ValueError: The file is a recording of another kind, is cut, holds something
+            else, has another version, units or frame, or an invalid demonstration.
     """
-    return read_archive(
-        demonstrations_file(path), kind=KIND, version=VERSION, build=_labelled
-    )
+    file = demonstrations_file(path)
+    advice = f"gplfd demos import {path} --out SET makes a set of a recording"
+    if Path(path).is_dir() and not file.exists():
+        raise FileNotFoundError(
+            f"there is no {FILE} in {path}; gplfd demos import FILES --out SET makes a "
+            "set of recordings"
+        )
+    regular_file(file, f"a set, a folder with {FILE}")
+    with file.open("rb") as stream:
+        is_archive = stream.read(2) == b"PK"
+    if not is_archive:
+        raise ValueError(f"{path} cannot be read as {KIND}: it is no .npz; {advice}")
+    try:
+        return read_archive(file, kind=KIND, version=VERSION, build=_labelled)
+    except ValueError as error:
+        raise ValueError(f"{error}; {advice}") from error
 
 
 def demonstrations_file(path: str | Path) -> Path:

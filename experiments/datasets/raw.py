@@ -14,8 +14,26 @@ METRES: Final[Mapping[str, float]] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0
 SECONDS: Final[Mapping[str, float]] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units of time by name, in seconds."""
 
+_USUAL_STEP: Final = (9e-4, 0.9)
+"""Time between two samples of a hand [s]: 1.1 Hz to 1.1 kHz. The range spans a factor
+of 1,000, as units of time do, so that at most one unit fits."""
+
 RADIANS: Final[Mapping[str, float]] = {"rad": 1.0, "deg": math.pi / 180.0}
 """Units of angle by name, in radians."""
+
+
+def likely_time_unit(step: float) -> str | None:
+    """Return the unit in which a step between samples is usual for a hand.
+
+    Args:
+        step: Usual difference of two time stamps, as they are written.
+
+    Returns:
+        One of `SECONDS`; None where no unit fits.
+    """
+    shortest, longest = _USUAL_STEP
+    fits = (unit for unit, s in SECONDS.items() if shortest <= step * s < longest)
+    return next(fits, None)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -44,6 +62,9 @@ class RawRecording:
     signals: Mapping[str, FloatArray] = field(default_factory=dict)
     """What else was recorded, (N, d) each: "force" (force [N] and torque [N m], 6),
     "gripper" (1 or more)."""
+    untimed: str = ""
+    """Of a file whose time stamps were not found: what else it has, and how to say that
+    it is the time; continues a message."""
     notes: tuple[str, ...] = ()
     """What the reader of the file found remarkable."""
 

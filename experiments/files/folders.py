@@ -27,7 +27,14 @@ def complete_folder(path: str | Path) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix=".", dir=target.parent) as temporary:
         root = Path(temporary)
         written = root / target.name
-        yield written
+        try:
+            yield written
+        except OSError as error:
+            # A full disk does not say where, and nobody knows the temporary folder.
+            file = error.filename
+            if error.errno is not None and (file is None or str(root) in str(file)):
+                error.filename = str(path)
+            raise
         if target.exists():
             target.rename(root / "replaced")
         try:

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from gplfd.policies.storage import complete_or_absent
+from gplfd.policies.storage import complete_or_absent, regular_file
 
 _LARGEST: Final = 2**24
 """Size of the largest file that is read [bytes]; a result has a few thousand."""
@@ -168,9 +168,7 @@ def entry(entries: Mapping[str, Any], name: str, kind: Any) -> Any:
 def _read(
     path: Path, language: str, parse: Callable[[str], dict[str, Any]]
 ) -> dict[str, Any]:
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no file {path}")
-    with path.open("rb") as stream:
+    with regular_file(path).open("rb") as stream:
         content = stream.read(_LARGEST + 1)
     try:
         if len(content) > _LARGEST:

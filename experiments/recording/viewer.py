@@ -7,6 +7,8 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from gplfd.policies.storage import regular_file
+
 
 def viewer() -> str:
     """Path of the viewer's own executable.
@@ -62,7 +64,7 @@ def _check_recording(file: Path) -> None:
         raise FileNotFoundError(
             f"there is no file {file}; `gplfd run` writes recordings"
         )
-    with file.open("rb") as stream:
+    with regular_file(file, "a Rerun recording (.rrd)").open("rb") as stream:
         magic = stream.read(4)
     if magic[:2] != b"RR":
         raise ValueError(f"{file} is not a Rerun recording (.rrd)")

@@ -1,8 +1,10 @@
 """A recorded data set: readable by Minari itself, complete, whole or absent."""
 
+import hashlib
 import json
 import os
 import resource
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -10,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import h5py
 import minari
 import mujoco
 import numpy as np
@@ -156,6 +159,54 @@ def test_it_is_read_back_as_it_was_recorded(
     assert dataset.arguments["max_episode_steps"] == N_STEPS
     assert dataset.origin["config"] == {"a": 1}
     assert dataset.origin["versions"]["mujoco"] == mujoco.__version__
+
+
+@pytest.mark.parametrize(
+    ("place", "reason"),
+    [
+        ("episode_1", "is a ExternalLink, and links are not followed"),
+        ("episode_1/observations", "is a ExternalLink, and links are not followed"),
+        ("episode_1/rewards", "is a ExternalLink, and links are not followed"),
+        ("episode_1/infos/slip", "is a ExternalLink, and links are not followed"),
+    ],
+)
+def test_links_are_not_followed(
+    folder: Path, tmp_path: Path, place: str, reason: str
+) -> None:
+    """A named pipe behind a link is not waited for, though the hash is right."""
+    copy = Path(shutil.copytree(folder, tmp_path / folder.name))
+    main, metadata = copy / "data/main_data.hdf5", copy / "data/metadata.json"
+    os.mkfifo(main.with_name("pipe"))
+    with h5py.File(main, "r+") as file:
+        del file[place]
+        file[place] = h5py.ExternalLink("pipe", "/x")
+    known = json.loads(metadata.read_text())
+    known["gplfd"]["sha256"] = hashlib.sha256(main.read_bytes()).hexdigest()
+    metadata.write_text(json.dumps(known))
+    with pytest.raises(ValueError, match=reason):
+        open_dataset(copy).episode(1)
+
+
+def test_one_long_text_does_not_become_many(folder: Path, tmp_path: Path) -> None:
+    """Thousands of references to a text of a million letters."""
+    copy = Path(shutil.copytree(folder, tmp_path / folder.name))
+    main, metadata = copy / "data/main_data.hdf5", copy / "data/metadata.json"
+    with h5py.File(main, "r+") as file:
+        infos = file["episode_1/infos"]
+        del infos["failure"]
+        made = infos.create_dataset("failure", (5000,), h5py.string_dtype())
+        made[0] = 1_000_003 * "a"
+        offset = made.id.get_offset()
+    content = bytearray(main.read_bytes())
+    reference = content[offset : offset + 16]
+    assert int.from_bytes(reference[:4], "little") == 1_000_003
+    content[offset : offset + 16 * 5000] = reference * 5000
+    main.write_bytes(content)
+    known = json.loads(metadata.read_text())
+    known["gplfd"]["sha256"] = hashlib.sha256(content).hexdigest()
+    metadata.write_text(json.dumps(known))
+    with pytest.raises(ValueError, match="unpacks to more than its size allows"):
+        open_dataset(copy).episode(1)
 
 
 def test_minari_can_append(

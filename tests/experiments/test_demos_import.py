@@ -1,7 +1,9 @@
 """``gplfd demos import``: from files of recordings to something that opens doors."""
 
+import errno
 import glob
 import json
+import os
 import re
 import shlex
 from pathlib import Path
@@ -112,6 +114,61 @@ def test_bad_input_is_one_message_and_leaves_nothing(
     (record,) = caplog.records
     assert message in record.getMessage()
     assert sorted(Path().rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        "numpy.savez_compressed",
+        "pathlib.Path.write_text",
+        "gplfd.experiments.datasets.importing.draw",
+    ],
+)
+def test_a_full_disk_is_told_and_leaves_nothing(
+    files: list[str], monkeypatch: pytest.MonkeyPatch, caplog: Any, place: str
+) -> None:
+    before = sorted(Path().rglob("*"))
+
+    def full(*arguments: Any, **options: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(place, full)
+        assert imported("0.csv", "--out", "set") == 2
+    (record,) = caplog.records
+    assert record.getMessage() == "set: No space left on device"
+    assert sorted(Path().rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (
+            ["learn", "0.csv", "--out", "s.npz"],
+            "gplfd demos import 0.csv --out SET mak",
+        ),
+        (
+            ["learn", "a.npz", "--out", "s.npz"],
+            "gplfd demos import a.npz --out SET mak",
+        ),
+        (["learn", ".", "--out", "s.npz"], "there is no demonstrations.npz in .; gplf"),
+        (["skill", "0.csv", "--out", "s"], "gplfd demos import 0.csv --out SET makes"),
+        (["run", "--skill", ".", "--out", "s"], ". is a folder; give a file (.npz) th"),
+        (["learn", "pipe", "--out", "s.npz"], "pipe is a named pipe; give a set"),
+        (["run", "--skill", "pipe", "--out", "s"], "pipe is a named pipe; give a file"),
+        (["view", "pipe"], "pipe is a named pipe; give a Rerun recording"),
+        (["report", "study"], "a.json: it is a named pipe; give a file"),
+    ],
+)
+def test_another_kind_of_file_is_named_and_nothing_is_waited_for(
+    files: list[str], caplog: Any, command: list[str], message: str
+) -> None:
+    np.savez("a.npz", positions=np.zeros((9, 3)))
+    os.mkfifo("pipe")
+    Path("study/tasks").mkdir(parents=True)
+    os.mkfifo("study/tasks/a.json")
+    assert cli.main(command) == 2
+    assert message in caplog.records[-1].getMessage()
 
 
 def test_a_set_is_replaced_when_asked(

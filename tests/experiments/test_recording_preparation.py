@@ -1,7 +1,9 @@
 """What is wrong with a recording is mended, refused or noticed, and said."""
 
 import math
+import tracemalloc
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,13 +12,17 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from gplfd.experiments.datasets.preparation import Motion, prepare
-from gplfd.experiments.datasets.preparation.hinge import find_hinge
+from gplfd.experiments.datasets.preparation.hinge import find_hinge, suspicious_order
 from gplfd.experiments.datasets.preparation.report import report, warnings_in
+from gplfd.experiments.datasets.preparation.samples import usable, without_spikes
 from gplfd.experiments.datasets.preparation.settings import Preparation
 from gplfd.experiments.datasets.raw import RawRecording
+from gplfd.experiments.datasets.readers import read_recordings
+from gplfd.experiments.datasets.readers.selection import Selection
 from gplfd_env.se3 import relative_poses
 from gplfd_env.task import handle_pose_on_arc
 
+ROOT = Path(__file__).parents[2]
 RATE = 200.0
 AS_RECORDED = Preparation(frame="recorded", trim_rests=False, cutoff=None, rate=None)
 START = np.array([1.2, -0.4, 0.9])
@@ -205,6 +211,47 @@ def test_centimetres_are_noticed() -> None:
     assert "mm: is the unit right?" in texts(motion, warnings=True)
 
 
+@pytest.mark.parametrize(("unit", "s"), [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
+def test_a_wrong_unit_of_time_is_noticed(tmp_path: Path, unit: str, s: float) -> None:
+    """Accepted with a warning, or refused before much memory is taken; both say how."""
+    raw = door()
+    table = np.column_stack([np.asarray(raw.times) / s, raw.positions])
+    lines = [",".join(map(repr, row)) for row in table.tolist()]
+    (tmp_path / "a.csv").write_text("\n".join(["t,x [m],y [m],z [m]", *lines]))
+    (read,) = read_recordings(tmp_path / "a.csv", Selection())
+    tracemalloc.start()
+    try:
+        said = texts(only(read, Preparation()), warnings=True)
+    except ValueError as error:
+        said = str(error)
+    assert tracemalloc.get_traced_memory()[1] < 2**28
+    tracemalloc.stop()
+    assert f"are times in {unit}? say --time-unit {unit}" in said
+    (read,) = read_recordings(tmp_path / "a.csv", Selection(time_unit=unit))
+    assert read.notes == ()
+    assert_allclose(np.asarray(read.times), np.asarray(raw.times), rtol=0, atol=1e-12)
+
+
+def test_seconds_that_are_said_to_be_milliseconds_are_noticed(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time [ms],x,y\n0,0,0\n0.02,0,1\n0.04,0,2\n")
+    (read,) = read_recordings(tmp_path / "a.csv", Selection())
+    assert "every 0.02 ms: are times in s? say --time-unit s, or" in read.notes[0]
+    for rate in (1.2, 30.0, 240.0, 1000.0, 4000.0):
+        (tmp_path / "b.csv").write_text(f"t,x,y\n0,0,0\n{1 / rate},0,1\n")
+        assert read_recordings(tmp_path / "b.csv", Selection())[0].notes == ()
+
+
+def test_samples_that_would_be_made_are_counted_first() -> None:
+    """Of all recordings together; a few samples may span any time."""
+    slow = changed(door(), times=3e4 * np.linspace(0.0, 1.0, 401))
+    settings = replace(AS_RECORDED, rate=100.0, largest_gap=1e4)
+    assert len(only(slow, replace(settings, rate=1.0)).demonstration.times) == 30001
+    with pytest.raises(ValueError, match=r"makes 3,000,001, and 1,000,000 are left"):
+        only(slow, settings)
+    with pytest.raises(ValueError, match=r"makes 300,001, and 99,997 are left"):
+        prepare([slow] * 4, replace(settings, rate=10.0))
+
+
 @pytest.mark.parametrize("shift", [-1, 1])
 def test_a_wrong_order_of_quaternions_is_noticed_on_a_door(shift: int) -> None:
     raw = door()
@@ -213,6 +260,49 @@ def test_a_wrong_order_of_quaternions_is_noticed_on_a_door(shift: int) -> None:
         raw, quaternions=np.roll(np.asarray(raw.quaternions), shift, axis=1)
     )
     assert "is their order right?" in texts(only(wrong), warnings=True)
+
+
+def free_motion(rng: np.random.Generator) -> RawRecording:
+    """A hand that goes on some arc, and turns otherwise: a plate put down, a push."""
+    course = np.linspace(0.0, 1.0, 100)
+    axis, arm, turn = rng.normal(size=(3, 3))
+    axis /= np.linalg.norm(axis)
+    arm = np.cross(axis, arm)
+    way = minimum_jerk(course) * rng.uniform(0.4, 2.2)
+    arc = Rotation.from_rotvec(way[:, None] * axis).apply(arm * rng.uniform(0.2, 0.8))
+    turn *= rng.uniform(0.0, 2.5) / np.linalg.norm(turn)
+    own = minimum_jerk(course) if rng.random() < 0.5 else course ** rng.uniform(0.5, 2)
+    grip = Rotation.from_quat(rng.normal(size=4))
+    return RawRecording(
+        name="free",
+        times=course,
+        positions=arc + rng.normal(0.0, 0.002, (100, 3)),
+        unit="m",
+        quaternions=(Rotation.from_rotvec(own[:, None] * turn) * grip).as_quat(),
+    )
+
+
+def test_a_hand_that_turns_freely_is_seldom_told_of_its_order() -> None:
+    """3 of 400; before the share and time of the turning were asked for, 12.
+
+    On recordings of people who open a box, of which the order is changed, 15 of 18 are
+    found as before, and none of the nine as they are.
+    """
+    rng = np.random.default_rng(0)
+    poses = [usable(free_motion(rng), None, None)[0].poses for _ in range(400)]
+    told = sum(suspicious_order(each) is not None for each in poses)
+    assert told <= 3
+    found, wrongly = 0, 0
+    for file in sorted((ROOT / "examples/recordings/openbox").glob("*.csv")):
+        (raw,) = read_recordings(file, Selection())
+        opened = without_spikes(usable(raw, None, 20.0)[0])[0].poses
+        wrongly += suspicious_order(opened) is not None
+        for shift in (-1, 1):
+            changed_order = np.hstack(
+                [opened[:, :3], np.roll(opened[:, 3:], shift, axis=1)]
+            )
+            found += suspicious_order(changed_order) is not None
+    assert (found, wrongly) == (15, 0)
 
 
 def test_one_that_is_unlike_the_others_is_named() -> None:

@@ -7,23 +7,30 @@ format's description; then round trips, refusals, and damage.
 import contextlib
 import json
 import os
+import sqlite3
 import struct
+import subprocess
+import sys
 import tracemalloc
 import warnings
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import ezc3d
 import h5py
+import lz4.frame
 import numpy as np
 import pyarrow
 import pyarrow.parquet
 import pytest
 import scipy.io
 from numpy.testing import assert_allclose, assert_array_equal
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
@@ -35,6 +42,7 @@ from gplfd.experiments.datasets.readers import READERS, read_recordings
 from gplfd.experiments.datasets.readers.mat5 import read_arrays
 from gplfd.experiments.datasets.readers.selection import Selection
 from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.storage import DecodingBudget
 
 VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "40"))
 """Damaged files of every kind; 200 take a quarter of a minute each."""
@@ -566,6 +574,24 @@ def test_rotation_vectors_of_many_turns_are_noticed(tmp_path: Path) -> None:
     assert not table(tmp_path, "x,y,rx,ry,rz\n0,0,0,0,1\n0,1,0,0,2\n").notes
 
 
+def test_columns_among_which_the_time_may_be_are_shown(tmp_path: Path) -> None:
+    one = table(tmp_path, "Zeit;X;Ort;Y;Z\n0,0;1;a;2;3\n0,1;1;b;2;3\n")
+    with pytest.raises(
+        ValueError,
+        match=r"no time stamps: its columns are Zeit, X, Ort, Y, Z\. If one of them is "
+        r"the time, .* --columns t,x,-,y,z\. Otherwise say how many samples",
+    ):
+        prepare([one], Preparation())
+    columns = ("t", "x", "-", "y", "z")
+    one = table(tmp_path, "Zeit;X;Ort;Y;Z\n0,0;1;a;2;3\n0,1;1;b;2;3\n", columns=columns)
+    assert_array_equal(np.asarray(one.times), [0.0, 0.1])
+    np.savez(tmp_path / "a.npz", pos=POSITIONS, zeit=TIMES)
+    with pytest.raises(
+        ValueError, match=r"arrays are pos \(60, 3\), zeit \(60,\)\. .* --body POSIT"
+    ):
+        prepare(read_recordings(tmp_path / "a.npz", ANY), Preparation())
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
@@ -601,15 +627,15 @@ def test_matlab_agrees_with_scipy_on_all_that_stands_in_each_other(
     for packed in (False, True):
         path = tmp_path / f"{packed}.mat"
         scipy.io.savemat(path, plain, do_compression=packed)
-        found = read_arrays(path, 10**6)
+        found = read_arrays(path, DecodingBudget(path.stat().st_size))
         expected = {"u": plain["u"], "s.c{1}": [[1, -2]], "s.c{4}": cells[1, 1]}
         expected |= {"s.c{2}(1).a": POSITIONS, "s.c{2}(1).n": [[3]]}
         expected |= {"s.c{2}(2).a": PHASE[None], "s.c{2}(2).n": [[4]]}
         assert set(found) == set(expected)
         for name, array in expected.items():
             assert_array_equal(found[name], array)
-        with pytest.raises(ValueError, match="more"):
-            read_arrays(path, 500)
+        with pytest.raises(ValueError, match="unpacks to more than its size allows"):
+            read_arrays(path, DecodingBudget(0, least=500))
 
 
 def test_cells_and_structures_of_one_name_are_one_set(tmp_path: Path) -> None:
@@ -636,6 +662,73 @@ def test_cells_and_structures_of_one_name_are_one_set(tmp_path: Path) -> None:
         read_recordings(tmp_path / "a.mat", Selection(columns=columns))
     with pytest.raises(ValueError, match=r"more than one set of recordings; .* e, s"):
         read_recordings(tmp_path / "a.mat", Selection())
+
+
+def cells(*arrays: Any) -> Any:
+    made = np.empty((1, len(arrays)), dtype=object)
+    made[0, :] = arrays
+    return made
+
+
+WITH_QUATERNION = ("x", "y", "z", "qw", "qx", "qy", "qz")
+
+
+@pytest.mark.parametrize(
+    ("content", "selection"),
+    [
+        ({"x": {"pos": POSITIONS, "time": TIMES}}, ANY),
+        ({"datasetRaw": {"pos": POSITIONS.T, "time": TIMES[:, None]}}, ANY),
+        ({"x": {"pos": cells(POSITIONS.T, POSITIONS.T), "time": TIMES}}, ANY),
+        ({"x": {"pos": cells(POSITIONS), "time": cells(TIMES)}}, ANY),
+        ({"x": {"pos": POSITIONS, "time": cells(TIMES)}}, ANY),
+        (
+            {"x": {"pos": POSITIONS, "time": TIMES}},
+            Selection(body="x.pos", columns=("x", "y", "z")),
+        ),
+        (
+            {"datasetRaw": {"pos": np.hstack([POSITIONS, WXYZ]).T, "time": TIMES}},
+            Selection(columns=WITH_QUATERNION),
+        ),
+        (
+            {"x": cells(*2 * [{"hand": POSITIONS, "turn": WXYZ.T, "time": TIMES}])},
+            Selection(body="x.hand,x.turn", columns=WITH_QUATERNION),
+        ),
+        (
+            {"hand": POSITIONS, "stamp": TIMES},
+            Selection(body="hand, stamp", columns=("x", "y", "z", "t")),
+        ),
+    ],
+)
+def test_times_and_rotations_stand_beside_positions(
+    tmp_path: Path, content: Any, selection: Selection
+) -> None:
+    scipy.io.savemat(tmp_path / "a.mat", content)
+    recordings = read_recordings(tmp_path / "a.mat", selection)
+    for one in recordings:
+        assert_array_equal(one.positions, POSITIONS)
+        assert one.times is not None
+        assert_array_equal(one.times, TIMES)
+        if "qw" in selection.columns:
+            assert one.quaternions is not None
+            assert_array_equal(one.quaternions, WXYZ)
+
+
+def test_arrays_of_one_npz_are_put_side_by_side(tmp_path: Path) -> None:
+    stacked = {"ee_pos": np.stack([POSITIONS] * 3), "ee_quat": np.stack([WXYZ] * 3)}
+    np.savez(tmp_path / "a.npz", time=TIMES, **stacked)
+    both = Selection(body="ee_pos,ee_quat", columns=WITH_QUATERNION)
+    found = read_recordings(tmp_path / "a.npz", both)
+    assert [one.name for one in found] == [f"a.npz[{n}]" for n in range(3)]
+    for one in found:
+        assert_array_equal(np.asarray(one.times), TIMES)
+        assert_array_equal(np.asarray(one.quaternions), WXYZ)
+    np.savez(tmp_path / "b.npz", ee_pos=POSITIONS, ee_quat=WXYZ[1:])
+    with pytest.raises(ValueError, match=r"\(60, 3\), \(59, 4\) have not the same"):
+        read_recordings(tmp_path / "b.npz", both)
+    with pytest.raises(ValueError, match="no array of columns 'turn'"):
+        read_recordings(
+            tmp_path / "b.npz", Selection(body="ee_pos,turn", columns=("x", "y", "z"))
+        )
 
 
 # ------------------------------------------------------------------ refusals
@@ -699,6 +792,275 @@ def test_every_reader_is_tested() -> None:
     modules = {reader.module for reader in READERS.values()}
     tested = {"csv_tables", "arrays", "matlab", "mvnx", "bvh", "c3d", "bags"}
     assert modules == tested | {"robomimic", "lerobot", "minari_episodes"}
+
+
+def test_nothing_is_waited_for(tmp_path: Path) -> None:
+    """A named pipe without a writer, wherever a file is expected."""
+    for name in ("a.csv", "a.hdf5", "a.mcap", "a.bag", "a.unknown"):
+        os.mkfifo(tmp_path / name)
+        with pytest.raises(ValueError, match=rf"{name} is a named pipe; give a record"):
+            read_recordings(tmp_path / name, ANY)
+    write_lerobot(tmp_path / "set")
+    table = tmp_path / "set/data/chunk-000/file-000.parquet"
+    table.unlink()
+    os.mkfifo(table)
+    with pytest.raises(ValueError, match=r"file-000.parquet is a named pipe"):
+        read_recordings(tmp_path / "set", ANY)
+    write_bag(tmp_path / "bag", POSE_STAMPED, StoragePlugin.SQLITE3)
+    (database,) = (tmp_path / "bag").glob("*.db3")
+    database.unlink()
+    os.mkfifo(database)
+    with pytest.raises(ValueError, match=r"db3 is a named pipe"):
+        read_recordings(tmp_path / "bag", ANY)
+
+
+LINKS = {
+    "data/demo_2": h5py.ExternalLink("pipe", "/data"),
+    "data/demo_10/obs": h5py.ExternalLink("pipe", "/obs"),
+    "data/demo_2/obs/robot0_eef_pos": h5py.ExternalLink("pipe", "/pos"),
+    "data/demo_2/obs/robot0_eef_quat": h5py.SoftLink("/data/demo_10/obs/x"),
+    "data": h5py.SoftLink("/somewhere"),
+}
+
+
+@pytest.mark.parametrize("place", LINKS)
+def test_links_in_hdf5_are_not_followed(tmp_path: Path, place: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    write_robomimic(tmp_path / "a.hdf5")
+    with h5py.File(tmp_path / "a.hdf5", "r+") as file:
+        del file[place]
+        file[place] = LINKS[place]
+    with pytest.raises(ValueError, match=rf"/{place} is a (External|Soft)Link.* copy"):
+        read_recordings(tmp_path / "a.hdf5", ANY)
+
+
+def test_values_in_other_files_are_not_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    name = "data/demo_2/obs/robot0_eef_pos"
+    virtual = h5py.VirtualLayout((N, 3), "f8")
+    virtual[:] = h5py.VirtualSource(tmp_path / "pipe", "x", (N, 3))
+    for path, make in (
+        (
+            tmp_path / "external.hdf5",
+            lambda file: file.create_dataset(
+                name, (N, 3), "f8", external=[(tmp_path / "pipe", 0, 24 * N)]
+            ),
+        ),
+        (
+            tmp_path / "virtual.hdf5",
+            lambda file: file.create_virtual_dataset(name, virtual),
+        ),
+    ):
+        write_robomimic(path)
+        with h5py.File(path, "r+") as file:
+            del file[name]
+            make(file)
+        with pytest.raises(ValueError, match=rf"values of /{name} lie in other files"):
+            read_recordings(path, ANY)
+
+
+# ------------------------------------------------------------------ bombs
+def write_robomimic_without_data(path: Path) -> None:
+    """A shape, and no chunk: HDF5 makes zeros of it."""
+    with h5py.File(path, "w") as file:
+        obs = file.create_group("data/demo_1/obs")
+        for name, width in (("robot0_eef_pos", 3), ("robot0_eef_quat", 4)):
+            obs.create_dataset(name, (10**7, width), "i1", chunks=(10**5, width))
+
+
+def write_robomimic_of_many(path: Path) -> None:
+    """Each demonstration alone is allowed."""
+    with h5py.File(path, "w") as file:
+        for number in range(40):
+            file[f"data/demo_{number}/obs/robot0_eef_pos"] = (
+                file["data/demo_0/obs/robot0_eef_pos"] if number else h5py.Empty("i1")
+            )
+            if not number:
+                del file["data/demo_0/obs/robot0_eef_pos"]
+                file["data/demo_0/obs"].create_dataset(
+                    "robot0_eef_pos", (10**5, 3), "i1", chunks=(10**5, 3)
+                )
+
+
+def write_robomimic_large_chunk(path: Path) -> None:
+    """A deflated stream holds more than a chunk, and HDF5 unpacks all of it."""
+    write_robomimic(path)
+    with h5py.File(path, "r+") as file:
+        obs = file["data/demo_2/obs"]
+        del obs["robot0_eef_pos"]
+        made = obs.create_dataset(
+            "robot0_eef_pos", (N, 3), "f8", chunks=(N, 3), compression="gzip"
+        )
+        made.id.write_direct_chunk((0, 0), zlib.compress(bytes(2**27)))
+
+
+def write_constants(path: Path) -> None:
+    rows = 10**6
+    lists = pyarrow.ListArray.from_arrays(
+        np.arange(0, 7 * rows + 1, 7, dtype=np.int32), np.zeros(7 * rows)
+    )
+    columns = {"observation.state": lists}
+    columns |= {name: np.zeros(rows, int) for name in ("episode_index", "frame_index")}
+    write_lerobot(path, columns)
+
+
+def write_constants_and_lie(path: Path) -> None:
+    """Two rows of millions, and a footer that counts fourteen values."""
+    size = 2**22
+    write_lerobot(
+        path,
+        {
+            "observation.state": [np.zeros(size)] * 2,
+            "episode_index": [0, 0],
+            "frame_index": [0, 1],
+        },
+    )
+    file = path / "data/chunk-000/file-000.parquet"
+    content = file.read_bytes()
+    start = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    # 2 size values as a signed Thrift number of four bytes, and 14 in as many.
+    said, lie = b"\x80\x80\x80\x08", b"\x9c\x80\x80\x00"
+    assert said in content[start:]
+    file.write_bytes(content[:start] + content[start:].replace(said, lie))
+
+
+def bag_of_zeros(path: Path, **written: Any) -> None:
+    """A bag whose second message is zeros, twice as many as are allowed."""
+    kind = "geometry_msgs/msg/PoseStamped"
+    with contextlib.ExitStack() as stack:
+        writer = Writer(path, version=9, storage_plugin=written.pop("storage"))
+        for method, arguments in written.items():
+            getattr(writer, method)(*arguments)
+        stack.enter_context(writer)
+        connection = writer.add_connection("/hand", kind, typestore=STORE)
+        writer.write(connection, 1, STORE.serialize_cdr(pose_stamped(0), kind))
+        writer.write(connection, 2, bytes(2**27))
+
+
+def write_bag_of_messages(path: Path) -> None:
+    how = (CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    bag_of_zeros(path, storage=StoragePlugin.SQLITE3, set_compression=how)
+
+
+def write_bag_of_files(path: Path) -> None:
+    how = (CompressionMode.FILE, CompressionFormat.ZSTD)
+    bag_of_zeros(path, storage=StoragePlugin.SQLITE3, set_compression=how)
+
+
+def write_mcap_of_chunks(path: Path) -> None:
+    how = (CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    folder = path.with_suffix("")
+    bag_of_zeros(folder, storage=StoragePlugin.MCAP, set_compression=how)
+    next(folder.glob("*.mcap")).rename(path)
+
+
+def write_mcap_of_lz4(path: Path) -> None:
+    """A chunk of zeros, in LZ4, in a file without an index."""
+    compressed = lz4.frame.compress(bytes(2**27))
+    chunk = struct.pack("<QQQI", 0, 0, 2**27, 0) + struct.pack("<I", 3) + b"lz4"
+    chunk += struct.pack("<Q", len(compressed)) + compressed
+    header = struct.pack("<I", 4) + b"ros2" + struct.pack("<I", 0)
+    records = ((1, header), (6, chunk), (2, struct.pack("<QQI", 0, 0, 0)))
+    framed = [struct.pack("<BQ", op, len(body)) + body for op, body in records]
+    magic = b"\x89MCAP0\r\n"
+    path.write_bytes(magic + b"".join(framed) + magic)
+
+
+def write_ros1(path: Path, compression: Any) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    writer = Writer1(path)
+    writer.set_compression(compression)
+    with writer:
+        kind = "geometry_msgs/msg/PoseStamped"
+        connection = writer.add_connection("/hand", kind, typestore=store)
+        writer.write(connection, 1, bytes(2**27))
+
+
+def write_generated_messages(path: Path) -> None:
+    """A column of a database is zeros that are not in the file."""
+    write_db3(path)
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.executescript(
+            "ALTER TABLE messages DROP COLUMN data; ALTER TABLE messages ADD COLUMN "
+            "data BLOB GENERATED ALWAYS AS (zeroblob(134217728)) VIRTUAL;"
+        )
+
+
+def write_mat_of_bytes(path: Path) -> None:
+    arrays = {"pos": np.zeros((2**23, 3), "i1"), "t": np.zeros(2**23, "i1")}
+    scipy.io.savemat(path, arrays, do_compression=True)
+
+
+def write_npz_of_bytes(path: Path) -> None:
+    arrays = {"positions": np.zeros((2**23, 3), "i1"), "times": np.zeros(2**23, "i1")}
+    np.savez_compressed(path, **arrays)
+
+
+ALLOWED = "unpacks to more than its size allows"
+BOMBS: dict[str, tuple[Callable[[Path], None], str, str]] = {
+    "hdf5-shape": (write_robomimic_without_data, "a.hdf5", ALLOWED),
+    "hdf5-many": (write_robomimic_of_many, "a.hdf5", ALLOWED),
+    "hdf5-chunk": (write_robomimic_large_chunk, "a.hdf5", "more than a chunk"),
+    "lerobot": (write_constants, "set", ALLOWED),
+    "lerobot-lie": (write_constants_and_lie, "set", ALLOWED),
+    "ros2-message": (write_bag_of_messages, "bag", ALLOWED),
+    "ros2-file": (write_bag_of_files, "bag", ALLOWED),
+    "mcap-zstd": (write_mcap_of_chunks, "a.mcap", ALLOWED),
+    "mcap-lz4": (write_mcap_of_lz4, "a.mcap", ALLOWED),
+    "db3": (write_generated_messages, "a.db3", "too big"),
+    "ros1-bz2": (
+        partial(write_ros1, compression=Writer1.CompressionFormat.BZ2),
+        "a.bag",
+        ALLOWED,
+    ),
+    "ros1-lz4": (
+        partial(write_ros1, compression=Writer1.CompressionFormat.LZ4),
+        "a.bag",
+        ALLOWED,
+    ),
+    "mat": (write_mat_of_bytes, "a.mat", ALLOWED),
+    "npz": (write_npz_of_bytes, "a.npz", ALLOWED),
+}
+
+READ_AND_MEASURE = """
+import importlib, resource, sys
+from gplfd.experiments.datasets.readers import READERS, read_recordings
+from gplfd.experiments.datasets.readers.selection import Selection
+for reader in READERS.values():
+    importlib.import_module(f"gplfd.experiments.datasets.readers.{reader.module}")
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+for path in sys.argv[1:]:
+    try:
+        read_recordings(path, Selection())
+    except ValueError as error:
+        print(error)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+"""Reads files, and prints their errors and the kilobytes of memory that they took."""
+
+
+def test_small_files_do_not_become_large_ones(tmp_path: Path) -> None:
+    """They take 64 MiB, which is allowed, and as much again in passing."""
+    paths = []
+    for name, (write, file, _) in BOMBS.items():
+        paths.append(tmp_path / name / file)
+        paths[-1].parent.mkdir()
+        write(paths[-1])
+        files = [one for one in paths[-1].parent.rglob("*") if one.is_file()]
+        assert sum(one.stat().st_size for one in files) < 2**20, name
+    found = subprocess.run(
+        [sys.executable, "-c", READ_AND_MEASURE, *paths],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    *messages, kilobytes = found.stdout.splitlines()
+    for path, (_, _, reason), message in zip(
+        paths, BOMBS.values(), messages, strict=True
+    ):
+        assert message.startswith(f"{path} cannot be read"), message
+        assert reason in message, message
+    assert int(kilobytes) < 3 * 2**16
 
 
 # ------------------------------------------------------------------ damage

@@ -1,5 +1,7 @@
 """How records look to a person who prints them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,14 @@ from gplfd.policies.method import TrainingInput
 
 def test_a_skill_says_what_it_was_learned_from(skill):
     assert repr(skill) == f"Skill(6 demonstrations, 200 phases, {skill.duration:.3g} s)"
+
+
+def test_a_continued_skill_tells_its_demonstrations_from_what_follows(skill):
+    """Five seconds were demonstrated; the skill goes on to seven for larger doors."""
+    aligned = replace(skill.aligned, duration=7.0, end=5.0 / 7.0)
+    assert repr(replace(skill, aligned=aligned)) == (
+        "Skill(6 demonstrations, 200 phases, 5 s, continued to 7 s)"
+    )
 
 
 @pytest.mark.parametrize("name", ["dmp", "promp", "gmr", "kmp"])

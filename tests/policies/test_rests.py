@@ -127,12 +127,15 @@ def test_policies_trim_rests_but_those_that_say_not(name, trims):
     assert bool(aligned.rests) == trims
 
 
-def test_a_slow_hand_that_gets_somewhere_does_not_rest():
-    """Two centimetres of unlatching in four seconds, then a pull of sixty in two."""
+@pytest.mark.parametrize("creep", [0.02, 0.01])
+def test_a_slow_hand_that_gets_somewhere_does_not_rest(creep):
+    """Some millimetres of unlatching in four seconds, then a pull of 0.6 m in two."""
     times = np.linspace(0.0, 6.0, 720)
     poses = np.zeros((720, 6))
     pull = np.clip((times - 4.0) / 2.0, 0.0, 1.0)
-    poses[:, 0] = 0.005 * np.minimum(times, 4.0) + 0.6 * pull**2 * (3.0 - 2.0 * pull)
+    poses[:, 0] = 0.25 * creep * np.minimum(times, 4.0) + 0.6 * pull**2 * (
+        3.0 - 2.0 * pull
+    )
     shown, rests = without_rests(Demonstration(times=times, poses=poses))
     assert rests == ()
     assert shown.poses[0, 0] == 0.0

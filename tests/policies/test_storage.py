@@ -1,15 +1,21 @@
+import bz2
 import io
 import json
+import os
 import stat
 import struct
 import tracemalloc
 import zipfile
+import zlib
 
 import numpy as np
 import pytest
 
 from gplfd.policies.storage import (
+    DecodingBudget,
     complete_or_absent,
+    decompressed,
+    inflated,
     read_archive,
     settings,
     write_archive,
@@ -117,8 +123,17 @@ def test_archive_round_trip_is_exact(archive):
 def test_missing_file_is_told_from_a_damaged_one(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"there is no file .*nothing\.npz"):
         read(tmp_path / "nothing.npz")
-    with pytest.raises(FileNotFoundError, match="there is no file"):
+
+
+def test_what_is_no_regular_file_is_refused_without_waiting(tmp_path):
+    with pytest.raises(ValueError, match=r"is a folder; give a file .* holds a test"):
         read(tmp_path)
+    os.mkfifo(tmp_path / "pipe.npz")
+    with pytest.raises(ValueError, match=r"pipe\.npz is a named pipe; give a file"):
+        read(tmp_path / "pipe.npz")
+    (tmp_path / "zero.npz").symlink_to("/dev/zero")
+    with pytest.raises(ValueError, match=r"zero\.npz is a device; give a file"):
+        read(tmp_path / "zero.npz")
 
 
 @pytest.mark.parametrize("size", [0, 1, 200, -1])
@@ -184,6 +199,41 @@ def test_member_that_unpacks_to_more_than_it_may_is_refused_unread(archive):
         read(archive)
     assert tracemalloc.get_traced_memory()[1] < 2**24
     tracemalloc.stop()
+
+
+def test_members_count_as_the_float64_that_they_become(archive):
+    """A member of int8 is eight times as large as float64."""
+    rewrite(archive, zipfile.ZIP_DEFLATED, curve=npy(np.zeros(2**24, dtype="i1")))
+    with refused(archive, "unpacks to more than its size allows: with 'curve'"):
+        read(archive)
+
+
+def test_a_budget_is_shared_by_all_that_a_file_holds():
+    budget = DecodingBudget(0)
+    budget.claim(2**26 - 1, "a")
+    with pytest.raises(ValueError, match=r"with b of 2 bytes .* 67,108,864 bytes"):
+        budget.claim(2, "b")
+    assert DecodingBudget(10**9).left == 20 * 10**9
+
+
+def test_frames_are_decompressed_to_no_more_than_the_budget():
+    frames = bz2.compress(b"a" * 100) + bz2.compress(b"b" * 100)
+    budget = DecodingBudget(0)
+    whole = decompressed(frames, bz2.BZ2Decompressor, budget, "a chunk")
+    assert whole == b"a" * 100 + b"b" * 100
+    assert budget.left == 2**26 - 200
+    with pytest.raises(ValueError, match="a chunk is cut off"):
+        decompressed(frames[:-5], bz2.BZ2Decompressor, budget, "a chunk")
+    bomb = bz2.compress(bytes(2**27))
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="unpacks to more than its size allows"):
+        decompressed(bomb, bz2.BZ2Decompressor, budget, "a chunk")
+    assert tracemalloc.get_traced_memory()[1] < 3 * 2**26
+    tracemalloc.stop()
+    with pytest.raises(ValueError, match="an element is cut off"):
+        inflated(zlib.compress(b"content")[:-2], budget, "an element")
+    with pytest.raises(ValueError, match="an element is damaged"):
+        inflated(b"content", budget, "an element")
 
 
 def test_member_that_lies_about_its_size_is_not_unpacked_further(archive):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import gplfd_env  # noqa: F401 - registers the ids
+from gplfd.experiments.datasets.hdf5 import check_links, check_readable, member
 from gplfd.experiments.datasets.minari.episode import RecordedEpisode
 from gplfd.experiments.datasets.minari.writing import (
     DATA,
@@ -23,10 +24,13 @@ from gplfd.experiments.datasets.minari.writing import (
 )
 from gplfd.experiments.files.plain_data import entry, parsed_json, read_json
 from gplfd.experiments.files.provenance import content_hash
+from gplfd.policies.storage import DecodingBudget
 
 _NAMESPACE: Final = "gplfd/"
 _LARGEST_EPISODE: Final = 2**28
 """Bytes that an episode may unpack to; an hour of standing still takes as many."""
+_TEXTS: Final = 256
+"""Texts that are read at a time."""
 _ORIGIN: Final[Mapping[str, Any]] = {
     "created": str,
     "command": tuple[str, ...],
@@ -96,8 +100,10 @@ class Dataset:
         """
         self.check([number])
         try:
-            with h5py.File(self.path / DATA / MAIN_FILE, "r") as main:
-                return _episode(main[f"episode_{number}"])
+            file = self.path / DATA / MAIN_FILE
+            budget = DecodingBudget(file.stat().st_size, least=_LARGEST_EPISODE)
+            with h5py.File(file, "r") as main:
+                return _episode(member(main, f"episode_{number}"), budget)
         # The hash is right, but who wrote it may have written anything.
         except Exception as error:
             raise ValueError(
@@ -192,40 +198,50 @@ def _environment(specification: str) -> tuple[str, dict[str, Any]]:
     return name, arguments | ({} if limit is None else {"max_episode_steps": limit})
 
 
-def _episode(group: Any) -> RecordedEpisode:
+def _episode(group: Any, budget: DecodingBudget) -> RecordedEpisode:
     entries = {
         name: value.tolist() if isinstance(value, np.ndarray | np.generic) else value
         for name, value in group.attrs.items()
     }
     layout = parsed_json(entry(entries, f"{KIND}/state_layout", str))
     digests = parsed_json(entry(entries, f"{KIND}/model_digests", str))
-    sizes: list[int] = []
-    group.visititems(lambda _, item: sizes.append(getattr(item, "nbytes", 0)))
-    if sum(sizes) > _LARGEST_EPISODE:
-        raise ValueError(f"it would take {sum(sizes):,} bytes of memory")
     return RecordedEpisode(
         seed=entry(entries, "seed", int),
         options=_nested(entries).get("options", {}),
         state_layout={name: entry(layout, name, int) for name in layout},
         model_digests={name: entry(digests, name, str) for name in digests},
-        observations=_arrays(group["observations"]),
-        infos=_arrays(group["infos"]),
-        **{name: np.asarray(group[name][()]) for name in PER_STEP},
+        observations=_arrays(member(group, "observations"), budget),
+        infos=_arrays(member(group, "infos"), budget),
+        **{name: _array(member(group, name), budget) for name in PER_STEP},
     )
 
 
-def _arrays(group: Any) -> dict[str, NDArray[Any]]:
-    """Arrays by name, in nested groups by ``group/name``; text as an array of str."""
-    arrays: dict[str, NDArray[Any]] = {}
+def _array(dataset: Any, budget: DecodingBudget) -> NDArray[Any]:
+    """Return a dataset as an array; text as an array of str."""
+    check_readable(dataset, budget)
+    if h5py.check_string_dtype(dataset.dtype) is None:
+        if dataset.dtype.hasobject:
+            raise ValueError(f"{dataset.name} holds neither numbers nor text")
+        return np.asarray(dataset[()])
+    texts: list[str] = []
+    for start in range(0, len(dataset), _TEXTS):
+        # All texts may refer to the same long one.
+        texts += dataset.asstr()[start : start + _TEXTS].tolist()
+        budget.claim(sum(map(len, texts[start:])), dataset.name)
+    budget.claim(4 * len(texts) * max(map(len, texts), default=0), dataset.name)
+    return np.array(texts, dtype=str)
 
-    def keep(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset):
-            text = h5py.check_string_dtype(item.dtype) is not None
-            found = item.asstr()[()] if text else item[()]
-            arrays[name] = np.array(found, dtype=str if text else None)
 
-    group.visititems(keep)
-    return arrays
+def _arrays(group: Any, budget: DecodingBudget) -> dict[str, NDArray[Any]]:
+    """Return arrays by name, in nested groups by ``group/name``."""
+    check_links(group)
+    found: list[tuple[str, Any]] = []
+    group.visititems(lambda name, item: found.append((name, item)))
+    return {
+        name: _array(item, budget)
+        for name, item in found
+        if isinstance(item, h5py.Dataset)
+    }
 
 
 def _nested(flat: Mapping[str, Any]) -> dict[str, Any]:

@@ -39,6 +39,10 @@ _LARGE: Final = 3.0
 """A hand that moves further [m] is hardly recorded in metres."""
 _SMALL: Final = 0.01
 """Neither is one that moves less [m]."""
+_MOST_SAMPLES: Final = 10**6
+"""Samples that are made of all recordings together; an hour at 100 Hz has 360,000."""
+_MOST_MADE: Final = 20
+"""Or so many times as many as were recorded, if that is more."""
 _COMPARED: Final = 100
 """Samples on which motions are compared."""
 
@@ -80,20 +84,22 @@ def prepare(
     Raises:
         ValueError: A recording cannot be used; the message names it and says why.
     """
-    motions = [
-        motion
-        for raw in recordings
-        for motion in _motions(raw, settings, recorded_rate)
-    ]
+    recorded = sum(len(raw.positions) for raw in recordings)
+    left = max(_MOST_SAMPLES, _MOST_MADE * recorded)
+    motions: list[Motion] = []
+    for raw in recordings:
+        made = _motions(raw, settings, recorded_rate, left)
+        left -= sum(len(motion.demonstration.times) for motion in made)
+        motions += made
     if not motions:
         raise ValueError("there is no recording")
     return _compared(motions)
 
 
 def _motions(
-    raw: RawRecording, settings: Preparation, recorded_rate: float | None
+    raw: RawRecording, settings: Preparation, recorded_rate: float | None, most: int
 ) -> list[Motion]:
-    """Prepare the repetitions of one recording."""
+    """Prepare the repetitions of one recording, of at most so many samples each."""
     if settings.offset is not None and raw.quaternions is None:
         raise ValueError(f"{raw.name} has no orientations, which an offset needs")
     samples, notes = usable(raw, settings.units, recorded_rate)
@@ -108,14 +114,14 @@ def _motions(
         # What holds of the whole recording is said once.
         said = (*notes, *spikes, *found) if number == 1 else ()
         try:
-            motions.append(_motion(name, part, settings, said))
+            motions.append(_motion(name, part, settings, said, most))
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
     return motions
 
 
 def _motion(
-    name: str, recorded: Samples, settings: Preparation, notes: Notes
+    name: str, recorded: Samples, settings: Preparation, notes: Notes, most: int
 ) -> Motion:
     """Prepare one repetition."""
     gaps = checked_gaps(recorded, settings.largest_gap)
@@ -124,7 +130,7 @@ def _motion(
     samples, smooth = filtered(samples, settings.cutoff)
     samples, rests = _trimmed(samples) if settings.trim_rests else (samples, ())
     samples, radius, framed = in_frame(samples, settings.frame)
-    samples = at_rate(samples, settings.rate)
+    samples = at_rate(samples, settings.rate, most)
     poses = samples.poses
     return Motion(
         name=name,

@@ -123,8 +123,8 @@ def _stamps(raw: RawRecording, recorded_rate: float | None) -> FloatArray:
         return raw.times
     if recorded_rate is None:
         raise ValueError(
-            f"{raw.name} has no time stamps; say how many samples it has per second, "
-            "--recorded-rate 100"
+            f"{raw.name} has no time stamps{raw.untimed or ';'} say how many samples "
+            "it has per second, --recorded-rate 100"
         )
     return np.arange(len(raw.positions)) / recorded_rate
 

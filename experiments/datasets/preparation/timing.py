@@ -13,6 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 from gplfd.experiments.arrays import FloatArray
 from gplfd.experiments.datasets.preparation.samples import Note, Notes, Samples
 from gplfd.experiments.datasets.preparation.settings import Segments
+from gplfd.experiments.datasets.raw import likely_time_unit
 
 _SMOOTH: Final = 0.05
 """Standard deviation of the smoother under which speed is measured [s]."""
@@ -236,12 +237,30 @@ def resampled(samples: Samples, times: FloatArray) -> Samples:
     )
 
 
-def at_rate(samples: Samples, rate: float | None) -> Samples:
-    """Return the motion from time 0 at equal steps; as it is where no rate is given."""
+def at_rate(samples: Samples, rate: float | None, most: int) -> Samples:
+    """Return the motion from time 0 at equal steps; as it is where no rate is given.
+
+    Args:
+        samples: At any times.
+        rate: Samples per second [Hz].
+        most: Samples that may be made.
+
+    Raises:
+        ValueError: There would be more.
+    """
     if rate is None:
         return samples
     start, end = samples.times[[0, -1]]
     number = max(2, round((end - start) * rate) + 1)
+    if number > most:
+        likely = likely_time_unit(samples.step)
+        hint = "" if likely in (None, "s") else f": are times in {likely}? say "
+        raise ValueError(
+            f"it lasts {end - start:.6g} s with a sample every {samples.step:.3g} s"
+            + (f"{hint}--time-unit {likely}. At" if hint else "; at")
+            + f" {rate:g} samples per second that makes {number:,}, and {most:,} are "
+            "left to make of these files; give a lower --rate, or cut it (--segment)"
+        )
     even = resampled(samples, np.linspace(start, end, number))
     return replace(even, times=even.times - start)
 

@@ -9,6 +9,7 @@ from typing import Final
 
 from gplfd.experiments.datasets.raw import RawRecording
 from gplfd.experiments.datasets.readers.selection import Selection
+from gplfd.policies.storage import regular_file
 from gplfd_env.named import nearest_name
 
 
@@ -96,8 +97,8 @@ def read_recordings(path: str | Path, selection: Selection) -> list[RawRecording
             message names file, line or field, and says what to do.
     """
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"there is no file {path}")
+    if not path.is_dir():
+        regular_file(path, "a recording in a regular file")
     reader = _reader(path)
     module = importlib.import_module(f"{__name__}.{reader.module}")
     try:

@@ -10,7 +10,7 @@ one set.
 
 import itertools
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -87,11 +87,9 @@ def recordings(
         if np.asarray(array).dtype.kind in "biuf"
     }
     if selection.columns:
-        tables = _sets({key: a for key, a in numbers.items() if a.ndim in (2, 3)})
-        _, group = chosen(selection.body, tables, "array of columns", file=name)
         return [
-            _from_table(f"{label}{suffix}", one, selection)
-            for label, table in _labelled(name, group)
+            _from_table(f"{label}{suffix}", one, times, selection)
+            for label, table, times in _tables(name, numbers, selection)
             for suffix, one in _each(table)
         ]
     motions = _motions(numbers)
@@ -100,7 +98,7 @@ def recordings(
             f"it has no array of positions: it has {_listed(numbers)}. Name one "
             "'positions' (N, 3), with 'times' (N,) and 'quaternions_wxyz' (N, 4); or "
             "say what the columns of an array are, --body NAME --columns t,x,y,z,... "
-            "with - for one to leave out"
+            "with - for one to leave out; --body A,B takes two arrays side by side"
         )
     _, group = chosen(selection.body, _sets(motions), "set of recordings", file=name)
     return [
@@ -123,21 +121,104 @@ def _labelled(file: str, group: Mapping[str, _Any]) -> Iterator[tuple[str, _Any]
 
 
 def _motions(arrays: Mapping[str, FloatArray]) -> dict[str, dict[str, FloatArray]]:
-    """Return the arrays of every structure that has positions, or of the whole file."""
-    found: dict[str, dict[str, FloatArray]] = {}
+    """Return the arrays of every structure that has positions, or of the whole file.
+
+    A structure may keep its recordings as cells, ``s.pos{1}`` with ``s.time{1}``, or
+    with ``s.time`` for all.
+    """
+    found: dict[str, dict[str, dict[str, FloatArray]]] = {}
     for key, array in arrays.items():
-        where, _, field = key.rpartition(".")
+        where, field, index = _parted(key)
         if array.size > 1:
-            found.setdefault(where, {})[field] = array
-    return {
-        where: fields
-        for where, fields in found.items()
-        if any(_is_position(field) for field in fields)
-    }
+            found.setdefault(where, {}).setdefault(index, {})[field] = array
+    motions = {}
+    for where, cells in found.items():
+        shared = cells.pop("", {})
+        own = {index: fields for index, fields in cells.items() if _has_motion(fields)}
+        if own:
+            for index, fields in own.items():
+                motions[f"{where}{index}"] = shared | fields
+        elif _has_motion(shared):
+            # A single cell may hold the times of the only recording.
+            single = next(iter(cells.values())) if len(cells) == 1 else {}
+            motions[where] = single | shared
+    return motions
 
 
-def _is_position(key: str) -> bool:
-    return understood(key)[0] == "x" or key.lower() in GROUPS["positions"][0]
+def _parted(key: str) -> tuple[str, str, str]:
+    """Return the structure of an array, its field in it, and the field's index."""
+    where, _, field = key.rpartition(".")
+    return where, _INDEX.sub("", field), "".join(_INDEX.findall(field))
+
+
+def _has_motion(fields: Mapping[str, FloatArray]) -> bool:
+    return any(
+        understood(field)[0] == "x" or field.lower() in GROUPS["positions"][0]
+        for field in fields
+    )
+
+
+def _tables(
+    name: str, numbers: Mapping[str, FloatArray], selection: Selection
+) -> Iterator[tuple[str, FloatArray, FloatArray | None]]:
+    """Yield label, columns, and times of every recording in the chosen arrays.
+
+    Several arrays, ``--body A,B``, are put side by side. Times that stand beside the
+    columns, in the same structure or file, are theirs.
+    """
+    sets = _sets({key: a for key, a in numbers.items() if 1 <= a.ndim <= 3})
+    body, parts = selection.body, [selection.body]
+    if body is not None and body not in sets and "," in body:
+        parts = [part.strip() for part in body.split(",")]
+    else:
+        sets = {
+            key: s for key, s in sets.items() if all(_is_table(a) for a in s.values())
+        }
+    groups = [chosen(one, sets, "array of columns", file=name)[1] for one in parts]
+    if len({len(group) for group in groups}) > 1:
+        raise ValueError(
+            f"{body} are of {' and '.join(str(len(one)) for one in groups)} recordings"
+        )
+    for keys in zip(*groups, strict=True):
+        label = name if len(groups[0]) == 1 else f"{name}: {keys[0]}"
+        yield (
+            label,
+            _side_by_side([numbers[key] for key in keys]),
+            _times_beside(keys[0], numbers),
+        )
+
+
+def _is_table(array: FloatArray) -> bool:
+    return array.ndim == 3 or (array.ndim == 2 and min(array.shape) > 1)
+
+
+def _side_by_side(arrays: Sequence[FloatArray]) -> FloatArray:
+    """Return the columns of all arrays as one, (N, C) or (K, N, C)."""
+    if len(arrays) == 1:
+        return arrays[0]
+    rows = max(arrays[0].shape) if arrays[0].ndim < 3 else arrays[0].shape[1]
+    tables = []
+    for array in arrays:
+        table = array[:, None] if array.ndim == 1 else array
+        if table.ndim == 2 and len(table) != rows:
+            table = table.T
+        tables.append(table)
+    if len({table.shape[:-1] for table in tables}) > 1:
+        shapes = ", ".join(str(array.shape) for array in arrays)
+        raise ValueError(f"arrays of shapes {shapes} have not the same samples")
+    return np.concatenate(tables, axis=-1)
+
+
+def _times_beside(key: str, numbers: Mapping[str, FloatArray]) -> FloatArray | None:
+    """Return the times in the structure of an array, or None."""
+    where, _, index = _parted(key)
+    for name, array in numbers.items():
+        there, field, own = _parted(name)
+        beside = there == where and own in ("", index)
+        is_vector = array.size == max(array.shape, default=0)
+        if beside and is_vector and field.lower() in GROUPS["times"][0]:
+            return array.reshape(-1)
+    return None
 
 
 def _each(table: FloatArray) -> Iterator[tuple[str, FloatArray]]:
@@ -148,7 +229,9 @@ def _each(table: FloatArray) -> Iterator[tuple[str, FloatArray]]:
             yield f"[{number}]", one
 
 
-def _from_table(name: str, table: FloatArray, selection: Selection) -> RawRecording:
+def _from_table(
+    name: str, table: FloatArray, times: FloatArray | None, selection: Selection
+) -> RawRecording:
     heads = selection.columns
     if table.shape[1] != len(heads) == table.shape[0]:
         table = table.T
@@ -159,6 +242,8 @@ def _from_table(name: str, table: FloatArray, selection: Selection) -> RawRecord
     found = named_columns(heads, "--columns")
     columns = {column: table[:, place] for column, (place, _) in found.items()}
     units = {column: unit for column, (_, unit) in found.items()}
+    if times is not None and "t" not in columns and len(times) == len(table):
+        columns["t"] = times
     return recording(name, columns, units, selection)
 
 
@@ -183,7 +268,11 @@ def _from_arrays(
     rows = {column: len(values) for column, values in columns.items()}
     if len(set(rows.values())) > 1:
         raise ValueError(f"its arrays differ in length: {rows}")
-    return recording(name, columns, units, selection)
+    untimed = (
+        f": its arrays are {_listed(arrays)}. If one of them has the times, name it, "
+        "for example --body POSITIONS,TIMES --columns x,y,z,t. Otherwise"
+    )
+    return recording(name, columns, units, selection, untimed)
 
 
 def _group(name: str, key: str, selection: Selection) -> tuple[str, ...]:

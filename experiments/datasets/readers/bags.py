@@ -6,13 +6,16 @@ with a URDF and a link, JointState. The only topic of WrenchStamped, if there is
 becomes the force, on the clock of the poses. Stamps are those of the messages' headers.
 """
 
+import bz2
+import contextlib
 import functools
 import io
 import os
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Final
 
 import numpy as np
@@ -20,8 +23,14 @@ import numpy as np
 from gplfd.experiments.arrays import FloatArray
 from gplfd.experiments.datasets.raw import RawRecording
 from gplfd.experiments.datasets.readers.selection import Selection, chosen
+from gplfd.policies.storage import DecodingBudget, decompressed, regular_file
 
 try:
+    import apsw
+    import lz4.frame  # type: ignore[import-untyped]
+    import rosbags.rosbag1.reader as rosbag1
+    import rosbags.rosbag2.reader as rosbag2
+    import rosbags.rosbag2.storage_mcap as mcap
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 except ImportError as error:
@@ -81,6 +90,99 @@ class _BoundedPath(type(Path())):  # type: ignore[misc]
         return super().open(mode, *arguments, **options)
 
 
+class _BoundedStream:
+    """A decompressed stream whose bytes are claimed from a budget."""
+
+    def __init__(self, stream: Any, budget: DecodingBudget) -> None:
+        self._stream, self._budget = stream, budget
+
+    def __enter__(self) -> "_BoundedStream":
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self._stream.close()
+
+    def read(self, size: int) -> bytes:
+        """Read so many bytes, or fewer at the end."""
+        content: bytes = self._stream.read(size)
+        self._budget.claim(len(content), "a compressed file")
+        return content
+
+
+@contextlib.contextmanager
+def _bounded_decompression(size: int) -> Iterator[None]:
+    """Let rosbags decompress to no more than a `DecodingBudget` of these bytes.
+
+    rosbags decompresses chunks, messages and files without limit. So its functions are
+    replaced while a bag is read, which is all that uses them in this program.
+    """
+    budget = DecodingBudget(size)
+    zstd = vars(rosbag2)["zstd"]
+
+    def chunk(make: Callable[[], Any]) -> Callable[[bytes, int], bytes]:
+        return lambda data, claimed: decompressed(data, make, budget, "a chunk")
+
+    def stored(data: bytes, claimed: int) -> bytes:
+        # An index may name one chunk many times.
+        budget.claim(len(data), "a chunk")
+        return data
+
+    def ros1(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
+        # Where topics interleave, one chunk is decompressed many times and dropped
+        # again: each has the whole budget.
+        return lambda data: decompressed(data, make, DecodingBudget(size), "a chunk")
+
+    def limit_values(connection: Any) -> None:
+        # A generated column holds values that are not in the file.
+        connection.limit(apsw.SQLITE_LIMIT_LENGTH, min(budget.left, 2**31 - 1))
+
+    replaced: list[tuple[Any, str, Any]] = [
+        (
+            mcap,
+            "DECOMPRESSORS",
+            {
+                "": stored,
+                "lz4": chunk(lz4.frame.LZ4FrameDecompressor),
+                "zstd": chunk(zstd.ZstdDecompressor),
+            },
+        ),
+        (
+            rosbag1,
+            "decompressors",
+            {
+                **rosbag1.decompressors,
+                "bz2": ros1(bz2.BZ2Decompressor),
+                "lz4": ros1(lz4.frame.LZ4FrameDecompressor),
+            },
+        ),
+        (
+            rosbag2,
+            "zstd",
+            SimpleNamespace(
+                decompress=lambda data: decompressed(
+                    data, zstd.ZstdDecompressor, budget, "a message"
+                ),
+                open=lambda file, mode: _BoundedStream(zstd.open(file, mode), budget),
+            ),
+        ),
+        (apsw, "connection_hooks", [*apsw.connection_hooks, limit_values]),
+    ]
+    originals = [(owner, name, getattr(owner, name)) for owner, name, _ in replaced]
+    try:
+        for owner, name, ours in replaced:
+            setattr(owner, name, ours)
+        yield
+    finally:
+        for owner, name, original in originals:
+            setattr(owner, name, original)
+
+
+def _checked_size(path: Path) -> int:
+    """Return the size of a bag, whose files must all be regular files [bytes]."""
+    files = path.iterdir() if path.is_dir() else [path]
+    return sum(regular_file(file).stat().st_size for file in files if not file.is_dir())
+
+
 @dataclass(frozen=True, slots=True)
 class _Track:
     """Rows of numbers with their stamps [ns]."""
@@ -112,7 +214,10 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         ValueError: The bag is damaged, has no such topic, or joint states come without
             a URDF.
     """
-    with AnyReader([_BoundedPath(path)], default_typestore=_messages()) as bag:
+    with (
+        _bounded_decompression(_checked_size(path)),
+        AnyReader([_BoundedPath(path)], default_typestore=_messages()) as bag,
+    ):
         topics = {one.topic: one.msgtype for one in bag.connections}
         topic, child = _topic(selection, topics, path.name)
         forces = [name for name, kind in topics.items() if kind == _WRENCH]

@@ -16,6 +16,7 @@ import numpy as np
 from gplfd.experiments.datasets.raw import RawRecording
 from gplfd.experiments.datasets.readers.selection import Selection
 from gplfd.experiments.datasets.readers.tables import (
+    NAMES,
     named_columns,
     recording,
     understood,
@@ -58,7 +59,24 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     table = np.frombuffer(values).reshape(-1, len(places))
     columns = {name: table[:, place] for place, name in enumerate(found)}
     units = {name: unit for name, (_, unit) in found.items()}
-    return [recording(path.name, columns, units, selection)]
+    return [recording(path.name, columns, units, selection, _untimed(heads))]
+
+
+def _untimed(heads: Sequence[str]) -> str:
+    """Return how to say which column is the time, where none is understood as it."""
+    names = [understood(head)[0] for head in heads]
+    unknown = [place for place, name in enumerate(names) if name not in NAMES]
+    if not unknown:
+        return ""
+    first, *others = unknown
+    names[first] = "t"
+    for place in others:
+        names[place] = "-"
+    return (
+        f": its columns are {', '.join(heads)!s:.200}. If one of them is the time, "
+        f"name all in their order, for example --columns {','.join(names)!s:.200}. "
+        "Otherwise"
+    )
 
 
 def _lines(stream: TextIO) -> Iterator[tuple[int, str]]:

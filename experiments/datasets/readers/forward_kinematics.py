@@ -6,6 +6,8 @@ from typing import Any
 
 from scipy.spatial.transform import Rotation
 
+from gplfd.policies.storage import regular_file
+
 
 def hand_of(urdf: Path, link: str) -> Callable[[Any], tuple[float, ...]]:
     """Return what makes position and quaternion of a link from a joint state.
@@ -27,6 +29,7 @@ def hand_of(urdf: Path, link: str) -> Callable[[Any], tuple[float, ...]]:
             f"joint states need yourdfpy ({error}); in a checkout of gplfd: pip "
             "install '.[ros]', elsewhere: pip install 'gplfd[ros]'"
         ) from error
+    regular_file(urdf, "a URDF file (--urdf)")
     robot = yourdfpy.URDF.load(
         str(urdf),
         build_scene_graph=True,

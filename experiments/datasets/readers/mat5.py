@@ -8,7 +8,6 @@ to no more than was allowed.
 
 import math
 import struct
-import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -16,6 +15,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from gplfd.policies.storage import DecodingBudget, inflated
 
 _HEADER: Final = 128
 _MOST_ARRAYS: Final = 100_000
@@ -43,9 +44,9 @@ class _Element(NamedTuple):
 class _Content:
     """What was found in a file so far."""
 
-    def __init__(self, order: str, largest: int) -> None:
+    def __init__(self, order: str, budget: DecodingBudget) -> None:
         self.order = order
-        self.left = largest
+        self._budget = budget
         self.arrays: dict[str, NDArray[Any]] = {}
 
     def add(self, name: str, shape: tuple[int, ...], element: _Element) -> None:
@@ -53,16 +54,16 @@ class _Content:
         if element.kind not in _TYPES:
             raise ValueError(f"{name:.40} has numbers of unknown kind {element.kind}")
         kind = np.dtype(self.order + _TYPES[element.kind])
-        self.left -= 8 * math.prod(shape)
-        if self.left < 0 or len(self.arrays) >= _MOST_ARRAYS:
-            raise ValueError("its arrays claim more numbers than it can hold")
+        self._budget.claim(8 * math.prod(shape), f"{name!r:.40}")
+        if len(self.arrays) >= _MOST_ARRAYS:
+            raise ValueError(f"it has more than {_MOST_ARRAYS:,} arrays")
         if math.prod(shape) * kind.itemsize != len(element.data):
             raise ValueError(f"{name:.40} has not as many numbers as it claims")
         numbers = np.frombuffer(element.data, dtype=kind)
         self.arrays[name] = numbers.reshape(shape, order="F")
 
 
-def read_arrays(path: Path, largest: int) -> dict[str, NDArray[Any]]:
+def read_arrays(path: Path, budget: DecodingBudget) -> dict[str, NDArray[Any]]:
     """Return every array of numbers in a file, by where it stands.
 
     The names are those of MATLAB: ``pos``, ``data{3}``, ``demos{2}.pos``, ``s(4).t``;
@@ -70,7 +71,7 @@ def read_arrays(path: Path, largest: int) -> dict[str, NDArray[Any]]:
 
     Args:
         path: The file.
-        largest: Bytes to which it may unpack; as many again for its numbers.
+        budget: What the unpacked elements, and the numbers in them, are claimed from.
 
     Raises:
         ValueError: It is damaged, or unpacks to more.
@@ -80,8 +81,7 @@ def read_arrays(path: Path, largest: int) -> dict[str, NDArray[Any]]:
         marks = {b"IM": "<", b"MI": ">"}
         if len(header) < _HEADER or header[-2:] not in marks:
             raise ValueError("its first 128 bytes are not those of a MATLAB file")
-        content = _Content(marks[header[-2:]], largest)
-        room = largest
+        content = _Content(marks[header[-2:]], budget)
         while tag := stream.read(8):
             if len(tag) < 8:
                 raise ValueError("it is cut off")
@@ -92,25 +92,13 @@ def read_arrays(path: Path, largest: int) -> dict[str, NDArray[Any]]:
             if len(data) < size:
                 raise ValueError("it is cut off")
             if kind == _COMPRESSED:
-                data = _unpacked(data, room)
-                room -= len(data)
+                data = inflated(data, budget, "an element")
                 (element,) = _elements(memoryview(data), content.order)
             else:
                 element = _Element(kind, memoryview(data))
             if element.kind == _MATRIX:
                 _visit(element.data, "", content, 0)
     return content.arrays
-
-
-def _unpacked(data: bytes, room: int) -> bytes:
-    unpacking = zlib.decompressobj()
-    try:
-        unpacked = unpacking.decompress(data, max(room, 1))
-    except zlib.error as error:
-        raise ValueError(f"it is damaged: {error}") from error
-    if not unpacking.eof:
-        raise ValueError("it is cut off, or unpacks to more than it can hold")
-    return unpacked
 
 
 def _elements(data: memoryview, order: str) -> Iterator[_Element]:

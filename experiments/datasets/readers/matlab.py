@@ -15,9 +15,8 @@ from gplfd.experiments.datasets.raw import RawRecording
 from gplfd.experiments.datasets.readers.arrays import recordings
 from gplfd.experiments.datasets.readers.mat5 import read_arrays
 from gplfd.experiments.datasets.readers.selection import Selection
+from gplfd.policies.storage import DecodingBudget
 
-_LARGEST_EXPANSION: Final = 20
-_ALLOWANCE: Final = 2**26
 _MAT_73: Final = b"MATLAB 7.3"
 
 
@@ -34,19 +33,18 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         first = stream.read(len(_MAT_73))
     if first == _MAT_73:
         raise ValueError("it is of version 7.3; save it again: save(..., '-v7')")
-    free = max(_ALLOWANCE, _LARGEST_EXPANSION * path.stat().st_size)
+    budget = DecodingBudget(path.stat().st_size)
     # Version 4 has no text in front, but a small number of four bytes.
     old = 0 in first[:4]
-    arrays = _version_4(path, free) if old else read_arrays(path, free)
+    arrays = _version_4(path, budget) if old else read_arrays(path, budget)
     return recordings(path.name, arrays, selection)
 
 
-def _version_4(path: Path, free: int) -> Mapping[str, NDArray[Any]]:
+def _version_4(path: Path, budget: DecodingBudget) -> Mapping[str, NDArray[Any]]:
     """Return the arrays of a file without cells and structures."""
     listed = scipy.io.whosmat(path)
-    claimed = sum(8 * math.prod(shape) for _, shape, _ in listed)
-    if claimed > free:
-        raise ValueError(f"its arrays claim {claimed:,} bytes, more than it can hold")
+    for name, shape, _ in listed:
+        budget.claim(8 * math.prod(shape), f"{name!r:.40}")
     names = [name for name, _, _ in listed]
     content = scipy.io.loadmat(path, variable_names=names)
     return {name: content[name] for name in names}

@@ -3,9 +3,11 @@
 from pathlib import Path
 
 from gplfd.experiments.datasets.minari import open_dataset
+from gplfd.experiments.datasets.minari.writing import DATA, MAIN_FILE
 from gplfd.experiments.datasets.raw import RawRecording
 from gplfd.experiments.datasets.readers.selection import Selection
 from gplfd.experiments.datasets.readers.tables import quaternions_of
+from gplfd.policies.storage import DecodingBudget
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
@@ -16,10 +18,14 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     """
     del selection  # Nothing is open.
     dataset = open_dataset(path)
+    # Each episode is bounded by itself when it is read; this bounds them together.
+    budget = DecodingBudget((dataset.path / DATA / MAIN_FILE).stat().st_size)
     recordings = []
     for number in range(dataset.n_episodes):
         seen = dataset.episode(number).observations
         poses = seen["ee_pose"]
+        kept = sum(seen[name].nbytes for name in ("ee_pose", "time", "wrench"))
+        budget.claim(kept, f"episode {number}")
         recordings.append(
             RawRecording(
                 name=f"{path.name}: episode {number}",

@@ -15,9 +15,12 @@ import numpy as np
 from gplfd.experiments.arrays import FloatArray
 from gplfd.experiments.datasets.raw import RawRecording
 from gplfd.experiments.datasets.readers.selection import Selection, chosen
+from gplfd.policies.storage import DecodingBudget
 
 try:
     import h5py
+
+    from gplfd.experiments.datasets.hdf5 import member, numbers
 except ImportError as error:
     raise ModuleNotFoundError(
         f"robomimic's files need h5py ({error}); in a checkout of gplfd: pip install "
@@ -25,8 +28,6 @@ except ImportError as error:
     ) from error
 
 DEFAULT_HAND: Final = "robot0_eef"
-_LARGEST_EXPANSION: Final = 50
-_ALLOWANCE: Final = 2**26
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
@@ -35,15 +36,15 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     Raises:
         ValueError: The file is damaged, or no file of robomimic's.
     """
-    free = max(_ALLOWANCE, _LARGEST_EXPANSION * path.stat().st_size)
+    budget = DecodingBudget(path.stat().st_size)
     with h5py.File(path, "r") as file:
         if "data" not in file:
             raise ValueError(f"it has no group 'data' but {', '.join(file)!s:.200}")
-        data = file["data"]
+        data = member(file, "data")
         rate = selection.recorded_rate or _rate(data.attrs.get("env_args"))
-        demonstrations = [_demonstration(name, data[name]) for name in _sorted(data)]
+        demonstrations = [(name, _observations(name, data)) for name in _sorted(data)]
         return [
-            _recording(f"{path.name}: {name}", obs, selection, rate, free)
+            _recording(f"{path.name}: {name}", obs, selection, rate, budget)
             for name, obs in demonstrations
         ]
 
@@ -53,26 +54,31 @@ def _sorted(data: Any) -> list[str]:
     return sorted(data, key=lambda n: [int(d) for d in re.findall(r"\d{1,9}", n)])
 
 
-def _demonstration(name: str, group: Any) -> tuple[str, Any]:
+def _observations(name: str, data: Any) -> Any:
+    group = member(data, name)
     if not isinstance(group, h5py.Group) or "obs" not in group:
         raise ValueError(
             f"data/{name} has no group 'obs'; robosuite records states alone, of which "
             "robomimic's script dataset_states_to_obs makes observations"
         )
-    return name, group["obs"]
+    return member(group, "obs")
 
 
 def _recording(
-    name: str, obs: Any, selection: Selection, rate: float | None, free: int
+    name: str,
+    obs: Any,
+    selection: Selection,
+    rate: float | None,
+    budget: DecodingBudget,
 ) -> RawRecording:
     hands = {one.removesuffix("_pos"): one for one in obs if one.endswith("_pos")}
     hand, _ = chosen(selection.body or DEFAULT_HAND, hands, "hand in obs", file=name)
-    positions = _array(obs, f"{hand}_pos", 3, free)
+    positions = _array(obs, f"{hand}_pos", 3, budget)
     quaternions = None
     if f"{hand}_quat" in obs:
-        quaternions = np.roll(_array(obs, f"{hand}_quat", 4, free), 1, axis=1)
+        quaternions = np.roll(_array(obs, f"{hand}_quat", 4, budget), 1, axis=1)
     gripper = f"{hand.removesuffix('_eef')}_gripper_qpos"
-    signals = {"gripper": _array(obs, gripper, None, free)} if gripper in obs else {}
+    signals = {"gripper": _array(obs, gripper, None, budget)} if gripper in obs else {}
     return RawRecording(
         name=name,
         times=None if rate is None else np.arange(len(positions)) / rate,
@@ -83,18 +89,14 @@ def _recording(
     )
 
 
-def _array(obs: Any, name: str, width: int | None, free: int) -> FloatArray:
-    """Return an array (N, width), whose claimed size is checked before it is read."""
-    found = obs[name]
-    if not isinstance(found, h5py.Dataset) or found.dtype.kind not in "iuf":
-        raise ValueError(f"obs/{name} holds no numbers")
+def _array(
+    obs: Any, name: str, width: int | None, budget: DecodingBudget
+) -> FloatArray:
+    """Return an array (N, width)."""
+    found = numbers(member(obs, name), budget)
     if found.ndim != 2 or width not in (None, found.shape[1]):
         raise ValueError(f"obs/{name} has shape {found.shape}, must be (N, {width})")
-    if found.nbytes > free or found.external or found.is_virtual:
-        raise ValueError(
-            f"obs/{name} claims {found.nbytes:,} bytes, or lies in another file"
-        )
-    return np.asarray(found[()], dtype=np.float64)
+    return found
 
 
 def _rate(arguments: Any) -> float | None:

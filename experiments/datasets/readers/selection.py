@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from gplfd.experiments.datasets.raw import METRES, RADIANS
+from gplfd.experiments.datasets.raw import METRES, RADIANS, SECONDS
 from gplfd_env.named import nearest_name
 
 _LISTED = 30
@@ -29,6 +29,9 @@ class Selection:
     """Names of the columns of a table, in order, see `readers.tables`."""
     units: str | None = None
     """Unit of the positions, one of `METRES`; before what the file says."""
+    time_unit: str | None = None
+    """Unit of time stamps in tables and arrays, one of `SECONDS`; before what the file
+    says, and seconds where neither says one."""
     angles: str = "rad"
     """Unit of rotation vectors without one, one of `RADIANS`."""
     quaternions: QuaternionOrder | None = None
@@ -43,6 +46,7 @@ class Selection:
     def __post_init__(self) -> None:
         for option, value, known in (
             ("--units", self.units, METRES),
+            ("--time-unit", self.time_unit, SECONDS),
             ("--angles", self.angles, RADIANS),
             ("--quaternions", self.quaternions, ("wxyz", "xyzw")),
         ):

@@ -14,7 +14,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gplfd.experiments.arrays import FloatArray
-from gplfd.experiments.datasets.raw import METRES, RADIANS, SECONDS, RawRecording
+from gplfd.experiments.datasets.raw import (
+    METRES,
+    RADIANS,
+    SECONDS,
+    RawRecording,
+    likely_time_unit,
+)
 from gplfd.experiments.datasets.readers.selection import Selection
 
 NAMES: Final[Mapping[str, tuple[str, ...]]] = {
@@ -99,7 +105,7 @@ def named_columns(
                 f"{where} has no column {' and no '.join(missing)}: it has "
                 f"{', '.join(heads)!s:.200}. Name the columns in their order, for "
                 "example --columns t,x,y,z,qx,qy,qz,qw with - for one to leave out; "
-                "positions of joints are none of a hand"
+                "joint positions are not a hand pose"
             )
     return found
 
@@ -109,6 +115,7 @@ def recording(
     columns: Mapping[str, FloatArray],
     units: Mapping[str, str | None],
     selection: Selection,
+    untimed: str = "",
 ) -> RawRecording:
     """Return the recording that columns make.
 
@@ -116,7 +123,8 @@ def recording(
         name: Of the recording.
         columns: By names of `NAMES`, (N,) each.
         units: Of the columns that say theirs.
-        selection: Unit of rotation vectors that say none.
+        selection: Unit of rotation vectors that say none, and of times.
+        untimed: See `RawRecording.untimed`.
 
     Raises:
         ValueError: A unit is none of its quantity, or those of x, y and z differ.
@@ -141,7 +149,10 @@ def recording(
             )
     times = columns.get("t")
     if times is not None:
-        times = times * SECONDS[_unit(name, units, ("t",), SECONDS) or "s"]
+        said = _unit(name, units, ("t",), SECONDS)
+        if selection.time_unit is None:
+            notes += _doubts(times, said or "s")
+        times = times * SECONDS[selection.time_unit or said or "s"]
     signals = {}
     if "fx" in columns:
         absent = np.zeros(rows)
@@ -155,8 +166,22 @@ def recording(
         times=times,
         quaternions=quaternions,
         signals=signals,
+        untimed="" if "t" in columns else untimed,
         notes=tuple(notes),
     )
+
+
+def _doubts(stamps: FloatArray, unit: str) -> list[str]:
+    """Say so if time stamps are probably in another unit."""
+    steps = np.diff(np.sort(stamps[np.isfinite(stamps)]))
+    step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    likely = likely_time_unit(step)
+    if likely in (None, unit):
+        return []
+    return [
+        f"there is a sample every {step:.3g} {unit}: are times in {likely}? say "
+        f"--time-unit {likely}, or --time-unit {unit} if they are not"
+    ]
 
 
 def quaternions_of(rotvecs: FloatArray) -> FloatArray:
