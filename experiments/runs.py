@@ -29,6 +29,7 @@ from gplfd.experiments.files.provenance import content_hash, provenance
 from gplfd.experiments.progress import LOG, progress_bar
 from gplfd.experiments.recording import record_episode
 from gplfd.experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
+from gplfd.experiments.recording.video import check_video, video_paths, write_video
 from gplfd.experiments.skills import skill_method
 from gplfd.experiments.study.sources import source_of
 from gplfd.policies.agent import Agent
@@ -66,6 +67,8 @@ class _Run:
     agents: Mapping[str, Agent]
     """By door."""
     looks: TiagoLooks | None
+    videos: Mapping[str, Path]
+    """File of each door's video; empty if none are wanted."""
 
 
 def open_doors(
@@ -81,6 +84,7 @@ def open_doors(
     start: Start,
     looks: Literal["primitives", "tiago"],
     options: Mapping[str, Any],
+    video: Path | None = None,
 ) -> tuple[EpisodeMetrics, ...]:
     """Learn, open each door once, and write everything.
 
@@ -101,15 +105,21 @@ def open_doors(
             from the same demonstrations.
         looks: How recordings draw the robot.
         options: The command's, for the record; JSON-able.
+        video: File of the video, see `gplfd.experiments.recording.video`; None for no
+            videos.
 
     Raises:
         ValueError: An argument or a file is wrong, or the user's policy failed.
         OSError: A file cannot be read or written.
-        ModuleNotFoundError: The meshes that are to be drawn are not installed.
+        ModuleNotFoundError: The meshes that are to be drawn, or the encoder of videos,
+            are not installed.
     """
     check_least("--seed", seed, 0)
     configs = named_doors(doors)
     like = _of_one_kind(configs)
+    videos = {} if video is None else video_paths(video, list(configs))
+    if videos:
+        check_video()
     check_circumstances(randomization, disturbance)
     chosen = policy_named(policy)
     check_folder(folder)
@@ -141,6 +151,7 @@ def open_doors(
         shown=shown,
         agents=agents,
         looks=drawn,
+        videos=videos,
     )
     for file in earlier:
         file.unlink(missing_ok=True)
@@ -297,6 +308,8 @@ def _open(run: _Run, door: str) -> EpisodeMetrics:
             run.shown.demonstrations,
             run.looks,
         )
+        if door in run.videos:
+            write_video(run.videos[door], log, env.unwrapped.model)  # type: ignore[attr-defined]
     metrics = episode_metrics(log)
     LOG.info(
         "%s: %s, %.1f deg in %.1f s (%.1f s)",
