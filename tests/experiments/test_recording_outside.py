@@ -118,4 +118,4 @@ def test_the_layout_has_room_only_for_what_happens(make_log: MakeLog) -> None:
 
     plain, disturbed = titles(make_log()), titles(make_log(person_force=held(33.0)))
     assert set(disturbed) - set(plain) == {"From outside: person [N]", "From outside"}
-    assert len(plain) == 14
+    assert len(plain) == 16
