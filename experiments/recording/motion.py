@@ -39,6 +39,8 @@ METRES_PER_NEWTON: Final = 0.01
 
 _TRUE_ARC_DEG: Final = 75.0
 _LINE: Final = 0.003
+_TRAIL: Final = 0.009
+"""Half the width of the trail [m]; thicker than what lies on it."""
 _DOT: Final = 0.006
 _BALL: Final = 0.03
 _ABOVE_HAND: Final = (0.0, 0.16, 0.0)
@@ -233,7 +235,7 @@ def _arc_and_styles(
         static(f"{PLAN}", at_hinge),
         static(f"{PLAN}/closed", closed),
         static(f"{PLAN}/leaf", opened),
-        static(f"{ROOT}/hand/trail", rr.LineStrips3D.from_fields(radii=2.0 * _LINE)),
+        static(f"{ROOT}/hand/trail", rr.LineStrips3D.from_fields(radii=_TRAIL)),
         static(f"{ROOT}/hand/via_points", dots),
         static(f"{ROOT}/hand/force", arrow),
     )
