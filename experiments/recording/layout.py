@@ -81,7 +81,9 @@ def _layout(
     scene = view_3d("Scene", motion.VIEW, everything, eye)
     title = f"From above: door at the top, hinge {hinge}"
     above = _mirrored(_WIDE_PLAN_EYE if wide else _PLAN_EYE, mirror)
-    plan = view_3d(title, motion.VIEW, [f"{motion.ROOT}/**"], above)
+    # From above its number would lie on that of what happens from outside.
+    hidden = [f"- {motion.STIFFNESS}"] if causes else []
+    plan = view_3d(title, motion.VIEW, [f"{motion.ROOT}/**", *hidden], above)
     about: rrb.Container | rrb.View
     about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
     if causes:

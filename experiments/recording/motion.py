@@ -34,6 +34,9 @@ VIEW: Final = f"{ROOT}/view"
 _VIEW_AXES_D: Final = [[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
 """Its axes x (away from the robot), y and z as columns, in the task frame."""
 
+STIFFNESS: Final = f"{ROOT}/hand/stiffness"
+"""Entity of the ball that says how stiff the hand is."""
+
 METRES_PER_NEWTON: Final = 0.01
 """Length of the force arrow: 10 N are 10 cm."""
 
@@ -89,7 +92,7 @@ def policy_motion(part: Part) -> list[Chunk]:
     tubes = rr.Mesh3D.columns(
         vertex_positions=vertices.reshape(-1, 3), vertex_normals=normals.reshape(-1, 3)
     )
-    # Whoever has no stiffness has a tube of the policy's colour.
+    # Without a stiffness the tube has the policy's colour.
     rows = np.searchsorted(log.times, log.forecast_times[first:]).clip(
         max=log.times.size - 1
     )
@@ -155,11 +158,10 @@ def hand_stiffness(part: Part) -> Iterator[Chunk]:
         colors=colour_of(values, colours.HAND),
         labels=[f"{value:.0f} N/m" for value in values],
     )
-    path = f"{ROOT}/hand/stiffness"
     if part.begins(shown):
-        yield static(path, rr.Points3D.from_fields(radii=_BALL, show_labels=True))
+        yield static(STIFFNESS, rr.Points3D.from_fields(radii=_BALL, show_labels=True))
     index = seconds(log.times[rows])
-    yield moving(path, index, columns.partition(there.astype(int)))
+    yield moving(STIFFNESS, index, columns.partition(there.astype(int)))
 
 
 def _trail(part: Part) -> list[Chunk]:

@@ -68,7 +68,7 @@ def test_a_ball_stands_above_the_hand_while_something_acts(make_log: MakeLog) ->
     first = acts.index(True)
     assert labels[first] == [f"person {log.person_force[rows[first]]:.0f} N"]
     place = found[ball, "Points3D:positions"][first][0]
-    above = log.ee_pose[rows[first], :3] + [0.0, 0.15, 0.0]
+    above = log.ee_pose[rows[first], :3] + [0.0, 0.30, 0.0]
     np.testing.assert_allclose(place, above, atol=1e-6)
     # A quarter of the force is half the radius.
     radii = np.concatenate(found[ball, "Points3D:radii"])
