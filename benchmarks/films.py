@@ -89,7 +89,7 @@ _PERIOD: Final = 0.1
 """How long a frame is seen [s]."""
 _LONGEST: Final = 9.4
 """Of an episode that is shown [s]."""
-_COLOURS: Final = 64
+_COLOURS: Final = 128
 _BAR: Final = 20
 """Height of a line of text [px]."""
 _INK, _PAPER = (30, 32, 38), (244, 244, 240)

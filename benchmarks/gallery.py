@@ -5,12 +5,12 @@ moving picture is of `gp`, which was shown three other doors of that kind. Witho
 screen MUJOCO_GL must be set before Python starts.
 """
 
+import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import gymnasium as gym
-import mujoco
 import numpy as np
 import tyro
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -24,7 +24,8 @@ from gplfd.policies.agent import Agent, as_agent
 from gplfd.policies.reference.oracle import OracleAgent
 from gplfd.policies.storage import complete_or_absent
 from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.config import DOORS, DoorSpec, Swing
+from gplfd_env.camera import Camera
+from gplfd_env.config import DOORS, DoorSpec
 from gplfd_env.task import Base
 
 Picture = NDArray[np.uint8]
@@ -47,11 +48,11 @@ class Scene(NamedTuple):
 
 
 SCENES: Final = (
-    Scene("cabinet", "cabinet", "fixed", 45.0),
-    Scene("wardrobe", "wardrobe", "fixed", 45.0),
-    Scene("room-834, lever: pull", "room-834", "mobile", 28.0),
+    Scene("cabinet", "cabinet", "fixed", 22.0),
+    Scene("wardrobe", "wardrobe", "fixed", 22.0),
+    Scene("room-834, lever: pull", "room-834", "mobile", 62.0),
     Scene("room-834, push", {"preset": "room-834", "swing": "push"}, "mobile", 40.0),
-    Scene("heavy-fire, closer EN 4", "heavy-fire", "mobile", 50.0),
+    Scene("heavy-fire, closer EN 4", "heavy-fire", "mobile", 22.0),
     Scene(
         "room-709, knob, just free",
         {"preset": "room-709", "handle": "knob"},
@@ -60,22 +61,17 @@ SCENES: Final = (
     ),
 )
 _COLUMNS: Final = 3
-_TURNS: Final[Mapping[Swing, float]] = {"pull": 62.0, "push": 32.0}
-"""How far beside the way into the door the camera stands, on the hinge's side [deg]:
-where an opening leaf turns its near face to."""
-
-
 _SHOWN: Final = "room-834"
 """The door of the moving picture."""
 _EVERY: Final = 12
 """Control periods from one frame of it to the next."""
-_COLOURS: Final = 96
+_COLOURS: Final = 256
 _PAUSE: Final = 1000
 """How long its end is seen [ms]."""
 
 
-def pictured(scene: Scene, size: int) -> Picture:
-    """Open a door and return a picture (size, size, 3) at the scene's angle.
+def pictured(scene: Scene, width: int) -> Picture:
+    """Open a door and return a 4:3 picture (H, W, 3) at the scene's angle.
 
     Raises:
         RuntimeError: The door was not opened so far, or there is no OpenGL.
@@ -83,7 +79,8 @@ def pictured(scene: Scene, size: int) -> Picture:
     env = gym.make(ENVIRONMENT_IDS["pose"], door=scene.door, base=scene.base)
     for info in opening(env, as_agent(OracleAgent())):
         if np.degrees(info["door_angle"]) >= scene.angle:
-            return _drawn(env, size)
+            with _camera(env, width) as camera:
+                return _drawn(env, camera)
     raise RuntimeError(f"{scene.title}: {info['failure'] or 'not opened'}")
 
 
@@ -102,7 +99,7 @@ def opening(env: gym.Env[Any, Any], agent: Agent) -> Iterator[dict[str, Any]]:
     yield info
 
 
-def film(path: Path, size: int) -> None:
+def film(path: Path, width: int) -> None:
     """Let `gp` open a door that it was not shown, and write a GIF of it.
 
     Raises:
@@ -112,9 +109,10 @@ def film(path: Path, size: int) -> None:
     env = gym.make(ENVIRONMENT_IDS["pose"], door=_SHOWN, base="mobile")
     inner: Any = env.unwrapped
     frames = []
-    for number, info in enumerate(opening(env, make_agent("gp", shown))):
-        if number % _EVERY == 0 or info["success"]:
-            frames.append(Image.fromarray(_drawn(env, size)))
+    with _camera(env, width) as camera:
+        for number, info in enumerate(opening(env, make_agent("gp", shown))):
+            if number % _EVERY == 0 or info["success"]:
+                frames.append(Image.fromarray(_drawn(env, camera)))
     if not info["success"]:
         raise RuntimeError(f"{_SHOWN}: {info['failure'] or 'not opened'}")
     write_gif(path, frames, _EVERY * inner.dt, _COLOURS)
@@ -134,7 +132,9 @@ def write_gif(
     # The last, too: light falls on an open door as on none before.
     chosen = [*frames[:: max(1, len(frames) // 4)], frames[-1]]
     several = np.hstack([np.asarray(one) for one in chosen])
-    palette = Image.fromarray(several).quantize(colours)
+    # Median cut alone gives large areas of nearly one colour, as walls, few shades,
+    # which are seen as blotches.
+    palette = Image.fromarray(several).quantize(colours, kmeans=4)
     pictures = [
         frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
     ]
@@ -151,25 +151,19 @@ def write_gif(
         )
 
 
-def _drawn(env: gym.Env[Any, Any], size: int) -> Picture:
-    inner: Any = env.unwrapped
-    model, data, side = inner.model, inner.data, inner.door.side
-    turn = side * _TURNS[inner.door.swing]
-    axes = data.body("door_frame").xmat.reshape(3, 3)
-    into_door = -axes[:, 0]
-    camera = mujoco.MjvCamera()
-    heading = np.degrees(np.arctan2(into_door[1], into_door[0]))
-    camera.azimuth, camera.elevation = heading + turn, -14.0
-    camera.distance = 3.7
-    handle = data.body("door_frame").xpos
-    camera.lookat[:] = handle + axes @ np.array([0.2, 0.0, -0.25 * side])
-    camera.lookat[2] = 0.95
-    with mujoco.Renderer(model, size, size) as renderer:
-        renderer.update_scene(data, camera)
-        # Shadows on upright walls are speckled.
-        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
-        picture: Picture = renderer.render()
-    return picture
+def _camera(env: gym.Env[Any, Any], width: int) -> contextlib.closing[Camera]:
+    """Return the camera "overview" for pictures (3/4 width, width), closed at the end.
+
+    It draws twice as many pixels in each direction, which smooths edges.
+    """
+    model = env.unwrapped.model  # type: ignore[attr-defined]
+    camera = Camera(model, 2 * width, 3 * width // 2, "overview", effects=True)
+    return contextlib.closing(camera)
+
+
+def _drawn(env: gym.Env[Any, Any], camera: Camera) -> Picture:
+    data = env.unwrapped.data  # type: ignore[attr-defined]
+    return np.asarray(Image.fromarray(camera.picture("rgb_array", data)).reduce(2))
 
 
 def side_by_side(pictures: Mapping[str, Picture], columns: int) -> Figure:
@@ -194,9 +188,9 @@ def side_by_side(pictures: Mapping[str, Picture], columns: int) -> Figure:
     return figure
 
 
-def draw(path: Path, scenes: Sequence[Scene], size: int) -> None:
+def draw(path: Path, scenes: Sequence[Scene], width: int) -> None:
     """Picture scenes and write them, complete or not at all."""
-    pictures = {scene.title: pictured(scene, size) for scene in scenes}
+    pictures = {scene.title: pictured(scene, width) for scene in scenes}
     figure = side_by_side(pictures, min(_COLUMNS, len(scenes)))
     with complete_or_absent(path) as temporary:
         figure.savefig(temporary, format="png", metadata={"Software": None})
@@ -205,17 +199,17 @@ def draw(path: Path, scenes: Sequence[Scene], size: int) -> None:
 def main(
     out: Path = Path("docs/images/gallery.png"),
     moving: Path = Path("docs/images/opening.gif"),
-    size: int = 400,
+    width: int = 400,
 ) -> None:
     """Draw the gallery and the moving picture; a minute.
 
     Args:
         out: File of the gallery.
         moving: File of the moving picture.
-        size: Width and height of a picture [px].
+        width: Of a picture [px].
     """
-    draw(out, SCENES, size)
-    film(moving, size)
+    draw(out, SCENES, width)
+    film(moving, width)
 
 
 if __name__ == "__main__":

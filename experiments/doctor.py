@@ -32,6 +32,7 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
         "minari": "data sets of episodes",
         "sb3": "learners of Stable-Baselines3",
         "warp": "doors on a GPU, an experiment",
+        "video": "videos of `gplfd run --video`",
         "tiago": "the manufacturer's meshes in recordings",
         "bench": "the libraries that are compared with",
     }

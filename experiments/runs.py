@@ -31,6 +31,7 @@ from gplfd.experiments.files.provenance import content_hash, provenance
 from gplfd.experiments.progress import LOG, progress_bar
 from gplfd.experiments.recording import record_episode
 from gplfd.experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
+from gplfd.experiments.recording.video import check_video, video_paths, write_video
 from gplfd.experiments.skills import skill_method
 from gplfd.experiments.study.sources import source_of
 from gplfd.policies.agent import Agent
@@ -71,6 +72,7 @@ def open_doors(
     start: Start,
     looks: Literal["primitives", "tiago"],
     options: Mapping[str, Any],
+    video: Path | None = None,
 ) -> tuple[EpisodeMetrics, ...]:
     """Learn, open each door once, and write everything.
 
@@ -92,11 +94,14 @@ def open_doors(
             from the same demonstrations.
         looks: How recordings draw the robot.
         options: The command's, for the record; JSON-able.
+        video: File of the video, see `gplfd.experiments.recording.video`; None for no
+            videos.
 
     Raises:
         ValueError: An argument or a file is wrong, or the user's policy failed.
         OSError: A file cannot be read or written.
-        ModuleNotFoundError: The meshes that are to be drawn are not installed.
+        ModuleNotFoundError: The meshes that are to be drawn, or the encoder of videos,
+            are not installed.
     """
     check_least("--seed", seed, 0)
     check_circumstances(randomization, disturbance)
@@ -117,6 +122,9 @@ def open_doors(
         )
         for door, config in named_doors(doors, start=start).items()
     ]
+    videos = {} if video is None else video_paths(video, [one.door for one in tasks])
+    if videos:
+        check_video()
     check_folder(folder)
     earlier = _files_of_earlier_run(folder)
     drawn = _looks(looks)
@@ -136,8 +144,8 @@ def open_doors(
     _write_inputs(folder, ready, demonstrations, skill, options)
     metrics: list[EpisodeMetrics] = []
     for door in ready:
-        with reported_errors(policy, chosen):
-            metrics.append(_open(door, folder, drawn))
+        video_file = videos.get(door.task.door)
+        metrics.append(_open(door, chosen, folder, drawn, video_file))
         write_json(folder / METRICS, [one.as_json() for one in metrics])
     return tuple(metrics)
 
@@ -276,14 +284,21 @@ def _write_inputs(
     write_json(folder / CONFIGURATION, provenance(record))
 
 
-def _open(door: _Door, folder: Path, looks: TiagoLooks | None) -> EpisodeMetrics:
-    """Open a door, write its log and recording, and return its metrics."""
+def _open(
+    door: _Door,
+    policy: Policy,
+    folder: Path,
+    looks: TiagoLooks | None,
+    video: Path | None,
+) -> EpisodeMetrics:
+    """Open a door, write its log, recording and video, and return its metrics."""
     started = time.perf_counter()
     task, name = door.task, door.task.door
     env = make_environment(task, door.agent.control)
     with (
         contextlib.closing(env),
         progress_bar(desc=name, unit=" s simulated") as bar,
+        reported_errors(task.policy, policy),
     ):
 
         def show(progress: Progress) -> None:
@@ -302,6 +317,8 @@ def _open(door: _Door, folder: Path, looks: TiagoLooks | None) -> EpisodeMetrics
         model = env.unwrapped.model  # type: ignore[attr-defined]
     log.save(folder / f"{name}.npz")
     record_episode(folder / f"{name}.rrd", log, model, door.shown.demonstrations, looks)
+    if video is not None:
+        write_video(video, log, model)
     metrics = episode_metrics(log)
     LOG.info(
         "%s: %s, %.1f deg in %.1f s (%.1f s)",

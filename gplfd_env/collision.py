@@ -10,6 +10,10 @@ from typing import Final
 
 import mujoco
 
+from gplfd_env.config import DoorConfig
+from gplfd_env.room import INTANGIBLE
+from gplfd_env.task import Base
+
 OBSTACLES: Final = ("leaf", "jamb_hinge", "jamb_lock", "lintel")
 """Geoms of the door that a driving robot touches, besides the wall."""
 
@@ -35,10 +39,10 @@ _CAPSULES: Final[dict[str, tuple[str, tuple[float, ...], float]]] = {
 
 
 def add_collisions(spec: mujoco.MjSpec) -> None:
-    """Make the robot solid against the door, and put a wall beside its frame.
+    """Make the robot solid against door and wall.
 
     Args:
-        spec: The scene, with robot and door; edited in place.
+        spec: The scene, with robot, door and walls; edited in place.
     """
     for name, (body, ends, radius) in _CAPSULES.items():
         spec.body(body).add_geom(
@@ -52,24 +56,33 @@ def add_collisions(spec: mujoco.MjSpec) -> None:
             contype=_ROBOT_BIT,
             conaffinity=0,
         )
-    _add_walls(spec)
     for name in (*OBSTACLES, "wall_hinge", "wall_lock"):
         spec.geom(name).conaffinity = _ROBOT_BIT
 
 
-def _add_walls(spec: mujoco.MjSpec) -> None:
-    """Continue the frame to both sides."""
+def add_walls(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
+    """Continue the door's frame to both sides by walls that touch nothing.
+
+    Args:
+        spec: The scene, with the door; edited in place.
+        door: Geometry.
+        base: A robot that stands still pushes with its arm beside the lock, where a
+            wall would hide it: there the wall ends at the frame.
+    """
     for side in ("hinge", "lock"):
         jamb, other = spec.geom(f"jamb_{side}"), spec.geom("lintel")
         outwards = 1.0 if jamb.pos[2] > other.pos[2] else -1.0
         x, y, z = jamb.pos
         thick, high, wide = jamb.size
+        free = (base, door.swing, side) == ("fixed", "push", "lock")
+        # All scenes have the same geoms.
+        half_width = 1e-3 if free else _WALL_HALF_WIDTH
         spec.body("door_frame").add_geom(
             name=f"wall_{side}",
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=[x, y, z + outwards * (wide + _WALL_HALF_WIDTH)],
-            size=[thick, high, _WALL_HALF_WIDTH],
+            pos=[x, y, z + outwards * (wide + half_width)],
+            size=[thick, high, half_width],
             rgba=_PLASTER,
             mass=0.0,
-            contype=0,
+            **INTANGIBLE,
         )

@@ -24,14 +24,13 @@ from gplfd_env.placement import (
     quaternion,
     task_rotation_w,
 )
-from gplfd_env.room import INTANGIBLE, UNDRAWN
+from gplfd_env.room import DOOR_HEIGHT, INTANGIBLE, UNDRAWN
 from gplfd_env.task import Base
 from gplfd_env.variation import Placement
 
 NOMINAL_MASS: Final = 12.0
 """Mass of the leaf in a compiled scene, before `set_door_physics` [kg]."""
 
-_LEAF_HEIGHT: Final = 2.00
 _JAMB: Final = 0.05
 _WOOD: Final = (0.78, 0.63, 0.46, 1.0)
 _FRAME: Final = (0.88, 0.87, 0.85, 1.0)
@@ -127,7 +126,7 @@ def _add_looks(
     door: DoorConfig,
     structure: Structure,
 ) -> None:
-    top = _LEAF_HEIGHT - door.handle_height
+    top = DOOR_HEIGHT - door.handle_height
     if structure.closer:
         add_closer_looks(spec, frame, leaf, door, top)
     if structure.latched:
@@ -142,7 +141,7 @@ def _add_looks(
 def _add_frame(frame: mujoco.MjsBody, door: DoorConfig) -> None:
     floor, side = -door.handle_height, door.side
     hinge_edge, lock_edge = _edges_in_frame(door)
-    middle = floor + _LEAF_HEIGHT / 2
+    middle = floor + DOOR_HEIGHT / 2
     for name, edge in (
         ("jamb_hinge", hinge_edge - side * _JAMB / 2),
         ("jamb_lock", lock_edge + side * _JAMB / 2),
@@ -151,7 +150,7 @@ def _add_frame(frame: mujoco.MjsBody, door: DoorConfig) -> None:
             name=name,
             type=_BOX,
             pos=[-door.handle_standoff, middle, edge],
-            size=[0.06, _LEAF_HEIGHT / 2, _JAMB / 2],
+            size=[0.06, DOOR_HEIGHT / 2, _JAMB / 2],
             rgba=_FRAME,
             **INTANGIBLE,
         )
@@ -160,7 +159,7 @@ def _add_frame(frame: mujoco.MjsBody, door: DoorConfig) -> None:
         type=_BOX,
         pos=[
             -door.handle_standoff,
-            floor + _LEAF_HEIGHT + _JAMB / 2,
+            floor + DOOR_HEIGHT + _JAMB / 2,
             (hinge_edge + lock_edge) / 2,
         ],
         size=[0.06, _JAMB / 2, abs(lock_edge - hinge_edge) / 2 + _JAMB],
@@ -190,10 +189,10 @@ def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
         type=_BOX,
         pos=[
             -door.handle_standoff,
-            _LEAF_HEIGHT / 2 - door.handle_height,
+            DOOR_HEIGHT / 2 - door.handle_height,
             door.side * ((hinge_edge + lock_edge) / 2 + door.radius),
         ],
-        size=[door.leaf_thickness / 2, _LEAF_HEIGHT / 2, (lock_edge - hinge_edge) / 2],
+        size=[door.leaf_thickness / 2, DOOR_HEIGHT / 2, (lock_edge - hinge_edge) / 2],
         rgba=_WOOD,
         mass=door.panel_mass,
         **INTANGIBLE,

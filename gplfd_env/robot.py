@@ -152,11 +152,19 @@ def _add_sites(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
 
 
 def _add_cameras(spec: mujoco.MjSpec) -> None:
+    # A head with pan and tilt keeps the hand in the middle of its picture.
     spec.body("head_link").add_camera(
-        name="head", pos=[0.10, 0, 0.01], xyaxes=[0.35, -0.94, 0, 0.35, 0.13, 0.93]
+        name="head",
+        pos=[0.10, 0, 0.05],
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY,
+        targetbody="gripper_link",
+        fovy=60.0,
     )
     spec.body("gripper_link").add_camera(
-        name="hand_camera", pos=[0, -0.09, 0.06], xyaxes=[-1, 0, 0, 0, -0.93, -0.37]
+        name="hand_camera",
+        pos=[0, -0.12, -0.01],
+        xyaxes=[-1, 0, 0, 0, -0.83, -0.56],
+        fovy=60.0,
     )
 
 

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_env.collision import add_collisions
+from gplfd_env.collision import add_collisions, add_walls
 from gplfd_env.config import DoorConfig, Latch
 from gplfd_env.door import (
     NOMINAL_MASS,
@@ -46,7 +46,8 @@ a standoff, the open hand before it."""
 SCENE_FIELDS: Final = (
     "actuator_acc0", "actuator_length0", "body_inertia", "body_invweight0",
     "body_ipos", "body_iquat", "body_mass", "body_pos", "body_quat",
-    "body_subtreemass", "bvh_aabb", "cam_pos0", "cam_poscom0", "cam_mat0",
+    "body_subtreemass", "bvh_aabb", "cam_pos", "cam_quat", "cam_pos0", "cam_poscom0",
+    "cam_mat0",
     "dof_M0", "dof_invweight0", "dof_length", "geom_aabb", "geom_pos", "geom_quat",
     "geom_rbound", "geom_size", "jnt_axis", "jnt_range", "key_ctrl", "key_qpos",
     "light_pos0", "light_poscom0", "qpos_spring", "site_pos", "site_quat",
@@ -100,9 +101,10 @@ def build_spec(
     """
     structure = structure_of(door) if structure is None else structure
     spec = load_robot(control, door, base)
-    add_room(spec, base)
+    add_room(spec, door, base)
     add_door(spec, door, placement, structure, base)
     add_sensors(spec, structure, control, base, gripper=grasp == "gripper")
+    add_walls(spec, door, base)
     if base == "mobile":
         add_collisions(spec)
     spec.add_key(name="grasp")

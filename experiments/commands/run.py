@@ -1,6 +1,8 @@
 """``gplfd run``: demonstrations, skill, and every door opened once."""
 
 import contextlib
+import ctypes.util
+import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,6 +59,10 @@ class Run:
     """Shapes of the robot in recordings: simple ones, or the manufacturer's meshes of
     the package example-robot-data (pip install 'gplfd[tiago]')."""
 
+    video: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
+    """Write a video of the episode, too, in real time; of several doors one each,
+    FILE-DOOR.mp4: pip install 'gplfd[video]'."""
+
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder to write to; results/POLICY-seedSEED by default."""
 
@@ -66,6 +72,8 @@ class Run:
 
     def execute(self) -> int:
         """Open the doors and print a table, or what metrics.json holds."""
+        if self.video is not None:
+            _draw_without_screen()
         with postponed_interruption():
             from gplfd.experiments.episodes.metrics import late_decisions
             from gplfd.experiments.files.names import file_name
@@ -94,6 +102,7 @@ class Run:
                 start=self.start,
                 looks=self.looks,
                 options=recorded(self),
+                video=self.video,
             )
         if late := late_decisions([one.as_json() for one in metrics]):
             LOG.warning("warning: %s: %s", self.policy, late)
@@ -105,3 +114,17 @@ class Run:
         shown = "medium" if "medium" in doors else doors[0]
         print(f"\nlook at it:  {next_command('view', folder / f'{shown}.rrd')}")
         return 0
+
+
+def _draw_without_screen() -> None:
+    """Let MuJoCo draw by EGL where there is no screen; call before MuJoCo's import.
+
+    What the user has set stays. Where EGL is missing, drawing says what to install.
+    """
+    screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if (
+        sys.platform.startswith("linux")
+        and not screen
+        and ctypes.util.find_library("EGL")
+    ):
+        os.environ.setdefault("MUJOCO_GL", "egl")

@@ -33,17 +33,17 @@ def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk
     text = f"""\
 ### {log.door} door, policy `{log.policy}`: {end if ended else "being opened"}
 
-**How to read it.** The grey-blue tube is where the demonstrations, carried on where \
-they end, put the handle; the violet tube is what the policy believes now. An adaptive \
-policy narrows onto the true arc (green) as the hand (yellow) feels the door. Tubes \
-and bands are ±1.96 σ per axis (normal quantile; with few demonstrations less than 95 \
-%). Where the policy is **sure** (σ small) the robot is **stiff**; where it is \
-**unsure** it is **soft** and lets the door lead: compare *σ* with *Stiffness*. A hand \
-that is held off its path (white) is unsure, too; violet among the forces is the \
-weight of the door that it carries. Falling σ stiffens the robot, which is stable \
-below 100 % of the bound. The red arrow is the door's force on the hand, 10 cm per 10 \
-N.
+**Sure is stiff, unsure is soft.** Where the policy's σ is small, the hand is stiff \
+(**yellow**, 500 N/m); where σ is large, it is soft (**violet**, 100 N/m) and lets the \
+door lead. The ball above the hand, its trail, the tube and the lane *stiffness* have \
+this colour: violet 100, pink 300, yellow 500 N/m, mean of x and z.
 
+- **tube**: what the policy believes now, ±1.96 σ per axis (normal quantile; with few \
+demonstrations less than 95 %); **grey-blue tube**: before it felt the door; **grey \
+lines**: demonstrations; **green**: the handle's true arc
+- **red arrow**: force of the door on the hand, 10 cm per 10 N
+- σ, stiffness and colours are means of the last 0.25 s; the tab *Unsmoothed, rates* \
+has what the controller used, which is stable below 100 % of the bound
 - **door**: {door} (SI)
 - **demonstrations**: {n_demonstrations}; **seed**: {log.seed}; **control period**: \
 {1e3 * log.dt:g} ms

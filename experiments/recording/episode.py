@@ -11,12 +11,18 @@ from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.recording.about import page
 from gplfd.experiments.recording.layout import layout_chunks
 from gplfd.experiments.recording.mechanism import mechanism, mechanism_of
-from gplfd.experiments.recording.motion import door_frame, hand_motion, policy_motion
+from gplfd.experiments.recording.motion import (
+    door_frame,
+    hand_motion,
+    hand_stiffness,
+    policy_motion,
+)
 from gplfd.experiments.recording.outside import causes_of, from_outside
 from gplfd.experiments.recording.panels import panels
 from gplfd.experiments.recording.part import Part
 from gplfd.experiments.recording.scene import drawn_scene, moved_scene
 from gplfd.experiments.recording.stages import stage_lane
+from gplfd.experiments.recording.stiffness import stiffness_lane
 from gplfd.experiments.recording.stream import recording_file
 from gplfd.experiments.recording.tiago_meshes import TiagoLooks
 from gplfd.policies.demonstrations import Demonstration
@@ -83,6 +89,8 @@ def happening(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
     yield from moved_scene(model, part)
     yield from policy_motion(part)
     yield from hand_motion(part)
+    yield from hand_stiffness(part)
+    yield from stiffness_lane(part)
     yield from panels(part)
     yield from from_outside(part)
     yield from mechanism(part, model)

@@ -33,8 +33,12 @@ class Eye(NamedTuple):
 # From the hinge side the hand stays before the leaf however far the door is open.
 _SCENE_EYE: Final = Eye((-0.62, -1.95, 0.85), (-0.46, -0.2, -0.07), (0.0, 0.0, 1.0))
 # A robot that drives needs room, and its doors are higher.
-_WIDE_EYE: Final = Eye((-0.8, -2.8, 1.1), (-0.5, -0.2, 0.0), (0.0, 0.0, 1.0))
+_WIDE_EYE: Final = Eye((-0.8, -3.2, 1.3), (-0.7, -0.3, -0.15), (0.0, 0.0, 1.0))
 _PLAN_EYE: Final = Eye((-0.3, -0.3, 1.0), (-0.3, -0.3, 0.0), (1.0, 0.0, 0.0))
+_WIDE_PLAN_EYE: Final = Eye((-0.45, -0.4, 1.5), (-0.45, -0.4, 0.0), (1.0, 0.0, 0.0))
+
+_BASE_LEGEND: Final[dict[str, Corner]] = {"base": "LeftTop"}
+"""Of the mechanism's panels, those with several curves."""
 
 _SHARE: Final = (-40.0, 110.0)
 """Shown range of the share of the stability bound [%]; negative while softening."""
@@ -72,24 +76,39 @@ def _layout(
 ) -> rrb.Blueprint:
     everything = ["/world/**", f"- {motion.PLAN}/**"]
     mirror = 1.0 if hinge == "right" else -1.0
-    eye = _mirrored(_WIDE_EYE if "base" in there else _SCENE_EYE, mirror)
+    wide = "base" in there
+    eye = _mirrored(_WIDE_EYE if wide else _SCENE_EYE, mirror)
     scene = view_3d("Scene", motion.VIEW, everything, eye)
     title = f"From above: door at the top, hinge {hinge}"
-    above = _mirrored(_PLAN_EYE, mirror)
-    plan = view_3d(title, motion.VIEW, [f"{motion.ROOT}/**"], above)
+    above = _mirrored(_WIDE_PLAN_EYE if wide else _PLAN_EYE, mirror)
+    # From above its number would lie on that of what happens from outside.
+    hidden = [f"- {motion.STIFFNESS}"] if causes else []
+    plan = view_3d(title, motion.VIEW, [f"{motion.ROOT}/**", *hidden], above)
     about: rrb.Container | rrb.View
-    about = rrb.TextDocumentView(origin=TEXT, name="About this run")
+    about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
     if causes:
         about = rrb.Vertical(_happenings(), about, row_shares=[2, 3])
-    lane = rrb.StateTimelineView(origin=stages.ENTITY, name="Stage")
-    lanes = 2.0 if "latch" in there else 1.2
+    lanes = rrb.StateTimelineView(origin=stages.ENTITY, name="Stage and stiffness")
     left = rrb.Vertical(
-        scene, lane, rrb.Horizontal(plan, about), row_shares=[5, lanes, 4]
+        scene,
+        lanes,
+        rrb.Horizontal(plan, about),
+        row_shares=[5, 2.4 if "latch" in there else 1.9, 4],
     )
-    extra = [_series(name, mechanism.PANELS[name].title) for name in there]
-    middle = rrb.Vertical(*_policy_views(), *_outside_views(causes), *extra)
-    right = rrb.Vertical(*_reason_views())
-    views = rrb.Horizontal(left, middle, right, column_shares=[5.4, 3, 3])
+    tabs = [
+        rrb.Vertical(
+            *_reason_views(), *_outside_views(causes), name="Why stiff, why soft"
+        ),
+        rrb.Vertical(*_policy_views(), name="Motion and policy"),
+        rrb.Vertical(*_rate_views(), name="Unsmoothed, rates"),
+    ]
+    if there:
+        mechanics = [
+            _series(name, mechanism.PANELS[name].title, legend=_BASE_LEGEND.get(name))
+            for name in there
+        ]
+        tabs.append(rrb.Vertical(*mechanics, name="Handle, latch, closer, base"))
+    views = rrb.Horizontal(left, rrb.Tabs(*tabs, active_tab=0), column_shares=[6, 5])
     return only(views, "following" if live else "playing")
 
 
@@ -179,10 +198,33 @@ def _series(
     )
 
 
-def _policy_views() -> list[rrb.TimeSeriesView]:
-    title = "Door angle [deg], lines at 15, 30, 60"
+def _reason_views() -> list[rrb.TimeSeriesView]:
+    """What a reader needs to see why the robot was stiff here and soft there."""
+    # From zero up, so that "half as stiff" looks half as high.
     return [
-        _series("angle", title, limits=(-3.0, 75.0)),
+        _series("angle", "Door angle [deg], lines at 15, 30, 60", limits=(-3.0, 75.0)),
+        _series(
+            "uncertainty",
+            "1. Uncertainty σ of the policy [mm]",
+            from_zero=True,
+            legend="LeftTop",
+        ),
+        _series(
+            "stiffness",
+            "2. Stiffness k [N/m]: falls where σ grows",
+            from_zero=True,
+            legend="LeftBottom",
+        ),
+        _series(
+            "force",
+            "3. Force [N]: green opens, red against hinge, violet compensated",
+            from_zero=True,
+        ),
+    ]
+
+
+def _policy_views() -> list[rrb.TimeSeriesView]:
+    return [
         # The hand is pulled from zero up: this corner stays empty.
         _series("x", "x, along the pull [m], ±1.96 σ", legend="LeftTop"),
         _series("z", "z, across it [m], ±1.96 σ"),
@@ -190,18 +232,14 @@ def _policy_views() -> list[rrb.TimeSeriesView]:
     ]
 
 
-def _reason_views() -> list[rrb.TimeSeriesView]:
-    # In panels this low a legend would lie on the curves: the titles are the legends.
-    # From zero up, so that "half as stiff" looks half as high.
-    uncertainty = "σ [mm]: x orange, z blue, held off white"
-    stiffness = "Stiffness k [N/m]: soft where σ is large"
+def _rate_views() -> list[rrb.TimeSeriesView]:
+    """What the control loop used in every period: σ falls at every via-point."""
     return [
-        _series("uncertainty", uncertainty, from_zero=True),
-        _series("stiffness", stiffness, from_zero=True),
+        _series("uncertainty_raw", "σ [mm]", from_zero=True, legend="LeftTop"),
         _series("uncertainty_rate", "dσ/dt [mm/s]: falling σ stiffens"),
+        _series("stiffness_raw", "Stiffness k [N/m]", from_zero=True),
         _series("stability", "dk/dt [% of its stability bound]", limits=_SHARE),
         _series("misfit", "Misfit of the phase: 1 as expected, 3 lost", from_zero=True),
-        _series("force", "Force [N]: green opens, red fights, violet carried"),
     ]
 
 

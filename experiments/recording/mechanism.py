@@ -44,7 +44,7 @@ class Panel(NamedTuple):
     """A panel of time series, shown where a door or a base has what it shows.
 
     Attributes:
-        title: Of the panel; it is the legend, too.
+        title: Of the panel.
         joint: That a model has if there is something to show; "" for the closer.
     """
 
@@ -54,10 +54,10 @@ class Panel(NamedTuple):
 
 PANELS: Final[Mapping[str, Panel]] = MappingProxyType(
     {
-        "handle": Panel("Handle [deg], yellow", "handle"),
+        "handle": Panel("Handle [deg]", "handle"),
         "latch": Panel("Bolt, held back by [mm]", "bolt"),
         "closer": Panel("Closing torque [N m]: closer, seal, stiction", ""),
-        "base": Panel("Base [m, rad]: x orange, y blue, turn violet", BASE_JOINTS[0]),
+        "base": Panel("Base [m, rad]", BASE_JOINTS[0]),
     }
 )
 """By the entity below `gplfd.experiments.recording.panels.ROOT`."""
@@ -106,7 +106,11 @@ def curves(
         return {line: 1e3 * _positions(log, model, "bolt")}
     if name == "closer":
         return {panels.Line("closing torque", colours.FORCE): log.closer_torque}
-    looks = {"ahead": colours.AXIS_X, "left": colours.AXIS_Z, "turned": colours.ADAPTED}
+    looks = {
+        "x, ahead [m]": colours.AXIS_X,
+        "y, to the left [m]": colours.AXIS_Z,
+        "turn [rad]": colours.ADAPTED,
+    }
     return {
         panels.Line(title, colour): _positions(log, model, joint)
         for (title, colour), joint in zip(looks.items(), BASE_JOINTS, strict=True)

@@ -1,7 +1,7 @@
 """Demonstrations, policy, via-points and force in the door's frame."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import mujoco
@@ -15,6 +15,7 @@ from gplfd.experiments.arrays import FloatArray
 from gplfd.experiments.recording import colours
 from gplfd.experiments.recording.kinematics import task_frame
 from gplfd.experiments.recording.part import Part
+from gplfd.experiments.recording.stiffness import colour_of, shown_stiffness
 from gplfd.experiments.recording.stream import moving, seconds, static
 from gplfd.experiments.recording.tube import tube_triangles, tube_vertices
 from gplfd.policies.demonstrations import Demonstration
@@ -33,12 +34,20 @@ VIEW: Final = f"{ROOT}/view"
 _VIEW_AXES_D: Final = [[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
 """Its axes x (away from the robot), y and z as columns, in the task frame."""
 
+STIFFNESS: Final = f"{ROOT}/hand/stiffness"
+"""Entity of the ball that says how stiff the hand is."""
+
 METRES_PER_NEWTON: Final = 0.01
 """Length of the force arrow: 10 N are 10 cm."""
 
 _TRUE_ARC_DEG: Final = 75.0
 _LINE: Final = 0.003
+_TRAIL: Final = 0.009
+"""Half the width of the trail [m]; thicker than what lies on it."""
 _DOT: Final = 0.006
+_BALL: Final = 0.03
+_ABOVE_HAND: Final = (0.0, 0.16, 0.0)
+"""Where the ball of the stiffness is from the hand, task frame [m]."""
 _OPACITY_BEFORE: Final = 48
 _OPACITY_ADAPTED: Final = 90
 _KNOT_SPACING: Final = 0.01
@@ -83,8 +92,15 @@ def policy_motion(part: Part) -> list[Chunk]:
     tubes = rr.Mesh3D.columns(
         vertex_positions=vertices.reshape(-1, 3), vertex_normals=normals.reshape(-1, 3)
     )
+    # Without a stiffness the tube has the policy's colour.
+    rows = np.searchsorted(log.times, log.forecast_times[first:]).clip(
+        max=log.times.size - 1
+    )
+    tints = colour_of(shown_stiffness(log)[rows], colours.ADAPTED)
+    opacity = np.full((len(tints), 1), _OPACITY_ADAPTED, np.uint8)
     forecasts = [
         *tubes.partition(np.full(len(vertices), vertices.shape[1])),
+        *rr.Mesh3D.columns(albedo_factor=np.hstack([tints, opacity])),
         *rr.LineStrips3D.columns(strips=means),
     ]
     index = seconds(log.forecast_times[first:])
@@ -97,7 +113,7 @@ def policy_motion(part: Part) -> list[Chunk]:
         rr.Mesh3D.from_fields(vertex_positions=vertices[0], vertex_normals=normals[0]),
         rr.LineStrips3D(means[:1], colors=colours.BEFORE, radii=_LINE),
     )
-    tube = _tube_style(colours.ADAPTED, _OPACITY_ADAPTED)
+    tube = rr.Mesh3D.from_fields(triangle_indices=tube_triangles())
     look = static(f"{ROOT}/policy_now", tube, _line_style(colours.ADAPTED))
     return [before, look, now]
 
@@ -121,17 +137,57 @@ def hand_motion(part: Part) -> list[Chunk]:
     ]
 
 
+def hand_stiffness(part: Part) -> Iterator[Chunk]:
+    """The colour of the hand's trail, and a ball above the hand with the number."""
+    log, shown = part.log, shown_stiffness(part.log)
+    knots, counts = _stretches(part)
+    if counts.size:
+        tints = colour_of(shown[knots[1:]], colours.HAND)
+        columns = rr.LineStrips3D.columns(
+            colors=np.concatenate([tints[:count] for count in counts])
+        )
+        index = seconds(log.times[knots[counts]])
+        yield moving(f"{ROOT}/hand/trail", index, columns.partition(counts))
+    if not part.shows(shown):
+        return
+    rows = part.frames()
+    there = np.isfinite(shown[rows])
+    values = shown[rows[there]]
+    columns = rr.Points3D.columns(
+        positions=log.ee_pose[rows[there], :3] + _ABOVE_HAND,
+        colors=colour_of(values, colours.HAND),
+        labels=[f"{value:.0f} N/m" for value in values],
+    )
+    if part.begins(shown):
+        yield static(STIFFNESS, rr.Points3D.from_fields(radii=_BALL, show_labels=True))
+    index = seconds(log.times[rows])
+    yield moving(STIFFNESS, index, columns.partition(there.astype(int)))
+
+
 def _trail(part: Part) -> list[Chunk]:
-    """The path so far, one strip per point that is added to it."""
-    positions = part.log.ee_pose[:, :3]
-    knots = _spaced(positions, np.arange(part.log.times.size), _KNOT_SPACING)
-    ends = knots[(knots >= part.first_row) & (knots > 0)]
-    if ends.size == 0:
+    """The path so far, a strip per stretch of about `_KNOT_SPACING`."""
+    positions = part.log.ee_pose[:, :3].astype(np.float32)
+    knots, counts = _stretches(part)
+    if counts.size == 0:
         return []
-    # All strips have as many points; those that are still to come lie on the last.
-    strips = positions[np.minimum(knots, ends[:, None])].astype(np.float32)
-    columns = rr.LineStrips3D.columns(strips=strips)
-    return [moving(f"{ROOT}/hand/trail", seconds(part.log.times[ends]), columns)]
+    strips = np.stack([positions[knots[:-1]], positions[knots[1:]]], axis=1)
+    columns = rr.LineStrips3D.columns(
+        strips=np.concatenate([strips[:count] for count in counts])
+    )
+    index = seconds(part.log.times[knots[counts]])
+    return [moving(f"{ROOT}/hand/trail", index, columns.partition(counts))]
+
+
+def _stretches(part: Part) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the ends of the trail's stretches, and how many there are at each time.
+
+    Returns:
+        Rows of the log between which they lie, and for every stretch that this part
+        adds the number of stretches so far.
+    """
+    log = part.log
+    knots = _spaced(log.ee_pose[:, :3], np.arange(log.times.size), _KNOT_SPACING)
+    return knots, np.flatnonzero((knots >= part.first_row) & (knots > 0))
 
 
 def _via_points(part: Part) -> list[Chunk]:
@@ -181,7 +237,7 @@ def _arc_and_styles(
         static(f"{PLAN}", at_hinge),
         static(f"{PLAN}/closed", closed),
         static(f"{PLAN}/leaf", opened),
-        static(f"{ROOT}/hand/trail", _line_style(colours.HAND)),
+        static(f"{ROOT}/hand/trail", rr.LineStrips3D.from_fields(radii=_TRAIL)),
         static(f"{ROOT}/hand/via_points", dots),
         static(f"{ROOT}/hand/force", arrow),
     )

@@ -27,8 +27,8 @@ PANEL: Final = "outside"
 LIMITS: Final = (140.0, 280.0)
 """Force on a hand that ISO/TS 15066 allows, and for an instant [N]."""
 
-_ABOVE: Final = (0.0, 0.15, 0.0)
-"""Where the ball is from the hand, task frame [m]."""
+_ABOVE: Final = (0.0, 0.30, 0.0)
+"""Where the ball is from the hand, task frame [m]: above that of the stiffness."""
 _BALL: Final = 0.008
 """Its radius at 1 N [m]; it grows with the force's square root."""
 

@@ -13,11 +13,15 @@ from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.recording import colours
 from gplfd.experiments.recording.colours import Colour
 from gplfd.experiments.recording.part import Part
+from gplfd.experiments.recording.stiffness import recent_mean
 from gplfd.experiments.recording.stream import moving, seconds, static
 from gplfd.experiments.recording.tube import QUANTILE
 
 ROOT: Final = "/plots"
 ANGLE_MARKS_DEG: Final = (15.0, 30.0, 60.0)
+FORCE_MARKS: Final = (-10.0, 10.0)
+"""Lines in the panel of forces [N]: its axis has ticks at ten newtons, and forces of a
+few newtons look as small as they are."""
 ZERO: Final = f"{ROOT}/zero"
 """Entity of a line at zero, which keeps zero in sight where a panel shows it too."""
 
@@ -34,9 +38,10 @@ class Line(NamedTuple):
     width: float = 2.0
 
 
-_X, _Z = Line("x", colours.AXIS_X), Line("z", colours.AXIS_Z)
-_HELD_OFF = Line("held off its path", colours.OUTSIDE, 1.0)
-_CARRIED = Line("weight that is carried", colours.ADAPTED, 1.0)
+_X = Line("x, along the pull", colours.AXIS_X)
+_Z = Line("z, across it", colours.AXIS_Z)
+_LAG = Line("lag of the hand", colours.OUTSIDE, 1.0)
+_CARRIED = Line("load compensated", colours.ADAPTED, 1.0)
 _BEFORE = Line("before", colours.BEFORE, 1.0)
 _NOW = Line("policy now", colours.ADAPTED, 1.0)
 
@@ -51,19 +56,21 @@ def panels(part: Part) -> list[Chunk]:
     curves = {
         "angle/door": {Line("door", colours.TRUTH, 2.5): np.degrees(log.door_angle)},
         "force/parts": {
-            Line("opens the door", colours.TRUTH, 1.5): log.force_tangential,
-            Line("fights the hinge", colours.FORCE, 1.5): log.force_radial,
+            Line("along the motion: opens", colours.TRUTH, 2.0): log.force_tangential,
+            Line("radial: against the hinge", colours.FORCE, 2.0): log.force_radial,
         },
         "misfit/phase": {Line("misfit", colours.HAND, 1.5): log.phase_misfit},
     }
     for panel, values in (
-        ("uncertainty", 1e3 * log.std),
+        ("uncertainty", recent_mean(1e3 * log.std, log.dt)),
+        ("stiffness", recent_mean(log.stiffness, log.dt)),
+        ("uncertainty_raw", 1e3 * log.std),
         ("uncertainty_rate", 1e3 * log.std_rate),
-        ("stiffness", log.stiffness),
+        ("stiffness_raw", log.stiffness),
         ("stability", 100.0 * share_of_bound(log)),
     ):
         curves[f"{panel}/axes"] = {_X: values[:, 0], _Z: values[:, 2]}
-    curves["uncertainty/axes"][_HELD_OFF] = 1e3 * log.give
+    curves["uncertainty/axes"][_LAG] = 1e3 * log.give
     curves["force/parts"][_CARRIED] = log.carried_load
     for name, output, scale in OUTPUTS:
         curves[f"{name}/motion"] = {
@@ -76,6 +83,7 @@ def panels(part: Part) -> list[Chunk]:
         *itertools.chain.from_iterable(drawn),
         *_beliefs(part, index),
         *levels(part, f"{ROOT}/angle/marks", ANGLE_MARKS_DEG, colours.MARK),
+        *levels(part, f"{ROOT}/force/marks", FORCE_MARKS, colours.MARK),
         *levels(part, f"{ROOT}/stability/bound", (100.0,), colours.LIMIT),
         *levels(part, ZERO, (0.0,), colours.MARK),
     ]

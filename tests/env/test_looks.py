@@ -7,9 +7,11 @@ import pytest
 from gplfd_env.config import DOORS, DoorConfig, door_config
 from gplfd_env.looks import CLOSER_ARM, CLOSER_PARTS, GROUP
 from gplfd_env.scene import build_scene, build_spec, load_scene
+from gplfd_env.task import Base
 
 LEVER = DOORS["room-834"]
 CLOSED_BY = DOORS["heavy-fire"]
+WALLS = {"wall_hinge", "wall_lock"}
 
 
 def looks(model: mujoco.MjModel) -> set[str]:
@@ -17,12 +19,20 @@ def looks(model: mujoco.MjModel) -> set[str]:
     return {name for name in names if model.geom(name).group[0] == GROUP}
 
 
+@pytest.mark.parametrize("base", ["fixed", "mobile"])
 @pytest.mark.parametrize("door", ["medium", "room-834", "heavy-fire", "wardrobe"])
-def test_a_scene_without_its_looks_weighs_and_touches_the_same(door: str) -> None:
-    """Compiled again without them, every body has the same mass, bit for bit."""
-    spec = build_spec(door_config(door), base="mobile")
+def test_a_scene_without_its_looks_weighs_and_touches_the_same(
+    door: str, base: Base
+) -> None:
+    """Compiled again without them, every body has the same mass, bit for bit.
+
+    Before a base that drives the walls are solid; before one that stands still they
+    are only to be seen.
+    """
+    spec = build_spec(door_config(door), base=base)
     dressed = spec.compile()
-    for geom in [one for one in spec.geoms if one.group == GROUP]:
+    seen = looks(dressed) | (WALLS if base == "fixed" else set())
+    for geom in [one for one in spec.geoms if one.name in seen]:
         spec.delete(geom)
     for tendon in [one for one in spec.tendons if one.name == CLOSER_ARM]:
         spec.delete(tendon)
@@ -30,9 +40,26 @@ def test_a_scene_without_its_looks_weighs_and_touches_the_same(door: str) -> Non
     for field in ("body_mass", "body_inertia", "body_ipos", "body_iquat", "dof_M0"):
         np.testing.assert_array_equal(getattr(dressed, field), getattr(bare, field))
     assert (dressed.nq, dressed.nv, dressed.nu) == (bare.nq, bare.nv, bare.nu)
-    for name in looks(dressed):
+    for name in seen:
         assert dressed.geom(name).contype == dressed.geom(name).conaffinity == 0
-    assert dressed.ngeom - bare.ngeom == len(looks(dressed))
+    assert dressed.ngeom - bare.ngeom == len(seen)
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_every_door_stands_in_a_wall(door: str) -> None:
+    for base in ("fixed", "mobile"):
+        model = build_scene(DOORS[door], base=base)
+        for wall in WALLS:
+            assert model.geom(wall).rgba[3] == 1.0
+            assert model.geom(wall).size[2] > 0.5
+
+
+def test_no_wall_hides_the_arm_of_a_robot_that_stands_still_and_pushes() -> None:
+    """It reaches through beside the lock; the scene is loaded in place."""
+    model = build_scene(DOORS["medium"])
+    load_scene(model, mujoco.MjData(model), DoorConfig(swing="push"))
+    assert model.geom("wall_lock").size[2] < 0.01
+    assert model.geom("wall_hinge").size[2] > 0.5
 
 
 def test_a_door_with_a_bar_has_no_looks_of_its_own() -> None:

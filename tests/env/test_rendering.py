@@ -1,6 +1,7 @@
 """Pictures: colour and depth without a screen, a window on a virtual display."""
 
 import contextlib
+import itertools
 import os
 import socket
 import struct
@@ -12,11 +13,15 @@ from collections.abc import Callable, Iterator
 from operator import attrgetter
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from mujoco import mjtRndFlag as RenderFlag
 from mujoco.batch import MODEL_FIELDS
+from scipy.ndimage import median_filter
 
+from gplfd_env.config import DOORS
+from gplfd_env.door_opening import DoorOpeningEnv
 from gplfd_env.task import handle_pose_on_arc
 
 
@@ -72,6 +77,128 @@ def test_picture_changes_with_the_door_and_is_reproducible(make_env: Callable) -
     assert np.array_equal(picture(env), closed)
 
 
+ROBOT_GROUP = 1
+"""Of the robot's geoms that are there to be seen."""
+
+
+def seen_at(model: mujoco.MjModel, camera: str, points: np.ndarray) -> np.ndarray:
+    """Return where points of the world (N, 3) are in a 4:3 picture, (N, 2) in ±1."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_camlight(model, data)
+    axes = data.camera(camera).xmat.reshape(3, 3)
+    right, up, backward = ((points - data.camera(camera).xpos) @ axes).T
+    tangent = np.tan(np.radians(model.camera(camera).fovy[0]) / 2.0)
+    depth = -backward * tangent
+    return np.stack([right / (4.0 / 3.0 * depth), up / depth], axis=1)
+
+
+def robot_and_leaf(env: DoorOpeningEnv) -> np.ndarray:
+    """Return corners of leaf and frame, and the robot's outermost points, (N, 3)."""
+    corners = np.array(list(itertools.product((-1, 1), repeat=3)))
+    faces = np.concatenate([np.eye(3), -np.eye(3)])
+    points = []
+    for index in np.flatnonzero(env.model.geom_rgba[:, 3] > 0.0):
+        geom = env.data.geom(index)
+        on_door = geom.name in ("leaf", "lintel")
+        if on_door or env.model.geom_group[index] == ROBOT_GROUP:
+            centre, half = env.model.geom_aabb[index].reshape(2, 3)
+            place = centre + half * (corners if on_door else faces)
+            points.append(geom.xpos + place @ geom.xmat.reshape(3, 3).T)
+    return np.concatenate(points)
+
+
+@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("base", ["fixed", "mobile"])
+@pytest.mark.parametrize("camera", ["overview", "top"])
+def test_robot_and_leaf_fill_the_picture_from_the_closed_to_the_open_door(
+    door: str, base: str, camera: str, make_env: Callable
+) -> None:
+    """The leaf is turned by hand; where the base drives is the next test's."""
+    env = make_env(door, base=base)
+    env.reset(seed=0)
+    shown = []
+    for degrees in (0.0, 35.0, 67.0):
+        env.data.joint("hinge").qpos = np.radians(degrees)
+        mujoco.mj_kinematics(env.model, env.data)
+        shown.append(seen_at(env.model, camera, robot_and_leaf(env)))
+        assert np.abs(shown[-1]).max() < 1.0, degrees
+    if base == "fixed":
+        extent = np.ptp(np.concatenate(shown), axis=0) / 2.0
+        assert extent.max() > 0.85, "little of the picture is wasted"
+
+
+@pytest.mark.parametrize("swing", ["pull", "push"])
+@pytest.mark.parametrize("hinge_side", ["right", "left"])
+def test_a_base_that_drives_stays_in_the_picture(
+    swing: str, hinge_side: str, make_env: Callable
+) -> None:
+    door = {"radius": 0.6, "swing": swing, "hinge_side": hinge_side}
+    env = make_env(door, base="mobile")
+    env.reset(seed=0)
+    mirror = np.array([1.0, 1.0, env.door.side, 1.0, env.door.side, 1.0])
+    mirror[[0, 4]] *= env.door.way
+    for step in range(500):
+        angle = np.radians(67.0) * min(1.0, step / 450)
+        *_, info = env.step(mirror * handle_pose_on_arc(0.6, angle))
+        if step % 50 == 0:
+            for camera in ("overview", "top"):
+                places = seen_at(env.model, camera, robot_and_leaf(env))
+                assert np.abs(places).max() < 1.0, (camera, step)
+    assert np.degrees(info["door_angle"]) > 60.0
+
+
+@pytest.mark.needs("opengl")
+@pytest.mark.parametrize("handle", ["bar", "lever", "knob"])
+@pytest.mark.parametrize("base", ["fixed", "mobile"])
+def test_the_hand_does_not_hide_the_handle(
+    handle: str, base: str, make_env: Callable
+) -> None:
+    env = make_env({"handle": handle}, base=base)
+    env.reset(seed=0)
+    bar = env.model.geom("handle_bar").id
+    with mujoco.Renderer(env.model, 480, 640) as renderer:
+        renderer.enable_segmentation_rendering()
+        renderer.update_scene(env.data, "overview")
+        assert np.sum(renderer.render()[..., 0] == bar) > 15
+
+
+@pytest.mark.needs("opengl")
+@pytest.mark.parametrize("door", ["medium", "room-834"])
+@pytest.mark.parametrize("effects", [False, True])
+def test_nothing_seen_from_above_is_overexposed(
+    door: str, effects: bool, make_env: Callable
+) -> None:
+    env = make_env(
+        door,
+        base="mobile",
+        render_mode="rgb_array",
+        camera_name="top",
+        effects=effects,
+    )
+    env.reset(seed=0)
+    assert np.mean(picture(env).min(axis=2) >= 254) < 0.001
+
+
+@pytest.mark.needs("opengl")
+def test_shadows_have_no_speckles(make_env: Callable) -> None:
+    """Single dark pixels, as a surface has that shadows itself."""
+    dark = []
+    for effects in (False, True):
+        env = make_env(
+            "room-834",
+            base="mobile",
+            render_mode="rgb_array",
+            width=320,
+            height=240,
+            effects=effects,
+        )
+        env.reset(seed=0)
+        grey = picture(env).mean(axis=2)
+        dark.append(np.sum(median_filter(grey, 3) - grey > 12))
+    assert dark[1] - dark[0] < 300
+
+
 @pytest.mark.needs("opengl")
 def test_pictures_follow_a_change_of_door(make_env: Callable) -> None:
     env = make_env("small", render_mode="rgb_array", width=160, height=120)
@@ -93,9 +220,10 @@ def test_depth_picture_is_in_metres(make_env: Callable) -> None:
     depth = picture(env)
     assert depth.shape == (120, 160)
     assert depth.dtype == np.float32
-    # The camera hangs 3.6 m above the floor and sees the lintel's top at 2.05 m.
-    assert depth.max() == pytest.approx(3.6, abs=0.02)
-    assert depth.min() == pytest.approx(3.6 - 2.05, abs=0.02)
+    # The camera sees the floor and the lintel's top at 2.05 m.
+    height = env.model.camera("top").pos[2]
+    assert depth.max() == pytest.approx(height, abs=0.02)
+    assert depth.min() == pytest.approx(height - 2.05, abs=0.02)
 
 
 @pytest.mark.needs("opengl")

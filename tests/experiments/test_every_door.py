@@ -158,7 +158,7 @@ def test_a_study_of_doors_of_several_kinds_can_be_read_and_recorded(
     assert gplfd("benchmark", *given, "--seeds", "1", "--no-skill", *where) == 0
     study = read_results(tmp_path / "study")
     assert not study.unreadable
-    assert [one.task.door for one in study.episodes if not one.success] == []
+    assert [one.task.door for one in study.episodes if not one.solved] == []
     assert {one.task.door for one in study.episodes} == {*KINDS.values(), "pushed"}
     table = capsys.readouterr().out
     for door in KINDS.values():

@@ -14,12 +14,13 @@ from rerun.chunk import Chunk, RrdReader
 from scipy.spatial.transform import Rotation
 
 from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.recording import record_episode
+from gplfd.experiments.recording import colours, record_episode
 from gplfd.experiments.recording.geoms import visual_geoms
 from gplfd.experiments.recording.layout import _policy_views, layout
 from gplfd.experiments.recording.motion import VIEW
 from gplfd.experiments.recording.panels import share_of_bound
 from gplfd.experiments.recording.stages import stages
+from gplfd.experiments.recording.stiffness import LEVELS, SCALE, recent_mean
 from gplfd.experiments.recording.tube import (
     N_RINGS,
     N_SIDES,
@@ -280,11 +281,13 @@ def test_trail_grows_with_the_hand(
     log = make_log()
     times, strips = record(log).column("/world/task/hand/trail", "LineStrips3D:strips")
     assert len(times) < 80
-    for time, (strip,) in zip(times, strips, strict=True):
+    for time, stretches in zip(times, strips, strict=True):
         row = round(time / log.dt)
-        np.testing.assert_allclose(strip[-1], log.ee_pose[row, :3], atol=1e-6)
+        np.testing.assert_allclose(stretches[-1][-1], log.ee_pose[row, :3], atol=1e-6)
     steps = np.linalg.norm(np.diff(log.ee_pose[:, :3], axis=0), axis=1)
-    length = np.linalg.norm(np.diff(strips[-1][0], axis=0), axis=1).sum()
+    start, end = np.array(strips[-1]).swapaxes(0, 1)
+    np.testing.assert_array_equal(start[1:], end[:-1])
+    length = np.linalg.norm(end - start, axis=1).sum()
     assert length == pytest.approx(steps.sum(), abs=0.015)
 
 
@@ -343,7 +346,7 @@ def test_bands_are_called_what_they_are(
 ) -> None:
     """A normal quantile per axis, which is no 95 % band of few demonstrations."""
     titles = [str(view.name) for view in _policy_views()]
-    assert [title for title in titles if "±1.96 σ" in title] == titles[1:]
+    assert [title for title in titles if "±1.96 σ" in title] == titles
     assert not any("95" in title for title in titles)
     _, page = record(make_log()).column("/about", "TextDocument:text")
     assert "±1.96 σ per axis (normal quantile" in page[0][0]
@@ -364,7 +367,7 @@ def test_file_carries_the_layout_as_rerun_would_write_it(
     layout(()).save("gplfd", tmp_path / "plain.rbl")
     assert written == columns_of_blueprint(blueprint_of(tmp_path / "plain.rbl"))
     views = {path for path, name in written if name == "ViewBlueprint:space_origin"}
-    assert len(views) == 14  # ten of series, two 3-D, lane and page
+    assert len(views) == 16  # twelve of series, two 3-D, lanes and page
 
 
 def columns_of_blueprint(chunks: Iterable[Chunk]) -> dict[tuple[str, str], Any]:
@@ -392,18 +395,92 @@ def test_recordings_leave_no_threads_behind(
 def test_no_legend_lies_on_a_curve(
     record: Callable[[EpisodeLog], Recording], make_log: MakeLog, tmp_path: Path
 ) -> None:
-    """The only one is where the pull, which starts at zero, never comes."""
+    """σ and the pull start at zero, stiffness at its most."""
     record(make_log())
     written = columns_of_blueprint(blueprint_of(tmp_path / "episode.rrd"))
-    corners = {
-        path.rpartition("/")[0]: written[path, "PlotLegend:corner"]
-        for path, name in written
-        if name == "PlotLegend:visible" and written[path, name] == [[True]]
+    corners = {}
+    for path, name in written:
+        if name == "PlotLegend:visible" and written[path, name] == [[True]]:
+            view = path.rpartition("/")[0]
+            ((origin,),) = written[view, "ViewBlueprint:space_origin"]
+            ((corners[origin],),) = written[path, "PlotLegend:corner"]
+    left_top, left_bottom = 1, 3
+    assert corners == {
+        "/plots/x": left_top,
+        "/plots/uncertainty": left_top,
+        "/plots/uncertainty_raw": left_top,
+        "/plots/stiffness": left_bottom,
     }
-    (view,) = corners
-    assert written[view, "ViewBlueprint:space_origin"] == [["/plots/x"]]
-    left_top = 1
-    assert corners[view] == [[left_top]]
+
+
+def test_colours_say_how_stiff_the_hand_is(
+    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
+) -> None:
+    """Half of the episode soft, half stiff; trail, tube, ball and lane agree."""
+    stiffness = np.full((601, 6), 100.0)
+    stiffness[300:] = 500.0
+    log = make_log(stiffness=stiffness)
+    recording = record(log)
+    soft, stiff = (packed(SCALE[level]) for level in (100.0, 500.0))
+    times, tints = recording.column("/world/task/hand/trail", "LineStrips3D:colors")
+    assert set(tints[np.flatnonzero(times < 3.0)[-1]]) == {soft}
+    assert (tints[-1][0], tints[-1][-1]) == (soft, stiff)
+    times, labels = recording.column("/world/task/hand/stiffness", "Points3D:labels")
+    assert (labels[0], labels[-1]) == (["100 N/m"], ["500 N/m"])
+    _, tints = recording.column("/world/task/hand/stiffness", "Points3D:colors")
+    assert (tints[0], tints[-1]) == ([soft], [stiff])
+    times, tubes = recording.column("/world/task/policy_now", "Mesh3D:albedo_factor")
+    opaque = [(tint[0] | 0xFF) for tint in tubes]
+    assert opaque == [soft if time < 3.0 else stiff for time in times]
+    times, states = recording.column("/stage/stiffness", "StateChange:state")
+    assert [one[0] for one in states] == list(LEVELS)
+    assert times[1] == pytest.approx(3.0, abs=0.25)
+    _, page = recording.column("/about", "TextDocument:text")
+    for words in ("**yellow**, 500 N/m", "**violet**, 100 N/m"):
+        assert words in page[0][0]
+
+
+def test_who_has_no_stiffness_has_the_colours_of_hand_and_policy(
+    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
+) -> None:
+    recording = record(make_log(stiffness=np.full((601, 6), np.nan)))
+    _, tints = recording.column("/world/task/hand/trail", "LineStrips3D:colors")
+    assert set(tints[-1]) == {packed(colours.HAND)}
+    _, tubes = recording.column("/world/task/policy_now", "Mesh3D:albedo_factor")
+    assert {tint[0] | 0xFF for tint in tubes} == {packed(colours.ADAPTED)}
+    assert {"/stage/stiffness", "/world/task/hand/stiffness"}.isdisjoint(
+        recording.entities
+    )
+
+
+def packed(colour: tuple[int, int, int]) -> int:
+    red, green, blue = colour
+    return (red << 24) + (green << 16) + (blue << 8) + 255
+
+
+def test_what_is_shown_first_has_no_sawtooth(
+    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
+) -> None:
+    """As σ has, which grows and falls at every via-point; what was is kept."""
+    ramp = 1e-3 * (np.arange(601) % 10)[:, None] * np.ones(6)
+    recording = record(make_log(std=ramp))
+    _, raw = recording.column("/plots/uncertainty_raw/axes", "Scalars:scalars")
+    np.testing.assert_allclose(np.array(raw)[:, 0], 1e3 * ramp[:, 0])
+    _, shown = recording.column("/plots/uncertainty/axes", "Scalars:scalars")
+    assert np.ptp(np.array(raw)[100:, 0]) == pytest.approx(9.0)
+    assert np.ptp(np.array(shown)[100:, 0]) < 2.0
+    assert np.mean(np.array(shown)[100:, 0]) == pytest.approx(4.5, abs=0.1)
+
+
+def test_a_recent_mean_knows_no_future_and_no_missing_rows() -> None:
+    values = np.random.default_rng(0).normal(size=(100, 2))
+    values[:10] = np.nan
+    values[40, 1] = np.nan
+    whole = recent_mean(values, 0.01)
+    np.testing.assert_array_equal(recent_mean(values[:60], 0.01), whole[:60])
+    np.testing.assert_array_equal(np.isnan(whole), np.isnan(values))
+    np.testing.assert_allclose(whole[50], np.nanmean(values[26:51], axis=0))
+    np.testing.assert_allclose(whole[12], values[10:13].mean(axis=0))
 
 
 def test_views_look_from_a_frame_with_z_up(
@@ -424,4 +501,4 @@ def test_recordings_are_made_of_few_chunks(
     record: Callable[[EpisodeLog], Recording], make_log: MakeLog
 ) -> None:
     """Time is spent per chunk, 0.1 ms each to make and to write."""
-    assert len(record(make_log()).chunks) <= 60
+    assert len(record(make_log()).chunks) <= 70

@@ -68,7 +68,7 @@ def test_a_ball_stands_above_the_hand_while_something_acts(make_log: MakeLog) ->
     first = acts.index(True)
     assert labels[first] == [f"person {log.person_force[rows[first]]:.0f} N"]
     place = found[ball, "Points3D:positions"][first][0]
-    above = log.ee_pose[rows[first], :3] + [0.0, 0.15, 0.0]
+    above = log.ee_pose[rows[first], :3] + [0.0, 0.30, 0.0]
     np.testing.assert_allclose(place, above, atol=1e-6)
     # A quarter of the force is half the radius.
     radii = np.concatenate(found[ball, "Points3D:radii"])
@@ -118,4 +118,4 @@ def test_the_layout_has_room_only_for_what_happens(make_log: MakeLog) -> None:
 
     plain, disturbed = titles(make_log()), titles(make_log(person_force=held(33.0)))
     assert set(disturbed) - set(plain) == {"From outside: person [N]", "From outside"}
-    assert len(plain) == 14
+    assert len(plain) == 16

@@ -47,6 +47,25 @@ def test_a_moving_picture_lasts_at_its_end(tmp_path: Path) -> None:
     assert lasting == [100, 100, 100, 100, 100, 1000]
 
 
+def test_the_moving_picture_has_shades_enough_for_its_surfaces() -> None:
+    """Few colours make blotches of a leaf on which the light changes."""
+    file = ROOT / "docs" / "images" / "opening.gif"
+    assert file.stat().st_size < 500_000
+    with Image.open(file) as film:
+        assert film.width * 3 == film.height * 4
+        film.seek(film.n_frames - 1)
+        picture = np.asarray(film.convert("RGB")).reshape(-1, 3)
+    assert len(np.unique(picture, axis=0)) > 150
+
+
+@pytest.mark.needs("opengl")
+def test_a_scene_is_pictured_at_its_angle() -> None:
+    scene = gallery.Scene("cabinet", "cabinet", "fixed", 10.0)
+    picture = gallery.pictured(scene, 80)
+    assert picture.shape == (60, 80, 3)
+    assert picture.std() > 10
+
+
 @pytest.mark.parametrize("trial", TRIALS)
 def test_the_gallery_shows_every_trial(trial: str) -> None:
     task = films.task_of(trial)

@@ -1,0 +1,156 @@
+"""`gplfd run --video`: an MP4 file per door, or an error before anything is written."""
+
+import importlib.util
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+from gplfd.experiments.commands.run import _draw_without_screen
+from gplfd.experiments.recording import video
+from gplfd_env.camera import Camera
+
+Gplfd = Callable[..., int]
+ORACLE = ("run", "--policy", "oracle")
+
+
+@pytest.fixture(autouse=True)
+def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(video, "SIZE", (64, 48))
+
+
+def pictures(file: Path) -> np.ndarray:
+    """Return the pictures of a video (N, 48, 64, 3), 25 per second."""
+    raw = ("-r", "25", "-f", "rawvideo", "-pix_fmt", "rgb24", "-")
+    decoded = subprocess.run(
+        [imageio_ffmpeg.get_ffmpeg_exe(), "-i", str(file), *raw],
+        capture_output=True,
+        check=True,
+    )
+    return np.frombuffer(decoded.stdout, np.uint8).reshape(-1, 48, 64, 3).astype(int)
+
+
+@pytest.mark.needs("opengl")
+def test_a_video_per_door_shows_the_whole_episode(
+    gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    doors = ("--doors", "small", "0.42")
+    assert gplfd(*ORACLE, *doors, "--video", "new/op.mp4", "--out", "o") == 0
+    folder = tmp_path / "new"
+    # And no temporary file.
+    assert {one.name for one in folder.iterdir()} == {"op-small.mp4", "op-0.42.mp4"}
+    metrics = json.loads((tmp_path / "o" / "metrics.json").read_text())
+    for one in metrics:
+        seen = pictures(folder / f"op-{one['door']}.mp4")
+        # In real time, and its end for a second.
+        assert len(seen) / 25.0 == pytest.approx(one["duration"] + 1.0, abs=0.1)
+        moved = np.abs(seen - seen[0]).mean(axis=(1, 2, 3))
+        assert moved[1] < 0.5 < 2.0 < moved[-1]
+    assert "wrote new/op-small.mp4" in capsys.readouterr().err
+
+
+@pytest.mark.needs("opengl")
+def test_one_door_has_the_file_itself(gplfd: Gplfd, tmp_path: Path) -> None:
+    assert gplfd(*ORACLE, "--doors", "small", "--video", "op.mp4", "--quiet") == 0
+    assert (tmp_path / "op.mp4").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("file", "message"),
+    [
+        ("op.gif", "--video writes .mp4 files, got 'op.gif'"),
+        ("there.mp4", "--video there.mp4 is a folder"),
+    ],
+)
+def test_another_kind_of_file_is_refused(
+    gplfd: Gplfd,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    file: str,
+    message: str,
+) -> None:
+    (tmp_path / "there.mp4").mkdir()
+    assert gplfd(*ORACLE, "--doors", "small", "--video", file, "--out", "o") == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()
+
+
+def test_without_encoder_the_message_says_what_to_install(
+    gplfd: Gplfd,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    found = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util,
+        "find_spec",
+        lambda name: None if name == "imageio_ffmpeg" else found(name),
+    )
+    assert gplfd(*ORACLE, "--video", "op.mp4", "--out", "o") == 2
+    assert "pip install 'gplfd[video]'" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_opengl_nothing_is_written(
+    gplfd: Gplfd,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def picture(*_: Any) -> None:
+        raise RuntimeError("no picture without OpenGL")
+
+    monkeypatch.setattr(Camera, "picture", picture)
+    assert gplfd(*ORACLE, "--video", "op.mp4", "--out", "o") == 2
+    assert "--video: no picture without OpenGL" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.needs("opengl")
+def test_a_video_that_ffmpeg_did_not_finish_replaces_nothing(
+    gplfd: Gplfd,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """As when the disk is full: ffmpeg tells that on its standard error alone."""
+    (tmp_path / "op.mp4").write_text("the last one")
+    monkeypatch.setattr(imageio_ffmpeg, "count_frames_and_secs", lambda _: (3, 0.1))
+    assert gplfd(*ORACLE, "--doors", "small", "--video", "op.mp4", "--out", "o") == 2
+    assert "ffmpeg wrote 3 of" in capsys.readouterr().err
+    assert (tmp_path / "op.mp4").read_text() == "the last one"
+    assert {one.name for one in tmp_path.iterdir()} == {"op.mp4", "o"}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="EGL is of Linux")
+@pytest.mark.parametrize(
+    ("given", "library", "expected"),
+    [
+        ({}, "libEGL.so.1", "egl"),
+        ({}, None, None),
+        ({"DISPLAY": ":0"}, "libEGL.so.1", None),
+        ({"MUJOCO_GL": "osmesa"}, "libEGL.so.1", "osmesa"),
+    ],
+)
+def test_without_a_screen_egl_draws(
+    monkeypatch: pytest.MonkeyPatch,
+    given: dict[str, str],
+    library: str | None,
+    expected: str | None,
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr("ctypes.util.find_library", lambda name: library)
+    environment: dict[str, str] = {**given}
+    monkeypatch.setattr("os.environ", environment)
+    _draw_without_screen()
+    assert environment.get("MUJOCO_GL") == expected
