@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-from threadpoolctl import threadpool_limits
 
 from gplfd.experiments.arguments import check_circumstances, check_folder, check_least
 from gplfd.experiments.datasets.minari import RecordedEpisode, Recorder, write_dataset
@@ -18,6 +17,7 @@ from gplfd.experiments.progress import LOG, progress_bar
 from gplfd.experiments.teacher import Teacher
 from gplfd.policies.agent import Agent
 from gplfd.policies.method import TrainingInput
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.policy import Policy
 from gplfd.policies.registry import policy_named
 from gplfd_env import ENVIRONMENT_IDS
@@ -127,7 +127,7 @@ def _act(agent: Agent, env: Recorder, door: DoorConfig, seed: int) -> None:
     """Let the agent act from the reset to the end of the episode."""
     inner: Any = env.unwrapped
     # Small matrices: more threads only cost time, and change the order of sums.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread:
         options = {"door": door.as_dict()}
         observation, _ = env.reset(seed=seed, options=options)
         agent.inform(inner.door_geometry)

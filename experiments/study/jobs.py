@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import gymnasium as gym
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from gplfd.experiments.datasets.npz import hash_of
 from gplfd.experiments.episodes.agents import learned, where
@@ -34,6 +33,7 @@ from gplfd.policies.agent import Agent
 from gplfd.policies.demonstrations import Demonstration
 from gplfd.policies.lockstep import batch_agents
 from gplfd.policies.method import TrainingInput
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.policy import Policy
 from gplfd.policies.prior_mean import PosePath
 from gplfd_env import ENVIRONMENT_IDS
@@ -58,7 +58,7 @@ def run_job(
         files: Of policies that this machine may lack.
         recordings: All that `RecordedTask`s learn from.
     """
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread:
         try:
             policy = policy_of(job[0], files)
         except ValueError as error:
