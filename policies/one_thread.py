@@ -34,16 +34,21 @@ class _OneThread(contextlib.ContextDecorator):
         with self._lock:
             if not self._entered:
                 self._before = [each.get_num_threads() for each in _libraries()]
-                for each in _libraries():
-                    each.set_num_threads(1)
+                self._set([1] * len(self._before))
             self._entered += 1
 
     def __exit__(self, *_: object) -> None:
         with self._lock:
             self._entered -= 1
             if not self._entered:
-                for each, number in zip(_libraries(), self._before, strict=True):
-                    each.set_num_threads(number)
+                self._set(self._before)
+
+    @staticmethod
+    def _set(numbers: list[int]) -> None:
+        for each, number in zip(_libraries(), numbers, strict=True):
+            # From version 3.8 on, threadpoolctl lets only the thread that came first
+            # set the number, and ignores all others. They are counted here instead.
+            getattr(each, "_real_set_num_threads", each.set_num_threads)(number)
 
 
 @functools.cache

@@ -201,6 +201,15 @@ def test_the_limit_ends_with_the_last_that_computes() -> None:
         leave.set()
         other.join()
         assert numbers_of_threads() == {2}
+        # The first thread that sets a number is another than the last.
+        seen: list[set[int]] = []
+        look = threading.Thread(
+            target=one_thread(lambda: seen.append(numbers_of_threads()))
+        )
+        look.start()
+        look.join()
+        assert seen == [{1}]
+        assert numbers_of_threads() == {2}
         with pytest.raises(ZeroDivisionError), one_thread, one_thread:
             raise ZeroDivisionError
         assert numbers_of_threads() == {2}
