@@ -6,8 +6,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from threadpoolctl import threadpool_limits
-
 from gplfd.experiments.arguments import check_folder, check_least
 from gplfd.experiments.datasets.npz import load_demonstrations
 from gplfd.experiments.learning_tests.methods import learn
@@ -22,6 +20,7 @@ from gplfd.experiments.study.plan import recorded_tasks
 from gplfd.experiments.study.session import carry_out
 from gplfd.policies.demonstrations import Demonstration
 from gplfd.policies.method import Method, TrainingInput
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.registry import POLICIES, policy_named
 from gplfd.policies.skill import Skill, fit_skill
 
@@ -73,7 +72,7 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     given = load_demonstrations(demonstrations).demonstrations
     LOG.info("learning from %d demonstrations", len(given))
     started = time.perf_counter()
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread:
         movement = method.learn(TrainingInput(demonstrations=given, seed=seed))
     if not isinstance(movement, Skill):
         raise TypeError(f"fit_skill made a {type(movement).__name__}")
@@ -146,7 +145,7 @@ def _record(given: Sequence[Demonstration], file: Path, reference: str) -> None:
     if method is None:
         return
     try:
-        with threadpool_limits(limits=1, user_api="blas"):
+        with one_thread:
             movement, _ = learn(method, given, 0)
             record_learned(file, movement, reference)
     # Methods answer what they cannot learn from with errors of every kind.

@@ -13,6 +13,7 @@ import numpy as np
 from gplfd.policies.compliance import ComplianceConfig, ComplianceController
 from gplfd.policies.gridded import GriddedMovement
 from gplfd.policies.handle_adapter import controller_of
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.phase import PhaseRule
 from gplfd.policies.steps import AgentStep, Observation
 from gplfd.policies.trajectory import GaussianTrajectory
@@ -88,17 +89,20 @@ class CheckedAgent:
             )
         self.control: Control = control
 
+    @one_thread
     def inform(self, door: DoorGeometry) -> None:
         """Pass on which door the next episode has."""
         if hasattr(self._candidate, "inform"):
             self._candidate.inform(door)
 
+    @one_thread
     def reset(self, observation: Observation) -> None:
         """Begin an episode."""
         self._step = 0
         if hasattr(self._candidate, "reset"):
             self._candidate.reset(observation)
 
+    @one_thread
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period.
 
@@ -117,6 +121,7 @@ class CheckedAgent:
             f"{self._step} of an episode; it must return {_WANTED[self.control]}"
         )
 
+    @one_thread
     def forecast(self) -> GaussianTrajectory | None:
         """Return what the agent now expects of the whole task, or None.
 
@@ -185,6 +190,7 @@ class CompliantAgent:
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
     _controller: ComplianceController = field(init=False, repr=False, compare=False)
 
+    @one_thread
     def __post_init__(self) -> None:
         controller = controller_of(self.movement, self.phases, self.config)
         object.__setattr__(self, "_controller", controller)
@@ -197,10 +203,12 @@ class CompliantAgent:
     def inform(self, door: DoorGeometry) -> None:
         """Ignore it: what it knows of doors it has learned and will observe."""
 
+    @one_thread
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed one."""
         self._controller.reset()
 
+    @one_thread
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period.
 
@@ -210,6 +218,7 @@ class CompliantAgent:
         """
         return self._controller.decide(observation["ee_pose"], observation["wrench"])
 
+    @one_thread
     def forecast(self) -> GaussianTrajectory:
         """Return the movement as it stands, over the whole task."""
         return self.movement.trajectory()

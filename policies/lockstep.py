@@ -14,6 +14,7 @@ from gplfd.policies.agent import Agent, CompliantAgent, as_agent
 from gplfd.policies.controllers.stiffness import StiffnessProfile, VirtualDynamics
 from gplfd.policies.handle_adapter import controller_of
 from gplfd.policies.members import members_of
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.steps import AgentStep, Observation
 from gplfd.policies.trajectory import GaussianTrajectory
 from gplfd_env.geometry import DoorGeometry
@@ -55,6 +56,7 @@ class AgentBatch(Protocol):
         """Return what one member now expects of the whole task, or None."""
 
 
+@one_thread
 def batch_agents(agents: Sequence[object]) -> AgentBatch:
     """Let agents act together.
 
@@ -124,10 +126,12 @@ class _AllAtOnce:
     def inform(self, doors: Sequence[DoorGeometry]) -> None:
         """Ignore them, as each agent does."""
 
+    @one_thread
     def reset(self, observations: Observation, mask: Mask | None = None) -> None:
         """Let members begin an episode."""
         self._controller.reset(members_of(mask, len(self._movements)))
 
+    @one_thread
     def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
         """Return the commands for the next control period."""
         members = members_of(mask, len(self._movements))
@@ -138,6 +142,7 @@ class _AllAtOnce:
         self._actions = steps.action
         return steps
 
+    @one_thread
     def forecast(self, member: SupportsIndex) -> GaussianTrajectory:
         """Return what one member now expects of the whole task."""
         return self._movements[member].trajectory()
@@ -152,16 +157,19 @@ class _OneByOne:
         self._actions = np.full((len(agents), 6), np.nan)
         self.control: Control = agents[0].control
 
+    @one_thread
     def inform(self, doors: Sequence[DoorGeometry]) -> None:
         """Tell every member the door of its next episode."""
         for agent, door in zip(self._agents, doors, strict=True):
             agent.inform(door)
 
+    @one_thread
     def reset(self, observations: Observation, mask: Mask | None = None) -> None:
         """Let members begin an episode."""
         for member in self._numbers[members_of(mask, self._numbers.size)].tolist():
             self._agents[member].reset(_row(observations, member))
 
+    @one_thread
     def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
         """Return the commands for the next control period."""
         members = members_of(mask, self._numbers.size)
@@ -174,6 +182,7 @@ class _OneByOne:
         self._actions = steps.action
         return steps
 
+    @one_thread
     def forecast(self, member: SupportsIndex) -> GaussianTrajectory | None:
         """Return what one member now expects of the whole task."""
         return self._agents[member].forecast()

@@ -23,6 +23,7 @@ from gplfd.policies.demonstrations import Demonstration
 from gplfd.policies.empirical import EmpiricalDistribution
 from gplfd.policies.gridded import GriddedMovement
 from gplfd.policies.movement import AdaptationForm, Movement
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.path_phase import PathPhase
 from gplfd.policies.phase import ClockPhase, PhaseNoise, PhaseRule
 from gplfd.policies.prior_mean import PriorMean, Stretched
@@ -147,6 +148,7 @@ class Method:
                 "it as Method(profile=FixedProfile(profile=...))"
             )
 
+    @one_thread
     def learn(self, training: TrainingInput) -> Movement:
         """Learn a movement, around the prior mean if one is given.
 
@@ -171,6 +173,7 @@ class Method:
         longer = Stretched(of=prior_mean, factor=1.0 / aligned.end)
         return fit_residual(aligned, longer, partial(fit, centred=False))
 
+    @one_thread
     def follow(self, movement: Movement) -> CompliantAgent:
         """Return an agent that follows a movement on doors; any number from one.
 

@@ -17,6 +17,7 @@ from gplfd.policies.alignment import align
 from gplfd.policies.controllers.rendering import ArmRendering
 from gplfd.policies.demonstrations import Demonstration
 from gplfd.policies.movement import Movement
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.skill import fit_skill
 from gplfd.policies.steps import AgentStep, Observation
 from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
@@ -71,6 +72,7 @@ def joined(reach: Demonstration, opening: Demonstration) -> Demonstration:
     )
 
 
+@one_thread
 def learn_reach(reaches: Sequence[Demonstration]) -> Movement:
     """Learn to reach.
 
@@ -89,6 +91,7 @@ class ReachingAgent:
         then: What opens the door.
     """
 
+    @one_thread
     def __init__(self, reach: Movement, then: Agent) -> None:
         self._reach, self._then = reach, then
         self._path = self._from(np.zeros(6))
@@ -103,11 +106,13 @@ class ReachingAgent:
         """Pass on which door the next episode has."""
         self._then.inform(door)
 
+    @one_thread
     def reset(self, observation: Observation) -> None:
         """Begin where the hand is."""
         self._path = self._from(observation["ee_pose"])
         self._elapsed = 0.0
 
+    @one_thread
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
         before, whole = self._elapsed, self._reach.duration + CLOSING

@@ -18,6 +18,7 @@ from gplfd.policies.tuning_spaces import SPACES, Values, tuned_settings
 from gplfd.policies.user_policies import module_policy, packaged_names, packaged_policy
 
 
+@one_thread
 def make_agent(
     name: str,
     demonstrations: Sequence[Demonstration],
@@ -53,8 +54,7 @@ def make_agent(
             f"{name} has no prior mean that could be given; leave it out, or choose "
             f"one of {', '.join(sorted(takers))}"
         )
-    with one_thread():
-        return as_agent(policy.make(training))
+    return as_agent(policy.make(training))
 
 
 def _takes_prior_mean(policy: Policy) -> bool:

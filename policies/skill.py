@@ -52,11 +52,11 @@ class Skill(LearnedMovement):
         return len(self.aligned.poses)
 
     @cached_property
+    @one_thread
     def smoothness(self) -> float:
         """Correlation ρ of neighbouring samples of a deviation: 0 white, 1 smooth."""
         times, poses = self.aligned.times, self.aligned.poses
-        with one_thread():
-            spread = self.processes.moments(times).noise
+        spread = self.processes.moments(times).noise
         deviations = (poses - poses.mean(axis=0)) / np.sqrt(spread)
         energy = float(np.sum(deviations**2))
         if energy < np.finfo(np.float64).tiny:
@@ -81,6 +81,7 @@ class Skill(LearnedMovement):
         return (self.count - 1) * max(looks, 1.0)
 
     @cached_property
+    @one_thread
     def deviations(self) -> tuple[DeviationProcess, ...]:
         """How the demonstrations deviate from their mean, per output; on first use.
 
@@ -94,14 +95,14 @@ class Skill(LearnedMovement):
             )
         times = self.aligned.times
         deviations = self.aligned.poses - self.aligned.poses.mean(axis=0)
-        with one_thread():
-            noise = self.processes.moments(times).noise
-            likely = [
-                fit_deviations(times, deviations[:, :, output], noise[:, output])
-                for output in range(6)
-            ]
-            return wobbling(likely, times, deviations, noise)
+        noise = self.processes.moments(times).noise
+        likely = [
+            fit_deviations(times, deviations[:, :, output], noise[:, output])
+            for output in range(6)
+        ]
+        return wobbling(likely, times, deviations, noise)
 
+    @one_thread
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The distribution of the pose at ``times``, Eqs. (10)–(11).
 
@@ -119,8 +120,7 @@ class Skill(LearnedMovement):
             ValueError: if there are no times, or one is not finite.
         """
         times = checked_times(times)
-        with one_thread():
-            moments = self.processes.moments(times)
+        moments = self.processes.moments(times)
         share = self.smoothness / self.count * moments.noise
         smooth = moments.latent >= share
         variance = np.where(smooth, moments.latent, share) + moments.noise
@@ -154,6 +154,7 @@ class Skill(LearnedMovement):
         covariance[:, diagonal, diagonal] = variance.T
         return covariance
 
+    @one_thread
     def save(self, path: str | Path) -> None:
         """Keep the skill in a file, complete or not at all; `load_skill` reads it.
 
@@ -172,6 +173,7 @@ class Skill(LearnedMovement):
         write_skill(path, self.aligned, self.processes, deviations)
 
 
+@one_thread
 def load_skill(path: str | Path) -> Skill:
     """Read a skill that `Skill.save` wrote.
 
@@ -191,6 +193,7 @@ def load_skill(path: str | Path) -> Skill:
     return skill
 
 
+@one_thread
 def fit_skill(
     aligned: AlignedDemonstrations,
     noise: str | NoiseModel = "map",
@@ -230,10 +233,10 @@ def fit_skill(
     times, poses = aligned.times, aligned.poses
     if not (np.isfinite(times).all() and np.isfinite(poses).all()):
         raise ValueError("Aligned demonstrations must be finite; found NaN or inf.")
-    with one_thread():
-        processes = MultiOutputGP.fit(times, poses, noise, centred=centred)
+    processes = MultiOutputGP.fit(times, poses, noise, centred=centred)
     if len(poses) <= _FEW:
-        warnings.warn(_few_demonstrations(len(poses)), UserWarning, stacklevel=2)
+        # Level 2 is the decorator.
+        warnings.warn(_few_demonstrations(len(poses)), UserWarning, stacklevel=3)
     return Skill(aligned=aligned, processes=processes)
 
 

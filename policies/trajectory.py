@@ -101,10 +101,10 @@ class GaussianTrajectory:
         )
 
     @cached_property
+    @one_thread
     def covariance(self) -> Float[np.ndarray, "6 M M"]:
         """Covariance over time of every output, shape (6, M, M); on first use."""
-        with one_thread():
-            return read_only(self.covariance_function())
+        return read_only(self.covariance_function())
 
     def __getitem__(
         self, rows: slice | Int[np.ndarray, " N"] | Bool[np.ndarray, " M"]
@@ -197,6 +197,7 @@ class GaussianTrajectory:
             return float(ndtri(upper))
         return float(stdtrit(self.degrees_of_freedom, upper))
 
+    @one_thread
     def samples(
         self, count: int, rng: np.random.Generator
     ) -> Float[np.ndarray, "S M 6"]:

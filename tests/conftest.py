@@ -11,7 +11,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -69,6 +69,19 @@ PARTS = {
         "git, and a checkout that it made (git clone) instead of an unpacked archive",
     ),
 }
+
+
+@pytest.fixture(autouse=True)
+def _same_environment() -> Iterator[None]:
+    """Undo what a command run in this process adds, such as OPENBLAS_NUM_THREADS=1.
+
+    The processes that later tests start would run with it, in some orders of tests.
+    """
+    before = dict(os.environ)
+    yield
+    for name in os.environ.keys() - before.keys():
+        del os.environ[name]
+    os.environ.update(before)
 
 
 @functools.cache

@@ -23,11 +23,11 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
         every one.
     """
     method = policy.method
-    with one_thread():
+    with one_thread:
         movement = method.learn(training) if method is not None else None
 
     def make() -> Agent:
-        with one_thread():
+        with one_thread:
             if method is not None and movement is not None:
                 return method.follow(movement)
             return as_agent(policy.make(training))

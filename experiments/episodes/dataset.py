@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-from threadpoolctl import threadpool_limits
 
 from gplfd.experiments.arguments import check_circumstances, check_folder, check_least
 from gplfd.experiments.datasets.minari import RecordedEpisode, Recorder, write_dataset
@@ -17,6 +16,7 @@ from gplfd.experiments.episodes.doors import named_doors
 from gplfd.experiments.episodes.task import EpisodeTask, episode_task
 from gplfd.experiments.progress import LOG, progress_bar
 from gplfd.policies.agent import Agent
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.policy import Policy
 from gplfd.policies.registry import policy_named
 from gplfd_env.task import Start
@@ -121,7 +121,7 @@ def _act(agent: Agent, env: Recorder, task: EpisodeTask) -> None:
     """Let the agent act from the reset to the end of the episode."""
     inner: Any = env.unwrapped
     # Small matrices: more threads only cost time, and change the order of sums.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread:
         options = {"door": dict(task.door_config)}
         observation, _ = env.reset(seed=task.reset_seed, options=options)
         agent.inform(inner.door_geometry)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
-from threadpoolctl import threadpool_limits
 
 from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
 from gplfd.policies.agent import Agent, as_agent
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.steps import AgentStep
 
 
@@ -63,7 +63,7 @@ def rollout(
     inner: Any = env.unwrapped
     # Matrices of a hundred rows: sharing them out among threads would cost
     # ten times the work itself.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread:
         observation, info = env.reset(seed=seed)
         agent.inform(inner.door_geometry)
         agent.reset(observation)

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from gplfd.experiments.episodes.log import EpisodeLog
 from gplfd.experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
 from gplfd.policies.lockstep import AgentBatch
+from gplfd.policies.one_thread import one_thread
 from gplfd_env.vector import DoorOpeningVectorEnv
 
 
@@ -41,7 +41,7 @@ def rollouts(
     """
     _check(envs, doors, seeds)
     # See `gplfd.experiments.episodes.rollout.rollout`.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread:
         observations, infos = envs.reset(seed=list(seeds))
         agents.inform(envs.door_geometries)
         agents.reset(observations)

@@ -8,8 +8,6 @@ import traceback
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from threadpoolctl import threadpool_limits
-
 from gplfd.experiments.episodes.agents import where
 from gplfd.experiments.episodes.build import (
     demonstrations_hash,
@@ -27,6 +25,7 @@ from gplfd.experiments.study.sources import NO_FILES, Files, policy_of
 from gplfd.experiments.study.tasks import Job, Result, SkillTask
 from gplfd.policies.agent import Agent
 from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.policy import Policy
 
 _EXHAUSTED: Final = frozenset(
@@ -52,7 +51,7 @@ def run_job(
         files: Of policies that this machine may lack.
         recordings: All that `RecordedTask`s learn from.
     """
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread:
         try:
             policy = policy_of(job[0], files)
         except ValueError as error:

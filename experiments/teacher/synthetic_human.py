@@ -50,6 +50,7 @@ from gplfd.experiments.teacher.random_motion import (
 )
 from gplfd.experiments.teacher.reach import reached
 from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.one_thread import one_thread
 from gplfd_env.config import DoorConfig
 from gplfd_env.fields import check_quantities, quantity
 from gplfd_env.geometry import DoorGeometry
@@ -137,6 +138,7 @@ class Teacher:
         self.config = TeacherConfig() if config is None else config
         self.habits = habits
 
+    @one_thread
     def demonstrate(
         self, door: float | DoorConfig, rng: np.random.Generator
     ) -> Demonstration:

@@ -31,7 +31,6 @@ from typing import Any, Final
 
 import numpy as np
 from scipy.stats import rankdata
-from threadpoolctl import threadpool_limits
 
 from gplfd.experiments.episodes.build import (
     demonstrations_of,
@@ -47,6 +46,7 @@ from gplfd.experiments.learning_tests.methods import learn
 from gplfd.experiments.tuning.candidates import Candidate
 from gplfd.policies.demonstrations import Demonstration
 from gplfd.policies.method import Method
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.policy import Policy
 from gplfd.policies.registry import tuned
 from gplfd_env.config import DoorConfig
@@ -63,7 +63,7 @@ _SAMPLES: Final = 200
 def evaluate(candidate: Candidate) -> Evaluation:
     """Try a candidate; whatever goes wrong with it is its result."""
     started = time.process_time()
-    with threadpool_limits(limits=1, user_api="blas"), warnings.catch_warnings():
+    with one_thread, warnings.catch_warnings():
         # Of few demonstrations, or a mixture that is still moving: that is measured.
         warnings.simplefilter("ignore", UserWarning)
         try:

@@ -28,6 +28,7 @@ from scipy.linalg.blas import dgemm
 from scipy.linalg.lapack import dtrtri
 
 from gplfd.policies.gp.legendre import LegendreBasis
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.trajectory import GaussianTrajectory
 
 _STRONGEST = 1e-8
@@ -201,12 +202,14 @@ class ConditionedProcess:
         self._design = np.zeros((6, own + shared))
 
     @property
+    @one_thread
     def mean(self) -> Float[np.ndarray, "M 6"]:
         """Current mean on the grid, a read-only view."""
         view: np.ndarray = self._mean.view()
         view.setflags(write=False)
         return view
 
+    @one_thread
     def variance(self) -> Float[np.ndarray, "M 6"]:
         """Current variance on the grid, white part included."""
         return np.asarray(np.maximum(self._variance, 0.0) + self._white)
@@ -279,6 +282,7 @@ class ConditionedProcess:
             log_variance=2.0 * float(np.sum(np.log(root[_DIAGONAL]))),
         )
 
+    @one_thread
     def distribution(
         self, stretch: Float[np.ndarray, "6"], degrees_of_freedom: float | None
     ) -> GaussianTrajectory:

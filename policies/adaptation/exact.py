@@ -8,6 +8,7 @@ from gplfd.policies.adaptation.conditioning import (
     Repetition,
     basis_for_grid,
 )
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.skill import Skill
 from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
@@ -22,6 +23,7 @@ class ExactAdaptation(ConditionedProcess):
     (``test_exact_equals_gp_on_demonstrations_and_via_points``).
     """
 
+    @one_thread
     def __init__(self, skill: Skill, grid: Float[np.ndarray, " M"]) -> None:
         """Start from the demonstrations.
 
@@ -46,6 +48,7 @@ class ExactAdaptation(ConditionedProcess):
         super().__init__(prior, grid)
         self._degrees_of_freedom = skill.degrees_of_freedom
 
+    @one_thread
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place, in O(n² + M n)."""
         here, along = self.at(via_point.phase), np.asarray(via_point.along)

@@ -46,6 +46,7 @@ class AdaptedMovement:
     form: AdaptationForm
     """In which form."""
 
+    @one_thread
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The conditioned distribution at ``times``.
 
@@ -54,11 +55,10 @@ class AdaptedMovement:
         Raises:
             ValueError: if a via-point or a time is outside what the form can handle.
         """
-        with one_thread():
-            adaptation = begin_adaptation(self.movement, self.form, times)
-            for via_point in self.via_points:
-                adaptation.observe(via_point)
-            return adaptation.trajectory()
+        adaptation = begin_adaptation(self.movement, self.form, times)
+        for via_point in self.via_points:
+            adaptation.observe(via_point)
+        return adaptation.trajectory()
 
 
 def adapt(
@@ -96,6 +96,7 @@ def adapt(
     )
 
 
+@one_thread
 def begin_adaptation(
     movement: Movement, form: AdaptationForm | None, grid: Float[np.ndarray, " M"]
 ) -> Adaptation:

@@ -24,6 +24,7 @@ from numpy.polynomial.hermite_e import hermegauss
 from gplfd.policies.adaptation.conditioning import Repetition, leading_curves
 from gplfd.policies.adaptation.process import StudentProcess, demonstrated_repetition
 from gplfd.policies.gp.timing import timing_covariance
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.skill import Skill
 from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
@@ -42,6 +43,7 @@ class OwnClockAdaptation:
     Mean and variance are those of the mixture of the two.
     """
 
+    @one_thread
     def __init__(self, skill: Skill, grid: Float[np.ndarray, " M"]) -> None:
         """Start from the demonstrations and their clocks.
 
@@ -68,6 +70,7 @@ class OwnClockAdaptation:
         self._timed = StudentProcess(delayed(skill, registered, timing), free, grid)
         self._registered = StudentProcess(registered, free, grid)
 
+    @one_thread
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place."""
         self._timed.observe(via_point)
@@ -80,6 +83,7 @@ class OwnClockAdaptation:
         return float(1.0 / (1.0 + np.exp(min(odds, 700.0))))
 
     @property
+    @one_thread
     def mean(self) -> Float[np.ndarray, "M 6"]:
         """Current mean on the grid, read-only."""
         share = self.timed
@@ -89,6 +93,7 @@ class OwnClockAdaptation:
         return mean
 
     @property
+    @one_thread
     def std(self) -> Float[np.ndarray, "M 6"]:
         """Current standard deviation on the grid."""
         share = self.timed
@@ -100,6 +105,7 @@ class OwnClockAdaptation:
         variance += apart
         return np.asarray(np.sqrt(variance))
 
+    @one_thread
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""
         return _mixture(

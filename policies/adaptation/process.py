@@ -19,6 +19,7 @@ from gplfd.policies.adaptation.conditioning import (
 from gplfd.policies.aligned import thinned
 from gplfd.policies.gp.deviations import DeviationProcess, conjugate_share
 from gplfd.policies.gp.factorisation import factorise
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.skill import Skill
 from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
@@ -50,6 +51,7 @@ class StudentProcess(ConditionedProcess):
         self._observed, self._distance = np.zeros(6), np.zeros(6)
         self._sequential, self._log_variance = 0.0, 0.0
 
+    @one_thread
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place, in O(n² + M n)."""
         here, along = self.at(via_point.phase), np.asarray(via_point.along)
@@ -107,6 +109,7 @@ class ProcessAdaptation(StudentProcess):
     via-points by a clock see `gplfd.policies.adaptation.own_clock`.
     """
 
+    @one_thread
     def __init__(
         self,
         skill: Skill,
@@ -138,6 +141,7 @@ class IndependentPhaseAdaptation(ProcessAdaptation):
     (``test_shared_error_leaves_what_is_across_the_path_certain``).
     """
 
+    @one_thread
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place."""
         std = np.sqrt(via_point.noise_variance)

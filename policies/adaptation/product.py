@@ -9,6 +9,7 @@ from jaxtyping import Float
 from gplfd.policies.gp.exact import ExactGP
 from gplfd.policies.gp.factorisation import factorise
 from gplfd.policies.gp.kernels import RBF
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.skill import Skill
 from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint
 
@@ -56,6 +57,7 @@ class ProductAdaptation:
       (``test_zero_prior_mean_pulls_the_policy``).
     """
 
+    @one_thread
     def __init__(
         self,
         skill: Skill,
@@ -86,6 +88,7 @@ class ProductAdaptation:
         self._means = self._demonstrated.mean.copy()
         self._covariances = self._demonstrated.covariance.copy()
 
+    @one_thread
     def observe(self, via_point: ViaPoint) -> None:
         """Take one more via-point: refit the via-point process, multiply again."""
         self._via_points.append(via_point)
@@ -112,6 +115,7 @@ class ProductAdaptation:
         variances = np.diagonal(self._covariances, axis1=1, axis2=2)
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)).T)
 
+    @one_thread
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid.
 

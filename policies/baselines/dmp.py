@@ -46,6 +46,7 @@ from scipy.interpolate import CubicSpline
 from gplfd.policies.aligned import AlignedDemonstrations
 from gplfd.policies.empirical import EmpiricalDistribution
 from gplfd.policies.movement import LearnedMovement
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.trajectory import (
     GaussianTrajectory,
     checked_times,
@@ -126,6 +127,7 @@ class DynamicMovementPrimitive(LearnedMovement):
         nearest = unwrap_rotvecs(np.stack([self.start_error, error]))[1]
         return replace(self, goal=pose, start_error=nearest)
 
+    @one_thread
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The rollout at ``times``; without a spread, std and covariance are NaN.
 
@@ -178,6 +180,7 @@ class DynamicMovementPrimitive(LearnedMovement):
         return CubicSpline(phases[0] + tau * clock, np.hstack([states[:, :3], rotvecs]))
 
 
+@one_thread
 def fit_dmp(
     aligned: AlignedDemonstrations, config: DMPConfig | None = None
 ) -> DynamicMovementPrimitive:

@@ -180,6 +180,7 @@ class GMMGaussianProcess(MomentMovement):
         return self.regression.standardisation.covariance(covariance)
 
 
+@one_thread
 def fit_gmm_gp(
     aligned: AlignedDemonstrations, config: GMMGPConfig | None = None
 ) -> GMMGaussianProcess:
@@ -194,6 +195,5 @@ def fit_gmm_gp(
     """
     config = GMMGPConfig() if config is None else config
     regression = fit_gmr(aligned, config.mixture)
-    with one_thread():
-        kernel = fit_kernel(regression, config.length_scales, config.weight_power)
+    kernel = fit_kernel(regression, config.length_scales, config.weight_power)
     return GMMGaussianProcess(aligned=aligned, kernel=kernel)

@@ -75,7 +75,7 @@ def warn_of_early_stop(config: GMRConfig) -> None:
         f"Expectation maximisation did not converge in {config.max_iterations} "
         f"iterations; raise max_iterations or tolerance, or ask for fewer components.",
         UserWarning,
-        stacklevel=3,
+        stacklevel=4,
     )
 
 
@@ -155,6 +155,7 @@ class GaussianMixtureRegression(MomentMovement):
         return white_covariance(np.diagonal(covariance, axis1=1, axis2=2))
 
 
+@one_thread
 def fit_gmr(
     aligned: AlignedDemonstrations, config: GMRConfig | None = None
 ) -> GaussianMixtureRegression:
@@ -210,8 +211,7 @@ def _fitted_mixture(
         means_init=np.array([part.mean(axis=0) for part in bins]),
         precisions_init=np.array([0.5 * (each + each.T) for each in precisions]),
     )
-    # Matrices of seven rows: sharing them out among threads costs more than the work.
-    with one_thread(), warnings.catch_warnings():
+    with warnings.catch_warnings():
         # Its advice speaks of settings that are not ours.
         warnings.filterwarnings("ignore", "Best performing init")
         return mixture.fit(samples.reshape(-1, 7))

@@ -25,6 +25,7 @@ from gplfd.policies.baselines.gmr import (
 )
 from gplfd.policies.baselines.moments import MomentMovement, Moments
 from gplfd.policies.baselines.smoothed_reference import Reference, SmoothedReference
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.trajectory import ViaPoint
 from gplfd_env.fields import check_quantities, quantity
 
@@ -134,6 +135,7 @@ class KernelizedMovementPrimitive(MomentMovement):
         return self.regression.standardisation.covariance(smoothed)
 
 
+@one_thread
 def fit_kmp(
     aligned: AlignedDemonstrations, config: KMPConfig | None = None
 ) -> KernelizedMovementPrimitive:

@@ -130,6 +130,7 @@ class LocalGaussianProcesses(MomentMovement):
         return total
 
 
+@one_thread
 def fit_local_gp(
     aligned: AlignedDemonstrations, config: LocalGPConfig, *, centred: bool = True
 ) -> LocalGaussianProcesses:
@@ -161,14 +162,13 @@ def fit_local_gp(
     members = [labels == cluster for cluster in range(config.clusters)]
     centres = np.array([times[member].mean() for member in members])
     spacing = float(np.median(np.diff(centres))) if config.clusters > 1 else 1.0
-    with one_thread():
-        processes = tuple(
-            tuple(
-                _local_process(times[member], poses[:, member, output], centred)
-                for output in range(6)
-            )
-            for member in members
+    processes = tuple(
+        tuple(
+            _local_process(times[member], poses[:, member, output], centred)
+            for output in range(6)
         )
+        for member in members
+    )
     return LocalGaussianProcesses(
         aligned=aligned,
         centres=centres,

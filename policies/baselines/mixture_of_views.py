@@ -15,7 +15,6 @@ from scipy.special import logsumexp
 
 from gplfd.policies.baselines.gmr import GMRConfig, warn_of_early_stop
 from gplfd.policies.baselines.standardisation import Standardisation
-from gplfd.policies.one_thread import one_thread
 
 
 def fit_mixture_of_views(
@@ -49,17 +48,16 @@ def fit_mixture_of_views(
     binned = np.concatenate([np.full(len(part), i) for i, part in enumerate(bins)])
     shares = np.eye(config.components)[np.tile(binned, len(views[0]))]
     bound = -np.inf
-    with one_thread():
+    weights, means, covariances = _maximised(samples, shares, config)
+    for _ in range(config.max_iterations):
+        densities = np.log(weights) + _log_densities(samples, means, covariances)
+        totals = logsumexp(densities, axis=1, keepdims=True)
+        shares, previous, bound = np.exp(densities - totals), bound, totals.mean()
         weights, means, covariances = _maximised(samples, shares, config)
-        for _ in range(config.max_iterations):
-            densities = np.log(weights) + _log_densities(samples, means, covariances)
-            totals = logsumexp(densities, axis=1, keepdims=True)
-            shares, previous, bound = np.exp(densities - totals), bound, totals.mean()
-            weights, means, covariances = _maximised(samples, shares, config)
-            if abs(bound - previous) < config.tolerance:
-                break
-        else:
-            warn_of_early_stop(config)
+        if abs(bound - previous) < config.tolerance:
+            break
+    else:
+        warn_of_early_stop(config)
     scales = np.stack([np.append(1.0, each.scale) for each in standardisations])
     offsets = np.stack([np.append(0.0, each.offset) for each in standardisations])
     units = scales[:, None, :, None] * scales[:, None, None, :]

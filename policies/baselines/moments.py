@@ -25,6 +25,7 @@ class MomentMovement(LearnedMovement, ABC):
     def _covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "6 M M"]:
         """Covariance over time of every output [m², rad²]."""
 
+    @one_thread
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The distribution of the pose at ``times``.
 
@@ -36,7 +37,6 @@ class MomentMovement(LearnedMovement, ABC):
                 increase.
         """
         times = checked_times(times)
-        with one_thread():
-            mean, std = self._moments(times)
+        mean, std = self._moments(times)
         covariance = partial(self._covariance, times)
         return GaussianTrajectory.from_moments(times, mean, std, covariance)

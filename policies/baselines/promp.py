@@ -78,6 +78,7 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
     noise_variance: Float[np.ndarray, " 6"]
     """R, what the basis functions do not explain [m², rad²]."""
 
+    @one_thread
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The distribution of the pose at ``times``, observation noise included.
 
@@ -114,6 +115,7 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
         between: np.ndarray = np.einsum("dmj,nj->dmn", spread, basis)
         return between + noise
 
+    @one_thread
     def adapt(self, via_points: Sequence[ViaPoint]) -> "ProbabilisticMovementPrimitive":
         """The movement conditioned on ``via_points``, all of them at once.
 
@@ -144,14 +146,13 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
         rows[np.arange(which.size), outputs] = _basis(phases, self.config)[which]
         demand = rows.reshape(which.size, -1)
         # Some hundred rows: sharing them out among threads costs ten times the work.
-        with one_thread():
-            cross = self.weight_covariance @ demand.T
-            gain = _divided(cross, demand @ cross, variance)
-            mean = self.weight_mean + gain @ (demanded - demand @ self.weight_mean)
-            keep = np.eye(len(mean)) - gain @ demand
-            # Joseph's form: never negative, however strong the demand.
-            covariance = keep @ self.weight_covariance @ keep.T
-            covariance += gain @ variance @ gain.T
+        cross = self.weight_covariance @ demand.T
+        gain = _divided(cross, demand @ cross, variance)
+        mean = self.weight_mean + gain @ (demanded - demand @ self.weight_mean)
+        keep = np.eye(len(mean)) - gain @ demand
+        # Joseph's form: never negative, however strong the demand.
+        covariance = keep @ self.weight_covariance @ keep.T
+        covariance += gain @ variance @ gain.T
         return replace(
             self,
             weight_mean=mean,
@@ -165,6 +166,7 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
         return np.asarray(np.einsum("didj->dij", blocks))
 
 
+@one_thread
 def fit_promp(
     aligned: AlignedDemonstrations, config: ProMPConfig | None = None
 ) -> ProbabilisticMovementPrimitive:

@@ -54,6 +54,7 @@ from gplfd.policies.baselines.task_frames import (
     hinge_frame,
 )
 from gplfd.policies.movement import LearnedMovement
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.records import freeze
 from gplfd.policies.trajectory import GaussianTrajectory, ViaPoint, checked_times
 
@@ -132,6 +133,7 @@ class TaskParameterisedMixture(LearnedMovement):
         spread: np.ndarray = slope @ circle.covariance[:2, :2] @ slope.mT
         return spread
 
+    @one_thread
     def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
         """The distribution of the pose at ``times``; samples are white around the mean.
 
@@ -157,6 +159,7 @@ def product_of_gaussians(
     return mean, covariance
 
 
+@one_thread
 def fit_tp_gmm(
     aligned: AlignedDemonstrations, config: GMRConfig | None = None
 ) -> TaskParameterisedMixture:

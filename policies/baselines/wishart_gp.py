@@ -114,6 +114,7 @@ class WishartProcessMovement(MomentMovement):
         return total
 
 
+@one_thread
 def fit_wishart_gp(
     aligned: AlignedDemonstrations,
     config: WishartGPConfig,
@@ -140,23 +141,20 @@ def fit_wishart_gp(
         )
     deviations = poses - poses.mean(axis=0)
     kept = thinned(len(times), config.times)
-    with one_thread():
-        processes = MultiOutputGP.fit(
-            times, poses, HomoscedasticNoise(), centred=centred
-        )
-        prior = WishartPrior.over(
-            (float(times[0]), float(times[-1])),
-            config.length_scale,
-            _pooled_covariance(deviations),
-            config.degrees,
-            config.floor,
-        )
-        variability = sample_posterior(
-            WishartLikelihood.of(prior, times[kept], deviations[:, kept]),
-            config.steps,
-            config.discarded,
-            np.random.default_rng(seed),
-        )
+    processes = MultiOutputGP.fit(times, poses, HomoscedasticNoise(), centred=centred)
+    prior = WishartPrior.over(
+        (float(times[0]), float(times[-1])),
+        config.length_scale,
+        _pooled_covariance(deviations),
+        config.degrees,
+        config.floor,
+    )
+    variability = sample_posterior(
+        WishartLikelihood.of(prior, times[kept], deviations[:, kept]),
+        config.steps,
+        config.discarded,
+        np.random.default_rng(seed),
+    )
     return WishartProcessMovement(
         aligned=aligned, processes=processes, variability=variability
     )

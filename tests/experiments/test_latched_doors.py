@@ -1,7 +1,12 @@
 """Doors with a handle that must be turned first: a demonstration is worth something."""
 
 import contextlib
+import math
+import os
+import subprocess
+import sys
 import warnings
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -94,3 +99,34 @@ def test_a_circle_fit_does_not_open_a_latch() -> None:
 def test_who_is_told_the_handle_opens_it(policy: str) -> None:
     (log,) = opened(policy, ROOM)
     assert episode_metrics(log).success
+
+
+@pytest.mark.bits
+def test_another_processor_opens_a_lever_door_alike(tmp_path: Path) -> None:
+    """Rounding decides when a fingertip touches the lever: docs/reproducibility.md."""
+    others = {
+        "OPENBLAS_CORETYPE": "Prescott",
+        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA",
+    }
+    own = {name: value for name, value in os.environ.items() if name not in others}
+    command = ["run", "--doors", "room-834", "--seed", "1", "--quiet"]
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-m", "gplfd", *command, "--out", str(tmp_path / name)],
+            env=own | variables,
+            stdout=subprocess.DEVNULL,
+        )
+        for name, variables in (("here", {}), ("there", others))
+    ]
+    assert [each.wait() for each in running] == [0, 0]
+    here, there = (
+        EpisodeLog.load(tmp_path / name / "room-834.npz") for name in ("here", "there")
+    )
+    assert here.success
+    assert there.success
+    assert len(here.times) == len(there.times)
+    away = np.abs(here.ee_pose - there.ee_pose)[:, :3].max()
+    assert away < 1e-4
+    assert abs(here.door_angle[-1] - there.door_angle[-1]) < math.radians(0.01)
+    peaks = [np.abs(log.force_radial).max() for log in (here, there)]
+    assert abs(peaks[0] - peaks[1]) < 0.1

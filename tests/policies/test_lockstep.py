@@ -2,15 +2,16 @@
 
 import copy
 import dataclasses
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gplfd.policies import POLICIES, make_agent
+from gplfd.policies import POLICIES, TrainingInput, fit_skill, make_agent
 from gplfd.policies.compliance import ComplianceConfig
+from gplfd.policies.gp.kersting import KerstingNoise
 from gplfd.policies.load import YieldToAll
 from gplfd.policies.lockstep import AgentBatch, batch_agents
 from gplfd.policies.members import EVERY_MEMBER
@@ -33,13 +34,21 @@ FIELDS = [field.name for field in dataclasses.fields(AgentStep)]
 def agents_of(demonstrations):
     """One agent per door, each learned from demonstrations of its own, by name.
 
-    Learned once: a reset makes them as new.
+    Learned once: a reset makes them as new. The paper's method learns in one iteration
+    instead of ten, which take half a minute and change nothing of how it is followed.
     """
     lessons = (demonstrations[:4], demonstrations, demonstrations[1:])
+    quick_fit = partial(fit_skill, noise=KerstingNoise(n_iterations=1))
+
+    def learned(name, lesson):
+        if name != "gp-paper":
+            return make_agent(name, lesson)
+        method = dataclasses.replace(POLICIES[name].method, fit=quick_fit)
+        return method(TrainingInput(demonstrations=lesson))
 
     @cache
     def make(name):
-        agents = tuple(make_agent(name, lesson) for lesson in lessons)
+        agents = tuple(learned(name, lesson) for lesson in lessons)
         for agent, radius in zip(agents, RADII, strict=True):
             agent.inform(DoorGeometry.nominal(radius))
         return agents

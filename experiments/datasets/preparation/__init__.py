@@ -33,6 +33,7 @@ from gplfd.experiments.datasets.preparation.timing import (
 from gplfd.experiments.datasets.raw import RawRecording
 from gplfd.policies.alignment import align
 from gplfd.policies.demonstrations import Demonstration
+from gplfd.policies.one_thread import one_thread
 from gplfd.policies.rests import moving_span
 
 _LARGE: Final = 3.0
@@ -65,6 +66,7 @@ class Motion:
     """What was done and noticed."""
 
 
+@one_thread
 def prepare(
     recordings: Sequence[RawRecording],
     settings: Preparation,

@@ -1,0 +1,219 @@
+"""The number of BLAS threads decides no bit of what is learned, kept, adapted or done.
+
+Run as a script, this file prints a digest of each of `results`. With ``--watch`` it
+also lists the functions whose linear algebra ran on several threads.
+"""
+
+import functools
+import hashlib
+import os
+import subprocess
+import sys
+import threading
+import types
+import warnings
+from collections.abc import Iterator
+from dis import get_instructions
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+from threadpoolctl import ThreadpoolController, threadpool_info, threadpool_limits
+
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies import (
+    POLICIES,
+    Demonstration,
+    GaussianTrajectory,
+    Skill,
+    TrainingInput,
+    ViaPoint,
+    adapt,
+    batch_agents,
+    load_skill,
+    make_agent,
+)
+from gplfd.policies.adaptation import ADAPTATIONS
+from gplfd.policies.movement import Movement
+from gplfd.policies.one_thread import one_thread
+
+PHASES = np.linspace(0.0, 1.0, 150)
+STEPS = 60
+LINEAR_ALGEBRA = {
+    *("cho_factor", "cho_solve", "cholesky", "dot", "eigh", "eigvalsh", "inv", "lstsq"),
+    *("matmul", "pinv", "qr", "slogdet", "solve", "solve_triangular", "svd", "vecdot"),
+}
+
+
+def results() -> Iterator[tuple[str, Any]]:
+    """Everything that users ask of `gplfd.policies`, by its public names."""
+    shown = Teacher().demonstrate_doors((0.35, 0.5), 2, rng=np.random.default_rng(0))
+    yield "demonstrations", [one.poses for one in shown]
+    for name, policy in POLICIES.items():
+        if policy.method is None or policy.kind != "method" or name.endswith("-tuned"):
+            continue
+        movement = policy.method.learn(TrainingInput(demonstrations=shown))
+        yield f"{name}: learned", numbers(movement.predict(PHASES))
+        yield f"{name}: acts", acted(policy.method.follow(movement), movement)
+        if name == "gp":
+            assert isinstance(movement, Skill)
+            yield from of_skill(movement, shown)
+
+
+def of_skill(skill: Skill, shown: tuple[Demonstration, ...]) -> Iterator[Any]:
+    yield "samples", skill.predict(PHASES).samples(2, np.random.default_rng(0))
+    via_points = [ViaPoint(phase=s, pose=np.full(6, 0.1 * s)) for s in (0.2, 0.5)]
+    for form in ADAPTATIONS:
+        adapted = adapt(skill, via_points, form).predict(PHASES)
+        yield f"adapted: {form}", numbers(adapted)
+    with TemporaryDirectory() as folder:
+        skill.save(Path(folder) / "skill.npz")
+        kept = load_skill(Path(folder) / "skill.npz")
+    method = POLICIES["gp"].method
+    assert method is not None
+    yield "gp: kept", numbers(kept.predict(PHASES))
+    yield "gp: acts as kept", acted(method.follow(kept), kept)
+    yield "gp: acts as made", acted(make_agent("gp", shown), skill)
+    batch = batch_agents([method.follow(skill), method.follow(kept)])
+    path = skill.predict(np.linspace(0.0, 0.4, STEPS)).mean
+    observations = [
+        {"ee_pose": np.stack([pose, pose]), "wrench": np.zeros((2, 6))} for pose in path
+    ]
+    batch.reset(observations[0])
+    yield "gp: acts in lockstep", [batch.act(each).action for each in observations]
+
+
+def acted(agent: Any, movement: Movement) -> list[np.ndarray]:
+    """What an agent does whose hand moves as the movement says, and then expects."""
+    actions = []
+    for pose in movement.predict(np.linspace(0.0, 0.4, STEPS)).mean:
+        observation = {"ee_pose": pose, "wrench": np.zeros(6)}
+        if not actions:
+            agent.reset(observation)
+        step = agent.act(observation)
+        actions += [step.action, step.std, step.stiffness]
+    return [*actions, *numbers(agent.forecast())]
+
+
+def numbers(trajectory: GaussianTrajectory) -> list[np.ndarray]:
+    return [trajectory.mean, trajectory.std, trajectory.covariance]
+
+
+def digest(arrays: Any) -> str:
+    return hashlib.sha256(
+        b"".join(np.ascontiguousarray(each).tobytes() for each in arrays)
+    ).hexdigest()
+
+
+class Watch:
+    """Notes functions of ours with linear algebra that run on several BLAS threads."""
+
+    def __init__(self) -> None:
+        controller = ThreadpoolController().select(user_api="blas")
+        self.libraries = controller.lib_controllers
+        self.limited: set[str] = set()
+        self.unlimited: set[str] = set()
+
+    def __call__(self, frame: types.FrameType, event: str, _: object) -> None:
+        if event != "call" or not _multiplies(frame.f_code):
+            return
+        module = frame.f_globals.get("__name__", "")
+        # Not gplfd_env: its matrices have the seven rows of the arm at most.
+        if module.startswith("gplfd."):
+            alone = all(each.get_num_threads() == 1 for each in self.libraries)
+            name = f"{module}.{frame.f_code.co_qualname}"
+            (self.limited if alone else self.unlimited).add(name)
+
+
+@functools.cache
+def _multiplies(code: types.CodeType) -> bool:
+    return not LINEAR_ALGEBRA.isdisjoint(code.co_names) or any(
+        each.opname == "BINARY_OP" and each.argrepr in ("@", "@=")
+        for each in get_instructions(code)
+    )
+
+
+def main() -> None:
+    warnings.simplefilter("ignore")
+    watch = Watch()
+    if "--watch" in sys.argv:
+        sys.setprofile(watch)
+    for name, arrays in results():
+        print(f"{name}: {digest(arrays)}")
+    sys.setprofile(None)
+    print(len(watch.limited), *sorted(watch.unlimited), sep="\n", file=sys.stderr)
+
+
+@pytest.mark.bits
+def test_linear_algebra_runs_on_one_thread() -> None:
+    """With one BLAS thread and with two the bits are the same.
+
+    Small products have the same bits on many threads with some kernels, so that equal
+    bits alone do not show the limit. Hence the list of functions that ran without it.
+    """
+    running = [
+        subprocess.Popen(
+            [sys.executable, __file__, *options],
+            env={**os.environ, "OPENBLAS_NUM_THREADS": threads},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for threads, *options in (["1"], ["2", "--watch"])
+    ]
+    (one, _), (two, said) = (each.communicate() for each in running)
+    assert [each.returncode for each in running] == [0, 0], said
+    assert two.splitlines() == one.splitlines()
+    results = dict(line.rsplit(": ", 1) for line in one.splitlines())
+    assert results["gp: kept"] == results["gp: learned"]
+    assert results["gp: acts as kept"] == results["gp: acts"]
+    assert results["gp: acts as made"] == results["gp: acts"]
+    limited, *unlimited = said.splitlines()
+    assert unlimited == []
+    assert int(limited) > 70
+
+
+def test_the_limit_ends_with_the_last_that_computes() -> None:
+    """Of all threads of a process, which share one number of BLAS threads."""
+
+    def numbers_of_threads() -> set[int]:
+        return {
+            pool["num_threads"]
+            for pool in threadpool_info()
+            if pool["user_api"] == "blas"
+        }
+
+    entered, leave = threading.Event(), threading.Event()
+
+    @one_thread
+    def compute() -> None:
+        entered.set()
+        leave.wait()
+
+    with threadpool_limits(limits=2, user_api="blas"):
+        other = threading.Thread(target=compute)
+        with one_thread:
+            other.start()
+            entered.wait()
+        assert numbers_of_threads() == {1}
+        leave.set()
+        other.join()
+        assert numbers_of_threads() == {2}
+        # The first thread that sets a number is another than the last.
+        seen: list[set[int]] = []
+        look = threading.Thread(
+            target=one_thread(lambda: seen.append(numbers_of_threads()))
+        )
+        look.start()
+        look.join()
+        assert seen == [{1}]
+        assert numbers_of_threads() == {2}
+        with pytest.raises(ZeroDivisionError), one_thread, one_thread:
+            raise ZeroDivisionError
+        assert numbers_of_threads() == {2}
+
+
+if __name__ == "__main__":
+    main()
