@@ -18,6 +18,7 @@ from gplfd_env.looks import (
     add_panels,
     show_closer,
 )
+from gplfd_env.mobile_base import HARD_STOP
 from gplfd_env.placement import (
     grasp_in_door_frame,
     handle_position_w,
@@ -108,6 +109,8 @@ def add_door(
         solimp_friction=[0.999, 0.999, 0.001, 0.5, 2.0],
         armature=0.01,
     )
+    if base == "mobile":
+        spec.joint("hinge").solref_limit = HARD_STOP
     _add_leaf(leaf, door)
     foot = -door.handle_standoff + door.leaf_thickness / 2
     if door.handle == "bar":

@@ -44,7 +44,7 @@ def test_spec_survives_json(door: Any) -> None:
 def test_make_by_module_and_id_needs_no_import(tmp_path: Path) -> None:
     program = (
         "import gymnasium as gym\n"
-        "env = gym.make('gplfd_env:gplfd/DoorOpening-v0', door='large')\n"
+        "env = gym.make('gplfd_env:gplfd/DoorOpening-v1', door='large')\n"
         "observation, info = env.reset(seed=0)\n"
         "print(env.spec.id, info['door_radius'])\n"
     )
@@ -56,14 +56,14 @@ def test_make_by_module_and_id_needs_no_import(tmp_path: Path) -> None:
         cwd=tmp_path,
     )
     assert result.stderr == ""
-    assert result.stdout.split() == ["gplfd/DoorOpening-v0", "0.65"]
+    assert result.stdout.split() == ["gplfd/DoorOpening-v1", "0.65"]
 
 
 @pytest.mark.parametrize(
     ("id", "name"),
     [
-        ("gplfd/DoorOpening-v0", "DoorOpening"),
-        ("gplfd/DoorOpeningImpedance-v0", "DoorOpeningImpedance"),
+        ("gplfd/DoorOpening-v1", "DoorOpening"),
+        ("gplfd/DoorOpeningImpedance-v1", "DoorOpeningImpedance"),
     ],
 )
 def test_specs_of_the_registered_ids(id: str, name: str) -> None:
