@@ -118,7 +118,7 @@ def add_door(
     else:
         add_turning_handle(leaf, door, foot)
     if structure.latched:
-        add_latch(spec, frame, leaf, door, _edges_in_frame(door)[1])
+        add_latch(spec, frame, leaf, door, _edges_in_frame(door)[1], base)
     add_closer(spec, door, tendons=structure.closer)
     _add_looks(spec, frame, leaf, door, structure)
 
