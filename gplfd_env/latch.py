@@ -30,9 +30,9 @@ _BEVEL: Final = 0.018
 """Length and rise of the strike's bevel [m]; more than the longest bolt needs."""
 
 _UNDERCUT: Final[dict[Base, float]] = {"fixed": 0.0, "mobile": math.radians(3.0)}
-"""By how much the strike's upright face recedes behind its edge [rad]: the loaded edge
-then touches the bolt's flank, and nothing pushes the bolt in while the leaf gives way by
-less. An upright face lets 2 kN of a robot that drives into the door push it in."""
+"""By how much the strike's upright face recedes behind its edge [rad]. Then the edge
+loads the bolt's flank, and nothing pushes the bolt in while the leaf gives way by less.
+An upright face lets 2 kN of a robot that drives into the door push it in."""
 
 _CONTACT: Final[dict[Base, list[float]]] = {
     "fixed": [0.9, 0.95, 0.001, 0.5, 2.0],

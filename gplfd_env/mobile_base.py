@@ -37,10 +37,10 @@ _TRACKING: Final = 2.0e6
 _NO_FORCE: Final = 1e-6
 """Limit of a force that is none: MuJoCo asks for a range [N, N m]."""
 
-HARD_STOP: Final = (0.004, 1.0)
-"""Time constant [s] and damping ratio of frame, stop and fingers' ends where the robot
-drives: as hard as the physics step allows. With MuJoCo's 0.02 s a base of 60 kg that
-runs into the leaf presses it by more than a degree into the frame."""
+HARD_STOP: Final = (0.005, 1.0)
+"""Time constant [s] and damping ratio of frame, stop and the fingers' ends where the
+robot drives: two and a half physics steps. With MuJoCo's 0.02 s a base of 60 kg that
+runs into the leaf presses it into the frame by more than a degree."""
 
 
 def add_mobile_base(spec: mujoco.MjSpec) -> None:

@@ -118,7 +118,9 @@ def actions(space: Any, hold: int, corners: bool, seed: int) -> Iterator[np.ndar
         yield from itertools.repeat(action.astype(space.dtype), hold)
 
 
-def drive(id: str, start: str, door: DoorSpec, disturbance: str, steps: int) -> Extremes:
+def drive(
+    id: str, start: str, door: DoorSpec, disturbance: str, steps: int
+) -> Extremes:
     """Attack one door with every kind of random actions; episodes go on when lost.
 
     Args:
@@ -154,12 +156,11 @@ def drive(id: str, start: str, door: DoorSpec, disturbance: str, steps: int) -> 
                 found = found.worst(
                     Extremes(
                         speed=math.hypot(vx, vy),
-                        turning=abs(turning),
+                        turning=float(abs(turning)),
                         outside=max(-angle, angle - math.degrees(config.stop_angle)),
                         locked=angle if disturbance == "locked" else 0.0,
                         unlatched=found.unlatched + (latched and angle > 1.5),
-                        escaped=found.escaped
-                        + (info["simulation_error"] or not sound),
+                        escaped=found.escaped + (info["simulation_error"] or not sound),
                     )
                 )
     return found
@@ -200,6 +201,26 @@ def test_random_actions_before_random_doors(id: str, randomization: str) -> None
     outcomes = endure(id, randomization, 1600)
     assert outcomes["grasp_lost"] > 5
     assert outcomes["simulation_error"] == 0
+
+
+@pytest.mark.parametrize(("id", "start"), DRIVING)
+def test_a_robot_that_drives_obeys_its_drive_whatever_is_commanded(
+    id: str, start: str
+) -> None:
+    """No latch is passed, no door leaves its frame, no finger its range.
+
+    Only while its wheels slip, under an arm that is flung about, does the base turn
+    faster than it is driven.
+    """
+    found = Extremes()
+    for door, disturbance in ATTACKED[2::3]:
+        found = found.worst(drive(id, start, door, disturbance, ATTACK // 2))
+    assert found.speed < 1.05 * SPEED[0]
+    assert found.turning < 2.5 * SPEED[1]
+    assert found.outside < 0.5
+    assert found.locked < 0.5
+    assert found.unlatched == 0
+    assert found.escaped == 0
 
 
 def test_two_processes_agree_bit_for_bit() -> None:
