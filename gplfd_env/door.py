@@ -110,7 +110,14 @@ def add_door(
         armature=0.01,
     )
     if base == "mobile":
-        spec.joint("hinge").solref_limit = HARD_STOP
+        # Beside the hinge's own limit, which disturbances move and which stays soft.
+        end = spec.add_tendon(
+            name="hinge_end",
+            limited=True,
+            range=[0.0, door.stop_angle],
+            solref_limit=HARD_STOP,
+        )
+        end.wrap_joint("hinge", 1.0)
     _add_leaf(leaf, door)
     foot = -door.handle_standoff + door.leaf_thickness / 2
     if door.handle == "bar":

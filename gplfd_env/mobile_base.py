@@ -38,9 +38,13 @@ _NO_FORCE: Final = 1e-6
 """Limit of a force that is none: MuJoCo asks for a range [N, N m]."""
 
 HARD_STOP: Final = (0.005, 1.0)
-"""Time constant [s] and damping ratio of frame, stop and the fingers' ends where the
-robot drives: two and a half physics steps. With MuJoCo's 0.02 s a base of 60 kg that
-runs into the leaf presses it into the frame by more than a degree."""
+"""Time constant [s] and damping ratio of the ends of hinge and fingers where the robot
+drives: two and a half physics steps. With MuJoCo's 0.02 s a base of 60 kg that runs
+into the leaf presses it into the frame by more than a degree."""
+
+_RIGID: Final = (0.99, 0.999, 0.001, 0.5, 2.0)
+"""Impedance of the fingers' ends: an arm that is flung about bends them by no more than
+a centimetre together."""
 
 
 def add_mobile_base(spec: mujoco.MjSpec) -> None:
@@ -73,7 +77,8 @@ def add_mobile_base(spec: mujoco.MjSpec) -> None:
         )
         servo.set_to_velocity(kv=_TRACKING)
     for side in ("right", "left"):
-        spec.joint(f"gripper_{side}_finger_joint").solref_limit = HARD_STOP
+        finger = spec.joint(f"gripper_{side}_finger_joint")
+        finger.solref_limit, finger.solimp_limit = HARD_STOP, _RIGID
     for name, (ahead, left, turn) in WHEELS.items():
         slip = spec.add_tendon(
             name=name,
