@@ -18,7 +18,7 @@ from gplfd_env.looks import (
     add_panels,
     show_closer,
 )
-from gplfd_env.mobile_base import HARD_STOP
+from gplfd_env.mobile_base import HARD_STOP, SOFT_STOP
 from gplfd_env.placement import (
     grasp_in_door_frame,
     handle_position_w,
@@ -110,7 +110,8 @@ def add_door(
         armature=0.01,
     )
     if base == "mobile":
-        # Beside the hinge's own limit, which disturbances move and which stays soft.
+        # Beside the hinge's own limit, which disturbances move and which stays softer.
+        spec.joint("hinge").solref_limit = SOFT_STOP
         end = spec.add_tendon(
             name="hinge_end",
             limited=True,

@@ -42,6 +42,9 @@ HARD_STOP: Final = (0.005, 1.0)
 drives: two and a half physics steps. With MuJoCo's 0.02 s a base of 60 kg that runs
 into the leaf presses it into the frame by more than a degree."""
 
+SOFT_STOP: Final = (0.015, 1.0)
+"""The same of a stop that a disturbance sets."""
+
 _RIGID: Final = (0.99, 0.999, 0.001, 0.5, 2.0)
 """Impedance of the fingers' ends: an arm that is flung about bends them by no more than
 a centimetre together."""
