@@ -2,7 +2,7 @@
 
 Steps per second of many doors, as Gymnasium's vector environment, in the learners'
 wrappers, and as Stable-Baselines3's; and the return of a gentle and of a violent script
-under the dense reward and under that of ``gplfd/DoorOpeningRL-v0``; and what policies
+under the dense reward and under that of ``gplfd/DoorOpeningRL-v1``; and what policies
 reach that learned from six demonstrations, beside curves of one that learned by
 reinforcement. Needs the extra sb3.
 """

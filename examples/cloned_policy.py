@@ -1,6 +1,6 @@
 """A small network that imitates the policy `gp`, measured like the policies.
 
-The network sees what ``gplfd/DoorOpeningRL-v0`` shows, one vector, and says what that
+The network sees what ``gplfd/DoorOpeningRL-v1`` shows, one vector, and says what that
 takes, a set-point relative to the hand. It learns from episodes in which `gp`, which
 itself learned from a few demonstrations, opens doors that differ a little every time.
 

@@ -1,4 +1,4 @@
-"""PPO on `gplfd/DoorOpeningRL-v0`, measured like the policies; needs the extra sb3.
+"""PPO on `gplfd/DoorOpeningRL-v1`, measured like the policies; needs the extra sb3.
 
     python examples/learned_policy.py --steps 700000 --out results/ppo
     gplfd run --policy examples/learned_policy.py:make

@@ -4,7 +4,7 @@ import gymnasium as gym
 
 import gplfd_env  # noqa: F401  (registers the ids)
 
-env = gym.make("gplfd/DoorOpening-v0", door="medium", max_episode_steps=300)
+env = gym.make("gplfd/DoorOpening-v1", door="medium", max_episode_steps=300)
 env.action_space.seed(0)
 observation, info = env.reset(seed=0)
 total, ended = 0.0, False

@@ -3,9 +3,9 @@
 Importing this package registers the ids; MuJoCo is loaded only by ``gym.make``::
 
     import gymnasium as gym, gplfd_env
-    env = gym.make("gplfd/DoorOpening-v0", door="medium")
-    env = gym.make("gplfd_env:gplfd/DoorOpening-v0")  # needs no import
-    envs = gym.make_vec("gplfd/DoorOpening-v0", num_envs=64, randomization="mild")
+    env = gym.make("gplfd/DoorOpening-v1", door="medium")
+    env = gym.make("gplfd_env:gplfd/DoorOpening-v1")  # needs no import
+    envs = gym.make_vec("gplfd/DoorOpening-v1", num_envs=64, randomization="mild")
 """
 
 from collections.abc import Mapping
@@ -20,22 +20,22 @@ from gplfd_env.geometry import DoorGeometry
 from gplfd_env.randomization import RANDOMIZATIONS, DoorRandomization
 from gplfd_env.task import Control
 
-ENVIRONMENT_ID = "gplfd/DoorOpening-v0"
+ENVIRONMENT_ID = "gplfd/DoorOpening-v1"
 """Commands are poses; see `gplfd_env.door_opening.DoorOpeningEnv`."""
 
-IMPEDANCE_ENVIRONMENT_ID = "gplfd/DoorOpeningImpedance-v0"
+IMPEDANCE_ENVIRONMENT_ID = "gplfd/DoorOpeningImpedance-v1"
 """Commands are poses and stiffnesses; see
 `gplfd_env.door_opening.DoorOpeningImpedanceEnv`."""
 
-MOBILE_ENVIRONMENT_ID = "gplfd/DoorOpeningMobile-v0"
+MOBILE_ENVIRONMENT_ID = "gplfd/DoorOpeningMobile-v1"
 """Commands are poses and twists of the base; see
 `gplfd_env.door_opening.DoorOpeningMobileEnv`."""
 
-GRIPPER_ENVIRONMENT_ID = "gplfd/DoorOpeningGripper-v0"
+GRIPPER_ENVIRONMENT_ID = "gplfd/DoorOpeningGripper-v1"
 """Commands are poses and widths of the gripper; see
 `gplfd_env.gripper_env.DoorOpeningGripperEnv`."""
 
-RL_ENVIRONMENT_ID = "gplfd/DoorOpeningRL-v0"
+RL_ENVIRONMENT_ID = "gplfd/DoorOpeningRL-v1"
 """Flat observations, actions within ±1 relative to the hand, a reward that prefers a
 gentle opening; see `gplfd_env.wrappers`."""
 
@@ -77,6 +77,21 @@ gymnasium.register(
     vector_entry_point="gplfd_env.reinforcement:door_opening_rl_vector",
     max_episode_steps=TIME_LIMIT,
 )
+
+# Version 0 let a base exceed its drive's limits. Before a base that stands still it is
+# the same, bit for bit, and can still be made.
+for _id, _name in (
+    (ENVIRONMENT_ID, "door_opening"),
+    (IMPEDANCE_ENVIRONMENT_ID, "impedance"),
+    (GRIPPER_ENVIRONMENT_ID, "gripper"),
+    (RL_ENVIRONMENT_ID, "rl"),
+):
+    gymnasium.register(
+        id=_id.replace("-v1", "-v0"),
+        entry_point=f"gplfd_env.version_0:{_name}",
+        vector_entry_point=f"gplfd_env.version_0:{_name}_vector",
+        max_episode_steps=TIME_LIMIT,
+    )
 
 __all__ = [
     "DISTURBANCES",

@@ -108,6 +108,10 @@ class Command:
             )
         return command
 
+    def clamped(self, commands: Array) -> Array:
+        """Return commands within the bounds of the action space, (..., n)."""
+        return np.minimum(np.maximum(commands, self.low), self.high)
+
 
 COMMANDS: Final[dict[Control, Command]] = {
     "pose": Command(

@@ -53,7 +53,7 @@ class DoorConfig:
     radius: float = quantity(
         0.50, unit="m", low=0.30, high=0.95, reason="the radii the robot can open"
     )
-    """Distance from hinge axis to handle axis; beyond 0.65 m the base has to move."""
+    """Distance from hinge axis to handle axis."""
 
     hinge_friction: float = quantity(0.5, unit="N m", low=0.0, high=50.0)
     """Coulomb friction of the hinge."""
@@ -73,8 +73,7 @@ class DoorConfig:
     handle_height: float = quantity(
         0.85, unit="m", low=0.50, high=1.22, reason="what torso and arm can serve"
     )
-    """Height of the grasped point above the floor; beyond 0.90 m the base has to
-    move."""
+    """Height of the grasped point above the floor."""
 
     handle_standoff: float = quantity(0.07, unit="m", low=0.06, high=0.12)
     """Distance between the handle's axis and the leaf's mid-plane."""

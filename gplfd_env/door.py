@@ -18,6 +18,7 @@ from gplfd_env.looks import (
     add_panels,
     show_closer,
 )
+from gplfd_env.mobile_base import HARD_STOP, SOFT_STOP
 from gplfd_env.placement import (
     grasp_in_door_frame,
     handle_position_w,
@@ -107,6 +108,16 @@ def add_door(
         solimp_friction=[0.999, 0.999, 0.001, 0.5, 2.0],
         armature=0.01,
     )
+    if base == "mobile":
+        # Beside the hinge's own limit, which disturbances move and which stays softer.
+        spec.joint("hinge").solref_limit = SOFT_STOP
+        end = spec.add_tendon(
+            name="hinge_end",
+            limited=True,
+            range=[0.0, door.stop_angle],
+            solref_limit=HARD_STOP,
+        )
+        end.wrap_joint("hinge", 1.0)
     _add_leaf(leaf, door)
     foot = -door.handle_standoff + door.leaf_thickness / 2
     if door.handle == "bar":
@@ -114,7 +125,7 @@ def add_door(
     else:
         add_turning_handle(leaf, door, foot)
     if structure.latched:
-        add_latch(spec, frame, leaf, door, _edges_in_frame(door)[1])
+        add_latch(spec, frame, leaf, door, _edges_in_frame(door)[1], base)
     add_closer(spec, door, tendons=structure.closer)
     _add_looks(spec, frame, leaf, door, structure)
 

@@ -1,4 +1,4 @@
-"""One door: ``gplfd/DoorOpening-v0``, its impedance and its mobile variant."""
+"""One door: ``gplfd/DoorOpening-v1``, its impedance and its mobile variant."""
 
 from collections.abc import Mapping
 from typing import Any, get_args
@@ -222,6 +222,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         if episode is None:
             raise gym.error.ResetNeeded("call reset() before the first step()")
         command = self.command.check(action, self.command.rest.shape)
+        if self._base == "mobile":
+            # MuJoCo clamps what the servo is told, but the base follows it, too.
+            command = self.command.clamped(command)
         loads = episode.loads()
         command = episode.due(command)
         drive = episode.drive(command, obeys=self.command.drives)

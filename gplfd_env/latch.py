@@ -15,6 +15,7 @@ import numpy as np
 from gplfd_env.config import DoorConfig
 from gplfd_env.handle import STEEL, set_spring
 from gplfd_env.room import INTANGIBLE
+from gplfd_env.task import Base
 
 _NOSE: Final = 0.003
 """Radius of the bolt's nose [m]."""
@@ -27,6 +28,18 @@ _CLEARANCE: Final = 0.001
 
 _BEVEL: Final = 0.018
 """Length and rise of the strike's bevel [m]; more than the longest bolt needs."""
+
+_UNDERCUT: Final[dict[Base, float]] = {"fixed": 0.0, "mobile": math.radians(3.0)}
+"""By how much the strike's upright face recedes behind its edge [rad]. Then the edge
+loads the bolt's flank, and nothing pushes the bolt in while the leaf gives way by less.
+An upright face lets 2 kN of a robot that drives into the door push it in."""
+
+_CONTACT: Final[dict[Base, list[float]]] = {
+    "fixed": [0.9, 0.95, 0.001, 0.5, 2.0],
+    "mobile": [0.99, 0.999, 0.001, 0.5, 2.0],
+}
+"""Impedance of bolt and strike (MuJoCo's ``solimp``; its default where the base is
+fixed)."""
 
 _HALF_HEIGHT: Final = 0.03
 
@@ -62,6 +75,7 @@ def add_latch(
     leaf: mujoco.MjsBody,
     door: DoorConfig,
     lock_edge: float,
+    base: Base = "fixed",
 ) -> None:
     """Add bolt and strike, and what draws the bolt in.
 
@@ -74,15 +88,17 @@ def add_latch(
         leaf: The leaf's body, its origin on the hinge's axis.
         door: Geometry and spring.
         lock_edge: Where the leaf's free edge is in the frame, task-frame z [m].
+        base: Whether a robot that drives can run into the leaf.
     """
     _add_bolt(leaf, door)
-    _add_strike(spec, frame, door, lock_edge)
+    _add_strike(spec, frame, door, lock_edge, _UNDERCUT[base])
     spec.add_pair(
         name="latch",
         geomname1="bolt_nose",
         geomname2="strike",
         condim=1,
         solref=[0.005, 1.0],
+        solimp=_CONTACT[base],
     )
     ratio = door.bolt_throw / (door.handle_travel - door.dead_travel)
     retraction = spec.add_tendon(
@@ -123,12 +139,16 @@ def _add_bolt(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
 
 
 def _add_strike(
-    spec: mujoco.MjSpec, frame: mujoco.MjsBody, door: DoorConfig, lock_edge: float
+    spec: mujoco.MjSpec,
+    frame: mujoco.MjsBody,
+    door: DoorConfig,
+    lock_edge: float,
+    undercut: float,
 ) -> None:
-    """Add the wedge: right-angled in the plane of the leaf's motion."""
+    """Add the wedge, in the plane of the leaf's motion."""
     corners = [
         (0.0, 0.0),
-        (0.0, 1.5 * _BEVEL),
+        (1.5 * _BEVEL * math.tan(undercut), 1.5 * _BEVEL),
         (_BEVEL, _BEVEL),
         (_BEVEL, 1.5 * _BEVEL),
     ]

@@ -1,4 +1,4 @@
-"""``gplfd/DoorOpeningRL-v0``: the pose environment as learners take it."""
+"""``gplfd/DoorOpeningRL-v1``: the pose environment as learners take it."""
 
 from typing import Any
 
@@ -58,7 +58,7 @@ def refuse_reward(arguments: dict[str, Any]) -> None:
     """Raise a ValueError where a reward is given: the wrappers have their own."""
     if "reward" in arguments:
         raise ValueError(
-            "gplfd/DoorOpeningRL-v0 has a reward of its own; for the others make "
-            "gplfd/DoorOpening-v0 and wrap it in gplfd_env.wrappers.RelativeAction "
+            "gplfd/DoorOpeningRL-v1 has a reward of its own; for the others make "
+            "gplfd/DoorOpening-v1 and wrap it in gplfd_env.wrappers.RelativeAction "
             f"and FlatObservation; got reward={arguments['reward']!r}"
         )

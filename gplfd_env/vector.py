@@ -226,6 +226,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         resting = self._ended if np.count_nonzero(self._ended) else None
         shape = self.num_envs, *self.command.rest.shape
         commands = self.command.check(actions, shape, resting)
+        if self._base == "mobile":
+            commands = self.command.clamped(commands)
         self._advance(commands, resting)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and resting is not None:
             self._restart(resting)

@@ -57,7 +57,7 @@ _STATE: Final = ("qpos", "qvel", "qacc_warmstart", "xfrc_applied")
 def make_warp(
     num_envs: int = 1, **arguments: Any
 ) -> gym.vector.VectorEnv[NDArray[np.float32], Any, Any]:
-    """Return n doors on Warp's default device, as ``gplfd/DoorOpeningRL-v0`` has them.
+    """Return n doors on Warp's default device, as ``gplfd/DoorOpeningRL-v1`` has them.
 
     Args:
         num_envs: Number of simulations n.
@@ -87,7 +87,7 @@ class WarpPhysics(Alike):
             raise ValueError(
                 "no latch on MuJoCo Warp, which has one ratio of bolt to handle for "
                 "all simulations: give a door with latch='none', such as 'cabinet', or "
-                f"make gplfd/DoorOpeningRL-v0; got latch={begin.door.latch!r}"
+                f"make gplfd/DoorOpeningRL-v1; got latch={begin.door.latch!r}"
             )
         super().__init__(n, begin, *robot)
 
@@ -182,7 +182,7 @@ class WarpPhysics(Alike):
     def __getstate__(self) -> tuple[Any, ...]:
         raise TypeError(
             "simulations on MuJoCo Warp cannot be copied or pickled; those of "
-            "gplfd/DoorOpeningRL-v0 can"
+            "gplfd/DoorOpeningRL-v1 can"
         )
 
 
@@ -199,9 +199,9 @@ def _put(target: Any, rows: Any, values: NDArray[Any]) -> None:
 class DoorOpeningWarpVectorEnv(DoorOpeningVectorEnv):
     """n simulations of `gplfd_env.door_opening.DoorOpeningEnv` on MuJoCo Warp.
 
-    Actions are poses, as in ``gplfd/DoorOpening-v0``. MuJoCo Warp has no servo on the
+    Actions are poses, as in ``gplfd/DoorOpening-v1``. MuJoCo Warp has no servo on the
     whole orientation, so the hand is turned by three, one per axis of its rotation
-    vector: it is ``gplfd/DoorOpeningImpedance-v0`` at its greatest stiffness. Physics
+    vector: it is ``gplfd/DoorOpeningImpedance-v1`` at its greatest stiffness. Physics
     are on Warp's default device (``warp.set_device``); doors are drawn, and rewards,
     successes and failures are decided, on the processor by what decides them there.
 

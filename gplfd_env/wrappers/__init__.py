@@ -1,8 +1,8 @@
 """Wrappers for those who learn: what the environments say, in other forms.
 
 Each for one environment and, with ``Vector`` before its name, for a vector environment;
-one and many give the same numbers, bit for bit. ``gplfd/DoorOpeningRL-v0`` is
-``gplfd/DoorOpening-v0`` in three of them: `RelativeAction`, `GentleReward`,
+one and many give the same numbers, bit for bit. ``gplfd/DoorOpeningRL-v1`` is
+``gplfd/DoorOpening-v1`` in three of them: `RelativeAction`, `GentleReward`,
 `FlatObservation`.
 """
 

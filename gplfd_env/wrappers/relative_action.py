@@ -60,7 +60,7 @@ class RelativeAction(gym.Wrapper[Observation, Any, Observation, Any]):
 
     The command is the observed pose of the hand plus the limits times the action, so
     that zero lets the hand rest where it is, and no action asks for more than the servo
-    does over that distance. For ``gplfd/DoorOpening-v0`` and whatever else commands
+    does over that distance. For ``gplfd/DoorOpening-v1`` and whatever else commands
     poses and observes ``ee_pose``.
 
     Args:
@@ -159,7 +159,7 @@ def _check_pose(space: spaces.Space[Any]) -> None:
     if space.shape != (6,):
         raise ValueError(
             "RelativeAction needs an environment whose action is a pose (6,), such as "
-            f"gplfd/DoorOpening-v0; got one with {space}"
+            f"gplfd/DoorOpening-v1; got one with {space}"
         )
 
 

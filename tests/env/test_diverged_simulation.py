@@ -105,7 +105,7 @@ def test_observation_after_divergence_is_a_copy(make_env: Callable) -> None:
 
 
 def test_passive_checker_accepts_a_diverged_step() -> None:
-    env = gym.make("gplfd/DoorOpening-v0", door="small")
+    env = gym.make("gplfd/DoorOpening-v1", door="small")
     env.reset(seed=0)
     assert isinstance(env.unwrapped, DoorOpeningEnv)
     env.unwrapped.data.qvel[:] = np.nan

@@ -1,24 +1,85 @@
 """Many random steps and many random doors; more of them when run as a script:
 
 python tests/env/test_endurance.py endure 100000
+python tests/env/test_endurance.py drive 100000
 python tests/env/test_endurance.py digest 200
 """
 
+import contextlib
 import hashlib
+import itertools
+import math
 import subprocess
 import sys
 import warnings
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import gplfd_env
-from gplfd_env.config import DoorConfig
+from gplfd_env.config import DoorConfig, DoorSpec, door_config
+from gplfd_env.whole_body import SPEED
 
 IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
 N = 8
+
+DRIVING = (
+    (gplfd_env.ENVIRONMENT_ID, "grasped"),
+    (gplfd_env.ENVIRONMENT_ID, "approach"),
+    (gplfd_env.IMPEDANCE_ENVIRONMENT_ID, "grasped"),
+    (gplfd_env.MOBILE_ENVIRONMENT_ID, "grasped"),
+    (gplfd_env.MOBILE_ENVIRONMENT_ID, "approach"),
+    (gplfd_env.GRIPPER_ENVIRONMENT_ID, "grasped"),
+    (gplfd_env.RL_ENVIRONMENT_ID, "grasped"),
+)
+"""Ids under which the base can drive, and how their episodes begin."""
+
+ATTACKED: tuple[tuple[DoorSpec, str], ...] = (
+    ("medium", "none"),
+    ("large", "locked"),
+    ("room-584", "none"),
+    ("room-834", "locked"),
+    ("office-closer-2", "none"),
+    ({"preset": "room-709", "swing": "push"}, "none"),
+    ({"preset": "room-709", "swing": "push", "hinge_side": "left"}, "none"),
+    ({"preset": "room-834", "swing": "push"}, "locked"),
+    ({"preset": "room-584", "handle": "knob"}, "none"),
+    ({"preset": "room-584", "handle": "knob", "swing": "push"}, "none"),
+)
+"""Doors, and what happens to them."""
+
+HELD = (1, 20, 5, 20, 60)
+"""Control periods for which an action is held; the first two are drawn from the whole
+space, the others from its corners."""
+
+ATTACK = 150
+"""Control periods of an attacked episode."""
+
+BOLT_NOSE = 0.006
+"""A bolt that stands out by less than its nose and the leaf's gap can slip off [m]."""
+
+
+class Extremes(NamedTuple):
+    """What a robot that drives did at worst."""
+
+    speed: float = 0.0
+    """Of the base [m/s]."""
+    turning: float = 0.0
+    """Of the base [rad/s]."""
+    outside: float = 0.0
+    """Of a door, beyond frame or stop [deg]."""
+    locked: float = 0.0
+    """Angle of a locked door [deg]."""
+    unlatched: int = 0
+    """Steps with a latched door open whose handle was not turned far enough."""
+    escaped: int = 0
+    """Observations outside their space, and diverged simulations."""
+
+    def worst(self, other: "Extremes") -> "Extremes":
+        return Extremes(*map(max, self, other))
 
 
 def endure(id: str, randomization: str, steps: int) -> dict[str, int]:
@@ -45,6 +106,67 @@ def endure(id: str, randomization: str, steps: int) -> dict[str, int]:
             outcomes[infos["final_info"]["failure"][row]] += 1
     envs.close()
     return outcomes
+
+
+def actions(
+    space: Any, hold: int, corners: bool, rng: np.random.Generator
+) -> Iterator[np.ndarray]:
+    """Yield random actions, each held for some control periods."""
+    while True:
+        action = rng.uniform(space.low, space.high)
+        if corners:
+            action = np.where(rng.random(space.shape) < 0.5, space.low, space.high)
+        yield from itertools.repeat(action.astype(space.dtype), hold)
+
+
+def drive(
+    id: str, start: str, door: DoorSpec, disturbance: str, steps: int, seed: int = 0
+) -> Extremes:
+    """Attack one door with every kind of random actions; episodes go on when lost.
+
+    Args:
+        id: Of the environment.
+        start: How its episodes begin.
+        door: The door.
+        disturbance: What happens to it.
+        steps: Number of control periods of each kind.
+        seed: Of the actions.
+    """
+    config, found = door_config(door), Extremes()
+    travel = config.handle_travel - config.dead_travel
+    clear = max(1.0 - BOLT_NOSE / config.bolt_throw, 0.0)
+    needed = config.dead_travel + clear * travel
+    made = gym.make(
+        id, door=config, base="mobile", start=start, disturbance=disturbance
+    )
+    with contextlib.closing(made):
+        env = made
+        while isinstance(env, gym.wrappers.TimeLimit | gym.wrappers.OrderEnforcing):
+            env = env.env
+        for kind, hold in enumerate(HELD):
+            rng = np.random.default_rng([seed, kind])
+            given = actions(env.action_space, hold, kind > 1, rng)
+            for step, action in enumerate(itertools.islice(given, steps)):
+                if step % ATTACK == 0:
+                    env.reset(seed=step)
+                    turned = 0.0
+                observation, *_, info = env.step(action)
+                turned = max(turned, info["handle_angle"])
+                angle = math.degrees(info["door_angle"])
+                latched = config.latch == "spring" and turned < needed
+                vx, vy, turning = info["base_velocity"]
+                sound = env.observation_space.contains(observation)
+                found = found.worst(
+                    Extremes(
+                        speed=math.hypot(vx, vy),
+                        turning=float(abs(turning)),
+                        outside=max(-angle, angle - math.degrees(config.stop_angle)),
+                        locked=angle if disturbance == "locked" else 0.0,
+                        unlatched=found.unlatched + (latched and angle > 1.5),
+                        escaped=found.escaped + (info["simulation_error"] or not sound),
+                    )
+                )
+    return found
 
 
 def digest(pair: int) -> str:
@@ -84,6 +206,26 @@ def test_random_actions_before_random_doors(id: str, randomization: str) -> None
     assert outcomes["simulation_error"] == 0
 
 
+@pytest.mark.parametrize(("id", "start"), DRIVING)
+def test_a_robot_that_drives_obeys_its_drive_whatever_is_commanded(
+    id: str, start: str
+) -> None:
+    """No latch is passed, no door leaves its frame, no finger its range.
+
+    Only while its wheels slip, under an arm that is flung about, does the base turn
+    faster than it is driven.
+    """
+    found = Extremes()
+    for door, disturbance in ATTACKED[2::3]:
+        found = found.worst(drive(id, start, door, disturbance, ATTACK // 2))
+    assert found.speed < 1.2 * SPEED[0]
+    assert found.turning < 2.5 * SPEED[1]
+    assert found.outside < 0.5
+    assert found.locked < 0.5
+    assert found.unlatched == 0
+    assert found.escaped == 0
+
+
 def test_two_processes_agree_bit_for_bit() -> None:
     pairs = 6
     result = subprocess.run(
@@ -102,6 +244,13 @@ if __name__ == "__main__":
     warnings.simplefilter("error")
     if what == "digest":
         print("\n".join(digest(pair) for pair in range(number)))
+    elif what == "drive":
+        each = -(-number // (len(DRIVING) * len(ATTACKED) * len(HELD)))
+        for id, start in DRIVING:
+            found = Extremes()
+            for seed, (door, disturbance) in enumerate(ATTACKED):
+                found = found.worst(drive(id, start, door, disturbance, each, seed))
+            print(id, start, found)
     else:
         for id in IDS:
             for randomization in ("mild", "hard"):

@@ -9,17 +9,22 @@ import pytest
 
 from gplfd_env.config import DoorConfig
 from gplfd_env.scene import GRASP_KEY, build_scene
+from gplfd_env.task import Base
 
 CLOSED = np.radians(0.5)
 SIDES = list(itertools.product(("pull", "push"), ("right", "left")))
+BASES: tuple[Base, ...] = ("fixed", "mobile")
 LEAF = {"radius": 0.53, "leaf_width": 0.584, "backset": 0.055, "panel_mass": 14.0}
 
 
-def door_alone(**fields: Any) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Return a latched door that the hand passes through."""
+def door_alone(
+    base: Base = "fixed", **fields: Any
+) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Return a latched door that the robot passes through."""
     door = DoorConfig(**{"handle": "lever", "latch": "spring", **LEAF, **fields})
-    model = build_scene(door)
-    model.geom("handle_bar").conaffinity = 0
+    model = build_scene(door, base=base)
+    for touched in ("handle_bar", "leaf"):
+        model.geom(touched).conaffinity = 0
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
     return model, data
@@ -36,16 +41,33 @@ def push(model: mujoco.MjModel, data: mujoco.MjData, time: float, **torques: flo
     return greatest
 
 
+@pytest.mark.parametrize("base", BASES)
 @pytest.mark.parametrize("handle", ["lever", "knob"])
 @pytest.mark.parametrize(("swing", "side"), SIDES)
-def test_a_latch_holds_100_newtons(swing: str, side: str, handle: str) -> None:
-    model, data = door_alone(swing=swing, hinge_side=side, handle=handle)
+def test_a_latch_holds_100_newtons(
+    swing: str, side: str, handle: str, base: Base
+) -> None:
+    model, data = door_alone(base, swing=swing, hinge_side=side, handle=handle)
     assert push(model, data, 2.0, hinge=100.0 * LEAF["radius"]) < CLOSED
 
 
 @pytest.mark.parametrize(("swing", "side"), SIDES)
-def test_the_turned_handle_frees_it_and_springs_back(swing: str, side: str) -> None:
-    model, data = door_alone(swing=swing, hinge_side=side)
+def test_before_a_robot_that_drives_a_latch_holds_4000_newtons(
+    swing: str, side: str
+) -> None:
+    """What the palm does to the leaf when the base is driven into the door."""
+    model, data = door_alone("mobile", swing=swing, hinge_side=side)
+    assert push(model, data, 0.2, hinge=4000.0 * LEAF["radius"]) < CLOSED
+    assert push(model, data, 0.5, hinge=0.0) < CLOSED
+    assert data.joint("bolt").qpos[0] == pytest.approx(0.0, abs=5e-4)
+
+
+@pytest.mark.parametrize("base", BASES)
+@pytest.mark.parametrize(("swing", "side"), SIDES)
+def test_the_turned_handle_frees_it_and_springs_back(
+    swing: str, side: str, base: Base
+) -> None:
+    model, data = door_alone(base, swing=swing, hinge_side=side)
     assert push(model, data, 0.5, handle=2.0, hinge=5.0) > CLOSED
     assert data.joint("handle").qpos[0] == pytest.approx(0.8, abs=0.02)
     assert data.joint("bolt").qpos[0] == pytest.approx(0.0127, abs=5e-4)
@@ -68,10 +90,13 @@ def test_the_bolt_follows_beyond_the_dead_travel(dead_travel: float) -> None:
         assert data.joint("bolt").qpos[0] == pytest.approx(drawn, abs=2e-4)
 
 
+@pytest.mark.parametrize("base", BASES)
 @pytest.mark.parametrize("speed", [0.3, 1.0, 3.0, 8.0])
 @pytest.mark.parametrize(("swing", "side"), SIDES)
-def test_a_slammed_door_latches(swing: str, side: str, speed: float) -> None:
-    model, data = door_alone(swing=swing, hinge_side=side)
+def test_a_slammed_door_latches(
+    swing: str, side: str, speed: float, base: Base
+) -> None:
+    model, data = door_alone(base, swing=swing, hinge_side=side)
     data.joint("hinge").qpos, data.joint("hinge").qvel = 0.3, -speed
     push(model, data, 1.5, hinge=-2.5)
     assert data.joint("hinge").qpos[0] < CLOSED

@@ -1,4 +1,4 @@
-"""``gplfd/DoorOpeningRL-v0``: the same episodes, otherwise told, and what they earn."""
+"""``gplfd/DoorOpeningRL-v1``: the same episodes, otherwise told, and what they earn."""
 
 import copy
 import math

@@ -43,8 +43,8 @@ def test_make_vec_makes_it_by_both_ids(id: str, prefix: str) -> None:
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 def test_metadata_tells_the_autoreset_mode(mode: AutoresetMode) -> None:
-    by_name = gym.make_vec("gplfd/DoorOpening-v0", 1, autoreset_mode=mode.value)
-    by_member = gym.make_vec("gplfd/DoorOpening-v0", 1, autoreset_mode=mode)
+    by_name = gym.make_vec("gplfd/DoorOpening-v1", 1, autoreset_mode=mode.value)
+    by_member = gym.make_vec("gplfd/DoorOpening-v1", 1, autoreset_mode=mode)
     assert by_name.metadata["autoreset_mode"] is mode
     assert by_member.metadata["autoreset_mode"] is mode
     assert DoorOpeningVectorEnv.metadata.get("autoreset_mode") is None, "its own copy"

@@ -237,7 +237,7 @@ def test_list_names_everything(
 ) -> None:
     assert gplfd("list") == 0
     printed = capsys.readouterr().out
-    for name in ("small", "medium", "large", "gp ", "oracle", "gplfd/DoorOpening-v0"):
+    for name in ("small", "medium", "large", "gp ", "oracle", "gplfd/DoorOpening-v1"):
         assert name in printed
 
 

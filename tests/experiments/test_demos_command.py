@@ -63,7 +63,7 @@ def test_replay_is_bit_exact(
 ) -> None:
     assert gplfd("demos", "replay", str(recorded)) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("oracle-v0: policy oracle in gplfd/DoorOpening-v0")
+    assert lines[0].startswith("oracle-v0: policy oracle in gplfd/DoorOpening-v1")
     assert lines[1:-1] == [f"episode {n}: bit-exact over 8 steps" for n in range(4)]
     assert lines[-1] == "4 of 4 episodes are the recording, bit for bit"
 
@@ -137,7 +137,7 @@ def test_inspect_prints_a_line_per_episode(
 ) -> None:
     assert gplfd("demos", "inspect", str(recorded)) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("oracle-v0: policy oracle in gplfd/DoorOpening-v0")
+    assert lines[0].startswith("oracle-v0: policy oracle in gplfd/DoorOpening-v1")
     assert any("mujoco" in line and "numpy" in line for line in lines)
     rows = [line.split() for line in lines[-4:]]
     assert [row[:6] for row in rows] == [
@@ -232,7 +232,7 @@ def unknown_argument(metadata: Any) -> None:
             "it lacks env_spec, which must",
         ),
         (lambda f: edit(f, foreign), "recorded in CartPole-v1, which is no environ"),
-        (lambda f: edit(f, unknown_argument), "cannot make gplfd/DoorOpening-v0 with"),
+        (lambda f: edit(f, unknown_argument), "cannot make gplfd/DoorOpening-v1 with"),
         (lambda f: edit(f, lambda m: m.update(env_spec="[]")), "holds [], not an obj"),
         (
             lambda f: edit(f, lambda m: m["gplfd"].update(git=[])),

@@ -72,7 +72,8 @@ class Dataset:
             ValueError: The id or its arguments are unknown to the installed version.
         """
         try:
-            return gym.make(self.environment, **self.arguments)
+            # By its spec, since Gymnasium warns of an id that has a newer version.
+            return gym.make(gym.spec(self.environment), **self.arguments)
         except (gym.error.Error, TypeError, ValueError) as error:
             raise ValueError(
                 f"{self.path}: the installed gplfd cannot make {self.environment} with "
