@@ -23,7 +23,11 @@ from gplfd.experiments.episodes.build import (
     make_environment,
 )
 from gplfd.experiments.episodes.doors import named_doors
-from gplfd.experiments.episodes.metrics import EpisodeMetrics, episode_metrics
+from gplfd.experiments.episodes.metrics import (
+    EpisodeMetrics,
+    episode_metrics,
+    why_closed,
+)
 from gplfd.experiments.episodes.rollout import Progress, rollout
 from gplfd.experiments.episodes.task import EpisodeTask, episode_task
 from gplfd.experiments.files.plain_data import entry, read_json, write_json
@@ -323,7 +327,9 @@ def _open(
     LOG.info(
         "%s: %s, %.1f deg in %.1f s (%.1f s)",
         name,
-        "opened" if metrics.success else f"not opened ({metrics.failure})",
+        "opened"
+        if metrics.success
+        else f"not opened ({why_closed(metrics.failure, metrics.reason)})",
         metrics.final_angle_deg,
         metrics.duration,
         time.perf_counter() - started,

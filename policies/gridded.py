@@ -161,11 +161,6 @@ class GriddedMovements:
         return self._durations
 
     @property
-    def members(self) -> tuple[GriddedMovement, ...]:
-        """The movement of every member."""
-        return self._movements
-
-    @property
     def numbers(self) -> Int[np.ndarray, "*N"]:
         """The members' numbers, from 0."""
         return self._numbers

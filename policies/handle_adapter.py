@@ -39,12 +39,13 @@ def controller_of(
         phases: Tells where along the task the observed poses lie.
         config: Stiffness, load, timing and via-points.
     """
-    gridded = GriddedMovements(movements)
-    shape = gridded.durations.shape
-    turned = [turned_handle(one.learned.aligned) for one in gridded.members]
-    if not any(turned):
+    alone = isinstance(movements, GriddedMovement)
+    each = [movements] if isinstance(movements, GriddedMovement) else movements
+    shape = () if alone else (len(each),)
+    turned = [turned_handle(one.learned.aligned) for one in each]
+    if all(handle is None for handle in turned):
         load = config.load.begin(config.profile, shape)
-        return ComplianceController(gridded, phases, load, config)
+        return ComplianceController(GriddedMovements(movements), phases, load, config)
     handles = Handles(turned, shape)
     return ComplianceController(
         HandleMovements(movements, handles),

@@ -15,7 +15,6 @@ from gplfd.policies.controllers.stiffness import StiffnessProfile
 from gplfd.policies.handles import Handles
 from gplfd.policies.load import Encounter, LoadRule, Response
 from gplfd.policies.members import EVERY_MEMBER, Members
-from gplfd_env.task import CONTROL_PERIOD
 
 
 class HandleAndDoor:
@@ -35,7 +34,7 @@ class HandleAndDoor:
         profile: StiffnessProfile,
         handles: Handles,
         shape: tuple[int, ...],
-        period: float = CONTROL_PERIOD,
+        period: float,
     ) -> None:
         self._handles, self._period = handles, period
         self._door = rule.begin(profile, shape)

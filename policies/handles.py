@@ -53,9 +53,6 @@ class Handles:
     Args:
         handles: What each member turns; None for a bar.
         shape: Leading axes of all arrays: () for one hand, (N,) for N hands.
-
-    Attributes:
-        turn: Whether any of them turns.
     """
 
     def __init__(
@@ -64,7 +61,6 @@ class Handles:
         self._handles = tuple(handles)
         self._numbers = np.arange(len(self._handles)).reshape(shape)
         self._gears = [1.0] * len(self._handles)
-        self.turn = any(handle is not None for handle in self._handles)
 
     def reset(self, members: Members = EVERY_MEMBER) -> None:
         """Forget how far these members' handles turn."""
@@ -85,8 +81,6 @@ class Handles:
         return self._through(poses, 1.0, members)
 
     def _through(self, poses: Poses, power: float, members: Members) -> Poses:
-        if not self.turn:
-            return poses
         through = poses.copy()
         for number, row in zip(self._of(members), through.reshape(-1, 6), strict=True):
             handle, gear = self._handles[number], self._gears[number]
@@ -116,8 +110,6 @@ class Handles:
 
     def opening(self, phases: Amount, members: Members = EVERY_MEMBER) -> Amount:
         """Return where along their paths these members open, or will first."""
-        if not self.turn:
-            return phases
         opens = [
             0.0 if handle is None else handle.opens
             for handle in (self._handles[number] for number in self._of(members))
@@ -128,8 +120,6 @@ class Handles:
         self, poses: Float[np.ndarray, "*S 6"], members: Members = EVERY_MEMBER
     ) -> Float[np.ndarray, "*S 6"]:
         """Return poses (..., *N, 6) with the handles' axes' places for the hands'."""
-        if not self.turn:
-            return poses
         numbers, places = self._of(members), poses.copy()
         columns = places.reshape(-1, len(numbers), 6)
         for column, number in enumerate(numbers):

@@ -19,6 +19,7 @@ from gplfd.policies.controllers.stiffness import StiffnessProfile
 from gplfd.policies.members import EVERY_MEMBER, Members, Numbers
 
 Wrench = Float[np.ndarray, "*N 6"]
+Pose = Float[np.ndarray, "*N 6"]
 Direction = Float[np.ndarray, "*N 3"]
 Amount = Float[Numbers, "*N"]
 
@@ -39,7 +40,7 @@ class Encounter:
     """Force and moment on the hand [N, N m]."""
     direction: Direction
     """Unit vector along which the policy moves the hand."""
-    pose: Wrench
+    pose: Pose
     """Pose of the hand [m, rad]."""
     displacement: Direction
     """How far it has been displaced: e of Eq. (22) [m]."""

@@ -330,7 +330,7 @@ class _Members:
             # Given a number, it unpacks no more, whatever the compressed bytes hold.
             array = array_of(stream.read(info.file_size), name)
         if array.dtype.kind in "biuf":
-            # Who computes with it makes float64 of it.
+            # Computation converts it to float64.
             self._budget.claim(max(0, 8 * array.size - array.nbytes), f"{name!r:.40}")
         return array
 

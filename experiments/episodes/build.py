@@ -1,8 +1,8 @@
 """Everything that an episode needs, made from its task.
 
-This is the only place where demonstrations, agents, environments and resets of an
-episode are set up: a run, a study, its repetition, a figure and a live view of one
-task therefore have the same numbers.
+This is the only place where demonstrations, agents and environments are made from a
+task: a run, a study, its repetition, a figure and a live view of one task therefore
+have the same numbers.
 """
 
 import contextlib

@@ -31,7 +31,7 @@ from gplfd.experiments.report.plots import (
 from gplfd.experiments.report.recorded import recorded_section
 from gplfd.experiments.report.recordings import recording_section
 from gplfd.experiments.report.sentences import PRIVILEGED
-from gplfd.experiments.report.summary import late_decisions, summary_table
+from gplfd.experiments.report.summary import summary_table
 from gplfd.experiments.report.table_one import table_one_section
 from gplfd.experiments.report.trials import trial_sections
 from gplfd.experiments.results.grouping import Runs, conditions, counted
@@ -103,8 +103,6 @@ def report(
     *warning, counts, command = header(results)
     lead: list[Block] = [*warning]
     if shown:
-        every = [one for one in results.episodes if one.counts and not one.task.trial]
-        lead += late_decisions(every)
         lead.append(summary_table(ran))
     if reference not in policies:
         ranking = [*first, *policies]
@@ -188,7 +186,7 @@ def _plots(runs: Runs, reference: str) -> list[Picture]:
         caption="**Doors opened to 60° by the handle's radius,** with Wilson's 95 % "
         "intervals. Blue stripes: radii that were demonstrated. Pale violet: "
         f"{code(reference)}. Policies in order of success, then of radial force; "
-        "non-standard doors are left out.",
+        "other doors are left out.",
         alternative="Success rate against radius, a panel per policy",
     )
     force = Picture(

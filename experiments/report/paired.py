@@ -36,12 +36,12 @@ def standing(runs: Runs, reference: str) -> Items:
     texts = [rate_sentence("Doors opened to 60°", opened, reference)]
     kinds = {one.kind for own in runs.values() for one in own}
     if len(kinds) > 1 and UNDEMONSTRATED in kinds:
-        title = "Of these, doors of undemonstrated radius"
+        title = "Of these, doors of new radii"
         new = _successes(of_kind(runs, UNDEMONSTRATED))
         texts.append(rate_sentence(title, new, reference))
     title = "Opened and held, the handle in the hand"
     texts.append(rate_sentence(title, _successes(runs, held=True), reference))
-    # Whoever opened nothing is not ranked.
+    # Policies that opened no door are not ranked.
     able = {
         policy: own
         for policy, own in runs.items()

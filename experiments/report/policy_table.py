@@ -30,8 +30,12 @@ def policy_table(
         if len(groups) > 1:
             rows.append((f"**{title}**", *("" for _ in columns)))
         for policy, ran in counted(results).items():
-            failed = sum(bool(one.error) for one in results[policy])
-            name = f"{code(policy)}\nerrors: {failed}" if failed else code(policy)
+            failed = sum(bool(one.error) and not one.lost for one in results[policy])
+            lost = sum(one.lost for one in results[policy])
+            marks = [f"errors: {failed}"] * bool(failed) + [f"lost: {lost}"] * bool(
+                lost
+            )
+            name = "\n".join([code(policy), *marks])
             cells = (cell(ran) if ran else "–" for cell in columns.values())
             rows.append((name, *cells))
     return Table(columns=("policy", *columns), rows=tuple(rows), note=note)

@@ -56,7 +56,7 @@ def rate_sentence(
     if not own:
         return f"**{title}:** {code(policy)} has no episode that ran."
     rate = success_rate((seed, opened) for (seed, _), opened in own.items())
-    # Whoever opened nothing is not ranked.
+    # Policies that opened no door are not ranked.
     able = {name: each for name, each in successes.items() if any(each.values())}
     rivals = _rivals({policy: own, **able}, policy, _rate_rival)
     if not rate.successes:

@@ -2,37 +2,25 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Final
 
 from gplfd.experiments.files.table import Table
-from gplfd.experiments.report.document import Paragraph, code, literal, names
+from gplfd.experiments.report.document import code, literal
 from gplfd.experiments.report.sentences import PRIVILEGED
 from gplfd.experiments.results.failures import closed_because
 from gplfd.experiments.results.grouping import (
     Runs,
     by_door_kind,
-    by_policy,
     numbers,
     ranked,
 )
-from gplfd.experiments.results.measures import EPISODE_MEASURES, WALL_TIME
+from gplfd.experiments.results.measures import EPISODE_MEASURES
 from gplfd.experiments.results.records import (
-    DEMONSTRATED,
     KINDS,
-    NON_STANDARD,
-    UNDEMONSTRATED,
     EpisodeResult,
 )
 from gplfd.experiments.results.statistics import FEWEST_PAIRS, shift, success_rate
-from gplfd_env.task import CONTROL_PERIOD
 
 Episodes = Sequence[EpisodeResult]
-
-_DOORS: Final = {
-    DEMONSTRATED: "demonstrated radii",
-    UNDEMONSTRATED: "new radii",
-    NON_STANDARD: "other doors",
-}
 
 
 def summary_table(conditions: Mapping[str, Runs]) -> Table:
@@ -49,9 +37,9 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
         "seeds": lambda own: str(len({one.task.seed for one in own}))
     }
     for kind in there:
-        columns[f"opened,\n{_DOORS[kind]}"] = partial(_rate, kind)
+        columns[f"opened,\n{kind}"] = partial(_rate, kind)
     for kind in there:
-        columns[f"radial force [N],\n{_DOORS[kind]}"] = partial(_force, kind)
+        columns[f"radial force [N],\n{kind}"] = partial(_force, kind)
     columns["not opened because"] = lambda own: literal(closed_because(own))
     columns["errors"] = lambda own: str(sum(bool(one.error) for one in own))
     several = len(by_door_kind(episodes)) > 1
@@ -73,24 +61,6 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
         "force."
     )
     return Table(columns=("policy", *columns), rows=tuple(rows), note=note)
-
-
-def late_decisions(episodes: Episodes) -> list[Paragraph]:
-    """Warn of policies whose decisions take longer than the control period."""
-    measured = by_policy(episodes)
-    period = 1e3 * CONTROL_PERIOD
-    late = [
-        policy
-        for policy, own in measured.items()
-        if any((one.number(WALL_TIME) or 0.0) > period for one in own)
-    ]
-    if not late:
-        return []
-    text = (
-        f"Decisions of {names(late)} take longer than the control period of "
-        f"{period:g} ms (wall time): the simulation waits for them, a robot does not."
-    )
-    return [Paragraph(text=text, warning=True)]
 
 
 def _group(

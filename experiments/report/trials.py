@@ -264,7 +264,7 @@ def _rows(trial: Trial, levels: Mapping[str, Runs]) -> Iterable[tuple[str, ...]]
 def _rank(episodes: Sequence[EpisodeResult], measures: Sequence[str]) -> list[float]:
     """Sort by the measures in order, the best first; without a number last.
 
-    Who opened no door comes after all others: its small force is no merit.
+    Policies that opened no door come last: their small forces are not comparable.
     """
     opened = summary(episodes, "success") if "success" in measures else None
     ranks = [0.0 if opened is None or opened.estimate > 0.0 else 1.0]

@@ -12,6 +12,7 @@ MEANINGS: Final = {
     "latched": "the latch held the door, whose handle was not turned far enough",
     "not grasped": "the hand did not take hold of the handle",
     "grasp lost": "the handle left the hand",
+    "base blocked": "the base was stopped although it was commanded to move",
     "simulation error": "the simulation diverged",
     "time limit": "the time of the episode was over",
     "policy error": "the policy raised an error, in learning or acting",

@@ -11,8 +11,8 @@ from gplfd.experiments.study.tasks import RecordedTask, SkillTask
 from gplfd_env.config import DoorConfig
 
 DEMONSTRATED: Final = "demonstrated radii"
-UNDEMONSTRATED: Final = "undemonstrated radii"
-NON_STANDARD: Final = "non-standard doors"
+UNDEMONSTRATED: Final = "new radii"
+NON_STANDARD: Final = "other doors"
 """Doors that differ from the demonstrated ones of their kind in more than the radius:
 more friction, a closer, another mass."""
 KINDS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)

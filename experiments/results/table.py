@@ -87,7 +87,7 @@ def remarks(episodes: Sequence[EpisodeResult]) -> list[str]:
         )
     for name, own in by_policy(measured).items():
         if late := late_decisions([one.metrics for one in own]):
-            said.append(f"warning: {name}: {late}")
+            said.append(f"{name}: {late}.")
     return said
 
 

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -98,12 +98,9 @@ def doors_like(door: DoorConfig) -> tuple[DoorConfig, ...]:
 
     They are of its kind: its handle, latch, swing and side, and nothing else of it.
     """
-    kind = {name: getattr(door, name) for name in _KIND}
     plain = door.handle == "bar"
+    kind: dict[str, Any] = door.kind
     return tuple(
         DoorConfig(radius=radius, **kind)
         for radius in (DEMONSTRATED_RADII if plain else ROOM_RADII)
     )
-
-
-_KIND: Final = ("handle", "latch", "swing", "hinge_side")

@@ -145,7 +145,6 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
         rows = np.zeros((which.size, 6, self.config.n_basis))
         rows[np.arange(which.size), outputs] = _basis(phases, self.config)[which]
         demand = rows.reshape(which.size, -1)
-        # Some hundred rows: sharing them out among threads costs ten times the work.
         cross = self.weight_covariance @ demand.T
         gain = _divided(cross, demand @ cross, variance)
         mean = self.weight_mean + gain @ (demanded - demand @ self.weight_mean)

@@ -31,9 +31,11 @@ from gplfd.experiments.datasets.minari.contents import contents
 from gplfd.experiments.datasets.npz import load_demonstrations, save_demonstrations
 from gplfd.experiments.datasets.replay import replays
 from gplfd.experiments.episodes.log import EpisodeLog
+from gplfd.experiments.episodes.metrics import episode_metrics
 from gplfd.experiments.episodes.task import EpisodeTask
 from gplfd.experiments.files.plain_data import read_json, write_json
 from gplfd.experiments.files.provenance import content_hash
+from gplfd.experiments.study.result_format import STAMP
 from gplfd.experiments.study.settings import StudySettings
 from gplfd.experiments.study.settings_file import read_settings, write_settings
 from gplfd.experiments.study.store import damaged_results, result_path
@@ -329,12 +331,12 @@ def plain_json(folder: Path, _: EpisodeLog) -> Case:
     return Case(file=file, read=lambda: read_json(file), named=file.name)
 
 
-def result(folder: Path, _: EpisodeLog) -> Case:
+def result(folder: Path, log: EpisodeLog) -> Case:
     """A damaged result stops no study: its task is run again, the file is named."""
     task = EpisodeTask(policy="gp", door="small", door_config={"radius": 0.35}, seed=0)
     file = result_path(folder, task)
-    metrics = {"success": True, "final_angle_deg": 66.0, "time_to_60_deg": None}
-    write_json(file, {"task": task.definition, "metrics": metrics})
+    metrics = episode_metrics(log).as_json()
+    write_json(file, {**STAMP, "task": task.definition, "metrics": metrics})
 
     def read() -> None:
         for reason in damaged_results(folder, [task]):

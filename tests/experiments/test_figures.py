@@ -4,6 +4,7 @@ import dataclasses
 import re
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import matplotlib
@@ -181,7 +182,8 @@ def test_runs_are_kept_apart_by_whatever_they_depend_on(
         return dataclasses.replace(log, door=door)
 
     monkeypatch.setattr(episodes, "rollout", rollout)
-    monkeypatch.setattr(episodes, "make_agent", lambda *_, **__: None)
+    agent = SimpleNamespace(control="pose")
+    monkeypatch.setattr(episodes, "learned_agents", lambda *_: lambda: agent)
     for seed, doors in ((0, ["small"]), (0, ["small", "0.42"]), (1, ["small"])):
         episodes.material(tmp_path, doors, seed=seed)
     assert made == ["small", "0.42", "small"]

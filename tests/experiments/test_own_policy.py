@@ -427,5 +427,5 @@ def test_list_says_where_packaged_policies_come_from(
     monkeypatch.setattr(catalogue, "packaged_policies", lambda taken: tuple(offered))
     assert gplfd("list") == 0
     printed = capsys.readouterr().out
-    assert re.search(r"  theirs  heteroscedastic GP, .* \(robots 1.2\)\n", printed)
+    assert re.search(r"  theirs  heteroscedastic GP .* \(robots 1.2\)\n", printed)
     assert "  bad     no module (more 3)\n" in printed

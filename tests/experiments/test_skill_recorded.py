@@ -262,6 +262,7 @@ def results(nlpd: list[float], coverage: float, missed: float) -> list[RecordedR
                 "via_error_position_m": missed,
             },
             error="",
+            lost=False,
             code="",
             machine="",
             policy_source="",

@@ -114,6 +114,8 @@ def test_a_knob_has_no_way() -> None:
     assert handle.way([0.0] * 6) == (0.0, 0.0, 0.0)
 
 
+PERIOD = 0.01
+LEARNED = LearnedLoad()
 PRESSED = GEOMETRY.hand_poses(0.0, 0.7)
 WAY = np.array(EXACT.way(PRESSED.tolist()))
 PULL = np.array([1.0, 0.0, 0.0])
@@ -129,14 +131,18 @@ def met(force: np.ndarray) -> Encounter:
 def test_the_spring_of_a_lever_is_carried_while_the_door_is_pulled() -> None:
     """And what is across both ways is yielded to, as it is where nothing turns."""
     spring, across = -6.0 * WAY, 3.0 * np.cross(PULL, WAY)
-    load = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, Handles([EXACT], ()), ())
+    load = HandleAndDoor(
+        LearnedLoad(), DEFAULT_PROFILE, Handles([EXACT], ()), (), PERIOD
+    )
     response = load.meet(met(spring + across - 8.0 * PULL))
     assert_allclose(response.wrench[:3], across, atol=1e-9)
     assert response.carried == pytest.approx(8.0)
 
 
 def test_what_presses_a_lever_further_is_yielded_to() -> None:
-    load = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, Handles([EXACT], ()), ())
+    load = HandleAndDoor(
+        LearnedLoad(), DEFAULT_PROFILE, Handles([EXACT], ()), (), PERIOD
+    )
     response = load.meet(met(6.0 * WAY))
     assert_allclose(response.wrench[:3], 6.0 * WAY)
 
@@ -144,14 +150,14 @@ def test_what_presses_a_lever_further_is_yielded_to() -> None:
 def test_a_door_behind_a_handle_may_be_heavier_than_a_friction_grasp_holds() -> None:
     for handle, carried in ((None, 25.0), (EXACT, 45.0)):
         handles = Handles([handle], ())
-        load = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, handles, ())
+        load = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, handles, (), PERIOD)
         assert load.meet(met(-45.0 * PULL)).carried == pytest.approx(carried)
 
 
 def test_turning_a_handle_teaches_nothing_of_the_door() -> None:
     """A door behind a light lever is expected to be as heavy as any other."""
     load = HandleAndDoor(
-        LearnedLoad(limit=25.0), DEFAULT_PROFILE, Handles([EXACT], ()), ()
+        LearnedLoad(limit=25.0), DEFAULT_PROFILE, Handles([EXACT], ()), (), PERIOD
     )
     for turn in np.linspace(0.0, 0.7, 60):
         pose = GEOMETRY.hand_poses(0.0, turn)
@@ -170,7 +176,9 @@ def test_one_hand_and_many_meet_the_same() -> None:
     handles = [None, EXACT, None]
     poses = np.stack([PRESSED, PRESSED, np.zeros(6)])
     forces = np.random.default_rng(0).normal(size=(3, 6))
-    many = HandleAndDoor(LearnedLoad(), DEFAULT_PROFILE, Handles(handles, (3,)), (3,))
+    many = HandleAndDoor(
+        LearnedLoad(), DEFAULT_PROFILE, Handles(handles, (3,)), (3,), PERIOD
+    )
     together = many.meet(
         Encounter(
             wrench=forces,
@@ -181,7 +189,7 @@ def test_one_hand_and_many_meet_the_same() -> None:
     )
     for row, handle in enumerate(handles):
         alone = HandleAndDoor(
-            LearnedLoad(), DEFAULT_PROFILE, Handles([handle], ()), ()
+            LearnedLoad(), DEFAULT_PROFILE, Handles([handle], ()), (), PERIOD
         ).meet(
             Encounter(
                 wrench=forces[row],
@@ -196,7 +204,7 @@ def test_one_hand_and_many_meet_the_same() -> None:
 
 def test_a_bar_is_met_by_the_rule_alone() -> None:
     rule = CarriedLoad()
-    load = HandleAndDoor(rule, DEFAULT_PROFILE, Handles([None], ()), ())
+    load = HandleAndDoor(rule, DEFAULT_PROFILE, Handles([None], ()), (), PERIOD)
     encounter = met(np.array([-30.0, 2.0, 1.0]))
     expected = rule.meet(encounter)
     response = load.meet(encounter)

@@ -224,6 +224,8 @@ def _array(dataset: Any, budget: DecodingBudget) -> NDArray[Any]:
         if dataset.dtype.hasobject:
             raise ValueError(f"{dataset.name} holds neither numbers nor text")
         return np.asarray(dataset[()])
+    if not dataset.shape:
+        raise ValueError(f"{dataset.name} is one text, not an array")
     texts: list[str] = []
     for start in range(0, len(dataset), _TEXTS):
         # All texts may refer to the same long one.
