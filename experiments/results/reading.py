@@ -120,7 +120,8 @@ def _of_study(
 ) -> StudyResults:
     """Return results by what they are of, in order.
 
-    A resumed study runs episodes of an older environment again and keeps their files.
+    A resumed study runs episodes of an older environment again and keeps their files:
+    these results are left out.
     """
     every = list(found)
     episodes = [one for one in every if isinstance(one, EpisodeResult)]
