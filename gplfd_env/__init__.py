@@ -92,6 +92,7 @@ for _id, _name in (
         vector_entry_point=f"gplfd_env.version_0:{_name}_vector",
         max_episode_steps=TIME_LIMIT,
     )
+del _id, _name
 
 __all__ = [
     "DISTURBANCES",

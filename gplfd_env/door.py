@@ -95,7 +95,7 @@ def add_door(
     frame.add_site(name="task_frame", pos=grasp, quat=turn, **UNDRAWN)
     _add_frame(frame, door)
     leaf = frame.add_body(name="door", pos=[0.0, 0.0, -door.side * door.hand_radius])
-    leaf.add_joint(
+    hinge = leaf.add_joint(
         name="hinge",
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=[0, door.side * door.way, 0],
@@ -110,7 +110,7 @@ def add_door(
     )
     if base == "mobile":
         # Beside the hinge's own limit, which disturbances move and which stays softer.
-        spec.joint("hinge").solref_limit = SOFT_STOP
+        hinge.solref_limit = SOFT_STOP
         end = spec.add_tendon(
             name="hinge_end",
             limited=True,

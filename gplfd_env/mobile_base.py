@@ -46,8 +46,8 @@ SOFT_STOP: Final = (0.015, 1.0)
 """The same of a stop that a disturbance sets."""
 
 _RIGID: Final = (0.99, 0.999, 0.001, 0.5, 2.0)
-"""Impedance of the fingers' ends: an arm that is flung about bends them by no more than
-a centimetre together."""
+"""Impedance of the fingers' ends. Fast arm motion deflects the limits of the fingers by
+at most 1 cm."""
 
 
 def add_mobile_base(spec: mujoco.MjSpec) -> None:

@@ -95,6 +95,8 @@ class Reader:
         door: From the hinge's angle to the torque at its stop; handle and bolt follow
             where there are any.
         odometry: Pose and rate of a base that moves.
+        hinge_end: Torque at the end of the hinge before a base that moves. It adds to
+            the one at the hinge's own limit.
         tells_base: Whether observations do, too.
         finger: Position of a finger that opens and closes.
         tells_gripper: Whether observations tell of the gripper.
@@ -111,6 +113,7 @@ class Reader:
     wrist: slice
     door: slice
     odometry: slice | None
+    hinge_end: int | None
     tells_base: bool
     finger: slice | None
     tells_gripper: bool
@@ -159,6 +162,9 @@ class Reader:
             door=slice(int(model.sensor("hinge_angle").adr[0]), None),
             odometry=(
                 _span(model, f"{BASE_JOINTS[0]}_pos", 6) if base == "mobile" else None
+            ),
+            hinge_end=(
+                int(model.sensor("hinge_end").adr[0]) if base == "mobile" else None
             ),
             tells_base=tells_base,
             finger=_span(model, "finger", 1) if grasp == "gripper" else None,
@@ -254,6 +260,8 @@ class Reader:
         angle, velocity, hx, hy, hz, ox, oy, oz = reading[:8]
         tx, ty, tz, ux, uy, uz, rx, ry, rz = reading[8:17]
         right, left, fx, fy, fz, limit = reading[17:23]
+        if self.hinge_end is not None:
+            limit += values[self.hinge_end]
         handle_angle, bolt = (*reading[23:], 0.0, 0.0)[:2]
         return DoorReading(
             angle=angle,

@@ -15,6 +15,7 @@ _SITE: Final = mujoco.mjtObj.mjOBJ_SITE
 _JOINT: Final = mujoco.mjtObj.mjOBJ_JOINT
 _GEOM: Final = mujoco.mjtObj.mjOBJ_GEOM
 _ACTUATOR: Final = mujoco.mjtObj.mjOBJ_ACTUATOR
+_TENDON: Final = mujoco.mjtObj.mjOBJ_TENDON
 
 _CONTACT_FOUND: Final = 1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND)
 _CONTACT_FORCE: Final = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
@@ -70,6 +71,8 @@ def add_sensors(
         _add(spec, f"{name}_vel", _SENSOR.mjSENS_JOINTVEL, _JOINT, name)
     if gripper:
         _add(spec, "finger", _SENSOR.mjSENS_JOINTPOS, _JOINT, FINGER)
+    if base == "mobile":
+        _add(spec, "hinge_end", _SENSOR.mjSENS_TENDONLIMITFRC, _TENDON, "hinge_end")
     _add(spec, "hinge_angle", _SENSOR.mjSENS_JOINTPOS, _JOINT, "hinge")
     _add(spec, "hinge_velocity", _SENSOR.mjSENS_JOINTVEL, _JOINT, "hinge")
     _add(spec, "handle_pos", _SENSOR.mjSENS_FRAMEPOS, _SITE, "handle", "task_frame")

@@ -27,7 +27,7 @@ def _standing(make: Callable[..., Any], successor: str) -> Callable[..., Any]:
         successor: Its id.
     """
 
-    def make_standing(**arguments: Any) -> Any:
+    def refusing_mobile_base(**arguments: Any) -> Any:
         if arguments.get("base") == "mobile":
             raise ValueError(
                 f'base="mobile" needs {successor}: under version 0 a driving base '
@@ -36,8 +36,8 @@ def _standing(make: Callable[..., Any], successor: str) -> Callable[..., Any]:
         return make(**arguments)
 
     # Gymnasium asks an entry point for render modes, to collect pictures itself.
-    make_standing.metadata = DoorOpeningEnv.metadata  # type: ignore[attr-defined]
-    return make_standing
+    refusing_mobile_base.metadata = DoorOpeningEnv.metadata  # type: ignore[attr-defined]
+    return refusing_mobile_base
 
 
 door_opening = _standing(DoorOpeningEnv, ENVIRONMENT_ID)

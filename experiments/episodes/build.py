@@ -119,8 +119,10 @@ def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> g
         arguments: More for `gymnasium.make`, such as ``max_episode_steps``.
 
     Raises:
-        ValueError: There is no such door, or the robot does not reach it.
+        ValueError: There is no such door, the robot does not reach it, or the task is
+            of an older version of the environment.
     """
+    _check_version(task)
     return gym.make(
         ENVIRONMENT_IDS[control],
         door=dict(task.door_config),
@@ -147,8 +149,11 @@ def open_together(
         forecast_period: Simulated time between forecasts [s]; None for none.
 
     Raises:
-        ValueError: There is no such door, or the robot does not reach it.
+        ValueError: There is no such door, the robot does not reach it, or a task is of
+            an older version of the environment.
     """
+    for task in tasks:
+        _check_version(task)
     together = batch_agents(agents)
     [(base, start)] = {(task.base, task.start) for task in tasks}
     envs: Any = gym.make_vec(
@@ -170,4 +175,13 @@ def open_together(
             doors=[task.door for task in tasks],
             seeds=[task.reset_seed for task in tasks],
             forecast_period=forecast_period,
+        )
+
+
+def _check_version(task: EpisodeTask) -> None:
+    if task.base == "mobile" and task.environment_version == 0:
+        raise ValueError(
+            f"the episode of door {task.door} was made by version 0 of the "
+            "environment, whose driving base exceeded its limits; it cannot be "
+            "repeated: run the study again"
         )

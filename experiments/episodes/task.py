@@ -103,6 +103,9 @@ class EpisodeTask(TaughtTask):
     """`DoorConfig.kind` of those; None for furniture doors with a bar."""
     base: Base = omit_default("fixed")
     """Whether the robot drives."""
+    environment_version: int = omit_default(0)
+    """Version of the environment's physics; 0 for a fixed base, whose physics are the
+    same in all versions."""
     start: Start = omit_default("grasped")
     """Whether the hand holds the handle at the start or has to reach for it."""
     habits: Mapping[str, Any] | None = omit_default(None)
@@ -149,6 +152,8 @@ def episode_task(door: str, config: DoorConfig, **fields: Any) -> EpisodeTask:
         ValueError: No such task.
     """
     suitable: dict[str, Any] = {"base": base_for(config)}
+    if fields.get("base", suitable["base"]) == "mobile":
+        suitable["environment_version"] = 1
     if config.kind != DoorConfig().kind:
         suitable["demonstrated_radii"] = [one.radius for one in doors_like(config)]
         suitable["demonstrated_kind"] = config.kind

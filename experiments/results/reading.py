@@ -61,6 +61,7 @@ _SELDOM: Final = {
     "demonstrated_radii": tuple[float, ...],
     "demonstrated_kind": dict[str, str] | None,
     "base": str,
+    "environment_version": int,
     "start": str,
     "habits": dict[str, float] | None,
     "prior_radius": float | None,
@@ -117,9 +118,19 @@ def read_results(folder: Path) -> StudyResults:
 def _of_study(
     study: Mapping[str, Any], found: Iterable[TaskResult], unreadable: Iterable[str]
 ) -> StudyResults:
-    """Return results by what they are of, in order."""
+    """Return results by what they are of, in order.
+
+    A resumed study runs episodes of an older environment again and keeps their files:
+    these results are left out.
+    """
     every = list(found)
     episodes = [one for one in every if isinstance(one, EpisodeResult)]
+    again = {
+        dataclasses.replace(one.task, environment_version=0).key
+        for one in episodes
+        if one.task.environment_version > 0
+    }
+    episodes = [one for one in episodes if one.task.key not in again]
     tests = [one for one in every if isinstance(one, LearningTestResult)]
     recorded = [one for one in every if isinstance(one, RecordedResult)]
     return StudyResults(

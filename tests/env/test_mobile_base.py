@@ -13,12 +13,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import gplfd_env
 from gplfd_env.collision import OBSTACLES
-from gplfd_env.config import DoorConfig
+from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.mobile_base import BASE_JOINTS, WHEEL_FORCE, WHEEL_LEVER, WHEELS
+from gplfd_env.observation import Reader
 from gplfd_env.placement import ARM_JOINTS
 from gplfd_env.scene import GRASP_KEY, build_scene
 from gplfd_env.stance import BAR_STANCES, check_reach
+from gplfd_env.task import Base
 from gplfd_env.whole_body import SPEED
 
 MOBILE = gplfd_env.MOBILE_ENVIRONMENT_ID
@@ -67,6 +69,26 @@ def test_it_opens_to_a_right_angle_with_its_arm_as_it_was(
     assert info["slip"] < 2e-3
     assert 0.3 < max(speeds) < 0.75 * SPEED[0]
     assert info["base_pose"][2] == pytest.approx(np.pi / 2, abs=0.08)
+
+
+@pytest.mark.parametrize("base", ["fixed", "mobile"])
+@pytest.mark.parametrize("name", ["small", "room-834"])
+def test_the_torque_at_the_stop_is_what_presses_the_leaf_against_it(
+    name: str, base: Base
+) -> None:
+    door = DOORS[name]
+    model = build_scene(door, base=base)
+    model.geom("handle_bar").conaffinity = 0
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
+    data.joint("hinge").qpos = door.stop_angle
+    data.joint("hinge").qfrc_applied = 50.0
+    mujoco.mj_step(model, data, nstep=500)
+    reader = Reader.of("contact", "pose", base, door.handle, door.swing)
+    reading = reader.door_reading(data.sensordata.tolist())
+    assert reading.angle == pytest.approx(door.stop_angle, abs=2e-3)
+    assert reading.stop_torque == pytest.approx(50.0, rel=0.03)
+    assert reading.handle_angle == pytest.approx(0.0, abs=0.01)
 
 
 def worked(door: DoorGeometry, degrees: float) -> Iterator[np.ndarray]:

@@ -122,6 +122,15 @@ def test_a_study_s_episode_is_repeated_exactly(study, caplog):
     assert (study / "recordings" / "index.json").read_bytes() == first
 
 
+def test_an_episode_of_an_older_environment_is_not_repeated(
+    write_study, episode_result
+):
+    folder = write_study([episode_result("oracle", base="mobile")])
+    index = json.loads(record_extremes(folder).read_text())
+    assert [one["repeated"] for one in index["episodes"]] == [False]
+    assert "made by version 0 of the environment" in index["episodes"][0]["error"]
+
+
 def test_a_number_that_is_not_repeated_is_said(study, monkeypatch):
     (file,) = (study / "tasks").glob("*.json")
     result = json.loads(file.read_text())

@@ -69,6 +69,25 @@ def paths(value, path=()):
             yield from paths(part, (*path, name))
 
 
+def test_episodes_of_an_older_environment_are_read_until_they_are_run_again(
+    write_study, episode_result, capsys
+):
+    old = [episode_result("gp", seed, base="mobile") for seed in range(2)]
+    fixed = episode_result("gp", 0)
+    folder = write_study([*old, fixed])
+    assert len(read_results(folder).episodes) == 3
+    assert cli.main(["report", str(folder)]) == 0
+    again = episode_result("gp", 0, base="mobile", environment_version=1)
+    found = read_results(write_study([*old, fixed, again])).episodes
+    tasks = [
+        (one.task.base, one.task.seed, one.task.environment_version) for one in found
+    ]
+    assert sorted(tasks) == [("fixed", 0, 0), ("mobile", 0, 1), ("mobile", 1, 0)]
+    again["task"]["environment_version"] = "1"
+    (reason,) = read_results(write_study([fixed, *old, again])).unreadable
+    assert "environment_version" in reason
+
+
 def mutated(value, rng):
     """The text of a JSON value in which something is odd."""
     if rng.random() < 0.1:

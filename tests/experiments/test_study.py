@@ -8,8 +8,9 @@ import re
 
 import pytest
 
+from gplfd.experiments.episodes.build import make_environment
 from gplfd.experiments.episodes.metrics import EpisodeMetrics
-from gplfd.experiments.episodes.task import EpisodeTask
+from gplfd.experiments.episodes.task import EpisodeTask, episode_task
 from gplfd.experiments.files import provenance
 from gplfd.experiments.files.plain_data import NewerFormatError
 from gplfd.experiments.results.measures import LEARNING_MEASURES, RECORDED_MEASURES
@@ -27,6 +28,7 @@ from gplfd.experiments.study.runner import run_study
 from gplfd.experiments.study.store import made_by_other_code
 from gplfd.experiments.study.tasks import SkillTask, jobs_of, task_from
 from gplfd.experiments.teacher import synthetic_human
+from gplfd_env.config import DoorConfig
 
 DOORS = {"small": {"radius": 0.35}, "large": {"radius": 0.65}}
 
@@ -94,6 +96,7 @@ CHANGES = {
     "held_out": "radius",
     "demonstrated_kind": {"handle": "lever", "latch": "bolt"},
     "base": "mobile",
+    "environment_version": 1,
     "start": "approach",
     "policy_source": {"kind": "module", "file": "mine.py", "sha256": "ab12"},
 }
@@ -128,6 +131,36 @@ def test_keys_are_the_same_in_every_process():
     # stored result is of the same task any more.
     assert episode().key == "729ae4581ec21027"
     assert SkillTask(policy="gp", seed=0, held_out="radius").key == "a69b9f69a16b398d"
+
+
+def test_only_tasks_with_a_base_that_drives_have_a_version_of_the_environment():
+    reached, beyond = DoorConfig(radius=0.35), DoorConfig(radius=0.9)
+    given = {"policy": "gp", "seed": 0}
+    fixed = episode_task("small", reached, **given)
+    assert "environment_version" not in fixed.definition
+    assert fixed.key == "599532e18a9ec223"
+    for mobile in (
+        episode_task("wide", beyond, **given),
+        episode_task("small", reached, base="mobile", **given),
+    ):
+        assert mobile.definition["environment_version"] == 1
+        first = dataclasses.replace(mobile, environment_version=0)
+        assert first.key != mobile.key
+        assert first.training != mobile.training
+        assert first.shown == mobile.shown
+        assert task_from(first.definition) == first
+    fixed_by_hand = episode_task("wide", beyond, base="fixed", **given)
+    assert fixed_by_hand.environment_version == 0
+
+
+def test_episodes_of_an_older_environment_are_not_repeated():
+    old = episode(base="mobile")
+    for repeat in (
+        lambda: make_environment(old, "pose"),
+        lambda: jobs.episode_logs([old]),
+    ):
+        with pytest.raises(ValueError, match=r"version 0 .* run the study again"):
+            repeat()
 
 
 def test_another_standard_teacher_makes_another_task(monkeypatch):
