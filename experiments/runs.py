@@ -5,6 +5,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from logging import DEBUG
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -16,7 +17,7 @@ from gplfd.experiments.datasets.npz import (
     load_demonstrations,
     save_demonstrations,
 )
-from gplfd.experiments.episodes.agents import reported_errors
+from gplfd.experiments.episodes.agents import PolicyError, reported_errors
 from gplfd.experiments.episodes.build import (
     demonstrations_of,
     learned_agents,
@@ -25,6 +26,7 @@ from gplfd.experiments.episodes.build import (
 from gplfd.experiments.episodes.doors import named_doors
 from gplfd.experiments.episodes.metrics import (
     EpisodeMetrics,
+    FailedEpisode,
     episode_metrics,
     why_closed,
 )
@@ -77,12 +79,14 @@ def open_doors(
     looks: Literal["primitives", "tiago"],
     options: Mapping[str, Any],
     video: Path | None = None,
-) -> tuple[EpisodeMetrics, ...]:
+) -> tuple[EpisodeMetrics | FailedEpisode, ...]:
     """Learn, open each door once, and write everything.
 
     Doors of several kinds are opened by several agents: each learns from demonstrations
-    of its own kind. Nothing is written before everything is checked and the policy has
-    learned; then what an earlier run left in the folder is removed.
+    of its own kind. Where the policy raises an error in acting, the door counts as not
+    opened and the others are opened all the same. Nothing is written before everything
+    is checked and the policy has learned; then what an earlier run left in the folder
+    is removed.
 
     Args:
         doors: Names of doors, or radii [m] as text.
@@ -103,7 +107,7 @@ def open_doors(
 
     Raises:
         ValueError: An argument or a file is wrong, or the user's policy failed.
-        OSError: A file cannot be read or written.
+        OSError: A file cannot be read or written, or was deleted meanwhile.
         ModuleNotFoundError: The meshes that are to be drawn, or the encoder of videos,
             are not installed.
     """
@@ -146,11 +150,30 @@ def open_doors(
     for file in earlier:
         file.unlink(missing_ok=True)
     _write_inputs(folder, ready, demonstrations, skill, options)
-    metrics: list[EpisodeMetrics] = []
+    metrics: list[EpisodeMetrics | FailedEpisode] = []
     for door in ready:
         video_file = videos.get(door.task.door)
-        metrics.append(_open(door, chosen, folder, drawn, video_file))
+        try:
+            metrics.append(_open(door, chosen, folder, drawn, video_file))
+        except PolicyError as error:
+            LOG.error("%s: %s", door.task.door, error, exc_info=LOG.isEnabledFor(DEBUG))
+            failed = FailedEpisode(
+                policy=policy,
+                door=door.task.door,
+                radius=door.task.door_config["radius"],
+                seed=seed,
+                error=str(error),
+            )
+            metrics.append(failed)
         write_json(folder / METRICS, [one.as_json() for one in metrics])
+    opened = [one.door for one in metrics if isinstance(one, EpisodeMetrics)]
+    names = {CONFIGURATION, METRICS, *(door.file for door in ready)}
+    names |= {f"{door}{end}" for door in opened for end in (".npz", ".rrd")}
+    if gone := sorted(name for name in names if not (folder / name).is_file()):
+        raise FileNotFoundError(
+            f"files of this run were deleted from {folder} while it went on: "
+            f"{', '.join(gone)}; run it again"
+        )
     return tuple(metrics)
 
 
@@ -222,7 +245,12 @@ def _learn(
         else:
             given = demonstrations_of(first)
         if policy.kind != "reference":
-            LOG.info("learning from %d demonstrations", len(given.demonstrations))
+            doors = [task.door for task in tasks if task.shown == shown]
+            LOG.info(
+                "learning from %d demonstrations for %s",
+                len(given.demonstrations),
+                ", ".join(doors),
+            )
         learned[shown] = (given, learned_agents(first, policy, given), file)
     return [
         _Door(task=task, agent=make(), shown=given, file=file)
@@ -298,6 +326,7 @@ def _open(
     """Open a door, write its log, recording and video, and return its metrics."""
     started = time.perf_counter()
     task, name = door.task, door.task.door
+    LOG.debug("%s: opening it with %s", name, task.policy)
     env = make_environment(task, door.agent.control)
     with (
         contextlib.closing(env),
@@ -330,7 +359,7 @@ def _open(
         "opened"
         if metrics.success
         else f"not opened ({why_closed(metrics.failure, metrics.reason)})",
-        metrics.final_angle_deg,
+        round(metrics.final_angle_deg, 1) + 0.0,  # not -0.0
         metrics.duration,
         time.perf_counter() - started,
     )

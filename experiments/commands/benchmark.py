@@ -38,7 +38,7 @@ class Benchmark:
         str,
         tyro.conf.arg(metavar="{table-1,small}|FILE.toml"),
     ] = "table-1"
-    """The study to run: table-1 (the whole comparison), small (two minutes), or a
+    """The study to run: table-1 (the whole comparison), small (a minute), or a
     saved study.toml. Options on the command line take precedence."""
 
     study: Annotated[StudySettings, tyro.conf.arg(name="")] = field(

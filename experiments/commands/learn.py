@@ -23,8 +23,9 @@ class Learn:
     ]
     """File of demonstrations, such as demonstrations.npz of a `gplfd run`."""
 
-    out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
-    """File to write; one that is there already is replaced."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File to write, DEMOS-skill.npz by default; one that is there already is
+    replaced."""
 
     policy: str = "gp"
     """Policy whose skill to learn: gp or one of its variants; see `gplfd list`."""
@@ -39,9 +40,10 @@ class Learn:
         with postponed_interruption():
             from gplfd.experiments.skills import learn_skill
 
+        out = self.out or Path(f"{self.demonstrations.stem}-skill.npz")
         skill = learn_skill(
-            self.demonstrations, self.out, policy=self.policy, seed=self.seed
+            self.demonstrations, out, policy=self.policy, seed=self.seed
         )
-        print(f"{self.out}: {skill}")
-        print(f"open doors with it:  {next_command('run', '--skill', self.out)}")
+        print(f"{out}: {skill}")
+        print(f"open doors with it:  {next_command('run', '--skill', out)}")
         return 0

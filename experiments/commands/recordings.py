@@ -17,7 +17,7 @@ class Import:
     Read are CSV and TSV, .npz and .npy, MATLAB's .mat, Xsens' .mvnx, .bvh, .c3d, bags
     of ROS (.mcap, .db3, .bag, folders), LeRobot v3, robomimic's .hdf5, and data sets of
     `gplfd demos record`. SET holds demonstrations.npz, a report, a picture of before
-    and after, and where all came from. Lines of the report with ! want to be looked at.
+    and after, and where all came from. Lines of the report with ! need attention.
     See docs/recordings.md.
     """
 
@@ -121,7 +121,7 @@ class Import:
         number = len(done.motions)
         print(f"\n{number} demonstration{'s' * (number > 1)} in {self.out}")
         if done.warnings:
-            print(f"{done.warnings} of the notes want to be looked at: !")
+            print(f"notes marked with ! that need attention: {done.warnings}")
         print(f"look at them:     {self.out / PICTURE}")
         out = self.out.with_name(f"{self.out.name}-skill.npz")
         print(f"learn from them:  {next_command('learn', self.out, '--out', out)}")

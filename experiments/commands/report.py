@@ -41,8 +41,9 @@ class Report:
         """Write the pages, print where they are; `FAILED` if all tasks failed."""
         with postponed_interruption():
             from gplfd.experiments.arguments import check_folder
+            from gplfd.experiments.progress import LOG
             from gplfd.experiments.report.page import write_report
-            from gplfd.experiments.results.reading import is_measured
+            from gplfd.experiments.results.reading import is_measured, read_all
 
         if not self.folders:
             raise ValueError("give the folder of a study: gplfd report DIR")
@@ -52,6 +53,8 @@ class Report:
             check_folder(self.out)
         first, *others = self.folders
         page = write_report(first, self.out, self.reference, *others)
+        for reason in read_all(self.folders).unreadable:
+            LOG.warning("warning: left out: %s", reason)
         print(f"{page} and {page.with_suffix('.md')}")
         return 0 if any(map(is_measured, self.folders)) else FAILED
 

@@ -6,12 +6,15 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import tyro
 
 from gplfd.experiments.commands.options import Json, Quiet, next_command, recorded
 from gplfd.experiments.interruption import postponed_interruption
+
+FAILED: Final = 1
+"""Exit status of a run in which the policy raised an error."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -71,7 +74,11 @@ class Run:
     quiet: Quiet = False
 
     def execute(self) -> int:
-        """Open the doors and print a table, or what metrics.json holds."""
+        """Open the doors and print a table, or what metrics.json holds.
+
+        Returns:
+            0, or `FAILED` if the policy raised an error.
+        """
         if self.video is not None:
             _draw_without_screen()
         with postponed_interruption():
@@ -104,16 +111,18 @@ class Run:
                 options=recorded(self),
                 video=self.video,
             )
-        if late := late_decisions([one.as_json() for one in metrics]):
+        numbers = [one.as_json() for one in metrics]
+        if late := late_decisions(numbers):
             LOG.warning("warning: %s: %s", self.policy, late)
+        status = FAILED if any("error" in one for one in numbers) else 0
         if self.json:
-            print(json_text([one.as_json() for one in metrics]))
-            return 0
+            print(json_text(numbers))
+            return status
         print(text_table(run_table(metrics)))
         doors = [one.door for one in metrics]
         shown = "medium" if "medium" in doors else doors[0]
         print(f"\nlook at it:  {next_command('view', folder / f'{shown}.rrd')}")
-        return 0
+        return status
 
 
 def _draw_without_screen() -> None:

@@ -40,12 +40,16 @@ def where(error: BaseException, policy: Policy) -> str:
     return place_in(source_files(policy.origin), error) if policy.origin else ""
 
 
+class PolicyError(ValueError):
+    """The user's policy raised an error, in learning or acting."""
+
+
 @contextlib.contextmanager
 def reported_errors(name: str, policy: Policy) -> Iterator[None]:
     """Say of an error of the user's policy what it is and, if known, where.
 
     Raises:
-        ValueError: In place of the error.
+        PolicyError: In place of the error.
     """
     try:
         yield
@@ -56,7 +60,7 @@ def reported_errors(name: str, policy: Policy) -> Iterator[None]:
         # What is wrong with a file, an argument or an action says so itself.
         if built_in or (not place and isinstance(error, ValueError | OSError)):
             raise
-        raise ValueError(
+        raise PolicyError(
             f"policy {name!r} failed with {type(error).__name__}: {error}"
             + (f" ({place})" if place else "")
         ) from error

@@ -10,7 +10,7 @@ Journal of NeuroEngineering and Rehabilitation 12:112, 2015. Errors of forecasts
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -208,6 +208,25 @@ def episode_metrics(
         latency_wall_median_ms=_finite(1e3 * np.median(log.latency_wall_s)),
         latency_wall_p95_ms=_finite(1e3 * np.percentile(log.latency_wall_s, 95)),
     )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FailedEpisode:
+    """An episode in which the policy raised an error: the door was not opened."""
+
+    policy: str
+    door: str
+    radius: float
+    """Distance from hinge to handle [m]."""
+    seed: int
+    error: str
+    """What the policy raised, and where."""
+    success: bool = field(default=False, init=False)
+    failure: str = field(default="policy_error", init=False)
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers and strings by name."""
+        return dataclasses.asdict(self)
 
 
 def late_decisions(metrics: Sequence[Mapping[str, Any]]) -> str:

@@ -18,6 +18,7 @@ from gplfd.experiments.report.document import (
 from gplfd.experiments.results.grouping import by_policy, grouped
 from gplfd.experiments.results.records import EpisodeResult, StudyResults, TaskResult
 from gplfd.experiments.results.table import remarks
+from gplfd.experiments.study.store import PLANNED
 
 TITLE = "What was run"
 _LEFT_OUT = "Files without a result, left out"
@@ -31,6 +32,12 @@ def header(results: StudyResults) -> tuple[Block, ...]:
         warnings.append(tests)
     if mixed := _of_several_sources(results.all):
         warnings.append(f"Results of {names(mixed)} were made by more than one source.")
+    planned = results.study.get(PLANNED)
+    if isinstance(planned, int) and len(results.all) < planned:
+        warnings.append(
+            f"{planned - len(results.all)} of {planned} tasks have no result: run the "
+            "study again."
+        )
     if results.unreadable:
         warnings.append(f"{_LEFT_OUT}: {len(results.unreadable)}.")
     warning = " ".join(filter(None, warnings))

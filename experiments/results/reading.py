@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from gplfd.experiments.episodes.task import EpisodeTask, Task, TaughtTask
-from gplfd.experiments.files.plain_data import entry, read_json
+from gplfd.experiments.files.plain_data import NewerFormatError, entry, read_json
 from gplfd.experiments.learning_tests.folds import HELD_OUT
 from gplfd.experiments.results.records import (
     DEMONSTRATED,
@@ -110,6 +110,8 @@ def read_results(folder: Path) -> StudyResults:
     if (folder / STUDY).exists():
         try:
             study = read_study(folder)
+        except NewerFormatError:
+            raise
         except (OSError, ValueError) as error:
             unreadable.append(_reason(folder / STUDY, error))
     return _of_study(study, found, unreadable)

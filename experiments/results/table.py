@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from gplfd.experiments.episodes.metrics import (
     EpisodeMetrics,
+    FailedEpisode,
     late_decisions,
     why_closed,
 )
@@ -133,13 +134,13 @@ def _cells(own: Sequence[EpisodeResult], errors: bool) -> tuple[str, ...]:
     )
 
 
-def run_table(metrics: Iterable[EpisodeMetrics]) -> Table:
+def run_table(metrics: Iterable[EpisodeMetrics | FailedEpisode]) -> Table:
     """Return the most telling metrics of a run, a row per door."""
     metrics = tuple(metrics)
     any_closed = not all(one.success for one in metrics)
 
-    def text(measure: Measure, one: EpisodeMetrics) -> str:
-        value = getattr(one, measure.metric)
+    def text(measure: Measure, one: EpisodeMetrics | FailedEpisode) -> str:
+        value = getattr(one, measure.metric, None)
         return measure.text(None if value is None else measure.convert(value))
 
     heads = (measure.title.replace(" [", "\n[") for measure in _OF_RUN)
@@ -148,7 +149,7 @@ def run_table(metrics: Iterable[EpisodeMetrics]) -> Table:
             one.door,
             "yes" if one.success else "no",
             *(text(measure, one) for measure in _OF_RUN),
-            *([why_closed(one.failure, one.reason)] if any_closed else []),
+            *([why_closed(one.failure, getattr(one, "reason", ""))] * any_closed),
         )
         for one in metrics
     )

@@ -16,6 +16,7 @@ from gplfd.experiments.progress import LOG, counter
 from gplfd.experiments.study.engines import Engine
 from gplfd.experiments.study.runner import run_study
 from gplfd.experiments.study.store import (
+    PLANNED,
     STUDY,
     damaged_results,
     is_finished,
@@ -64,7 +65,7 @@ def carry_out(
     if own := {name: source for name, source in sources.items() if source}:
         config["policy_sources"] = own
     damaged = damaged_results(folder, study)
-    write_study(folder, provenance(config))
+    write_study(folder, {**provenance(config), PLANNED: len(study)})
     for reason in damaged:
         LOG.warning("warning: %s; its task is run again", reason)
     others = made_by_other_code(folder, study)

@@ -103,4 +103,4 @@ PRESETS: Final[Mapping[str, StudySettings]] = MappingProxyType(
         ),
     }
 )
-"""Studies by name: the whole comparison, and one of two minutes."""
+"""Studies by name: the whole comparison, and one of a minute."""

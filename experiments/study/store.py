@@ -20,6 +20,8 @@ from gplfd.experiments.study.tasks import Result, task_from
 
 STUDY: Final = "study.json"
 """Name of the file that says what made the results of a folder."""
+PLANNED: Final = "tasks"
+"""Entry of that file: number of tasks of the study."""
 STUDY_KIND: Final = "gplfd study"
 STUDY_VERSION: Final = 1
 
