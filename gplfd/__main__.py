@@ -80,8 +80,11 @@ def main() -> int:
         """Raise; the second Ctrl-C ends a policy that catches every exception."""
         nonlocal interrupted
         if interrupted:
-            print(message, file=sys.stderr, flush=True)
-            exit_at_once(INTERRUPTED)
+            try:
+                # `sys.stderr` may be amid a write, and cannot be entered again.
+                os.write(2, f"{message}\n".encode())
+            finally:
+                exit_at_once(INTERRUPTED)
         interrupted = True
         raise KeyboardInterrupt
 
@@ -118,8 +121,8 @@ def _run() -> int:
         if isinstance(stream, io.TextIOWrapper):
             # A terminal that knows only ASCII shows a question mark for a degree sign.
             stream.reconfigure(errors="replace")
-    # For workers and all other children: they search as this process does, and the
-    # working folder last.
+    # For workers and all other children: they search as this process does, without the
+    # working folder.
     os.environ |= {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
     from gplfd.experiments.interruption import postponed_interruption
 

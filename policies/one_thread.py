@@ -10,6 +10,7 @@ ten times the work itself.
 
 import contextlib
 import functools
+import os
 import threading
 from typing import Any
 
@@ -19,16 +20,23 @@ from threadpoolctl import ThreadpoolController
 
 
 class _OneThread(contextlib.ContextDecorator):
-    """The limit of the process; entered again, it costs less than a microsecond.
+    """The limit of the process; entering it again takes about a microsecond.
 
     BLAS has one number of threads for the whole process. It is restored when the last
-    of all threads that compute has left.
+    of all threads that compute has left. A forked child starts without the limit: the
+    threads that would leave it stay in the parent.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._entered = 0
         self._before: list[int] = []
+        if hasattr(os, "register_at_fork"):  # Windows has no fork.
+            os.register_at_fork(
+                before=self._lock.acquire,
+                after_in_parent=self._lock.release,
+                after_in_child=self._start_in_child,
+            )
 
     def __enter__(self) -> None:
         with self._lock:
@@ -39,9 +47,17 @@ class _OneThread(contextlib.ContextDecorator):
 
     def __exit__(self, *_: object) -> None:
         with self._lock:
-            self._entered -= 1
+            # It is 0 already where a block that was entered before a fork ends in the
+            # child.
+            self._entered = max(0, self._entered - 1)
             if not self._entered:
                 self._set(self._before)
+
+    def _start_in_child(self) -> None:
+        if self._entered:
+            self._entered = 0
+            self._set(self._before)
+        self._lock.release()
 
     @staticmethod
     def _set(numbers: list[int]) -> None:

@@ -1,6 +1,7 @@
 """``gplfd benchmark``: many policies, doors and seeds, and a table."""
 
 import argparse
+import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -18,7 +19,7 @@ from gplfd.experiments.commands.options import (
     recorded,
 )
 from gplfd.experiments.interruption import postponed_interruption
-from gplfd.experiments.study.settings import StudySettings
+from gplfd.experiments.study.settings import PRESETS, StudySettings
 
 FAILED: Final = 1
 """Exit status of a study some of whose tasks ended in errors."""
@@ -65,13 +66,16 @@ class Benchmark:
         """Run the study, print its tables, and return `FAILED` if a task failed."""
         with postponed_interruption():
             from gplfd.experiments.arguments import check_folder
-            from gplfd.experiments.files.plain_data import json_text
+            from gplfd.experiments.files.plain_data import json_text, naming
             from gplfd.experiments.results.table import study_rows, write_tables
             from gplfd.experiments.study.plan import checked, tasks
             from gplfd.experiments.study.session import carry_out
             from gplfd.experiments.study.settings_file import write_settings
 
-        settings = checked(self.study)
+        # The values are the file's, but for those given on the command line.
+        from_file = self.config not in PRESETS
+        with naming(Path(self.config)) if from_file else contextlib.nullcontext():
+            settings = checked(self.study)
         engine = self.where.made()
         options = recorded(self)
         del options["study"]

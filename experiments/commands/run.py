@@ -119,9 +119,10 @@ class Run:
             print(json_text(numbers))
             return status
         print(text_table(run_table(metrics)))
-        doors = [one.door for one in metrics]
-        shown = "medium" if "medium" in doors else doors[0]
-        print(f"\nlook at it:  {next_command('view', folder / f'{shown}.rrd')}")
+        doors = [one["door"] for one in numbers if "error" not in one]
+        if doors:
+            shown = "medium" if "medium" in doors else doors[0]
+            print(f"\nlook at it:  {next_command('view', folder / f'{shown}.rrd')}")
         return status
 
 

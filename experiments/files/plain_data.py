@@ -77,6 +77,24 @@ def check_stamp(entries: Mapping[str, Any], kind: str, version: int) -> int:
     return found_version
 
 
+def refuse_newer(read: Callable[[Path], object], path: Path) -> None:
+    """Check that a file may be written: none of a later version is there.
+
+    Args:
+        read: Reads the file and checks its stamp.
+        path: What ``read`` takes.
+
+    Raises:
+        NewerFormatError: A later version of this package wrote it.
+    """
+    try:
+        read(path)
+    except NewerFormatError:
+        raise
+    except (OSError, ValueError):
+        pass
+
+
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
     """Say of which file the content is wrong, where a block finds that it is.

@@ -29,6 +29,7 @@ from gplfd.experiments.teacher import Habits, TeacherConfig
 from gplfd_env.config import DoorConfig, door_config
 from gplfd_env.disturbance import disturbance_named
 from gplfd_env.randomization import door_randomization
+from gplfd_env.task import Start
 
 TASKS: Final = "tasks"
 
@@ -62,7 +63,7 @@ _SELDOM: Final = {
     "demonstrated_kind": dict[str, str] | None,
     "base": str,
     "environment_version": int,
-    "start": str,
+    "start": Start,
     "habits": dict[str, float] | None,
     "prior_radius": float | None,
     "trial": str,

@@ -116,7 +116,7 @@ def episodes(
     settings: StudySettings, condition: Condition, seeds: Sequence[int]
 ) -> Iterator[EpisodeTask]:
     """Yield policies × doors × seeds under one condition, the seed slowest."""
-    doors = named_doors(settings.doors)
+    doors = named_doors(settings.doors, start=settings.start)
     teacher = noisy_teacher(condition.teacher_noise)
     for seed, policy, door in itertools.product(seeds, settings.policies, doors):
         yield episode_task(

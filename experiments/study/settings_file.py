@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from gplfd.experiments.files.plain_data import (
-    NewerFormatError,
     check_stamp,
     entry,
     naming,
     read_toml,
+    refuse_newer,
     stamp,
 )
-from gplfd.experiments.study.plan import checked
 from gplfd.experiments.study.settings import PRESETS, StudySettings
 from gplfd.policies.storage import complete_or_absent
 from gplfd_env.named import nearest_name
@@ -30,8 +29,7 @@ def settings_named(name: str) -> StudySettings:
     """Return the settings of a preset, or those in a file.
 
     Raises:
-        ValueError: There is neither, or the file is wrong: it cannot be read, or its
-            values make no study.
+        ValueError: There is neither, or as of `read_settings`.
         OSError: It cannot be read.
     """
     if name in PRESETS:
@@ -43,10 +41,7 @@ def settings_named(name: str) -> StudySettings:
             f"{nearest_name(name, PRESETS)}; studies: {', '.join(PRESETS)}; or give a "
             "study.toml"
         )
-    settings = read_settings(path)
-    with naming(path):
-        checked(settings)
-    return settings
+    return read_settings(path)
 
 
 def read_settings(path: Path) -> StudySettings:
@@ -72,12 +67,7 @@ def write_settings(path: Path, settings: StudySettings) -> None:
         NewerFormatError: A later version of this package wrote the file that is there.
         OSError: The file cannot be written.
     """
-    try:
-        read_settings(path)
-    except NewerFormatError:
-        raise
-    except (OSError, ValueError):
-        pass  # It is written again.
+    refuse_newer(read_settings, path)
     lines = [f"# gplfd benchmark --config {path.name}"]
     for name, value in (_STAMP | dataclasses.asdict(settings)).items():
         # JSON's way of writing texts, numbers, lists and truth values is TOML's, too;

@@ -11,6 +11,7 @@ from gplfd.experiments.files.plain_data import (
     entry,
     naming,
     read_json,
+    refuse_newer,
     stamp,
     write_json,
 )
@@ -33,12 +34,7 @@ def write_study(folder: Path, about: Mapping[str, Any]) -> None:
         NewerFormatError: A later version of this package wrote the file that is there.
         OSError: The file cannot be written.
     """
-    try:
-        read_study(folder)
-    except NewerFormatError:
-        raise
-    except (OSError, ValueError):
-        pass  # It is written again.
+    refuse_newer(read_study, folder)
     stamped = stamp(STUDY_KIND, STUDY_VERSION) | dict(about)
     write_json(folder / STUDY, stamped)
 

@@ -202,14 +202,12 @@ class ConditionedProcess:
         self._design = np.zeros((6, own + shared))
 
     @property
-    @one_thread
     def mean(self) -> Float[np.ndarray, "M 6"]:
         """Current mean on the grid, a read-only view."""
         view: np.ndarray = self._mean.view()
         view.setflags(write=False)
         return view
 
-    @one_thread
     def variance(self) -> Float[np.ndarray, "M 6"]:
         """Current variance on the grid, white part included."""
         return np.asarray(np.maximum(self._variance, 0.0) + self._white)

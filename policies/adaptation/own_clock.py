@@ -83,7 +83,6 @@ class OwnClockAdaptation:
         return float(1.0 / (1.0 + np.exp(min(odds, 700.0))))
 
     @property
-    @one_thread
     def mean(self) -> Float[np.ndarray, "M 6"]:
         """Current mean on the grid, read-only."""
         share = self.timed
@@ -93,7 +92,6 @@ class OwnClockAdaptation:
         return mean
 
     @property
-    @one_thread
     def std(self) -> Float[np.ndarray, "M 6"]:
         """Current standard deviation on the grid."""
         share = self.timed

@@ -69,13 +69,19 @@ class GMRConfig:
             )
 
 
-def warn_of_early_stop(config: GMRConfig) -> None:
-    """Warn the caller of a fit that expectation maximisation did not converge."""
+def warn_of_early_stop(config: GMRConfig, stacklevel: int) -> None:
+    """Warn the caller of a fit that expectation maximisation did not converge.
+
+    Args:
+        config: Of the fit.
+        stacklevel: See `warnings.warn`; 1 is this function, and every decorator
+            between it and the caller counts as well.
+    """
     warnings.warn(
         f"Expectation maximisation did not converge in {config.max_iterations} "
         f"iterations; raise max_iterations or tolerance, or ask for fewer components.",
         UserWarning,
-        stacklevel=4,
+        stacklevel=stacklevel,
     )
 
 
@@ -179,7 +185,7 @@ def fit_gmr(
     samples = np.concatenate([phases, standardisation.apply(aligned.poses)], axis=2)
     mixture = _fitted_mixture(samples, config)
     if not mixture.converged_:
-        warn_of_early_stop(config)
+        warn_of_early_stop(config, stacklevel=4)
     return GaussianMixtureRegression(
         aligned=aligned,
         standardisation=standardisation,

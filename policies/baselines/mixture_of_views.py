@@ -57,7 +57,8 @@ def fit_mixture_of_views(
         if abs(bound - previous) < config.tolerance:
             break
     else:
-        warn_of_early_stop(config)
+        # For the caller of a fit that calls this function.
+        warn_of_early_stop(config, stacklevel=5)
     scales = np.stack([np.append(1.0, each.scale) for each in standardisations])
     offsets = np.stack([np.append(0.0, each.offset) for each in standardisations])
     units = scales[:, None, :, None] * scales[:, None, None, :]

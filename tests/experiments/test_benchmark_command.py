@@ -318,6 +318,16 @@ def test_options_win_over_the_saved_study(tmp_path: Path, ran: list[Any]) -> Non
     )
 
 
+def test_an_option_replaces_a_value_of_the_file_that_is_no_longer_valid(
+    tmp_path: Path, ran: list[Any]
+) -> None:
+    """For example, a policy of the file has been renamed."""
+    old = tmp_path / "old.toml"
+    old.write_text("policies = ['gone']\ndoors = ['small']\nseeds = 1\nskill = false")
+    assert benchmark(tmp_path / "out", "--config", str(old), "--policies", "gp") == 0
+    assert [task.policy for task in ran] == ["gp"]
+
+
 def test_tables_as_json_are_numbers_and_nothing_else(
     tmp_path: Path,
     ran: list[Any],

@@ -50,17 +50,27 @@ def test_workers_are_processes_with_one_thread_deaf_to_ctrl_c() -> None:
 
 
 def test_a_warning_in_workers_is_given_once_and_here() -> None:
+    """With its category, or the built-in one that this is derived from."""
+
+    class OwnWarning(FutureWarning):
+        pass
+
     def work(item: int) -> int:
         import warnings
 
-        warnings.warn(f"late\nby {item % 2}", stacklevel=1)
+        category = (RuntimeWarning, OwnWarning)[item % 2]
+        warnings.warn(f"late\nby {item % 2}", category, stacklevel=1)
         return item
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
         finished = list(Processes(workers=2).run(work, range(6)))
     assert sorted(finished) == [(item, item) for item in range(6)]
-    assert sorted(str(one.message) for one in caught) == ["late\nby 0", "late\nby 1"]
+    assert {str(one.message): one.category for one in caught} == {
+        "late\nby 0": RuntimeWarning,
+        "late\nby 1": FutureWarning,
+    }
+    assert len(caught) == 2
 
 
 def test_items_whose_worker_died_once_are_run_again(tmp_path: Path) -> None:
@@ -99,6 +109,7 @@ def test_only_the_item_that_kills_its_workers_is_lost(tmp_path: Path) -> None:
         (lambda: os._exit(0), "it left Python with exit status 0", True),
         (lambda: os.kill(os.getpid(), signal.SIGSEGV), "crashed (SIGSEGV)", True),
         (lambda: os.kill(os.getpid(), signal.SIGKILL), "killed, perhaps for w", False),
+        (lambda: os.kill(os.getpid(), 40), "(signal 40)", False),
     ],
 )
 def test_the_end_of_a_worker_tells_who_ended_it(

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import rerun as rr
 
+from gplfd.experiments import runs
 from gplfd.experiments.datasets.npz import load_demonstrations
 from gplfd.experiments.episodes.build import make_environment
 from gplfd.experiments.episodes.log import EpisodeLog
@@ -219,3 +220,35 @@ def test_it_is_watched_live(
     assert gplfd("view", "--live", "--serve", *given, "--speed", "1e6") == 0
     assert ": opened in" in capsys.readouterr().err
     assert (tmp_path / "live.rrd").stat().st_size > 0
+
+
+def test_a_run_names_files_that_were_deleted_while_it_went_on(
+    gplfd: Gplfd,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def record_and_delete(file: Path, *_: object) -> None:
+        file.write_bytes(b"")
+        (file.parent / "run.json").unlink()
+
+    monkeypatch.setattr(runs, "record_episode", record_and_delete)
+    given = ("--policy", "oracle", "--doors", "small", "--out", "run")
+    assert gplfd("run", *given) == 2
+    assert "were deleted" in (message := capsys.readouterr().err)
+    assert "run.json" in message
+
+
+def test_a_report_names_tasks_without_a_result(gplfd: Gplfd, tmp_path: Path) -> None:
+    given = ("--policies", "oracle", "--doors", "small", "0.42", "--seeds", "1")
+    where = ("--no-skill", "--engine", "serial", "--quiet", "--out", "study")
+    assert gplfd("benchmark", *given, *where) == 0
+    next((tmp_path / "study" / "tasks").iterdir()).unlink()
+    assert gplfd("report", "study") == 0
+    page = (tmp_path / "study" / "report.md").read_text()
+    assert "1 of 2 tasks have no result" in page
+    about = json.loads((tmp_path / "study" / "study.json").read_text())
+    (tmp_path / "study" / "study.json").write_text(
+        json.dumps(about | {"format_version": 99})
+    )
+    assert gplfd("report", "study") == 2

@@ -250,6 +250,9 @@ def test_samples_that_would_be_made_are_counted_first() -> None:
         only(slow, settings)
     with pytest.raises(ValueError, match=r"makes 300,001, and 99,997 are left"):
         prepare([slow] * 4, replace(settings, rate=10.0))
+    parts = tuple((1e4 * k, 1e4 * (k + 1)) for k in range(3))
+    with pytest.raises(ValueError, match=r"#3: .* and 204,998 are left"):
+        only(slow, replace(settings, rate=40.0, segments=parts))
 
 
 @pytest.mark.parametrize("shift", [-1, 1])

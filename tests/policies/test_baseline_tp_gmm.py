@@ -1,5 +1,7 @@
 """Task-parameterised mixtures: products in closed form, moving frames, known hinges."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -309,3 +311,27 @@ def test_what_gmr_refuses_and_warns_of(aligned):
         fit_tp_gmm(aligned, GMRConfig(components=201))
     with pytest.warns(UserWarning, match="did not converge in 1 iterations"):
         fit_tp_gmm(aligned, GMRConfig(max_iterations=1))
+
+
+EARLY_STOPS = """\
+import numpy as np
+from gplfd.experiments.teacher import Teacher
+from gplfd.policies.alignment import align
+from gplfd.policies.baselines.gmr import GMRConfig, fit_gmr
+from gplfd.policies.baselines.tp_gmm import fit_tp_gmm
+shown = Teacher().demonstrate_doors((0.35,), 2, rng=np.random.default_rng(0))
+aligned, config = align(shown), GMRConfig(max_iterations=1)
+fit_gmr(aligned, config)
+fit_tp_gmm(aligned, config)
+"""
+
+
+def test_an_early_stop_is_told_where_the_fit_is_called(tmp_path):
+    """In a process of its own: types that are checked would add frames to the stack."""
+    script = tmp_path / "fits.py"
+    script.write_text(EARLY_STOPS)
+    ended = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, check=True
+    )
+    told = [line for line in ended.stderr.splitlines() if "UserWarning" in line]
+    assert [line.split(" ")[0] for line in told] == [f"{script}:8:", f"{script}:9:"]

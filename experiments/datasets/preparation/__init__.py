@@ -101,7 +101,7 @@ def prepare(
 def _motions(
     raw: RawRecording, settings: Preparation, recorded_rate: float | None, most: int
 ) -> list[Motion]:
-    """Prepare the repetitions of one recording, of at most so many samples each."""
+    """Prepare the repetitions of one recording, of at most so many samples together."""
     if settings.offset is not None and raw.quaternions is None:
         raise ValueError(f"{raw.name} has no orientations, which an offset needs")
     samples, notes = usable(raw, settings.units, recorded_rate)
@@ -116,9 +116,11 @@ def _motions(
         # What holds of the whole recording is said once.
         said = (*notes, *spikes, *found) if number == 1 else ()
         try:
-            motions.append(_motion(name, part, settings, said, most))
+            motion = _motion(name, part, settings, said, most)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
+        most -= len(motion.demonstration.times)
+        motions.append(motion)
     return motions
 
 

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
 import loky
 
@@ -20,6 +20,8 @@ from gplfd.experiments.study.engines import ATTEMPTS, ONE_THREAD, Lost
 
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
+Caught: TypeAlias = list[tuple[str, type[Warning]]]
+"""Texts and categories of warnings."""
 
 _ENVIRONMENT: Final = {
     # One thread per worker: the cores are shared out among the workers already.
@@ -64,27 +66,32 @@ class Processes:
 
 def _with_warnings(
     work: Callable[[ItemT], ResultT], item: ItemT
-) -> tuple[ResultT, list[str]]:
-    """Return a result and the texts of the warnings on the way to it.
+) -> tuple[ResultT, Caught]:
+    """Return a result and the warnings on the way to it.
 
     A worker shares the terminal with the parent's progress bar and cannot print them.
+    Their categories become built-in ones: only these are known in every process.
     """
     with warnings.catch_warnings(record=True) as caught:
         result = work(item)
-    return result, [str(one.message) for one in caught]
+    return result, [(str(one.message), _built_in(one.category)) for one in caught]
 
 
-def _warned(outcome: tuple[ResultT, list[str]]) -> ResultT:
+def _built_in(category: type[Warning]) -> type[Warning]:
+    return next(one for one in category.__mro__ if one.__module__ == "builtins")
+
+
+def _warned(outcome: tuple[ResultT, Caught]) -> ResultT:
     """Repeat a worker's warnings in this process and return its result."""
-    result, texts = outcome
-    for text in texts:
+    result, caught = outcome
+    for text, category in caught:
         # One place for all: a text is shown once, however many tasks give it.
-        warnings.warn(text, stacklevel=1)
+        warnings.warn(text, category, stacklevel=1)
     return result
 
 
 def _together(
-    work: Callable[[ItemT], tuple[ResultT, list[str]]],
+    work: Callable[[ItemT], tuple[ResultT, Caught]],
     waiting: deque[ItemT],
     workers: int,
 ) -> Generator[tuple[ItemT, ResultT], None, list[ItemT]]:
@@ -113,7 +120,7 @@ def _is_broken(future: Any) -> bool:
 
 
 def _alone(
-    work: Callable[[ItemT], tuple[ResultT, list[str]]], item: ItemT
+    work: Callable[[ItemT], tuple[ResultT, Caught]], item: ItemT
 ) -> ResultT | Lost:
     """Run an item again that was running when a worker died."""
     ends: list[int | None] = []
@@ -147,7 +154,9 @@ def _in_words(end: int | None) -> str:
     if end >= 0:
         return f"it left Python with exit status {end}"
     kind = "crashed" if -end in _CRASHES else "killed, perhaps for want of memory"
-    return f"{kind} ({signal.Signals(-end).name})"
+    # Most real-time signals have no name.
+    names = {one.value: one.name for one in signal.Signals}
+    return f"{kind} ({names.get(-end, f'signal {-end}')})"
 
 
 @contextlib.contextmanager
