@@ -13,11 +13,11 @@ from typing import Final, get_args
 import numpy as np
 import tyro
 
-from gplfd.experiments.episodes.build import learned_agents, open_together
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.episodes.task import episode_task
-from gplfd.experiments.speed.report import Measurement, Value, at_least, measure_all
-from gplfd.policies import POLICIES
+from gplfd_experiments.episodes.build import learned_agents, open_together
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.task import episode_task
+from gplfd_experiments.speed.report import Measurement, Value, at_least, measure_all
+from gplfd_policies import POLICIES
 from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.task import Start
 

@@ -12,21 +12,21 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from gplfd.experiments.arrays import FloatArray
-from gplfd.experiments.speed.report import (
+from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.speed.report import (
     Measurement,
     Target,
     at_most,
     between,
     measure_all,
 )
-from gplfd.experiments.teacher import Teacher
-from gplfd.experiments.teacher.random_motion import minimum_jerk, smooth_functions
-from gplfd.policies.adaptation import ADAPTATIONS
-from gplfd.policies.aligned import AlignedDemonstrations
-from gplfd.policies.alignment import align
-from gplfd.policies.skill import fit_skill
-from gplfd.policies.trajectory import ViaPoint
+from gplfd_experiments.teacher import Teacher
+from gplfd_experiments.teacher.random_motion import minimum_jerk, smooth_functions
+from gplfd_policies.adaptation import ADAPTATIONS
+from gplfd_policies.aligned import AlignedDemonstrations
+from gplfd_policies.alignment import align
+from gplfd_policies.skill import fit_skill
+from gplfd_policies.trajectory import ViaPoint
 from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
 
 Openings = tuple[AlignedDemonstrations, FloatArray]
@@ -131,7 +131,7 @@ def judge_form(form: str, draws: Sequence[Openings], every: int) -> dict[str, fl
     not dominate.
 
     Args:
-        form: Name in `gplfd.policies.adaptation.ADAPTATIONS`.
+        form: Name in `gplfd_policies.adaptation.ADAPTATIONS`.
         draws: Draws of demonstrations.
         every: Samples between via-points.
     """

@@ -18,14 +18,14 @@ from gallery import Picture, write_gif
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from gplfd.experiments.episodes.build import demonstrations_of
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.episodes.task import EpisodeTask
-from gplfd.experiments.repetition import model_of
-from gplfd.experiments.study.jobs import episode_logs
-from gplfd.experiments.trials.plan import named_trials, trial_tasks
-from gplfd.experiments.trials.protocol import TRIALS
-from gplfd.policies import Demonstration
+from gplfd_experiments.episodes.build import demonstrations_of
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.repetition import model_of
+from gplfd_experiments.study.jobs import episode_logs
+from gplfd_experiments.trials.plan import named_trials, trial_tasks
+from gplfd_experiments.trials.protocol import TRIALS
+from gplfd_policies import Demonstration
 
 Points = NDArray[np.float64]
 Colour = tuple[float, float, float, float]

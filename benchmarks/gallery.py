@@ -18,11 +18,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from gplfd.experiments.teacher import Teacher
-from gplfd.policies import make_agent
-from gplfd.policies.agent import Agent, as_agent
-from gplfd.policies.reference.oracle import OracleAgent
-from gplfd.policies.storage import complete_or_absent
+from gplfd_experiments.teacher import Teacher
+from gplfd_policies import make_agent
+from gplfd_policies.agent import Agent, as_agent
+from gplfd_policies.reference.oracle import OracleAgent
+from gplfd_policies.storage import complete_or_absent
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.camera import Camera
 from gplfd_env.config import DOORS, DoorSpec

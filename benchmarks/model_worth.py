@@ -4,8 +4,8 @@ python benchmarks/model_worth.py
 
 Forecasts of `unseen_doors.py` after one, two, four and eight demonstrations of each of
 three doors, with a model that is worth fewer and more independent deviations than
-`gplfd.policies.gp.deviations.MODEL_WORTH`, and with the share that forecasts left-out
-demonstrations best (`gplfd.policies.gp.left_out.forecast_score`).
+`gplfd_policies.gp.deviations.MODEL_WORTH`, and with the share that forecasts left-out
+demonstrations best (`gplfd_policies.gp.left_out.forecast_score`).
 """
 
 from collections.abc import Mapping
@@ -16,14 +16,14 @@ import numpy as np
 import tyro
 from unseen_doors import arc, doors, judge
 
-from gplfd.experiments.arrays import FloatArray
-from gplfd.experiments.speed.report import Measurement, measure_all
-from gplfd.experiments.teacher import Teacher
-from gplfd.policies.adaptation import ProcessAdaptation
-from gplfd.policies.gp.deviations import MODEL_WORTH
-from gplfd.policies.gp.left_out import forecast_score
-from gplfd.policies.movement import AdaptationForm
-from gplfd.policies.skill import Skill
+from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.speed.report import Measurement, measure_all
+from gplfd_experiments.teacher import Teacher
+from gplfd_policies.adaptation import ProcessAdaptation
+from gplfd_policies.gp.deviations import MODEL_WORTH
+from gplfd_policies.gp.left_out import forecast_score
+from gplfd_policies.movement import AdaptationForm
+from gplfd_policies.skill import Skill
 
 _WORTHS: Final = (6.0, float(MODEL_WORTH), 20.0)
 _SHARES: Final = np.linspace(0.0, 0.9, 10)

@@ -15,9 +15,9 @@ import numpy as np
 import tyro
 import warp
 
-from gplfd.experiments.speed.machine import load
-from gplfd.experiments.speed.report import Measurement, Value, at_most, measure_all
-from gplfd.experiments.speed.timing import Timed, Timing, after, measure
+from gplfd_experiments.speed.machine import load
+from gplfd_experiments.speed.report import Measurement, Value, at_most, measure_all
+from gplfd_experiments.speed.timing import Timed, Timing, after, measure
 from gplfd_env import RL_ENVIRONMENT_ID, TIME_LIMIT
 from gplfd_env.command import COMMANDS
 from gplfd_env.reinforcement import for_learners

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import tyro
 
-from gplfd.experiments.episodes.build import learned_agents, make_environment
-from gplfd.experiments.episodes.task import episode_task
-from gplfd.experiments.speed.report import Measurement, Value, at_most, measure_all
-from gplfd.policies import POLICIES
+from gplfd_experiments.episodes.build import learned_agents, make_environment
+from gplfd_experiments.episodes.task import episode_task
+from gplfd_experiments.speed.report import Measurement, Value, at_most, measure_all
+from gplfd_policies import POLICIES
 from gplfd_env.config import DOORS
 
 _WATCHED = 100

@@ -11,15 +11,15 @@ from typing import Final
 
 import tyro
 
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.episodes.metrics import EpisodeMetrics, episode_metrics
-from gplfd.experiments.episodes.task import EpisodeTask
-from gplfd.experiments.speed.report import Measurement, Value, at_least, measure_all
-from gplfd.experiments.study.jobs import episode_logs
-from gplfd.experiments.study.tasks import jobs_of
-from gplfd.experiments.trials.plan import trial_tasks
-from gplfd.experiments.trials.protocol import TRIALS
-from gplfd.experiments.trials.records import Level, Trial
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import EpisodeMetrics, episode_metrics
+from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.speed.report import Measurement, Value, at_least, measure_all
+from gplfd_experiments.study.jobs import episode_logs
+from gplfd_experiments.study.tasks import jobs_of
+from gplfd_experiments.trials.plan import trial_tasks
+from gplfd_experiments.trials.protocol import TRIALS
+from gplfd_experiments.trials.records import Level, Trial
 
 POLICIES: Final = ("gp", "gp-impedance")
 """What is compared: the same method, rendered by virtual dynamics and by the arm."""

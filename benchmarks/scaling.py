@@ -8,10 +8,10 @@ from functools import partial
 import numpy as np
 import tyro
 
-from gplfd.experiments.speed.known_process import KnownProcess
-from gplfd.experiments.speed.report import Measurement, at_most, measure_all
-from gplfd.experiments.speed.timing import Action, measure, repeated
-from gplfd.policies.skill import fit_skill
+from gplfd_experiments.speed.known_process import KnownProcess
+from gplfd_experiments.speed.report import Measurement, at_most, measure_all
+from gplfd_experiments.speed.timing import Action, measure, repeated
+from gplfd_policies.skill import fit_skill
 
 
 def log_log_slopes(

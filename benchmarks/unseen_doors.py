@@ -19,32 +19,32 @@ from typing import Final
 import numpy as np
 import tyro
 
-from gplfd.experiments.arrays import FloatArray
-from gplfd.experiments.datasets.npz import load_demonstrations
-from gplfd.experiments.episodes.forecast_error import squared_distances
-from gplfd.experiments.speed.align import resampled
-from gplfd.experiments.speed.report import (
+from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.datasets.npz import load_demonstrations
+from gplfd_experiments.episodes.forecast_error import squared_distances
+from gplfd_experiments.speed.align import resampled
+from gplfd_experiments.speed.report import (
     Measurement,
     Target,
     at_most,
     between,
     measure_all,
 )
-from gplfd.experiments.teacher import Teacher
-from gplfd.experiments.teacher.random_motion import minimum_jerk, smooth_functions
-from gplfd.policies.adaptation import (
+from gplfd_experiments.teacher import Teacher
+from gplfd_experiments.teacher.random_motion import minimum_jerk, smooth_functions
+from gplfd_policies.adaptation import (
     IndependentPhaseAdaptation,
     OwnClockAdaptation,
     ProcessAdaptation,
     begin_adaptation,
 )
-from gplfd.policies.alignment import align
-from gplfd.policies.demonstrations import Demonstration
-from gplfd.policies.movement import AdaptationForm
-from gplfd.policies.path_phase import PathPhase
-from gplfd.policies.reference.circle import fit_circle
-from gplfd.policies.skill import Skill, fit_skill
-from gplfd.policies.trajectory import ViaPoint
+from gplfd_policies.alignment import align
+from gplfd_policies.demonstrations import Demonstration
+from gplfd_policies.movement import AdaptationForm
+from gplfd_policies.path_phase import PathPhase
+from gplfd_policies.reference.circle import fit_circle
+from gplfd_policies.skill import Skill, fit_skill
+from gplfd_policies.trajectory import ViaPoint
 from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
 
 _SAMPLES: Final = 200
@@ -233,7 +233,7 @@ def measure(
 
     Args:
         draws: Draws of every generator.
-        recording: File of `gplfd.experiments.datasets.npz`; see `gplfd demos import`.
+        recording: File of `gplfd_experiments.datasets.npz`; see `gplfd demos import`.
         forms: What is compared.
         unseen: Radii of the doors that are predicted [m].
     """

@@ -15,8 +15,8 @@ import numpy as np
 from sklearn.neural_network import MLPRegressor
 from sklearn.preprocessing import StandardScaler
 
-from gplfd.policies import make_agent
-from gplfd.policies.lockstep import batch_agents
+from gplfd_policies import make_agent
+from gplfd_policies.lockstep import batch_agents
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.wrappers import action_of, command_of, flat_of
 
@@ -80,7 +80,7 @@ def make(training):
 
 
 if __name__ == "__main__":
-    from gplfd.experiments.cli import main  # the command line: only to run this file
+    from gplfd_experiments.cli import main  # the command line: only to run this file
 
     chosen = ["--policy", f"{__file__}:make", "--doors", "medium"]
     main(["run", *chosen, "--out", "results/clone"])

@@ -16,8 +16,8 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 
-from gplfd.experiments.teacher import Teacher
-from gplfd.policies import align, fit_skill
+from gplfd_experiments.teacher import Teacher
+from gplfd_policies import align, fit_skill
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.rotation_paths import rotvecs_from_quaternions
 

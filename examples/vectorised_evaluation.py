@@ -10,9 +10,9 @@ import time
 import gymnasium as gym
 import numpy as np
 
-from gplfd.experiments.teacher import DEMONSTRATED_RADII, Teacher
-from gplfd.policies import make_agent
-from gplfd.policies.lockstep import batch_agents
+from gplfd_experiments.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd_policies import make_agent
+from gplfd_policies.lockstep import batch_agents
 from gplfd_env import ENVIRONMENT_ID
 
 RADII, EPISODES = (0.32, 0.41, 0.50, 0.59), 5

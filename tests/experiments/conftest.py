@@ -12,12 +12,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from gplfd.experiments import cli
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.episodes.metrics import episode_metrics
-from gplfd.experiments.teacher import standard_teacher
-from gplfd.policies.steps import AgentStep
-from gplfd.policies.trajectory import GaussianTrajectory
+from gplfd_experiments import cli
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import episode_metrics
+from gplfd_experiments.teacher import standard_teacher
+from gplfd_policies.steps import AgentStep
+from gplfd_policies.trajectory import GaussianTrajectory
 from gplfd_env.config import DoorConfig
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc

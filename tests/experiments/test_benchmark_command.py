@@ -16,14 +16,14 @@ from typing import Any
 
 import pytest
 
-from gplfd.experiments.cli import main
-from gplfd.experiments.progress import counter
-from gplfd.experiments.results.reading import read_results
-from gplfd.experiments.results.records import DEMONSTRATED, NON_STANDARD
-from gplfd.experiments.study import jobs, runner, session, store
-from gplfd.experiments.study.engines import Lost
-from gplfd.experiments.study.settings import StudySettings
-from gplfd.experiments.study.settings_file import read_settings, write_settings
+from gplfd_experiments.cli import main
+from gplfd_experiments.progress import counter
+from gplfd_experiments.results.reading import read_results
+from gplfd_experiments.results.records import DEMONSTRATED, NON_STANDARD
+from gplfd_experiments.study import jobs, runner, session, store
+from gplfd_experiments.study.engines import Lost
+from gplfd_experiments.study.settings import StudySettings
+from gplfd_experiments.study.settings_file import read_settings, write_settings
 
 
 @pytest.fixture
@@ -132,7 +132,7 @@ def test_workers_that_die_are_errors_of_the_study(
                 yield item, Lost(reason="its worker process died")
 
     monkeypatch.setattr(
-        "gplfd.experiments.commands.options.engine_named", lambda *_, **__: Deadly()
+        "gplfd_experiments.commands.options.engine_named", lambda *_, **__: Deadly()
     )
     options = ["--policies", "oracle", "--doors", "small", "--seeds", "2"]
     assert benchmark(tmp_path, *options) == 1
@@ -359,7 +359,7 @@ def test_recordings_are_made_when_asked_for(
 ) -> None:
     recorded: list[Path] = []
     module = types.SimpleNamespace(record_extremes=recorded.append)
-    monkeypatch.setitem(sys.modules, "gplfd.experiments.extremes", module)
+    monkeypatch.setitem(sys.modules, "gplfd_experiments.extremes", module)
     options = ["--policies", "gp", "--doors", "small", "--seeds", "1", "--no-skill"]
     assert benchmark(tmp_path, *options) == 0
     assert recorded == []
@@ -487,7 +487,7 @@ def test_a_folder_that_cannot_be_written_ends_with_status_2(
 WAITING = """\
 import time
 from pathlib import Path
-from gplfd.policies import make_agent
+from gplfd_policies import make_agent
 
 def make(training):
     while training.seed >= int(Path("allowed").read_text()):

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd.experiments import cli, runs
-from gplfd.experiments.datasets.npz import load_demonstrations
-from gplfd.experiments.episodes.doors import named_doors
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.episodes.metrics import episode_metrics
-from gplfd.experiments.recording import viewer
-from gplfd.policies.registry import POLICIES
+from gplfd_experiments import cli, runs
+from gplfd_experiments.datasets.npz import load_demonstrations
+from gplfd_experiments.episodes.doors import named_doors
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import episode_metrics
+from gplfd_experiments.recording import viewer
+from gplfd_policies.registry import POLICIES
 from gplfd_env import (
     DISTURBANCES,
     DOORS,
@@ -516,7 +516,7 @@ def test_view_says_what_is_wrong(
 
 def test_numpy_is_kept_to_one_thread_unless_the_user_says_otherwise() -> None:
     code = (
-        "import os, gplfd.experiments.cli as cli\n"
+        "import os, gplfd_experiments.cli as cli\n"
         "cli.main(['list'])\n"
         "print(os.environ['OPENBLAS_NUM_THREADS'], os.environ['OMP_NUM_THREADS'])\n"
     )
@@ -534,7 +534,7 @@ def test_numpy_is_kept_to_one_thread_unless_the_user_says_otherwise() -> None:
 
 def test_help_loads_neither_simulator_nor_viewer() -> None:
     code = (
-        "import sys, gplfd.experiments.cli as cli\n"
+        "import sys, gplfd_experiments.cli as cli\n"
         "try: cli.main(['run', '--help'])\n"
         "except SystemExit: pass\n"
         "heavy = {'mujoco', 'rerun', 'scipy', 'numpy'} & set(sys.modules)\n"

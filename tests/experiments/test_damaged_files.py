@@ -26,21 +26,21 @@ import numpy as np
 import pytest
 
 from gplfd import policies
-from gplfd.experiments.datasets.minari import Recorder, open_dataset, write_dataset
-from gplfd.experiments.datasets.minari.contents import contents
-from gplfd.experiments.datasets.npz import load_demonstrations, save_demonstrations
-from gplfd.experiments.datasets.replay import replays
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.episodes.metrics import episode_metrics
-from gplfd.experiments.episodes.task import EpisodeTask
-from gplfd.experiments.files.plain_data import read_json, write_json
-from gplfd.experiments.files.provenance import content_hash
-from gplfd.experiments.study.result_format import STAMP
-from gplfd.experiments.study.settings import StudySettings
-from gplfd.experiments.study.settings_file import read_settings, write_settings
-from gplfd.experiments.study.store import damaged_results, result_path
-from gplfd.experiments.teacher import Teacher
-from gplfd.policies.demonstrations import Demonstration
+from gplfd_experiments.datasets.minari import Recorder, open_dataset, write_dataset
+from gplfd_experiments.datasets.minari.contents import contents
+from gplfd_experiments.datasets.npz import load_demonstrations, save_demonstrations
+from gplfd_experiments.datasets.replay import replays
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import episode_metrics
+from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.files.plain_data import read_json, write_json
+from gplfd_experiments.files.provenance import content_hash
+from gplfd_experiments.study.result_format import STAMP
+from gplfd_experiments.study.settings import StudySettings
+from gplfd_experiments.study.settings_file import read_settings, write_settings
+from gplfd_experiments.study.store import damaged_results, result_path
+from gplfd_experiments.teacher import Teacher
+from gplfd_policies.demonstrations import Demonstration
 from gplfd_env import ENVIRONMENT_ID
 
 VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "8"))

@@ -13,12 +13,12 @@ import minari
 import numpy as np
 import pytest
 
-from gplfd.experiments import cli
-from gplfd.experiments.datasets.minari import open_dataset
-from gplfd.experiments.datasets.minari.contents import title
+from gplfd_experiments import cli
+from gplfd_experiments.datasets.minari import open_dataset
+from gplfd_experiments.datasets.minari.contents import title
 
 Gplfd = Callable[..., int]
-DATASETS = "gplfd.experiments.datasets."
+DATASETS = "gplfd_experiments.datasets."
 
 
 RECORD = ("demos", "record", "--policy", "oracle", "--max-steps", "8")
@@ -261,7 +261,7 @@ def test_without_minari_the_extra_is_named(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    read_minari = (DATASETS, "gplfd.experiments.episodes.dataset")
+    read_minari = (DATASETS, "gplfd_experiments.episodes.dataset")
     for name in [name for name in sys.modules if name.startswith(read_minari)]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "minari", None)

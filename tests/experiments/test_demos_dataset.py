@@ -18,20 +18,20 @@ import mujoco
 import numpy as np
 import pytest
 
-from gplfd.experiments.datasets.minari import (
+from gplfd_experiments.datasets.minari import (
     RecordedEpisode,
     Recorder,
     open_dataset,
     write_dataset,
 )
-from gplfd.experiments.datasets.minari.episode import flat
-from gplfd.experiments.datasets.minari.physics import (
+from gplfd_experiments.datasets.minari.episode import flat
+from gplfd_experiments.datasets.minari.physics import (
     model_digests,
     model_hash,
     physics_state,
     state_layout,
 )
-from gplfd.experiments.datasets.replay import compare, replay
+from gplfd_experiments.datasets.replay import compare, replay
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DoorConfig, door_config
 from gplfd_env.info import TEXTS

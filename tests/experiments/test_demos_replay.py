@@ -10,9 +10,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from gplfd.experiments.datasets.minari import RecordedEpisode, Recorder, open_dataset
-from gplfd.experiments.datasets.replay import Comparison, changes_since, compare, replay
-from gplfd.experiments.files.provenance import versions
+from gplfd_experiments.datasets.minari import RecordedEpisode, Recorder, open_dataset
+from gplfd_experiments.datasets.replay import Comparison, changes_since, compare, replay
+from gplfd_experiments.files.provenance import versions
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.task import handle_pose_on_arc
 

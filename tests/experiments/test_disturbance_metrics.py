@@ -6,13 +6,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from gplfd.experiments.episodes.disturbance_metrics import (
+from gplfd_experiments.episodes.disturbance_metrics import (
     door_acceleration,
     release,
     sustained,
 )
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.episodes.metrics import episode_metrics
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import episode_metrics
 
 MakeLog = Callable[..., EpisodeLog]
 DT = 0.01

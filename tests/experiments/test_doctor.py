@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from gplfd.experiments import cli, doctor
+from gplfd_experiments import cli, doctor
 
 
 @pytest.fixture

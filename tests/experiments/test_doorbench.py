@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from gplfd.experiments import cli
-from gplfd.experiments.datasets.doorbench import read_doorbench
+from gplfd_experiments import cli
+from gplfd_experiments.datasets.doorbench import read_doorbench
 from gplfd_env.config import DoorConfig, door_config
 
 # Only what is read, with numbers of our own.

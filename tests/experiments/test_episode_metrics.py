@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.episodes.metrics import (
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import (
     episode_metrics,
     late_decisions,
     log_dimensionless_jerk,

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from gplfd.experiments import runs
-from gplfd.experiments.datasets.npz import load_demonstrations
-from gplfd.experiments.episodes.build import make_environment
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.episodes.task import episode_task
-from gplfd.experiments.recording import live_view
-from gplfd.experiments.recording.stream import open_stream
-from gplfd.experiments.results.reading import read_results
-from gplfd.experiments.study.settings import StudySettings
-from gplfd.experiments.study.settings_file import read_settings, write_settings
+from gplfd_experiments import runs
+from gplfd_experiments.datasets.npz import load_demonstrations
+from gplfd_experiments.episodes.build import make_environment
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.task import episode_task
+from gplfd_experiments.recording import live_view
+from gplfd_experiments.recording.stream import open_stream
+from gplfd_experiments.results.reading import read_results
+from gplfd_experiments.study.settings import StudySettings
+from gplfd_experiments.study.settings_file import read_settings, write_settings
 from gplfd_env.config import DOORS
 
 Gplfd = Callable[..., int]

@@ -5,13 +5,13 @@ import json
 
 import pytest
 
-from gplfd.experiments import extremes as module
-from gplfd.experiments.episodes.task import EpisodeTask
-from gplfd.experiments.extremes import COMPARED, extremes, record_extremes, same_door
-from gplfd.experiments.repetition import differences
-from gplfd.experiments.report.recordings import recording_name
-from gplfd.experiments.results.reading import read_results
-from gplfd.experiments.study.runner import run_study
+from gplfd_experiments import extremes as module
+from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.extremes import COMPARED, extremes, record_extremes, same_door
+from gplfd_experiments.repetition import differences
+from gplfd_experiments.report.recordings import recording_name
+from gplfd_experiments.results.reading import read_results
+from gplfd_experiments.study.runner import run_study
 from gplfd_env.config import DoorConfig
 
 CONFIG = dataclasses.asdict(DoorConfig())

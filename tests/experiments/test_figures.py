@@ -12,23 +12,23 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from gplfd.experiments.datasets.npz import (
+from gplfd_experiments.datasets.npz import (
     load_demonstrations,
     save_demonstrations,
 )
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.figures import (
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.figures import (
     episodes,
     fig02_heteroscedastic,
     forecasts,
     style,
 )
-from gplfd.experiments.figures.captions import section, update_captions
-from gplfd.experiments.figures.catalogue import FIGURES, chosen
-from gplfd.experiments.figures.hindsight import decisions, expectation
-from gplfd.experiments.figures.material import Material
-from gplfd.experiments.teacher import Teacher
-from gplfd.policies.registry import make_agent
+from gplfd_experiments.figures.captions import section, update_captions
+from gplfd_experiments.figures.catalogue import FIGURES, chosen
+from gplfd_experiments.figures.hindsight import decisions, expectation
+from gplfd_experiments.figures.material import Material
+from gplfd_experiments.teacher import Teacher
+from gplfd_policies.registry import make_agent
 
 Log = Callable[..., EpisodeLog]
 
@@ -47,7 +47,7 @@ def small(tmp_path: Path, make_log: Log, monkeypatch: pytest.MonkeyPatch) -> Mat
         raise AssertionError("a figure has simulated")
 
     monkeypatch.setattr("gymnasium.make", simulate)
-    monkeypatch.setattr("gplfd.experiments.episodes.rollout.rollout", simulate)
+    monkeypatch.setattr("gplfd_experiments.episodes.rollout.rollout", simulate)
     monkeypatch.setattr(episodes, "rollout", simulate)
     monkeypatch.setattr(fig02_heteroscedastic, "_SETS", 2)
     monkeypatch.setattr(forecasts, "DOORS", ("large", "0.42"))

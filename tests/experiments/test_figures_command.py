@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.figures import episodes, fig02_heteroscedastic, forecasts, style
-from gplfd.experiments.figures.catalogue import FIGURES
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.figures import episodes, fig02_heteroscedastic, forecasts, style
+from gplfd_experiments.figures.catalogue import FIGURES
 
 Gplfd = Callable[..., int]
 

@@ -11,13 +11,13 @@ from matplotlib.collections import FillBetweenPolyCollection
 from matplotlib.figure import Figure
 from scipy.stats import f as fisher
 
-from gplfd.experiments.datasets.npz import (
+from gplfd_experiments.datasets.npz import (
     LabelledDemonstrations,
 )
-from gplfd.experiments.episodes.forecast_error import forecast_errors
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.episodes.metrics import prediction_errors
-from gplfd.experiments.figures import (
+from gplfd_experiments.episodes.forecast_error import forecast_errors
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import prediction_errors
+from gplfd_experiments.figures import (
     episodes,
     fig02_heteroscedastic,
     fig03_alignment,
@@ -28,13 +28,13 @@ from gplfd.experiments.figures import (
     fig10_stiffness,
     forecasts,
 )
-from gplfd.experiments.figures.material import Material
-from gplfd.experiments.figures.opening import reviewed
-from gplfd.experiments.figures.pick_and_place import HEIGHT, PHASES
-from gplfd.experiments.teacher import Teacher
-from gplfd.policies.controllers.stiffness import DEFAULT_PROFILE
-from gplfd.policies.registry import make_agent
-from gplfd.policies.trajectory import GaussianTrajectory
+from gplfd_experiments.figures.material import Material
+from gplfd_experiments.figures.opening import reviewed
+from gplfd_experiments.figures.pick_and_place import HEIGHT, PHASES
+from gplfd_experiments.teacher import Teacher
+from gplfd_policies.controllers.stiffness import DEFAULT_PROFILE
+from gplfd_policies.registry import make_agent
+from gplfd_policies.trajectory import GaussianTrajectory
 from gplfd_env.task import DEMONSTRATED_ANGLE
 
 Log = Callable[..., EpisodeLog]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gplfd.experiments.figures import style
-from gplfd.experiments.recording import colours
+from gplfd_experiments.figures import style
+from gplfd_experiments.recording import colours
 
 LINES = {
     name: getattr(style, name)

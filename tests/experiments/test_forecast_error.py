@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd.experiments.episodes.forecast_error import (
+from gplfd_experiments.episodes.forecast_error import (
     PROGRESS,
     forecast_errors,
     handle_path,
     squared_distances,
 )
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.episodes.metrics import episode_metrics
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_env.config import DoorConfig
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc

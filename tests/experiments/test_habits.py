@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gplfd.experiments.teacher import MESSY, TIDY, Habits, Teacher, TeacherConfig
-from gplfd.experiments.teacher.habits import lose_samples, untidy_clock
-from gplfd.policies import align
+from gplfd_experiments.teacher import MESSY, TIDY, Habits, Teacher, TeacherConfig
+from gplfd_experiments.teacher.habits import lose_samples, untidy_clock
+from gplfd_policies import align
 
 CLEAN = TeacherConfig(
     wobble_position_std=0.0, wobble_rotation_std=0.0, noise_position_std=0.0,

@@ -23,8 +23,8 @@ import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController, threadpool_info, threadpool_limits
 
-from gplfd.experiments.teacher import Teacher
-from gplfd.policies import (
+from gplfd_experiments.teacher import Teacher
+from gplfd_policies import (
     POLICIES,
     Demonstration,
     GaussianTrajectory,
@@ -36,13 +36,13 @@ from gplfd.policies import (
     load_skill,
     make_agent,
 )
-from gplfd.policies.adaptation import ADAPTATIONS
-from gplfd.policies.movement import Movement
-from gplfd.policies.one_thread import one_thread
+from gplfd_policies.adaptation import ADAPTATIONS
+from gplfd_policies.movement import Movement
+from gplfd_policies.one_thread import one_thread
 
 WATCHED = {
-    "gplfd.policies.adaptation.conditioning.ConditionedProcess.update",
-    "gplfd.policies.baselines.mixture_of_views._maximised",
+    "gplfd_policies.adaptation.conditioning.ConditionedProcess.update",
+    "gplfd_policies.baselines.mixture_of_views._maximised",
 }
 """Some of the functions whose linear algebra must run on one thread."""
 PHASES = np.linspace(0.0, 1.0, 150)
@@ -54,7 +54,7 @@ LINEAR_ALGEBRA = {
 
 
 def results() -> Iterator[tuple[str, Any]]:
-    """Everything that users ask of `gplfd.policies`, by its public names."""
+    """Everything that users ask of `gplfd_policies`, by its public names."""
     shown = Teacher().demonstrate_doors((0.35, 0.5), 2, rng=np.random.default_rng(0))
     yield "demonstrations", [one.poses for one in shown]
     for name, policy in POLICIES.items():
@@ -230,7 +230,7 @@ import warnings
 
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from gplfd.policies.one_thread import one_thread
+from gplfd_policies.one_thread import one_thread
 
 warnings.simplefilter("ignore")  # of a fork beside other threads
 

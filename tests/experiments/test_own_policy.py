@@ -11,28 +11,28 @@ from typing import Any
 
 import pytest
 
-from gplfd.experiments import cli
-from gplfd.experiments.datasets.minari import open_dataset
-from gplfd.experiments.episodes.agents import reported_errors, where
-from gplfd.experiments.episodes.task import EpisodeTask
-from gplfd.experiments.files.names import file_name
-from gplfd.experiments.files.provenance import content_hash
-from gplfd.experiments.report.recordings import recording_name
-from gplfd.experiments.study.sources import (
+from gplfd_experiments import cli
+from gplfd_experiments.datasets.minari import open_dataset
+from gplfd_experiments.episodes.agents import reported_errors, where
+from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.files.names import file_name
+from gplfd_experiments.files.provenance import content_hash
+from gplfd_experiments.report.recordings import recording_name
+from gplfd_experiments.study.sources import (
     NO_FILES,
     chosen,
     files_of,
     policy_of,
     source_of,
 )
-from gplfd.experiments.study.tasks import task_from
-from gplfd.policies.registry import policy_named
+from gplfd_experiments.study.tasks import task_from
+from gplfd_policies.registry import policy_named
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import door_config
 
 OWN = """\
 import os, warnings; import numpy as np
-from gplfd.policies import TrainingInput, make_agent
+from gplfd_policies import TrainingInput, make_agent
 
 class Still:
     def act(self, observation):
@@ -429,8 +429,8 @@ def test_names_of_files_are_different_for_different_names() -> None:
 def test_list_says_where_packaged_policies_come_from(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from gplfd.experiments import catalogue
-    from gplfd.policies.user_policies import PackagedPolicy
+    from gplfd_experiments import catalogue
+    from gplfd_policies.user_policies import PackagedPolicy
 
     offered: list[Any] = [
         PackagedPolicy(name="theirs", package="robots 1.2", policy=policy_named("gp")),

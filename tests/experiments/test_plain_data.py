@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gplfd.experiments.files.plain_data import (
+from gplfd_experiments.files.plain_data import (
     entry,
     parsed_json,
     read_json,

@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from gplfd.experiments.files.provenance import arithmetic, git_state, provenance
+from gplfd_experiments.files.provenance import arithmetic, git_state, provenance
 
 
 def git(folder: Path, *arguments: str) -> None:
@@ -26,7 +26,7 @@ def test_provenance_is_json_and_names_what_ran() -> None:
 def test_arithmetic_follows_what_the_libraries_choose() -> None:
     """In another process, since libraries choose when they are loaded."""
     program = (
-        "import json, sys; from gplfd.experiments.files.provenance import arithmetic; "
+        "import json, sys; from gplfd_experiments.files.provenance import arithmetic; "
     )
     finished = subprocess.run(
         [sys.executable, "-c", program + "json.dump(dict(arithmetic()), sys.stdout)"],

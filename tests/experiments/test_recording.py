@@ -13,19 +13,19 @@ import rerun as rr
 from rerun.chunk import Chunk, RrdReader
 from scipy.spatial.transform import Rotation
 
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.recording import colours, record_episode
-from gplfd.experiments.recording.geoms import visual_geoms
-from gplfd.experiments.recording.layout import _policy_views, layout
-from gplfd.experiments.recording.motion import VIEW
-from gplfd.experiments.recording.panels import share_of_bound
-from gplfd.experiments.recording.stages import stages
-from gplfd.experiments.recording.stiffness import LEVELS, SCALE, recent_mean
-from gplfd.experiments.recording.tube import (
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.recording import colours, record_episode
+from gplfd_experiments.recording.geoms import visual_geoms
+from gplfd_experiments.recording.layout import _policy_views, layout
+from gplfd_experiments.recording.motion import VIEW
+from gplfd_experiments.recording.panels import share_of_bound
+from gplfd_experiments.recording.stages import stages
+from gplfd_experiments.recording.stiffness import LEVELS, SCALE, recent_mean
+from gplfd_experiments.recording.tube import (
     N_RINGS,
     N_SIDES,
 )
-from gplfd.experiments.teacher import Teacher
+from gplfd_experiments.teacher import Teacher
 from gplfd_env.task import handle_pose_on_arc
 
 MakeLog = Callable[..., EpisodeLog]

@@ -8,17 +8,17 @@ import mujoco
 import numpy as np
 import pytest
 
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.recording.episode import happening, stage_setting
-from gplfd.experiments.recording.layout import layout
-from gplfd.experiments.recording.mechanism import (
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.recording.episode import happening, stage_setting
+from gplfd_experiments.recording.layout import layout
+from gplfd_experiments.recording.mechanism import (
     ARM,
     LATCH,
     PANELS,
     bolt_states,
     mechanism_of,
 )
-from gplfd.experiments.recording.part import Part
+from gplfd_experiments.recording.part import Part
 from gplfd_env.config import DOORS, DoorConfig, door_config
 from gplfd_env.mobile_base import BASE_JOINTS
 from gplfd_env.scene import build_scene

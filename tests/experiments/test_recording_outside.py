@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.recording.layout import layout
-from gplfd.experiments.recording.outside import CAUSES, causes_of, events, from_outside
-from gplfd.experiments.recording.part import Part
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.recording.layout import layout
+from gplfd_experiments.recording.outside import CAUSES, causes_of, events, from_outside
+from gplfd_experiments.recording.part import Part
 
 MakeLog = Callable[..., EpisodeLog]
 

@@ -11,13 +11,13 @@ import pytest
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
-from gplfd.experiments.episodes.log import EpisodeLog
-from gplfd.experiments.recording.episode import happening
-from gplfd.experiments.recording.geoms import visual_geoms
-from gplfd.experiments.recording.kinematics import body_poses, task_frame
-from gplfd.experiments.recording.motion import policy_motion
-from gplfd.experiments.recording.part import Part
-from gplfd.experiments.recording.scene import drawn_scene, entity_of_body, moved_scene
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.recording.episode import happening
+from gplfd_experiments.recording.geoms import visual_geoms
+from gplfd_experiments.recording.kinematics import body_poses, task_frame
+from gplfd_experiments.recording.motion import policy_motion
+from gplfd_experiments.recording.part import Part
+from gplfd_experiments.recording.scene import drawn_scene, entity_of_body, moved_scene
 
 MakeLog = Callable[..., EpisodeLog]
 

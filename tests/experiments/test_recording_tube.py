@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from gplfd.experiments.recording.tube import (
+from gplfd_experiments.recording.tube import (
     N_SIDES,
     QUANTILE,
     tube_triangles,

@@ -12,8 +12,8 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from gplfd.experiments.commands.run import _draw_without_screen
-from gplfd.experiments.recording import video
+from gplfd_experiments.commands.run import _draw_without_screen
+from gplfd_experiments.recording import video
 from gplfd_env.camera import Camera
 
 Gplfd = Callable[..., int]

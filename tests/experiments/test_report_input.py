@@ -8,13 +8,13 @@ import re
 
 import pytest
 
-from gplfd.experiments import cli
-from gplfd.experiments.figures import style
-from gplfd.experiments.report.html import html_page
-from gplfd.experiments.report.markdown import markdown_page
-from gplfd.experiments.report.page import report, write_report
-from gplfd.experiments.report.recordings import RANKS, recording_name
-from gplfd.experiments.results.reading import read_results
+from gplfd_experiments import cli
+from gplfd_experiments.figures import style
+from gplfd_experiments.report.html import html_page
+from gplfd_experiments.report.markdown import markdown_page
+from gplfd_experiments.report.page import report, write_report
+from gplfd_experiments.report.recordings import RANKS, recording_name
+from gplfd_experiments.results.reading import read_results
 
 ODD = (
     *(None, True, 0, -1, 0.5, 1e308, 10**400, float("nan"), float("inf")),

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd.experiments.episodes.log import PER_STEP, EpisodeLog
-from gplfd.experiments.episodes.recorder import ForecastRecorder
-from gplfd.experiments.episodes.rollout import Progress, rollout
-from gplfd.policies.trajectory import GaussianTrajectory
+from gplfd_experiments.episodes.log import PER_STEP, EpisodeLog
+from gplfd_experiments.episodes.recorder import ForecastRecorder
+from gplfd_experiments.episodes.rollout import Progress, rollout
+from gplfd_policies.trajectory import GaussianTrajectory
 
 
 @pytest.fixture

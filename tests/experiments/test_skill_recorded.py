@@ -8,25 +8,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd.experiments import cli
-from gplfd.experiments.datasets.npz import (
+from gplfd_experiments import cli
+from gplfd_experiments.datasets.npz import (
     hash_of,
     load_demonstrations,
     save_demonstrations,
 )
-from gplfd.experiments.learning_tests.folds import aligned_to
-from gplfd.experiments.learning_tests.methods import learn
-from gplfd.experiments.learning_tests.recorded import recorded_metrics
-from gplfd.experiments.report.recorded import _advice
-from gplfd.experiments.results.reading import read_results
-from gplfd.experiments.results.records import RecordedResult
-from gplfd.experiments.study.jobs import run_job
-from gplfd.experiments.study.plan import recorded_tasks
-from gplfd.experiments.study.tasks import RecordedTask, task_from
-from gplfd.experiments.teacher import Teacher
-from gplfd.policies import POLICIES
-from gplfd.policies.demonstrations import Demonstration
-from gplfd.policies.method import Method
+from gplfd_experiments.learning_tests.folds import aligned_to
+from gplfd_experiments.learning_tests.methods import learn
+from gplfd_experiments.learning_tests.recorded import recorded_metrics
+from gplfd_experiments.report.recorded import _advice
+from gplfd_experiments.results.reading import read_results
+from gplfd_experiments.results.records import RecordedResult
+from gplfd_experiments.study.jobs import run_job
+from gplfd_experiments.study.plan import recorded_tasks
+from gplfd_experiments.study.tasks import RecordedTask, task_from
+from gplfd_experiments.teacher import Teacher
+from gplfd_policies import POLICIES
+from gplfd_policies.demonstrations import Demonstration
+from gplfd_policies.method import Method
 from gplfd_env.task import handle_pose_on_arc
 
 
@@ -192,8 +192,8 @@ def test_recordings_that_no_method_can_learn_from_are_reported(
     Path("out").mkdir()
     Path("out/skill.rrd").write_text("of an earlier go")
     for module in (
-        "gplfd.experiments.learning_tests.recorded",
-        "gplfd.experiments.skills",
+        "gplfd_experiments.learning_tests.recorded",
+        "gplfd_experiments.skills",
     ):
         monkeypatch.setattr(f"{module}.learn", refused)
     assert cli.main([*command, "--policies", "dmp", "gmr"]) == 1

@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gplfd.experiments.commands.speed import PartName
-from gplfd.experiments.files.table import text_table
-from gplfd.experiments.speed import fit, peers, timing
-from gplfd.experiments.speed.known_process import KnownProcess
-from gplfd.experiments.speed.parts import PARTS, announcement
-from gplfd.experiments.speed.report import at_least, at_most, between, value_table
-from gplfd.experiments.speed.scores import score
-from gplfd.experiments.speed.timing import Timed, Timing, after, measure, repeated
-from gplfd.policies.dynamic_time_warping import dynamic_time_warping
-from gplfd.policies.skill import fit_skill
-from gplfd.policies.trajectory import GaussianTrajectory
+from gplfd_experiments.commands.speed import PartName
+from gplfd_experiments.files.table import text_table
+from gplfd_experiments.speed import fit, peers, timing
+from gplfd_experiments.speed.known_process import KnownProcess
+from gplfd_experiments.speed.parts import PARTS, announcement
+from gplfd_experiments.speed.report import at_least, at_most, between, value_table
+from gplfd_experiments.speed.scores import score
+from gplfd_experiments.speed.timing import Timed, Timing, after, measure, repeated
+from gplfd_policies.dynamic_time_warping import dynamic_time_warping
+from gplfd_policies.skill import fit_skill
+from gplfd_policies.trajectory import GaussianTrajectory
 
 Gplfd = Callable[..., int]
 

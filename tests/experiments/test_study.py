@@ -8,15 +8,15 @@ import re
 
 import pytest
 
-from gplfd.experiments.episodes.build import make_environment
-from gplfd.experiments.episodes.metrics import EpisodeMetrics
-from gplfd.experiments.episodes.task import EpisodeTask, episode_task
-from gplfd.experiments.files import provenance
-from gplfd.experiments.files.plain_data import NewerFormatError
-from gplfd.experiments.results.measures import LEARNING_MEASURES, RECORDED_MEASURES
-from gplfd.experiments.study import jobs, runner, store
-from gplfd.experiments.study.engines import Lost
-from gplfd.experiments.study.result_format import (
+from gplfd_experiments.episodes.build import make_environment
+from gplfd_experiments.episodes.metrics import EpisodeMetrics
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task
+from gplfd_experiments.files import provenance
+from gplfd_experiments.files.plain_data import NewerFormatError
+from gplfd_experiments.results.measures import LEARNING_MEASURES, RECORDED_MEASURES
+from gplfd_experiments.study import jobs, runner, store
+from gplfd_experiments.study.engines import Lost
+from gplfd_experiments.study.result_format import (
     EPISODE_METRICS,
     FORECAST_METRICS,
     LEARNING_METRICS,
@@ -24,10 +24,10 @@ from gplfd.experiments.study.result_format import (
     VERSION,
     lost,
 )
-from gplfd.experiments.study.runner import run_study
-from gplfd.experiments.study.store import made_by_other_code
-from gplfd.experiments.study.tasks import SkillTask, jobs_of, task_from
-from gplfd.experiments.teacher import synthetic_human
+from gplfd_experiments.study.runner import run_study
+from gplfd_experiments.study.store import made_by_other_code
+from gplfd_experiments.study.tasks import SkillTask, jobs_of, task_from
+from gplfd_experiments.teacher import synthetic_human
 from gplfd_env.config import DoorConfig
 
 DOORS = {"small": {"radius": 0.35}, "large": {"radius": 0.65}}

@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd.experiments.episodes import build
-from gplfd.experiments.episodes.metrics import EpisodeMetrics
-from gplfd.experiments.episodes.task import EpisodeTask
-from gplfd.experiments.study import jobs
-from gplfd.experiments.study.engines.processes import Processes
-from gplfd.experiments.study.jobs import episode_logs, run_job
-from gplfd.experiments.study.result_format import VERSION
-from gplfd.experiments.study.runner import run_study
-from gplfd.experiments.study.store import stored_result
-from gplfd.experiments.study.tasks import SkillTask, jobs_of
-from gplfd.policies import registry
-from gplfd.policies.adaptation import ProcessAdaptation
-from gplfd.policies.method import Method, TrainingInput
-from gplfd.policies.skill import fit_skill
+from gplfd_experiments.episodes import build
+from gplfd_experiments.episodes.metrics import EpisodeMetrics
+from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.study import jobs
+from gplfd_experiments.study.engines.processes import Processes
+from gplfd_experiments.study.jobs import episode_logs, run_job
+from gplfd_experiments.study.result_format import VERSION
+from gplfd_experiments.study.runner import run_study
+from gplfd_experiments.study.store import stored_result
+from gplfd_experiments.study.tasks import SkillTask, jobs_of
+from gplfd_policies import registry
+from gplfd_policies.adaptation import ProcessAdaptation
+from gplfd_policies.method import Method, TrainingInput
+from gplfd_policies.skill import fit_skill
 from gplfd_env.config import door_config
 
 MakeLog = Callable[..., Any]

@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gplfd.experiments.teacher import (
+from gplfd_experiments.teacher import (
     DEMONSTRATED_RADII,
     ROOM_RADII,
     Teacher,
     TeacherConfig,
 )
-from gplfd.experiments.teacher.handle_motion import (
+from gplfd_experiments.teacher.handle_motion import (
     Press,
     doors_like,
     draw_press,

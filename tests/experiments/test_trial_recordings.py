@@ -8,18 +8,18 @@ from typing import Any
 
 import pytest
 
-from gplfd.experiments import trial_recordings as module
-from gplfd.experiments.cli import main
-from gplfd.experiments.extremes import COMPARED
-from gplfd.experiments.report.markdown import markdown_page
-from gplfd.experiments.report.page import report
-from gplfd.experiments.results.reading import read_results
-from gplfd.experiments.results.trials import of_trial
-from gplfd.experiments.study.runner import run_study
-from gplfd.experiments.trial_recordings import record_trials, side_by_side
-from gplfd.experiments.trials.plan import named_trials, trial_tasks
-from gplfd.experiments.trials.protocol import CONSTANT, TRIALS
-from gplfd.experiments.trials.records import Contrast, Side
+from gplfd_experiments import trial_recordings as module
+from gplfd_experiments.cli import main
+from gplfd_experiments.extremes import COMPARED
+from gplfd_experiments.report.markdown import markdown_page
+from gplfd_experiments.report.page import report
+from gplfd_experiments.results.reading import read_results
+from gplfd_experiments.results.trials import of_trial
+from gplfd_experiments.study.runner import run_study
+from gplfd_experiments.trial_recordings import record_trials, side_by_side
+from gplfd_experiments.trials.plan import named_trials, trial_tasks
+from gplfd_experiments.trials.protocol import CONSTANT, TRIALS
+from gplfd_experiments.trials.records import Contrast, Side
 
 
 @pytest.fixture
@@ -139,7 +139,7 @@ def test_the_command_records_when_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorded: list[Path] = []
-    monkeypatch.setattr("gplfd.experiments.study.session.carry_out", lambda *_: 0)
+    monkeypatch.setattr("gplfd_experiments.study.session.carry_out", lambda *_: 0)
     monkeypatch.setattr(module, "record_trials", recorded.append)
     arguments = ["trials", "--trials", "stop", "--out", str(tmp_path), "--quiet"]
     assert main(arguments) == 0

@@ -4,24 +4,24 @@ import json
 
 import pytest
 
-from gplfd.experiments.cli import main
-from gplfd.experiments.learning_tests.scores import method_metrics
-from gplfd.experiments.study import engines
-from gplfd.experiments.study.engines import Lost
-from gplfd.experiments.study.engines.serial import Serial
-from gplfd.experiments.study.settings import PRESETS
-from gplfd.experiments.teacher import standard_teacher
-from gplfd.experiments.tuning import objective, search
-from gplfd.experiments.tuning.candidates import (
+from gplfd_experiments.cli import main
+from gplfd_experiments.learning_tests.scores import method_metrics
+from gplfd_experiments.study import engines
+from gplfd_experiments.study.engines import Lost
+from gplfd_experiments.study.engines.serial import Serial
+from gplfd_experiments.study.settings import PRESETS
+from gplfd_experiments.teacher import standard_teacher
+from gplfd_experiments.tuning import objective, search
+from gplfd_experiments.tuning.candidates import (
     STANDARD,
     Candidate,
     Protocol,
     candidates,
     checked_policies,
 )
-from gplfd.experiments.tuning.objective import best, evaluate
-from gplfd.policies import POLICIES
-from gplfd.policies.tuning_spaces import SPACES, tuned_settings
+from gplfd_experiments.tuning.objective import best, evaluate
+from gplfd_policies import POLICIES
+from gplfd_policies.tuning_spaces import SPACES, tuned_settings
 from gplfd_env.config import DOORS
 
 SMALL = Protocol(evaluations=5, seeds=(1000,), radii=(0.46,))

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import tyro
 
-from gplfd.experiments.datasets.npz import save_demonstrations
-from gplfd.experiments.learning_tests.recorded import recorded_metrics
-from gplfd.experiments.teacher import Teacher
-from gplfd.policies import POLICIES
+from gplfd_experiments.datasets.npz import save_demonstrations
+from gplfd_experiments.learning_tests.recorded import recorded_metrics
+from gplfd_experiments.teacher import Teacher
+from gplfd_policies import POLICIES
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "benchmarks"

@@ -16,9 +16,9 @@ import pytest
 import yaml
 
 import gplfd_env  # noqa: F401  (registers the ids)
-from gplfd.experiments import cli
-from gplfd.experiments.study.settings import StudySettings
-from gplfd.experiments.study.settings_file import write_settings
+from gplfd_experiments import cli
+from gplfd_experiments.study.settings import StudySettings
+from gplfd_experiments.study.settings_file import write_settings
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -263,7 +263,7 @@ def test_every_public_name_has_a_place_in_the_reference() -> None:
     pages = "".join(path.read_text() for path in (ROOT / "docs" / "api").glob("*.md"))
     described = re.findall(r"^::: ([\w.]+)$", pages, re.MULTILINE)
     exporting = set()
-    for package in ("gplfd_env", "gplfd.policies", "gplfd.experiments"):
+    for package in ("gplfd_env", "gplfd_policies", "gplfd_experiments"):
         folder = Path(importlib.import_module(package).__path__[0])
         for path in folder.rglob("*.py"):
             if re.search(r"^__all__ = ", path.read_text(), re.MULTILINE):

@@ -11,7 +11,7 @@ from urllib.request import url2pathname
 
 import pytest
 
-PACKAGES = ("gplfd_env", "gplfd.policies", "gplfd.experiments")
+PACKAGES = ("gplfd_env", "gplfd_policies", "gplfd_experiments")
 
 
 def run(program: str, folder: Path) -> str:
@@ -27,7 +27,7 @@ def run(program: str, folder: Path) -> str:
     return result.stdout
 
 
-@pytest.mark.parametrize("package", ["gplfd_env", "gplfd_env.task", "gplfd.policies"])
+@pytest.mark.parametrize("package", ["gplfd_env", "gplfd_env.task", "gplfd_policies"])
 def test_importing_does_not_load_the_simulator(package: str, tmp_path: Path) -> None:
     program = (
         f"import sys, {package}\n"
@@ -88,11 +88,11 @@ def test_folders_of_the_same_names_are_the_users_own(tmp_path: Path) -> None:
         (tmp_path / name / "__init__.py").write_text("mine = True\n")
     program = (
         "import policies, experiments\n"
-        "from gplfd.policies import make_agent\n"
-        "from gplfd.experiments.teacher import Teacher\n"
+        "from gplfd_policies import make_agent\n"
+        "from gplfd_experiments.teacher import Teacher\n"
         "print(policies.mine, experiments.mine, make_agent.__module__)\n"
     )
-    assert run(program, tmp_path).split() == ["True", "True", "gplfd.policies.registry"]
+    assert run(program, tmp_path).split() == ["True", "True", "gplfd_policies.registry"]
 
 
 @pytest.mark.parametrize("package", ["gplfd", "gplfd_env"])

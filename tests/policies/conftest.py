@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from gplfd.policies.alignment import align
-from gplfd.policies.demonstrations import Demonstration
-from gplfd.policies.skill import Skill, fit_skill
+from gplfd_policies.alignment import align
+from gplfd_policies.demonstrations import Demonstration
+from gplfd_policies.skill import Skill, fit_skill
 from gplfd_env.task import handle_pose_on_arc
 
 RADII = (0.35, 0.50, 0.65)

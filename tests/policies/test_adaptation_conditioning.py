@@ -3,26 +3,26 @@
 import numpy as np
 import pytest
 
-from gplfd.policies.adaptation import (
+from gplfd_policies.adaptation import (
     ExactAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
     adapt,
 )
-from gplfd.policies.adaptation.conditioning import ConditionedProcess, Repetition
-from gplfd.policies.adaptation.product import product_of_gaussians
-from gplfd.policies.aligned import AlignedDemonstrations
-from gplfd.policies.gp.deviations import (
+from gplfd_policies.adaptation.conditioning import ConditionedProcess, Repetition
+from gplfd_policies.adaptation.product import product_of_gaussians
+from gplfd_policies.aligned import AlignedDemonstrations
+from gplfd_policies.gp.deviations import (
     DeviationLikelihood,
     DeviationProcess,
     fit_deviations,
 )
-from gplfd.policies.gp.exact import ExactGP
-from gplfd.policies.gp.kernels import RBF
-from gplfd.policies.gp.legendre import LegendreBasis
-from gplfd.policies.gp.noise import LEAST_SPREAD, MapNoise
-from gplfd.policies.skill import Skill, fit_skill
-from gplfd.policies.trajectory import ViaPoint
+from gplfd_policies.gp.exact import ExactGP
+from gplfd_policies.gp.kernels import RBF
+from gplfd_policies.gp.legendre import LegendreBasis
+from gplfd_policies.gp.noise import LEAST_SPREAD, MapNoise
+from gplfd_policies.skill import Skill, fit_skill
+from gplfd_policies.trajectory import ViaPoint
 
 TIMES = np.linspace(0.0, 1.0, 60)
 ANGLE = 1.2

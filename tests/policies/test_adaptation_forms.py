@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gplfd.policies.adaptation import (
+from gplfd_policies.adaptation import (
     ADAPTATIONS,
     Adaptation,
     ProcessAdaptation,
@@ -15,11 +15,11 @@ from gplfd.policies.adaptation import (
     adapt,
     begin_adaptation,
 )
-from gplfd.policies.aligned import AlignedDemonstrations
-from gplfd.policies.baselines.promp import fit_promp
-from gplfd.policies.gp.deviations import conjugate_share
-from gplfd.policies.skill import Skill, fit_skill
-from gplfd.policies.trajectory import ViaPoint
+from gplfd_policies.aligned import AlignedDemonstrations
+from gplfd_policies.baselines.promp import fit_promp
+from gplfd_policies.gp.deviations import conjugate_share
+from gplfd_policies.skill import Skill, fit_skill
+from gplfd_policies.trajectory import ViaPoint
 
 TIMES = np.linspace(0.0, 1.0, 50)
 FORMS = sorted(ADAPTATIONS)

@@ -6,19 +6,19 @@ from functools import partial
 import numpy as np
 import pytest
 
-from gplfd.policies import Demonstration, PosePath, ViaPoint, adapt, align, fit_skill
-from gplfd.policies.adaptation import OwnClockAdaptation, ProcessAdaptation
-from gplfd.policies.adaptation.conditioning import (
+from gplfd_policies import Demonstration, PosePath, ViaPoint, adapt, align, fit_skill
+from gplfd_policies.adaptation import OwnClockAdaptation, ProcessAdaptation
+from gplfd_policies.adaptation.conditioning import (
     ConditionedProcess,
     Repetition,
     leading_curves,
 )
-from gplfd.policies.adaptation.own_clock import delayed
-from gplfd.policies.adaptation.process import demonstrated_repetition
-from gplfd.policies.gp.kernels import RBF
-from gplfd.policies.gp.legendre import LegendreBasis
-from gplfd.policies.gp.timing import timing_covariance
-from gplfd.policies.residual import fit_residual
+from gplfd_policies.adaptation.own_clock import delayed
+from gplfd_policies.adaptation.process import demonstrated_repetition
+from gplfd_policies.gp.kernels import RBF
+from gplfd_policies.gp.legendre import LegendreBasis
+from gplfd_policies.gp.timing import timing_covariance
+from gplfd_policies.residual import fit_residual
 from gplfd_env.task import handle_pose_on_arc
 
 TIMES = np.linspace(0.0, 1.0, 60)

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gplfd.policies.adaptation import ProcessAdaptation
-from gplfd.policies.agent import CompliantAgent
-from gplfd.policies.compliance import ComplianceConfig
-from gplfd.policies.controllers.stability import rate_bound
-from gplfd.policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
-from gplfd.policies.empirical import EmpiricalDistribution
-from gplfd.policies.gridded import GriddedMovement
-from gplfd.policies.load import CarriedLoad, YieldToAll
-from gplfd.policies.members import EVERY_MEMBER
-from gplfd.policies.path_phase import PathPhase
-from gplfd.policies.phase import POSE_ERROR, ClockPhase, PhaseEstimate
-from gplfd.policies.registry import make_agent
-from gplfd.policies.trajectory import GaussianTrajectory
+from gplfd_policies.adaptation import ProcessAdaptation
+from gplfd_policies.agent import CompliantAgent
+from gplfd_policies.compliance import ComplianceConfig
+from gplfd_policies.controllers.stability import rate_bound
+from gplfd_policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
+from gplfd_policies.empirical import EmpiricalDistribution
+from gplfd_policies.gridded import GriddedMovement
+from gplfd_policies.load import CarriedLoad, YieldToAll
+from gplfd_policies.members import EVERY_MEMBER
+from gplfd_policies.path_phase import PathPhase
+from gplfd_policies.phase import POSE_ERROR, ClockPhase, PhaseEstimate
+from gplfd_policies.registry import make_agent
+from gplfd_policies.trajectory import GaussianTrajectory
 from gplfd_env.task import handle_pose_on_arc
 
 PERIOD = 0.01

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
-from gplfd.policies.aligned import AlignedDemonstrations
-from gplfd.policies.alignment import align
-from gplfd.policies.completion import task_completion_index
-from gplfd.policies.demonstrations import Demonstration
-from gplfd.policies.denoising import denoised_steps
-from gplfd.policies.dynamic_time_warping import dynamic_time_warping
+from gplfd_policies.aligned import AlignedDemonstrations
+from gplfd_policies.alignment import align
+from gplfd_policies.completion import task_completion_index
+from gplfd_policies.demonstrations import Demonstration
+from gplfd_policies.denoising import denoised_steps
+from gplfd_policies.dynamic_time_warping import dynamic_time_warping
 from gplfd_env.se3 import canonical_rotvec, pose_distance
 
 METHODS = ["interpolation", "directions", "dtw", "dtw-euclidean"]

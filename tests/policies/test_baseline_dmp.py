@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from gplfd.policies.aligned import AlignedDemonstrations
-from gplfd.policies.alignment import align
-from gplfd.policies.baselines.dmp import DMPConfig, DynamicMovementPrimitive, fit_dmp
-from gplfd.policies.movement import Adaptable, Movement
+from gplfd_policies.aligned import AlignedDemonstrations
+from gplfd_policies.alignment import align
+from gplfd_policies.baselines.dmp import DMPConfig, DynamicMovementPrimitive, fit_dmp
+from gplfd_policies.movement import Adaptable, Movement
 from gplfd_env.se3 import compose_rotvecs, rotation_distance
 
 GRID = np.linspace(0.0, 1.0, 101)

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gplfd.policies.adaptation import OwnAdaptation
-from gplfd.policies.aligned import AlignedDemonstrations
-from gplfd.policies.alignment import align
-from gplfd.policies.baselines.gmr import GMRConfig
-from gplfd.policies.baselines.kmp import KernelizedMovementPrimitive, KMPConfig, fit_kmp
-from gplfd.policies.movement import Adaptable
-from gplfd.policies.trajectory import ViaPoint
+from gplfd_policies.adaptation import OwnAdaptation
+from gplfd_policies.aligned import AlignedDemonstrations
+from gplfd_policies.alignment import align
+from gplfd_policies.baselines.gmr import GMRConfig
+from gplfd_policies.baselines.kmp import KernelizedMovementPrimitive, KMPConfig, fit_kmp
+from gplfd_policies.movement import Adaptable
+from gplfd_policies.trajectory import ViaPoint
 
 GRID = np.linspace(0.0, 1.0, 41)
 FREE = 1e6

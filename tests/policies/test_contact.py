@@ -5,9 +5,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from gplfd.policies.controllers.admittance import Admittance
-from gplfd.policies.controllers.contact import HELD_HAND, ContactLoop
-from gplfd.policies.controllers.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
+from gplfd_policies.controllers.admittance import Admittance
+from gplfd_policies.controllers.contact import HELD_HAND, ContactLoop
+from gplfd_policies.controllers.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
 from gplfd_env.robot import SERVO_STIFFNESS
 
 H, HELD = 0.01, 2000.0

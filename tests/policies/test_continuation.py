@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gplfd.policies import AlignedDemonstrations, ViaPoint
-from gplfd.policies.adaptation import ProcessAdaptation
-from gplfd.policies.continuation import carried_on, continued, drift
-from gplfd.policies.gridded import GriddedMovement
-from gplfd.policies.prior_mean import PosePath, Stretched
-from gplfd.policies.skill import fit_skill
+from gplfd_policies import AlignedDemonstrations, ViaPoint
+from gplfd_policies.adaptation import ProcessAdaptation
+from gplfd_policies.continuation import carried_on, continued, drift
+from gplfd_policies.gridded import GriddedMovement
+from gplfd_policies.prior_mean import PosePath, Stretched
+from gplfd_policies.skill import fit_skill
 from gplfd_env.task import handle_pose_on_arc
 
 PHASES = np.linspace(0.0, 1.0, 200)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from gplfd.policies.adaptation import OwnAdaptation, ProcessAdaptation, adapt
-from gplfd.policies.alignment import align
-from gplfd.policies.gridded import GriddedMovement, GriddedMovements
-from gplfd.policies.skill import fit_skill
-from gplfd.policies.trajectory import ViaPoint
+from gplfd_policies.adaptation import OwnAdaptation, ProcessAdaptation, adapt
+from gplfd_policies.alignment import align
+from gplfd_policies.gridded import GriddedMovement, GriddedMovements
+from gplfd_policies.skill import fit_skill
+from gplfd_policies.trajectory import ViaPoint
 
 
 def test_interpolation_meets_the_movement(skill):

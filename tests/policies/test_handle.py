@@ -5,16 +5,16 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from gplfd.experiments.teacher import Teacher
-from gplfd.policies.alignment import align
-from gplfd.policies.controllers.stiffness import DEFAULT_PROFILE
-from gplfd.policies.demonstrations import Demonstration
-from gplfd.policies.empirical import EmpiricalDistribution
-from gplfd.policies.handle import TurnedHandle, turned_handle
-from gplfd.policies.handle_load import HandleAndDoor
-from gplfd.policies.handles import Handles
-from gplfd.policies.load import CarriedLoad, Encounter, LearnedLoad
-from gplfd.policies.path_phase import PathPhase
+from gplfd_experiments.teacher import Teacher
+from gplfd_policies.alignment import align
+from gplfd_policies.controllers.stiffness import DEFAULT_PROFILE
+from gplfd_policies.demonstrations import Demonstration
+from gplfd_policies.empirical import EmpiricalDistribution
+from gplfd_policies.handle import TurnedHandle, turned_handle
+from gplfd_policies.handle_load import HandleAndDoor
+from gplfd_policies.handles import Handles
+from gplfd_policies.load import CarriedLoad, Encounter, LearnedLoad
+from gplfd_policies.path_phase import PathPhase
 from gplfd_env import DoorGeometry
 from gplfd_env.config import DoorConfig
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gplfd.policies.handle import TurnedHandle
-from gplfd.policies.handles import Handles
+from gplfd_policies.handle import TurnedHandle
+from gplfd_policies.handles import Handles
 from gplfd_env import DoorGeometry
 from gplfd_env.config import DoorConfig
 

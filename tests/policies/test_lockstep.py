@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gplfd.policies import POLICIES, TrainingInput, fit_skill, make_agent
-from gplfd.policies.compliance import ComplianceConfig
-from gplfd.policies.gp.kersting import KerstingNoise
-from gplfd.policies.load import YieldToAll
-from gplfd.policies.lockstep import AgentBatch, batch_agents
-from gplfd.policies.members import EVERY_MEMBER
-from gplfd.policies.reference.oracle import OracleAgent
-from gplfd.policies.steps import AgentStep
+from gplfd_policies import POLICIES, TrainingInput, fit_skill, make_agent
+from gplfd_policies.compliance import ComplianceConfig
+from gplfd_policies.gp.kersting import KerstingNoise
+from gplfd_policies.load import YieldToAll
+from gplfd_policies.lockstep import AgentBatch, batch_agents
+from gplfd_policies.members import EVERY_MEMBER
+from gplfd_policies.reference.oracle import OracleAgent
+from gplfd_policies.steps import AgentStep
 from gplfd_env import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc
 

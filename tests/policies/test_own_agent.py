@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd.policies.agent import Agent, CompliantAgent, as_agent
-from gplfd.policies.compliance import ComplianceConfig
-from gplfd.policies.lockstep import batch_agents
-from gplfd.policies.steps import AgentStep
-from gplfd.policies.trajectory import GaussianTrajectory
+from gplfd_policies.agent import Agent, CompliantAgent, as_agent
+from gplfd_policies.compliance import ComplianceConfig
+from gplfd_policies.lockstep import batch_agents
+from gplfd_policies.steps import AgentStep
+from gplfd_policies.trajectory import GaussianTrajectory
 from gplfd_env import DoorGeometry
 
 EXPECTED = GaussianTrajectory.from_moments(

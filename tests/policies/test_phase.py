@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from gplfd.policies.alignment import align
-from gplfd.policies.empirical import EmpiricalDistribution
-from gplfd.policies.heading import Heading, directions
-from gplfd.policies.path_phase import PathPhase
-from gplfd.policies.phase import ClockPhase, PhaseNoise
-from gplfd.policies.skill import fit_skill
-from gplfd.policies.trajectory import GaussianTrajectory
+from gplfd_policies.alignment import align
+from gplfd_policies.empirical import EmpiricalDistribution
+from gplfd_policies.heading import Heading, directions
+from gplfd_policies.path_phase import PathPhase
+from gplfd_policies.phase import ClockPhase, PhaseNoise
+from gplfd_policies.skill import fit_skill
+from gplfd_policies.trajectory import GaussianTrajectory
 from gplfd_env.task import handle_pose_on_arc
 
 FINAL_ANGLE = np.radians(67.0)

@@ -7,12 +7,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gplfd.policies import POLICIES, ViaPoint, align, make_agent
-from gplfd.policies.adaptation import ADAPTATIONS
-from gplfd.policies.built_in import TABLE_1
-from gplfd.policies.method import TrainingInput
-from gplfd.policies.movement import Adaptable
-from gplfd.policies.skill import Skill
+from gplfd_policies import POLICIES, ViaPoint, align, make_agent
+from gplfd_policies.adaptation import ADAPTATIONS
+from gplfd_policies.built_in import TABLE_1
+from gplfd_policies.method import TrainingInput
+from gplfd_policies.movement import Adaptable
+from gplfd_policies.skill import Skill
 from gplfd_env import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc
 

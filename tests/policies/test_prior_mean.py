@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from gplfd.policies import (
+from gplfd_policies import (
     POLICIES,
     PosePath,
     PriorMean,
@@ -15,21 +15,21 @@ from gplfd.policies import (
     fit_skill,
     make_agent,
 )
-from gplfd.policies.adaptation import (
+from gplfd_policies.adaptation import (
     ExactAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
     adapt,
     begin_adaptation,
 )
-from gplfd.policies.aligned import AlignedDemonstrations
-from gplfd.policies.baselines.local_gp import LocalGPConfig, fit_local_gp
-from gplfd.policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
-from gplfd.policies.gp.exact import ExactGP
-from gplfd.policies.gp.noise import MapNoise
-from gplfd.policies.method import TrainingInput
-from gplfd.policies.residual import ResidualMovement, fit_residual
-from gplfd.policies.trajectory import ViaPoint
+from gplfd_policies.aligned import AlignedDemonstrations
+from gplfd_policies.baselines.local_gp import LocalGPConfig, fit_local_gp
+from gplfd_policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
+from gplfd_policies.gp.exact import ExactGP
+from gplfd_policies.gp.noise import MapNoise
+from gplfd_policies.method import TrainingInput
+from gplfd_policies.residual import ResidualMovement, fit_residual
+from gplfd_policies.trajectory import ViaPoint
 
 BESIDE = np.array([0.1, 0.02, -0.1, 0.05, 0.3, -0.05])
 GRID = np.linspace(0.0, 1.0, 31)

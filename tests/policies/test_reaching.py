@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd.experiments.teacher import Teacher
-from gplfd.policies import Agent, AgentStep, Demonstration, as_agent
-from gplfd.policies.movement import Movement
-from gplfd.policies.reaching import (
+from gplfd_experiments.teacher import Teacher
+from gplfd_policies import Agent, AgentStep, Demonstration, as_agent
+from gplfd_policies.movement import Movement
+from gplfd_policies.reaching import (
     CLOSING,
     ReachingAgent,
     joined,

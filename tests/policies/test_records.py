@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gplfd.policies import POLICIES, AlignedDemonstrations, PosePath, align
-from gplfd.policies.method import TrainingInput
+from gplfd_policies import POLICIES, AlignedDemonstrations, PosePath, align
+from gplfd_policies.method import TrainingInput
 
 
 def test_a_skill_says_what_it_was_learned_from(skill):

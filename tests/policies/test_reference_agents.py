@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gplfd.policies import batch_agents, make_agent
-from gplfd.policies.reference.path import HandPath, turned_towards
+from gplfd_policies import batch_agents, make_agent
+from gplfd_policies.reference.path import HandPath, turned_towards
 from gplfd_env import DoorGeometry
 from gplfd_env.config import DoorConfig
 from gplfd_env.task import DEMONSTRATED_ANGLE

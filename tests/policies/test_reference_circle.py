@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gplfd.policies.reference.circle import UPRIGHT, Circle, _distances, fit_circle
+from gplfd_policies.reference.circle import UPRIGHT, Circle, _distances, fit_circle
 from gplfd_env import DoorGeometry
 
 CERTAIN = replace(UPRIGHT, noise=1e-6)

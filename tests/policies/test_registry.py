@@ -7,17 +7,17 @@ import pytest
 from jaxtyping import config
 from scipy.spatial.transform import Rotation
 
-from gplfd.policies import POLICIES, Demonstration, TrainingInput, align, make_agent
-from gplfd.policies.adaptation import (
+from gplfd_policies import POLICIES, Demonstration, TrainingInput, align, make_agent
+from gplfd_policies.adaptation import (
     ExactAdaptation,
     IndependentPhaseAdaptation,
     NoAdaptation,
     OwnClockAdaptation,
     ProductAdaptation,
 )
-from gplfd.policies.controllers.rendering import ArmRendering
-from gplfd.policies.load import CarriedLoad, YieldToAll
-from gplfd.policies.phase import ClockPhase, PhaseNoise
+from gplfd_policies.controllers.rendering import ArmRendering
+from gplfd_policies.load import CarriedLoad, YieldToAll
+from gplfd_policies.phase import ClockPhase, PhaseNoise
 from gplfd_env import DoorGeometry
 
 

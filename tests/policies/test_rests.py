@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gplfd.policies.alignment import align
-from gplfd.policies.demonstrations import Demonstration
-from gplfd.policies.registry import POLICIES
-from gplfd.policies.rests import without_rests
+from gplfd_policies.alignment import align
+from gplfd_policies.demonstrations import Demonstration
+from gplfd_policies.registry import POLICIES
+from gplfd_policies.rests import without_rests
 from gplfd_env.task import handle_pose_on_arc
 
 MOVING = 5.0

@@ -7,22 +7,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gplfd.policies.compliance import ComplianceConfig
-from gplfd.policies.controllers.admittance import Admittance
-from gplfd.policies.controllers.rendering import (
+from gplfd_policies.compliance import ComplianceConfig
+from gplfd_policies.controllers.admittance import Admittance
+from gplfd_policies.controllers.rendering import (
     ARM_DYNAMICS,
     ArmRendering,
     Renderer,
     Rendering,
     VirtualRendering,
 )
-from gplfd.policies.controllers.stiffness import (
+from gplfd_policies.controllers.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
     PAPER_PROFILE,
 )
-from gplfd.policies.load import CarriedLoad
-from gplfd.policies.registry import POLICIES, make_agent
+from gplfd_policies.load import CarriedLoad
+from gplfd_policies.registry import POLICIES, make_agent
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.command import STIFFNESS_RANGES
 from gplfd_env.robot import SERVO_DAMPING, SERVO_STIFFNESS

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gplfd.policies import (
+from gplfd_policies import (
     Demonstration,
     Method,
     make_agent,
@@ -22,14 +22,14 @@ from gplfd.policies import (
     policy_named,
     user_policies,
 )
-from gplfd.policies.policy import PolicyOrigin
-from gplfd.policies.registry import POLICIES, load_policy
-from gplfd.policies.user_policies import packaged_policies
+from gplfd_policies.policy import PolicyOrigin
+from gplfd_policies.registry import POLICIES, load_policy
+from gplfd_policies.user_policies import packaged_policies
 
 MODULE = '''
 """Somebody's policies."""
 import numpy as np
-from gplfd.policies import Method, Policy, fit_skill
+from gplfd_policies import Method, Policy, fit_skill
 
 
 class Still:
@@ -194,7 +194,7 @@ def test_origins_are_plain_data_with_which_another_process_finds_the_policy(
     assert origin is not None
     assert PolicyOrigin(**json.loads(json.dumps(dataclasses.asdict(origin)))) == origin
     program = (
-        "import pickle, sys; from gplfd.policies.registry import load_policy\n"
+        "import pickle, sys; from gplfd_policies.registry import load_policy\n"
         "print(load_policy(pickle.load(sys.stdin.buffer)).summary)\n"
     )
     ran = subprocess.run(
@@ -285,7 +285,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         (information / "METADATA").write_text(
             f"Metadata-Version: 2.1\nName: {package}\nVersion: {version}\n"
         )
-        (information / "entry_points.txt").write_text(f"[gplfd.policies]\n{entries}\n")
+        (information / "entry_points.txt").write_text(f"[gplfd_policies]\n{entries}\n")
         (site / f"{package}.py").write_text(module)
         if str(site) not in sys.path:
             monkeypatch.syspath_prepend(site)

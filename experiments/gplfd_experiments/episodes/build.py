@@ -1,0 +1,187 @@
+"""Everything that an episode needs, made from its task.
+
+This is the only place where demonstrations, agents and environments are made from a
+task: a run, a study, its repetition, a figure and a live view of one task therefore
+have the same numbers.
+"""
+
+import contextlib
+import functools
+import json
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from gplfd_experiments.datasets.npz import LabelledDemonstrations, hash_of
+from gplfd_experiments.datasets.reaching import GRASPED, openings, reaches
+from gplfd_experiments.episodes.agents import learned
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.rollouts import rollouts
+from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.teacher import Habits, Teacher, TeacherConfig
+from gplfd_policies.agent import Agent
+from gplfd_policies.lockstep import batch_agents
+from gplfd_policies.method import TrainingInput
+from gplfd_policies.policy import Policy
+from gplfd_policies.prior_mean import PosePath
+from gplfd_policies.reaching import ReachingAgent, joined, learn_reach
+from gplfd_env import ENVIRONMENT_IDS
+from gplfd_env.config import DoorConfig
+from gplfd_env.task import DEMONSTRATED_ANGLE, Control, handle_pose_on_arc
+
+
+def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:
+    """Return what the synthetic human demonstrates for a task.
+
+    An episode that starts before the handle has demonstrations that reach for it first;
+    their openings are those of the same task with the handle in the hand.
+    """
+    return _demonstrated(task.shown)
+
+
+@functools.lru_cache(maxsize=4)
+def _demonstrated(shown: str) -> LabelledDemonstrations:
+    fields = json.loads(shown)
+    seed, per_door = fields["seed"], fields["demonstrations_per_door"]
+    kind, radii = fields["demonstrated_kind"] or {}, fields["demonstrated_radii"]
+    teacher = Teacher(
+        TeacherConfig(**fields["teacher"]), Habits(**(fields["habits"] or {}))
+    )
+    given = teacher.demonstrate_doors(
+        [DoorConfig(radius=radius, **kind) for radius in radii],
+        per_door,
+        rng=np.random.default_rng(seed),
+    )
+    labels = tuple(radius for radius in radii for _ in range(per_door))
+    if fields["start"] == "grasped":
+        return LabelledDemonstrations(demonstrations=given, radii=labels)
+    reaching = teacher.standard_reaches(per_door, seed=seed, doors=len(radii))
+    whole = tuple(map(joined, reaching, given))
+    return LabelledDemonstrations(
+        demonstrations=whole,
+        radii=labels,
+        signals=tuple(
+            {GRASPED: (one.times[:, None] >= 0.0).astype(float)} for one in whole
+        ),
+    )
+
+
+def demonstrations_hash(task: EpisodeTask) -> str:
+    """Return a hash of the demonstrations of a task."""
+    return hash_of(demonstrations_of(task).demonstrations)
+
+
+def learned_agents(
+    task: EpisodeTask, policy: Policy, given: LabelledDemonstrations | None = None
+) -> Callable[[], Agent]:
+    """Let the policy of a task learn.
+
+    Args:
+        task: One of those that learn from the same, see `EpisodeTask.training`.
+        policy: The policy that the task names.
+        given: Demonstrations to learn from instead of the task's own.
+
+    Returns:
+        What makes an agent. It reaches for the handle first if the episode starts
+        before it.
+
+    Raises:
+        ValueError: The policy cannot learn from the demonstrations, or they do not show
+            how to reach for the handle.
+    """
+    shown = demonstrations_of(task) if given is None else given
+    prior_mean = None
+    if task.prior_radius is not None:
+        # The whole arc, by the phase of demonstrations that end earlier.
+        angles = np.linspace(0.0, DEMONSTRATED_ANGLE, 50)
+        prior_mean = PosePath(
+            phases=angles / task.teacher["angle_mean"],
+            poses=handle_pose_on_arc(task.prior_radius, angles),
+        )
+    reach = learn_reach(reaches(shown)) if task.start == "approach" else None
+    make = learned(
+        policy,
+        TrainingInput(
+            demonstrations=openings(shown), seed=task.seed, prior_mean=prior_mean
+        ),
+    )
+    return make if reach is None else lambda: ReachingAgent(reach, make())
+
+
+def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> gym.Env:
+    """Return the environment of a task; reset it with `EpisodeTask.reset_seed`.
+
+    Args:
+        task: Which door, robot and circumstances.
+        control: What the task's agent commands.
+        arguments: More for `gymnasium.make`, such as ``max_episode_steps``.
+
+    Raises:
+        ValueError: There is no such door, the robot does not reach it, or the task is
+            of an older version of the environment.
+    """
+    _check_version(task)
+    return gym.make(
+        ENVIRONMENT_IDS[control],
+        door=dict(task.door_config),
+        randomization=task.randomization,
+        disturbance=task.disturbance,
+        base=task.base,
+        start=task.start,
+        **arguments,
+    )
+
+
+def open_together(
+    tasks: Sequence[EpisodeTask],
+    agents: Sequence[Agent],
+    *,
+    forecast_period: float | None = None,
+) -> tuple[EpisodeLog, ...]:
+    """Open the doors of several tasks in lockstep, and return a log of each.
+
+    Args:
+        tasks: With one policy, one robot and one start, as those of one
+            `EpisodeTask.training` are; at least one.
+        agents: One per task, see `learned_agents`.
+        forecast_period: Simulated time between forecasts [s]; None for none.
+
+    Raises:
+        ValueError: There is no such door, the robot does not reach it, or a task is of
+            an older version of the environment.
+    """
+    for task in tasks:
+        _check_version(task)
+    together = batch_agents(agents)
+    [(base, start)] = {(task.base, task.start) for task in tasks}
+    envs: Any = gym.make_vec(
+        ENVIRONMENT_IDS[together.control],
+        num_envs=len(tasks),
+        door=[dict(task.door_config) for task in tasks],
+        randomization=[task.randomization for task in tasks],
+        disturbance=[task.disturbance for task in tasks],
+        base=base,
+        start=start,
+        autoreset_mode="Disabled",
+        num_threads=1,
+    )
+    with contextlib.closing(envs):
+        return rollouts(
+            envs,
+            together,
+            policy=tasks[0].policy,
+            doors=[task.door for task in tasks],
+            seeds=[task.reset_seed for task in tasks],
+            forecast_period=forecast_period,
+        )
+
+
+def _check_version(task: EpisodeTask) -> None:
+    if task.base == "mobile" and task.environment_version == 0:
+        raise ValueError(
+            f"the episode of door {task.door} was made by version 0 of the "
+            "environment, whose driving base exceeded its limits; it cannot be "
+            "repeated: run the study again"
+        )

@@ -1,0 +1,133 @@
+"""Let a policy open doors, and keep everything that happens as a data set."""
+
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+from gplfd_experiments.arguments import check_circumstances, check_folder, check_least
+from gplfd_experiments.datasets.minari import RecordedEpisode, Recorder, write_dataset
+from gplfd_experiments.datasets.minari.contents import outcome
+from gplfd_experiments.episodes.agents import reported_errors
+from gplfd_experiments.episodes.build import learned_agents, make_environment
+from gplfd_experiments.episodes.doors import named_doors
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task
+from gplfd_experiments.progress import LOG, progress_bar
+from gplfd_policies.agent import Agent
+from gplfd_policies.one_thread import one_thread
+from gplfd_policies.policy import Policy
+from gplfd_policies.registry import policy_named
+from gplfd_env.task import Start
+
+
+def record_dataset(
+    folder: Path,
+    *,
+    policy: str,
+    doors: Sequence[str],
+    episodes: int,
+    seed: int,
+    demonstrations_per_door: int,
+    randomization: str,
+    start: Start,
+    max_steps: int | None,
+    overwrite: bool,
+    options: Mapping[str, Any],
+) -> int:
+    """Open every door some times and write the data set.
+
+    Args:
+        folder: The data set; its name is its id.
+        policy: Name of the policy that acts.
+        doors: Names of doors, or radii [m] as text; for one robot, fixed or driving.
+        episodes: Number per door; the k-th has seed ``seed + k``.
+        seed: First seed of teacher, policy and environment.
+        demonstrations_per_door: How often the synthetic human opens each of the three
+            demonstrated doors.
+        randomization: Name of what the environment draws anew.
+        start: What episodes begin with.
+        max_steps: Episodes are cut after this many; None for the environment's limit.
+        overwrite: Replace a data set that is there already.
+        options: The command's, for the record; JSON-able.
+
+    Returns:
+        The number of episodes.
+
+    Raises:
+        ValueError: An argument is wrong.
+        OSError: The data set cannot be written.
+    """
+    check_least("--episodes", episodes, 1)
+    check_least("--seed", seed, 0)
+    check_least("--demonstrations-per-door", demonstrations_per_door, 1)
+    check_least("--max-steps", max_steps, 1)
+    chosen = policy_named(policy)
+    check_circumstances(randomization)
+    check_folder(folder.parent)
+    tasks = [
+        episode_task(
+            door,
+            config,
+            policy=policy,
+            seed=seed + number,
+            demonstrations_per_door=demonstrations_per_door,
+            randomization=randomization,
+            start=start,
+        )
+        for door, config in named_doors(doors, start=start).items()
+        for number in range(episodes)
+    ]
+    first = tasks[0]
+    for task in tasks:
+        if task.base != first.base:
+            raise ValueError(
+                f"door {first.door} is opened with base={first.base!r} and door "
+                f"{task.door} with base={task.base!r}; a data set has one environment: "
+                "record two data sets"
+            )
+    limit = {} if max_steps is None else {"max_episode_steps": max_steps}
+    # The first agent says which environment they all act in. Resets bring its door to
+    # those of the other tasks.
+    with reported_errors(policy, chosen):
+        control = learned_agents(first, chosen)().control
+    with contextlib.closing(make_environment(first, control, **limit)) as env:
+        write_dataset(
+            folder,
+            _recorded(env, tasks, chosen),
+            env=env,
+            policy=policy,
+            config=options,
+            overwrite=overwrite,
+        )
+    return len(tasks)
+
+
+def _recorded(
+    env: gym.Env[Any, Any], tasks: Sequence[EpisodeTask], policy: Policy
+) -> Iterator[RecordedEpisode]:
+    """Run and yield the episode of every task."""
+    recorder = Recorder(env)
+    for task in progress_bar(tasks, desc="recording", unit="episode"):
+        with reported_errors(task.policy, policy):
+            _act(learned_agents(task, policy)(), recorder, task)
+        episode = recorder.episode
+        LOG.info("%s, seed %d: %s", task.door, task.seed, outcome(episode))
+        yield episode
+
+
+def _act(agent: Agent, env: Recorder, task: EpisodeTask) -> None:
+    """Let the agent act from the reset to the end of the episode."""
+    inner: Any = env.unwrapped
+    # Small matrices: more threads only cost time, and change the order of sums.
+    with one_thread:
+        options = {"door": dict(task.door_config)}
+        observation, _ = env.reset(seed=task.reset_seed, options=options)
+        agent.inform(inner.door_geometry)
+        agent.reset(observation)
+        ended = False
+        while not ended:
+            action = agent.act(observation).command(agent.control)
+            observation, _, terminated, truncated, _ = env.step(action)
+            ended = terminated or truncated

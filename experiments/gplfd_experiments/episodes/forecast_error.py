@@ -1,0 +1,105 @@
+"""How well a policy knows, while it opens a door, where the handle will go."""
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_env.geometry import DoorGeometry
+
+PROGRESS: Final = (0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
+"""Door angles at which forecasts are judged, as shares of the demonstrated angle."""
+
+_LATEST: Final = 0.1
+"""A forecast made this share of the demonstrated angle too late, or later, does not
+count: it knows what the next one should."""
+
+_ARC_POINTS: Final = 100
+
+
+def forecast_errors(
+    log: EpisodeLog, demonstrated_angle: float
+) -> tuple[float | None, ...]:
+    """Return the error of the forecast made at each progress of `PROGRESS`.
+
+    What is to come is the handle's true arc from where it is to the demonstrated angle,
+    also where the episode ended before. Its error is the root mean square distance of
+    its points from the path that the forecast's mean takes: when the policy expects to
+    be where is not judged.
+
+    Args:
+        log: The episode; the first forecast made at or after each progress counts.
+        demonstrated_angle: Angle to which the demonstrated doors were opened [rad].
+
+    Returns:
+        Distances [m]; None where the door was not opened so far or nothing forecast.
+    """
+    return tuple(
+        _error(log, progress * demonstrated_angle, demonstrated_angle)
+        for progress in PROGRESS
+    )
+
+
+def _error(log: EpisodeLog, angle: float, demonstrated_angle: float) -> float | None:
+    reached = log.door_angle >= angle
+    if not reached.any():
+        return None
+    # Half a microsecond: both times are sums of steps.
+    asked = log.forecast_times >= log.times[np.argmax(reached)] - 5e-7
+    if not asked.any():
+        return None
+    forecast = int(np.argmax(asked))
+    start = float(np.interp(log.forecast_times[forecast], log.times, log.door_angle))
+    if start >= min(angle + _LATEST * demonstrated_angle, demonstrated_angle):
+        return None
+    rest = handle_path(log, np.linspace(start, demonstrated_angle, _ARC_POINTS))
+    squared = squared_distances(rest, log.forecast_mean[forecast, :, :3])
+    return math.sqrt(float(squared.mean()))
+
+
+def handle_path(log: EpisodeLog, angles: FloatArray) -> FloatArray:
+    """Return where the handle of an episode's door is at any opening angle.
+
+    The arc is placed as the logged handle lies: a robot that stands a little askew sees
+    it turned and shifted.
+
+    Args:
+        log: An episode in which the door moved.
+        angles: Opening angles [rad], (N,).
+
+    Returns:
+        Positions in the task frame [m], (N, 3).
+    """
+    door = DoorGeometry.of(log.config)
+    logged = _plane(door.hand_poses(log.door_angle, log.handle_angle))
+    seen = _plane(log.handle_pose[:, :3])
+    turn = np.vdot(logged - logged[0], seen - seen[0])
+    placed = seen[0] + turn / abs(turn) * (_plane(door.hand_poses(angles)) - logged[0])
+    height = np.full(angles.shape, log.handle_pose[0, 1])
+    return np.stack([placed.real, height, placed.imag], axis=1)
+
+
+def _plane(positions: FloatArray) -> NDArray[np.complex128]:
+    """Positions seen from above, as x + iz."""
+    return positions[:, 0] + 1j * positions[:, 2]
+
+
+def squared_distances(points: FloatArray, path: FloatArray) -> FloatArray:
+    """Return the squared distance of each point from a path of straight pieces.
+
+    Args:
+        points: (N, 3).
+        path: Corners of the path in order, (M, 3), at least two.
+
+    Returns:
+        (N,).
+    """
+    start, step = path[:-1], np.diff(path, axis=0)
+    length = np.maximum((step**2).sum(axis=1), np.finfo(float).tiny)
+    offset = points[:, None] - start
+    share = np.clip((offset * step).sum(axis=2) / length, 0.0, 1.0)
+    gap = offset - share[..., None] * step
+    return np.asarray((gap**2).sum(axis=2).min(axis=1))

@@ -1,0 +1,389 @@
+"""One episode in numbers, computed from its log.
+
+The prediction error is that of Arduengo et al., *Gaussian-Process-based Robot Learning
+from Demonstration*, arXiv:2002.09979, Section IV-B; smoothness is the log
+dimensionless jerk of Balasubramanian et al., *On the analysis of movement smoothness*,
+Journal of NeuroEngineering and Rehabilitation 12:112, 2015. Errors of forecasts are in
+`gplfd_experiments.episodes.forecast_error`.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.episodes.disturbance_metrics import disturbance_metrics
+from gplfd_experiments.episodes.forecast_error import (
+    PROGRESS,
+    forecast_errors,
+)
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_env.capability import HEAVY_FORCE, STAGES
+from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE
+
+_MOTION_STARTS: Final = math.radians(1.0)
+"""The opening motion begins when the door has moved by this angle [rad] and ends when
+it first comes this near to its largest angle."""
+
+_SMOOTHING_TIME: Final = 0.2
+"""Window of the local quintics from which the jerk is taken [s]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EpisodeMetrics:
+    """Measures of one episode. SI units unless the name says otherwise.
+
+    "Opening motion" means the steps from the door's first degree to its largest angle
+    less one degree; all steps when the door never moved by a degree.
+    """
+
+    policy: str
+    """Name of the policy."""
+    door: str
+    """Name of the door."""
+    radius: float
+    """Distance from hinge to handle [m]."""
+    seed: int
+    """Seed of the environment's reset."""
+    success: bool
+    """Whether the task was solved."""
+    failure: str
+    """Why not; empty on success."""
+    reason: str
+    """What is behind that, see `gplfd_env.capability`; empty on success."""
+    capability: int
+    """The furthest stage that was reached, a place in `gplfd_env.capability.STAGES`."""
+    stage: str
+    """Its name."""
+    duration: float
+    """Simulated duration of the episode [s]."""
+    final_angle_deg: float
+    """Door angle at the end [deg]."""
+    time_to_15_deg: float | None
+    """Time until the door was first open by 15 degrees [s]; None if never."""
+    time_to_30_deg: float | None
+    """Time until the door was first open by 30 degrees [s]; None if never."""
+    time_to_60_deg: float | None
+    """Time until the door was first open by 60 degrees [s]; None if never."""
+    force_tangential_peak: float
+    """Largest magnitude of the force along the handle's motion [N]."""
+    force_tangential_p95: float
+    """Its 95th percentile over the episode [N]."""
+    force_radial_peak: float
+    """Largest magnitude of the force along the radius, which does no work [N]."""
+    force_radial_p95: float
+    """Its 95th percentile over the episode [N]."""
+    work: float
+    """Work of the hand on the door, ∫ F_t r dφ [J]."""
+    slip_max_mm: float
+    """Largest distance of the hand from where it grasped the handle [mm]."""
+    prediction_error_position: float | None
+    """Mean of E[ε²] summed over x, y, z during the opening motion [m²]; None in
+    policies that do not predict."""
+    prediction_error_rotation: float | None
+    """The same over the rotation vector [rad²]."""
+    log_dimensionless_jerk: float | None
+    """Smoothness of the hand's path; less negative is smoother. None when the opening
+    motion is too short to differentiate."""
+    stiffness_min: tuple[float, float, float] | None
+    """Smallest stiffness along x, y, z [N/m]; None in policies without stiffness."""
+    stiffness_max: tuple[float, float, float] | None
+    """Largest stiffness along x, y, z [N/m]; None in policies without stiffness."""
+    stability_margin_translation: float | None
+    """Smallest distance to the stability bound over x, y, z [N/(m s)]; None in
+    policies without stiffness."""
+    stability_margin_rotation: float | None
+    """The same over the rotations [N m/(rad s)]."""
+    governed_share: float | None
+    """Share of the decisions in which the stability bound limited the stiffness; None
+    in policies without stiffness."""
+    forecast_progress: tuple[float, ...]
+    """Door angles at which forecasts are judged, as shares of the angle to which the
+    demonstrated doors were opened."""
+    forecast_error_mm: tuple[float | None, ...]
+    """Root mean square distance of the handle's remaining path from the path forecast
+    at each progress [mm]; None where there is no forecast."""
+    force_handle_peak: float
+    """Largest force of the hand on the handle in any direction [N]."""
+    door_acceleration_peak: float | None
+    """Largest angular acceleration of the door [rad/s²]; like the next two an indicator
+    of the EUROBENCH benchmark of robots at doors. None in episodes below 0.2 s."""
+    door_smoothness: float | None
+    """1 / √Σ φ̈² over the control steps [s²/rad]; larger is smoother."""
+    time_to_move: float | None
+    """Time until the door has moved by a degree [s]; None if it never did."""
+    person_force_peak: float
+    """Largest force on the person [N]; 0 without one. ISO/TS 15066 allows 280 N for an
+    instant at hands and fingers."""
+    person_force_sustained: float
+    """Largest force that the person bore for half a second [N]; ISO/TS 15066 allows
+    140 N."""
+    person_energy: float
+    """Work done on the person [J]."""
+    stop_force_peak: float
+    """Largest force of the door on what stops it [N]."""
+    stop_force_sustained: float
+    """Largest force that it bore for half a second [N]."""
+    push_displacement_mm: float | None
+    """How far the hand went from where it was on the policy's path when a push began
+    [mm], at most; None without a push."""
+    release_speed: float | None
+    """Largest speed of the door in the second after a disturbance ended [rad/s]; None
+    if none did."""
+    recovery_time: float | None
+    """Time from the end of the last disturbance until the door was 5 degrees further
+    open [s]; None if none ended or it never was."""
+    latency_median_ms: float
+    """Median CPU time of a decision [ms]."""
+    latency_p95_ms: float
+    """95th percentile of the CPU time of a decision [ms]."""
+    latency_wall_median_ms: float | None
+    """Median wall time of a decision [ms]; like the next None in logs from before it
+    was measured."""
+    latency_wall_p95_ms: float | None
+    """95th percentile of the wall time of a decision [ms]."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers, strings, lists and None by name."""
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in dataclasses.asdict(self).items()
+        }
+
+
+def episode_metrics(
+    log: EpisodeLog, *, demonstrated_angle: float = DEMONSTRATED_ANGLE
+) -> EpisodeMetrics:
+    """Compute all measures of one episode.
+
+    Args:
+        log: The episode.
+        demonstrated_angle: Angle to which the demonstrated doors were opened [rad]; the
+            standard teacher's mean by default.
+    """
+    opening = opening_motion(log)
+    errors = prediction_errors(log)[opening]
+    return EpisodeMetrics(
+        policy=log.policy,
+        door=log.door,
+        radius=log.radius,
+        seed=log.seed,
+        success=log.success,
+        failure=log.failure,
+        reason=log.reason,
+        capability=int(log.capability[-1]),
+        stage=STAGES[int(log.capability[-1])],
+        duration=float(log.times[-1] - log.times[0]),
+        final_angle_deg=math.degrees(log.door_angle[-1]),
+        time_to_15_deg=time_to_angle(log, 15.0),
+        time_to_30_deg=time_to_angle(log, 30.0),
+        time_to_60_deg=time_to_angle(log, 60.0),
+        force_tangential_peak=_peak(log.force_tangential),
+        force_tangential_p95=_p95(log.force_tangential),
+        force_radial_peak=_peak(log.force_radial),
+        force_radial_p95=_p95(log.force_radial),
+        work=work_on_door(log),
+        slip_max_mm=1e3 * _peak(log.slip),
+        prediction_error_position=_mean_where_finite(errors[:, :3].sum(axis=1)),
+        prediction_error_rotation=_mean_where_finite(errors[:, 3:].sum(axis=1)),
+        log_dimensionless_jerk=log_dimensionless_jerk(log.ee_pose[opening, :3], log.dt),
+        stiffness_min=_xyz(_said(log.stiffness).min(axis=0)),
+        stiffness_max=_xyz(_said(log.stiffness).max(axis=0)),
+        stability_margin_translation=_finite(_said(log.stability_margin)[:, :3].min()),
+        stability_margin_rotation=_finite(_said(log.stability_margin)[:, 3:].min()),
+        governed_share=governed_share(log),
+        forecast_progress=PROGRESS,
+        forecast_error_mm=tuple(
+            None if error is None else 1e3 * error
+            for error in forecast_errors(log, demonstrated_angle)
+        ),
+        **disturbance_metrics(log),
+        latency_median_ms=1e3 * float(np.median(log.latency_s)),
+        latency_p95_ms=1e3 * float(np.percentile(log.latency_s, 95)),
+        latency_wall_median_ms=_finite(1e3 * np.median(log.latency_wall_s)),
+        latency_wall_p95_ms=_finite(1e3 * np.percentile(log.latency_wall_s, 95)),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FailedEpisode:
+    """An episode in which the policy raised an error: the door was not opened."""
+
+    policy: str
+    door: str
+    radius: float
+    """Distance from hinge to handle [m]."""
+    seed: int
+    error: str
+    """What the policy raised, and where."""
+    success: bool = field(default=False, init=False)
+    failure: str = field(default="policy_error", init=False)
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers and strings by name."""
+        return dataclasses.asdict(self)
+
+
+def late_decisions(metrics: Sequence[Mapping[str, Any]]) -> str:
+    """Say in how many episodes decisions exceeded the control period; "" if in none.
+
+    The median decides: on a busy machine other processes make single decisions late.
+
+    Args:
+        metrics: Of episodes of one policy, as of `EpisodeMetrics.as_json`.
+    """
+    period = 1e3 * CONTROL_PERIOD
+    medians = [m.get("latency_wall_median_ms") or 0.0 for m in metrics]
+    late = [median for median in medians if median > period]
+    if not late:
+        return ""
+    return (
+        f"decisions took longer than the control period of {period:g} ms in "
+        f"{len(late)} of {len(metrics)} episodes (median {np.median(late):.1f} ms of "
+        "wall time); the simulation waits for them, a robot would not"
+    )
+
+
+_WORDS: Final = {
+    "grasp_lost": "hand lost the handle",
+    "base_blocked": "base was blocked",
+    "stalled": "door did not move further",
+    "latched": "latch was not released",
+    "not_grasped": "handle was not grasped",
+    "simulation_error": "simulation diverged",
+    "policy_error": "policy raised an error",
+    "time_limit": "time ran out",
+    "blocked": "something blocked the door",
+    "out_of_reach": "an arm joint was at its limit",
+    "too_heavy": f"it took more than {HEAVY_FORCE:g} N",
+}
+"""Plain words for ``failure`` and ``reason`` of an episode."""
+
+
+def why_closed(failure: str, reason: str) -> str:
+    """Return in plain words why a door was not opened; "" if it was."""
+    words = _WORDS.get(failure, failure.replace("_", " "))
+    # Without a cause behind it, the reason repeats the failure.
+    cause = "" if reason in (failure, "handle_lost") else _WORDS.get(reason, reason)
+    return f"{words}: {cause}" if cause else words
+
+
+def opening_motion(log: EpisodeLog) -> slice:
+    """Rows from the door's first degree to its largest angle less one degree."""
+    angle = log.door_angle
+    if angle.max() < _MOTION_STARTS:
+        return slice(0, angle.size)
+    start = int(np.argmax(angle >= _MOTION_STARTS))
+    stop = int(np.argmax(angle >= angle.max() - _MOTION_STARTS))
+    return slice(start, max(stop, start) + 1)
+
+
+def time_to_angle(log: EpisodeLog, angle_deg: float) -> float | None:
+    """Time since reset at which the door was first open by ``angle_deg`` [s]."""
+    reached = log.door_angle >= math.radians(angle_deg)
+    return float(log.times[np.argmax(reached)]) if reached.any() else None
+
+
+def work_on_door(log: EpisodeLog) -> float:
+    """Work of the hand on the door, ∫ F_t r dφ, by the trapezoidal rule [J].
+
+    r is the hand's own distance from the hinge: on a lever less than the handle's.
+    """
+    return log.config.hand_radius * float(
+        np.trapezoid(log.force_tangential, log.door_angle)
+    )
+
+
+def governed_share(log: EpisodeLog) -> float | None:
+    """Share of the decisions in which the bound on dk/dt limited some axis.
+
+    There the rate is the bound itself, but for the thousandth by which the governor
+    keeps below it.
+    """
+    bound = log.stability_margin + log.stiffness_rate
+    said = np.isfinite(bound).all(axis=1)
+    if not said.any():
+        return None
+    limited = (log.stability_margin <= 2e-3 * bound)[said]
+    return float(np.mean(limited.any(axis=1)))
+
+
+def prediction_errors(log: EpisodeLog) -> FloatArray:
+    """Squared prediction error per step and output, bias and variance together.
+
+    E[ε²] = (E[f*(t)] - f(t))² + var f*(t) of Section IV-B (unnumbered there), with the
+    prediction at the phase the agent observed, made before it used the observation,
+    and the handle's true pose as f.
+
+    Returns:
+        (T, 6) [m², rad²]; NaN where the policy made no prediction.
+    """
+    bias = log.predicted_mean - log.handle_pose
+    return np.asarray(bias**2 + log.predicted_std**2)
+
+
+def log_dimensionless_jerk(positions: FloatArray, dt: float) -> float | None:
+    """Log dimensionless jerk of a path, -ln(T³ / v_peak² · ∫ ‖d³p/dt³‖² dt).
+
+    T is the duration and v_peak the largest speed. A full minimum-jerk motion has
+    -ln(720 · 64 / 225) = -5.32 whatever its length and duration. Derivatives come from
+    quintics fitted to 0.2 s around each sample.
+
+    Args:
+        positions: Path (N, 3) [m].
+        dt: Sampling period [s].
+
+    Returns:
+        The (dimensionless) smoothness, larger is smoother; None when the path is
+        shorter than the window or does not move.
+    """
+    window = 2 * max(3, round(0.5 * _SMOOTHING_TIME / dt)) + 1
+    if positions.shape[0] < window:
+        return None
+    velocity, jerk = (
+        savgol_filter(positions, window, 5, deriv=order, delta=dt, axis=0)
+        for order in (1, 3)
+    )
+    peak_squared = float(np.max(np.sum(velocity**2, axis=1)))
+    if peak_squared == 0.0:
+        return None
+    duration = (positions.shape[0] - 1) * dt
+    cost = float(np.trapezoid(np.sum(jerk**2, axis=1), dx=dt))
+    return -math.log(duration**3 / peak_squared * cost)
+
+
+def _said(values: FloatArray) -> FloatArray:
+    """Return the steps, (N, 6), of which the policy says something; all if of none.
+
+    An agent that reaches for the handle first has no stiffness until it holds it.
+    """
+    said = np.isfinite(values).all(axis=1)
+    return values[said] if said.any() else values
+
+
+def _peak(values: FloatArray) -> float:
+    return float(np.max(np.abs(values)))
+
+
+def _p95(values: FloatArray) -> float:
+    return float(np.percentile(np.abs(values), 95))
+
+
+def _mean_where_finite(values: FloatArray) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else None
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _xyz(values: FloatArray) -> tuple[float, float, float] | None:
+    if not np.isfinite(values[:3]).all():
+        return None
+    return (float(values[0]), float(values[1]), float(values[2]))

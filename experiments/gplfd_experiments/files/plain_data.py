@@ -1,0 +1,269 @@
+"""Plain data in text files: JSON and TOML from anywhere, with one error for all damage.
+
+A file may be cut, edited by hand, or made to harm. What is read here has a bounded
+size and depth, finite numbers, and text that can be written again; anything else about
+it is open until `entry` takes a value out as the type that it must have.
+"""
+
+import contextlib
+import json
+import sys
+import tomllib
+import types
+import typing
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from gplfd_policies.storage import complete_or_absent, regular_file
+
+_LARGEST: Final = 2**24
+"""Size of the largest file that is read [bytes]; a result has a few thousand."""
+_DEEPEST: Final = 32
+"""Lists and tables within each other; a study's have four."""
+_SHOWN: Final = 60
+"""Characters of a wrong value that an error shows."""
+_KINDS: Final[Mapping[Any, str]] = types.MappingProxyType(
+    {
+        str: "a text",
+        int: "a whole number",
+        float: "a number",
+        bool: "true or false",
+        types.NoneType: "null",
+    }
+)
+
+
+class NewerFormatError(ValueError):
+    """A file was written by a later version of this package."""
+
+
+def stamp(kind: str, version: int) -> dict[str, Any]:
+    """Return the entries that say what a file holds, as archives of arrays have them.
+
+    Args:
+        kind: What the file holds, for example "gplfd study".
+        version: Version of the layout of ``kind``.
+    """
+    return {"format": kind, "format_version": version}
+
+
+def check_stamp(entries: Mapping[str, Any], kind: str, version: int) -> int:
+    """Return the version of a file's layout; 0 for files from before versions.
+
+    Args:
+        entries: What the file holds, with or without those of `stamp`.
+        kind: What it must hold.
+        version: Latest version that this program reads.
+
+    Raises:
+        NewerFormatError: The file has a later version.
+        ValueError: It holds something else, or its version is no whole number.
+    """
+    if "format_version" not in entries and "format" not in entries:
+        return 0
+    if (found := entry(entries, "format", str)) != kind:
+        raise ValueError(f"it holds {found:.{_SHOWN}}, not {kind}")
+    found_version: int = entry(entries, "format_version", int)
+    if found_version > version:
+        raise NewerFormatError(
+            f"it has version {found_version} of {kind}, and this program reads up to "
+            f"version {version}; use the gplfd that wrote it, or a later one"
+        )
+    if found_version < 1:
+        raise ValueError(f"format_version = {found_version} must be 1 or more")
+    return found_version
+
+
+def refuse_newer(read: Callable[[Path], object], path: Path) -> None:
+    """Check that a file may be written: none of a later version is there.
+
+    Args:
+        read: Reads the file and checks its stamp.
+        path: What ``read`` takes.
+
+    Raises:
+        NewerFormatError: A later version of this package wrote it.
+    """
+    try:
+        read(path)
+    except NewerFormatError:
+        raise
+    except (OSError, ValueError):
+        pass
+
+
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Say of which file the content is wrong, where a block finds that it is.
+
+    Raises:
+        NewerFormatError: In place of one.
+        ValueError: In place of one.
+    """
+    try:
+        yield
+    except NewerFormatError as error:
+        raise NewerFormatError(f"{path}: {error}") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def write_json(path: str | Path, value: Any, *, indent: int | None = 2) -> None:
+    """Write ``value`` as JSON, complete or not at all.
+
+    Args:
+        path: of the file.
+        value: what it will hold.
+        indent: of what is in something; None for a single line.
+
+    Raises:
+        ValueError: The value holds NaN or infinity, which JSON cannot express.
+        TypeError: The value holds something that JSON cannot express.
+        OSError: The file cannot be written.
+    """
+    text = json_text(value, indent=indent) + "\n"
+    with complete_or_absent(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def json_text(value: Any, *, indent: int | None = 2) -> str:
+    """Return ``value`` as JSON; raises what `write_json` raises of a value."""
+    return json.dumps(value, indent=indent, allow_nan=False)
+
+
+def read_json(path: str | Path) -> dict[str, Any]:
+    """Read a file that holds one JSON object.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        OSError: It cannot be read.
+        ValueError: It is not JSON, no object, or holds what no file of this package
+            does: a key twice, NaN, numbers without end, deep nesting, many megabytes.
+    """
+    return _read(Path(path), "JSON", parsed_json)
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Read a TOML file; raises what `read_json` raises."""
+    return _read(Path(path), "TOML", partial(_parsed, tomllib.loads))
+
+
+def parsed_json(text: str) -> dict[str, Any]:
+    """Parse one JSON object.
+
+    Raises:
+        ValueError: As of `read_json`.
+    """
+    return _parsed(partial(json.loads, object_pairs_hook=_once_each), text)
+
+
+def entry(entries: Mapping[str, Any], name: str, kind: Any) -> Any:
+    """Return an entry of plain data as the type that it must have.
+
+    Args:
+        entries: As JSON or TOML give them.
+        name: Of the entry.
+        kind: str, int, float, bool, Any, None, a Literal of strings, or of these
+            ``tuple[kind, ...]`` for a list, ``dict[str, kind]``, or a union. A whole
+            number is a float, too.
+
+    Raises:
+        ValueError: The entry is missing or of another type.
+    """
+    if name not in entries:
+        raise ValueError(f"it lacks {name}, which must be {_described(kind)}")
+    try:
+        return _as(entries[name], kind)
+    except TypeError:
+        raise ValueError(
+            f"{name} = {entries[name]!r:.{_SHOWN}} must be {_described(kind)}"
+        ) from None
+
+
+def _read(
+    path: Path, language: str, parse: Callable[[str], dict[str, Any]]
+) -> dict[str, Any]:
+    with regular_file(path).open("rb") as stream:
+        content = stream.read(_LARGEST + 1)
+    try:
+        if len(content) > _LARGEST:
+            raise ValueError(f"it is larger than {_LARGEST:,} bytes")
+        return parse(content.decode())
+    except ValueError as error:
+        raise ValueError(f"{path} cannot be read as {language}: {error}") from error
+
+
+def _parsed(parse: Callable[[str], Any], text: str) -> dict[str, Any]:
+    try:
+        values = parse(text)
+    # Both parsers follow nesting by recursion.
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    if not isinstance(values, dict):
+        raise ValueError(f"it holds {values!r:.{_SHOWN}}, not an object in {{braces}}")
+    _check(values, _DEEPEST)
+    return values
+
+
+def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object whose names differ; otherwise the last one would win."""
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        twice, _ = Counter(name for name, _ in pairs).most_common(1)[0]
+        raise ValueError(f"it holds {twice!r:.{_SHOWN}} twice")
+    return values
+
+
+def _check(value: Any, depth: int) -> None:
+    """Raise ValueError unless `write_json` could have written this."""
+    if depth == 0:
+        raise ValueError(f"it is nested deeper than {_DEEPEST} levels")
+    if isinstance(value, str):
+        value.encode()  # half a surrogate pair is an error
+    elif isinstance(value, int | float):
+        if not abs(value) <= sys.float_info.max:
+            raise ValueError("it holds a number that is infinite or not a number")
+    elif isinstance(value, dict):
+        for name, part in value.items():
+            _check(name, depth)
+            _check(part, depth - 1)
+    elif isinstance(value, list):
+        for part in value:
+            _check(part, depth - 1)
+
+
+def _as(value: Any, kind: Any) -> Any:
+    """Return plain data as a type, or raise TypeError."""
+    origin, inner = typing.get_origin(kind), typing.get_args(kind)
+    if origin is types.UnionType:
+        for one in inner:
+            with contextlib.suppress(TypeError):
+                return _as(value, one)
+    if origin is typing.Literal and type(value) is str and value in inner:
+        return value
+    if origin is tuple and type(value) is list:
+        return tuple(_as(part, inner[0]) for part in value)
+    if origin is dict and type(value) is dict:
+        return {name: _as(part, inner[1]) for name, part in value.items()}
+    if kind is float and type(value) is int:
+        return float(value)
+    if kind is Any or type(value) is kind:
+        return value
+    raise TypeError
+
+
+def _described(kind: Any) -> str:
+    origin, inner = typing.get_origin(kind), typing.get_args(kind)
+    if origin is types.UnionType:
+        return " or ".join(map(_described, inner))
+    if origin is typing.Literal:
+        return " or ".join(map(repr, inner))
+    if origin is tuple:
+        return f"a list in [brackets], each of it {_described(inner[0])}"
+    if origin is dict:
+        each = "" if inner[1] is Any else f", each of it {_described(inner[1])}"
+        return f"an object in {{braces}}{each}"
+    return _KINDS[kind]

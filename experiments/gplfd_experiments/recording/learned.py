@@ -1,0 +1,180 @@
+"""What a method learned, as a recording: demonstrations, mean and tube, and σ."""
+
+import math
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.chunk import Chunk
+
+from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.recording import colours
+from gplfd_experiments.recording.layout import TEXT, Eye, as_chunks, only, view_3d
+from gplfd_experiments.recording.stream import moving, recording_file, seconds, static
+from gplfd_experiments.recording.tube import QUANTILE, tube_triangles, tube_vertices
+from gplfd_policies.movement import Movement
+
+_SCENE: Final = "/learned"
+_PLOTS: Final = "/outputs"
+_OUTPUTS: Final = (
+    *(("x", "x [m]", 1.0), ("y", "y [m]", 1.0), ("z", "z [m]", 1.0)),
+    *((f"turn_{axis}", f"θu_{axis} [°]", 180.0 / math.pi) for axis in ("x", "y", "z")),
+)
+"""Entity, title and scale of each output."""
+_PHASES: Final = np.linspace(0.0, 1.0, 200)
+_LINE: Final = 0.002
+"""Of the scene's size: half the width of a line."""
+_OPACITY: Final = 90
+
+
+def record_learned(path: str | Path, movement: Movement, name: str) -> None:
+    """Write an .rrd of a movement and what it was learned from, complete or not at all.
+
+    The movement plays at its own duration; the six outputs are beside it, with the
+    demonstrations as they were aligned.
+
+    Args:
+        path: File to write; an existing one is replaced.
+        movement: What was learned.
+        name: Of the method.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    demonstrated = movement.aligned.poses
+    with recording_file(path, _layout(demonstrated)) as stream:
+        stream.send_recording_name(f"what {name} learned")
+        stream.send_chunks(
+            [*_scene(movement), *_outputs(movement), _page(movement, name)]
+        )
+
+
+def _scene(movement: Movement) -> list[Chunk]:
+    aligned, learned = movement.aligned, movement.predict(_PHASES)
+    strips = [poses[:, :3] for poses in aligned.poses]
+    size = _size(aligned.poses)
+    demonstrated = rr.LineStrips3D(
+        strips, colors=colours.DEMONSTRATION, radii=_LINE * size
+    )
+    mean = learned.mean[:, :3]
+    std = np.nan_to_num(learned.std[:, :3])
+    vertices, normals = tube_vertices(mean, std)
+    turns = rr.Transform3D.columns(
+        translation=mean, quaternion=_quaternions(learned.mean[:, 3:])
+    )
+    index = seconds(movement.duration * _PHASES)
+    axes = rr.TransformAxes3D(0.12 * size)
+    return [
+        static(f"{_SCENE}/demonstrations", demonstrated),
+        static(
+            f"{_SCENE}/mean",
+            rr.LineStrips3D([mean], colors=colours.ADAPTED, radii=2.0 * _LINE * size),
+        ),
+        static(
+            f"{_SCENE}/tube",
+            rr.Mesh3D(
+                vertex_positions=vertices,
+                vertex_normals=normals,
+                triangle_indices=tube_triangles(),
+                albedo_factor=(*colours.ADAPTED, _OPACITY),
+            ),
+        ),
+        static(f"{_SCENE}/hand", axes),
+        moving(f"{_SCENE}/hand", index, turns),
+    ]
+
+
+def _outputs(movement: Movement) -> list[Chunk]:
+    """Every output over time: demonstrations, mean and band."""
+    aligned, learned = movement.aligned, movement.predict(_PHASES)
+    index = seconds(movement.duration * _PHASES)
+    shown = seconds(movement.duration * aligned.times)
+    count = len(aligned.poses)
+    chunks = []
+    for output, (name, _, scale) in enumerate(_OUTPUTS):
+        curves = scale * aligned.poses[:, :, output].T
+        chunks += [
+            static(
+                f"{_PLOTS}/{name}/demonstrations",
+                rr.SeriesLines.from_fields(
+                    colors=[colours.DEMONSTRATION] * count,
+                    widths=[1.0] * count,
+                    names=[f"demonstration {number}" for number in range(count)],
+                ),
+            ),
+            moving(
+                f"{_PLOTS}/{name}/demonstrations",
+                shown,
+                rr.Scalars.columns(scalars=curves),
+            ),
+            static(
+                f"{_PLOTS}/{name}/learned",
+                rr.Measurements.from_fields(
+                    colors=[colours.ADAPTED], widths=[2.0], names=["mean, ±1.96 σ"]
+                ),
+            ),
+            moving(
+                f"{_PLOTS}/{name}/learned",
+                index,
+                rr.Measurements.columns(
+                    values=scale * learned.mean[:, output],
+                    variances=(QUANTILE * scale * np.nan_to_num(learned.std[:, output]))
+                    ** 2,
+                ),
+            ),
+        ]
+    return chunks
+
+
+def _quaternions(rotvecs: FloatArray) -> FloatArray:
+    """Return quaternions (x, y, z, w) of rotation vectors, (N, 4)."""
+    angle = np.sqrt(np.sum(rotvecs**2, axis=1, keepdims=True))
+    return np.hstack([0.5 * np.sinc(0.5 * angle / np.pi) * rotvecs, np.cos(angle / 2)])
+
+
+def _size(demonstrated: FloatArray) -> float:
+    """Return how large the motion is [m]."""
+    return max(float(np.ptp(demonstrated[..., :3], axis=(0, 1)).max()), 1e-3)
+
+
+def _layout(demonstrated: FloatArray) -> tuple[Chunk, ...]:
+    """Look at the middle of the motion from beside and above it."""
+    positions = demonstrated[..., :3].reshape(-1, 3)
+    middle = 0.5 * (positions.min(axis=0) + positions.max(axis=0))
+    eye = Eye(
+        position=middle + _size(demonstrated) * np.array([1.2, 1.0, 1.2]),
+        target=middle,
+        up=(0.0, 1.0, 0.0),
+    )
+    scene = view_3d("What was shown and learned", _SCENE, [f"{_SCENE}/**"], eye)
+    page = rrb.TextDocumentView(origin=TEXT, name="About")
+    plots = [
+        rrb.TimeSeriesView(
+            origin=f"{_PLOTS}/{name}",
+            name=title,
+            plot_legend=rrb.PlotLegend(visible=False),
+        )
+        for name, title, _ in _OUTPUTS
+    ]
+    views = rrb.Horizontal(
+        rrb.Vertical(scene, page, row_shares=[4, 1]),
+        rrb.Vertical(*plots[:3]),
+        rrb.Vertical(*plots[3:]),
+        column_shares=[5, 3, 3],
+    )
+    return as_chunks(only(views))
+
+
+def _page(movement: Movement, name: str) -> Chunk:
+    aligned = movement.aligned
+    text = f"""\
+### What `{name}` learned from {len(aligned.poses)} recordings
+
+Grey: the recordings, aligned. Violet: the mean and its tube, ±1.96 σ per axis (normal \
+quantile; with few recordings less than 95 %). Where recordings agree the tube is \
+narrow, and a robot that follows it is stiff; where they differ it is wide and soft. \
+Playing takes {movement.duration:.1f} s, the recordings' mean duration.
+"""
+    return static(TEXT, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))

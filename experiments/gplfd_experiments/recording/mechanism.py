@@ -1,0 +1,182 @@
+"""What handle, latch, closer and a base that drives do; of what is not there, nothing.
+
+Handle, bolt and base are joints of the model, so the log's generalised positions tell
+them. What there is follows from model and door alone, before anything has happened.
+"""
+
+import functools
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
+
+import mujoco
+import numpy as np
+import rerun as rr
+from rerun.chunk import Chunk
+
+from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.recording import colours, panels, stages
+from gplfd_experiments.recording.part import Part
+from gplfd_experiments.recording.stream import moving, seconds, static
+from gplfd_env.latch import GAP
+from gplfd_env.looks import CLOSER_ARM
+from gplfd_env.mobile_base import BASE_JOINTS
+
+LATCH: Final = f"{stages.ENTITY}/latch"
+"""Entity of the lane that says whether the bolt is out."""
+
+ARM: Final = "/world/scene/closer_arm"
+"""Entity of a closer's arm, in the world's axes."""
+
+BOLT_STATES: Final[Mapping[str, colours.Colour]] = MappingProxyType(
+    {"bolt thrown": colours.MARK, "bolt held back": colours.HAND}
+)
+
+_CLOSING: Final = (
+    "closer_preload", "closer_stiffness", "closer_boost", "closer_friction",
+    "closer_damping", "closing_damping", "backcheck_damping", "seal", "stiction",
+)  # fmt: skip
+"""Fields of a door of which any makes a closing torque."""
+
+
+class Panel(NamedTuple):
+    """A panel of time series, shown where a door or a base has what it shows.
+
+    Attributes:
+        title: Of the panel.
+        joint: That a model has if there is something to show; "" for the closer.
+    """
+
+    title: str
+    joint: str
+
+
+PANELS: Final[Mapping[str, Panel]] = MappingProxyType(
+    {
+        "handle": Panel("Handle [deg]", "handle"),
+        "latch": Panel("Bolt, held back by [mm]", "bolt"),
+        "closer": Panel("Closing torque [N m]: closer, seal, stiction", ""),
+        "base": Panel("Base [m, rad]", BASE_JOINTS[0]),
+    }
+)
+"""By the entity below `gplfd_experiments.recording.panels.ROOT`."""
+
+
+def mechanism_of(
+    model: mujoco.MjModel, door_config: Mapping[str, Any]
+) -> tuple[str, ...]:
+    """Return which of `PANELS` have something to show.
+
+    Args:
+        model: Model that the episode runs in.
+        door_config: Fields of its door that are not at their defaults, or all.
+    """
+    joints = {model.joint(index).name for index in range(model.njnt)}
+    closing = any(door_config.get(field, 0.0) > 0.0 for field in _CLOSING)
+    return tuple(
+        name
+        for name, panel in PANELS.items()
+        if (panel.joint in joints if panel.joint else closing)
+    )
+
+
+def mechanism(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
+    """Curves, the latch's lane and the closer's arm in a part of an episode."""
+    log = part.log
+    there = mechanism_of(model, log.door_config)
+    index = seconds(log.times[part.first_row :])
+    for name in there:
+        path = f"{panels.ROOT}/{name}/motion"
+        yield from panels.lines(part, index, path, curves(name, log, model))
+    if "latch" in there:
+        yield from _lane(part, model)
+    yield from _arm(part, model)
+
+
+def curves(
+    name: str, log: EpisodeLog, model: mujoco.MjModel
+) -> dict[panels.Line, FloatArray]:
+    """Return the lines of one of `PANELS`, (T,) each."""
+    if name == "handle":
+        line = panels.Line("handle", colours.HAND)
+        return {line: np.degrees(_positions(log, model, "handle"))}
+    if name == "latch":
+        line = panels.Line("bolt held back", colours.HAND)
+        return {line: 1e3 * _positions(log, model, "bolt")}
+    if name == "closer":
+        return {panels.Line("closing torque", colours.FORCE): log.closer_torque}
+    looks = {
+        "x, ahead [m]": colours.AXIS_X,
+        "y, to the left [m]": colours.AXIS_Z,
+        "turn [rad]": colours.ADAPTED,
+    }
+    return {
+        panels.Line(title, colour): _positions(log, model, joint)
+        for (title, colour), joint in zip(looks.items(), BASE_JOINTS, strict=True)
+    }
+
+
+def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]:
+    """Rows in which the bolt is first seen thrown or held back, and which it is.
+
+    It is held back where it is drawn in so far that the door can open.
+    """
+    throw = model.jnt_range[model.joint("bolt").id, 1]
+    back = _positions(log, model, "bolt") >= throw - GAP
+    rows = np.flatnonzero(np.diff(back, prepend=~back[:1]))
+    thrown, held = BOLT_STATES
+    return [(int(row), held if back[row] else thrown) for row in rows]
+
+
+def _lane(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
+    if part.first_row == 0:
+        yield _lane_style()
+    new = [one for one in bolt_states(part.log, model) if one[0] >= part.first_row]
+    if new:
+        rows, names = zip(*new, strict=True)
+        columns = rr.StateChange.columns(state=names)
+        yield moving(LATCH, seconds(part.log.times[list(rows)]), columns)
+
+
+@functools.cache
+def _lane_style() -> Chunk:
+    names, tints = list(BOLT_STATES), np.array(list(BOLT_STATES.values()))
+    return static(
+        LATCH, rr.StateConfiguration(values=names, labels=names, colors=tints)
+    )
+
+
+def _arm(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
+    """Draw the tendon that is a closer's arm, where it has a colour."""
+    tendons = [model.tendon(index).name for index in range(model.ntendon)]
+    if CLOSER_ARM not in tendons:
+        return
+    arm = tendons.index(CLOSER_ARM)
+    colour = model.tendon_rgba[arm]
+    if colour[3] == 0.0:
+        return
+    frames = part.frames()
+    data = mujoco.MjData(model)
+    sites = [model.site(f"closer_{end}").id for end in ("spindle", "foot")]
+    strips = np.empty((frames.size, 2, 3), np.float32)
+    for row, frame in enumerate(frames):
+        data.qpos[:] = part.log.qpos[frame]
+        mujoco.mj_kinematics(model, data)
+        strips[row] = data.site_xpos[sites]
+    if part.first_row == 0:
+        tint = (255.0 * colour).round().astype(np.uint8)
+        radius = model.tendon_width[arm]
+        yield static(ARM, rr.LineStrips3D.from_fields(colors=tint, radii=radius))
+    columns = rr.LineStrips3D.columns(strips=strips)
+    yield moving(
+        ARM,
+        seconds(part.log.times[frames]),
+        columns.partition(np.ones(frames.size, int)),
+    )
+
+
+def _positions(log: EpisodeLog, model: mujoco.MjModel, joint: str) -> FloatArray:
+    """Positions of a joint, (T,) [m or rad]."""
+    positions: FloatArray = log.qpos[:, model.joint(joint).qposadr[0]]
+    return positions

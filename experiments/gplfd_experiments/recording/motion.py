@@ -1,0 +1,253 @@
+"""Demonstrations, policy, via-points and force in the door's frame."""
+
+import functools
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import mujoco
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+from rerun.chunk import Chunk
+from scipy.spatial.transform import Rotation
+
+from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.recording import colours
+from gplfd_experiments.recording.kinematics import task_frame
+from gplfd_experiments.recording.part import Part
+from gplfd_experiments.recording.stiffness import colour_of, shown_stiffness
+from gplfd_experiments.recording.stream import moving, seconds, static
+from gplfd_experiments.recording.tube import tube_triangles, tube_vertices
+from gplfd_policies.demonstrations import Demonstration
+from gplfd_env.config import DoorConfig
+from gplfd_env.task import handle_pose_on_arc
+
+ROOT: Final = "/world/task"
+"""Entity whose transform is the task frame: closed handle, x pull, y up."""
+
+PLAN: Final = f"{ROOT}/plan"
+"""Entity of what only the view from above shows."""
+
+VIEW: Final = f"{ROOT}/view"
+"""Entity of the frame that the views look from: the closed handle, z up."""
+
+_VIEW_AXES_D: Final = [[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
+"""Its axes x (away from the robot), y and z as columns, in the task frame."""
+
+STIFFNESS: Final = f"{ROOT}/hand/stiffness"
+"""Entity of the ball that says how stiff the hand is."""
+
+METRES_PER_NEWTON: Final = 0.01
+"""Length of the force arrow: 10 N are 10 cm."""
+
+_TRUE_ARC_DEG: Final = 75.0
+_LINE: Final = 0.003
+_TRAIL: Final = 0.009
+"""Half the width of the trail [m]; thicker than what lies on it."""
+_DOT: Final = 0.006
+_BALL: Final = 0.03
+_ABOVE_HAND: Final = (0.0, 0.16, 0.0)
+"""Where the ball of the stiffness is from the hand, task frame [m]."""
+_OPACITY_BEFORE: Final = 48
+_OPACITY_ADAPTED: Final = 90
+_KNOT_SPACING: Final = 0.01
+_DOT_SPACING: Final = 0.005
+"""Travelled distance [m] between points of the trail and between shown via-points."""
+
+
+def door_frame(
+    model: mujoco.MjModel, door: DoorConfig, demonstrations: Sequence[Demonstration]
+) -> list[Chunk]:
+    """What stands still in the task frame, and the task frame itself.
+
+    Args:
+        model: Model with the site of the task frame, fixed in the world.
+        door: Its geometry.
+        demonstrations: What the policy learned from, poses in the task frame.
+    """
+    position, rotation = task_frame(model)
+    pose = rr.Transform3D(
+        translation=position, quaternion=rr.Quaternion(xyzw=rotation.as_quat())
+    )
+    strips = [demonstration.poses[:, :3] for demonstration in demonstrations]
+    lines = rr.LineStrips3D(strips, colors=colours.DEMONSTRATION, radii=_LINE / 2)
+    return [
+        static(ROOT, pose),
+        static(VIEW, rr.Transform3D(mat3x3=_VIEW_AXES_D)),
+        static(f"{ROOT}/demonstrations", lines),
+        *_arc_and_styles(door.hand_radius, door.radius, door.way, door.side),
+    ]
+
+
+def policy_motion(part: Part) -> list[Chunk]:
+    """The first forecast, which stays, and all of them as a tube that moves."""
+    log, first = part.log, part.first_forecast
+    if log.forecast_times.size == first:
+        return []
+    paths = log.forecast_mean[first:, :, :3]
+    # Without uncertainty the tube is as thin as a line.
+    stds = np.nan_to_num(log.forecast_std[first:, :, :3])
+    vertices, normals = tube_vertices(paths, stds)
+    means = paths.astype(np.float32)
+    tubes = rr.Mesh3D.columns(
+        vertex_positions=vertices.reshape(-1, 3), vertex_normals=normals.reshape(-1, 3)
+    )
+    # Without a stiffness the tube has the policy's colour.
+    rows = np.searchsorted(log.times, log.forecast_times[first:]).clip(
+        max=log.times.size - 1
+    )
+    tints = colour_of(shown_stiffness(log)[rows], colours.ADAPTED)
+    opacity = np.full((len(tints), 1), _OPACITY_ADAPTED, np.uint8)
+    forecasts = [
+        *tubes.partition(np.full(len(vertices), vertices.shape[1])),
+        *rr.Mesh3D.columns(albedo_factor=np.hstack([tints, opacity])),
+        *rr.LineStrips3D.columns(strips=means),
+    ]
+    index = seconds(log.forecast_times[first:])
+    now = moving(f"{ROOT}/policy_now", index, forecasts)
+    if first > 0:
+        return [now]
+    before = static(
+        f"{ROOT}/policy_before",
+        _tube_style(colours.BEFORE, _OPACITY_BEFORE),
+        rr.Mesh3D.from_fields(vertex_positions=vertices[0], vertex_normals=normals[0]),
+        rr.LineStrips3D(means[:1], colors=colours.BEFORE, radii=_LINE),
+    )
+    tube = rr.Mesh3D.from_fields(triangle_indices=tube_triangles())
+    look = static(f"{ROOT}/policy_now", tube, _line_style(colours.ADAPTED))
+    return [before, look, now]
+
+
+def hand_motion(part: Part) -> list[Chunk]:
+    """The hand's path, its via-points, the force on it, and the leaf it turns."""
+    log, positions = part.log, part.log.ee_pose[:, :3]
+    rows = part.frames()
+    index = seconds(log.times[rows])
+    arrows = rr.Arrows3D.columns(
+        origins=positions[rows], vectors=METRES_PER_NEWTON * log.wrench[rows, :3]
+    )
+    # Not as the handle, which may turn in the leaf.
+    about_up = log.config.side * log.config.way * log.door_angle[rows, None]
+    turns = Rotation.from_rotvec(about_up * [0.0, 1.0, 0.0]).as_quat()
+    return [
+        moving(f"{ROOT}/hand/force", index, arrows),
+        moving(f"{PLAN}/leaf", index, rr.Transform3D.columns(quaternion=turns)),
+        *_trail(part),
+        *_via_points(part),
+    ]
+
+
+def hand_stiffness(part: Part) -> Iterator[Chunk]:
+    """The colour of the hand's trail, and a ball above the hand with the number."""
+    log, shown = part.log, shown_stiffness(part.log)
+    knots, counts = _stretches(part)
+    if counts.size:
+        tints = colour_of(shown[knots[1:]], colours.HAND)
+        columns = rr.LineStrips3D.columns(
+            colors=np.concatenate([tints[:count] for count in counts])
+        )
+        index = seconds(log.times[knots[counts]])
+        yield moving(f"{ROOT}/hand/trail", index, columns.partition(counts))
+    if not part.shows(shown):
+        return
+    rows = part.frames()
+    there = np.isfinite(shown[rows])
+    values = shown[rows[there]]
+    columns = rr.Points3D.columns(
+        positions=log.ee_pose[rows[there], :3] + _ABOVE_HAND,
+        colors=colour_of(values, colours.HAND),
+        labels=[f"{value:.0f} N/m" for value in values],
+    )
+    if part.begins(shown):
+        yield static(STIFFNESS, rr.Points3D.from_fields(radii=_BALL, show_labels=True))
+    index = seconds(log.times[rows])
+    yield moving(STIFFNESS, index, columns.partition(there.astype(int)))
+
+
+def _trail(part: Part) -> list[Chunk]:
+    """The path so far, a strip per stretch of about `_KNOT_SPACING`."""
+    positions = part.log.ee_pose[:, :3].astype(np.float32)
+    knots, counts = _stretches(part)
+    if counts.size == 0:
+        return []
+    strips = np.stack([positions[knots[:-1]], positions[knots[1:]]], axis=1)
+    columns = rr.LineStrips3D.columns(
+        strips=np.concatenate([strips[:count] for count in counts])
+    )
+    index = seconds(part.log.times[knots[counts]])
+    return [moving(f"{ROOT}/hand/trail", index, columns.partition(counts))]
+
+
+def _stretches(part: Part) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the ends of the trail's stretches, and how many there are at each time.
+
+    Returns:
+        Rows of the log between which they lie, and for every stretch that this part
+        adds the number of stretches so far.
+    """
+    log = part.log
+    knots = _spaced(log.ee_pose[:, :3], np.arange(log.times.size), _KNOT_SPACING)
+    return knots, np.flatnonzero((knots >= part.first_row) & (knots > 0))
+
+
+def _via_points(part: Part) -> list[Chunk]:
+    """All via-points so far; of those that lie on each other, the first."""
+    log, positions = part.log, part.log.ee_pose[:, :3]
+    rows = _spaced(positions, np.flatnonzero(log.via_point), _DOT_SPACING)
+    counts = np.flatnonzero(rows >= part.first_row) + 1
+    if counts.size == 0:
+        return []
+    so_far = np.concatenate([positions[rows[:count]] for count in counts])
+    columns = rr.Points3D.columns(positions=so_far).partition(counts)
+    index = seconds(log.times[rows[counts - 1]])
+    return [moving(f"{ROOT}/hand/via_points", index, columns)]
+
+
+def _spaced(
+    positions: FloatArray, rows: NDArray[np.intp], spacing: float
+) -> NDArray[np.intp]:
+    """Rows at least about ``spacing`` [m] of travel apart, the first among them.
+
+    Whether a row is kept depends on no later one.
+    """
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    travelled = np.concatenate([[0.0], np.cumsum(steps)])
+    stretch = np.floor(travelled[rows] / spacing)
+    return rows[np.diff(stretch, prepend=-1.0) > 0.0]
+
+
+# A study opens the same doors again and again.
+@functools.lru_cache(maxsize=64)
+def _arc_and_styles(
+    hand_radius: float, radius: float, way: float, side: float
+) -> tuple[Chunk, ...]:
+    """The hand's true arc, the leaf as lines from the hinge, the look of the hand."""
+    angles = np.radians(np.linspace(0.0, _TRUE_ARC_DEG, 76))
+    arc = handle_pose_on_arc(hand_radius, angles)[:, :3] * [way, 1.0, side]
+    hinge = [0.0, 0.0, -side * hand_radius]
+    leaf = [[[0.0, 0.0, 0.0], [0.0, 0.0, side * radius]]]
+    true_arc = rr.LineStrips3D([arc], colors=colours.TRUTH, radii=_LINE)
+    at_hinge = rr.Transform3D(translation=hinge)
+    closed = rr.LineStrips3D(leaf, colors=colours.MARK, radii=_LINE / 2)
+    opened = rr.LineStrips3D(leaf, colors=colours.LEAF, radii=2.0 * _LINE)
+    dots = rr.Points3D.from_fields(colors=colours.HAND, radii=_DOT)
+    arrow = rr.Arrows3D.from_fields(colors=colours.FORCE, radii=_DOT)
+    return (
+        static(f"{ROOT}/true_arc", true_arc),
+        static(f"{PLAN}", at_hinge),
+        static(f"{PLAN}/closed", closed),
+        static(f"{PLAN}/leaf", opened),
+        static(f"{ROOT}/hand/trail", rr.LineStrips3D.from_fields(radii=_TRAIL)),
+        static(f"{ROOT}/hand/via_points", dots),
+        static(f"{ROOT}/hand/force", arrow),
+    )
+
+
+def _line_style(colour: colours.Colour) -> rr.LineStrips3D:
+    return rr.LineStrips3D.from_fields(colors=colour, radii=_LINE)
+
+
+def _tube_style(colour: colours.Colour, opacity: int) -> rr.Mesh3D:
+    return rr.Mesh3D.from_fields(
+        triangle_indices=tube_triangles(), albedo_factor=(*colour, opacity)
+    )

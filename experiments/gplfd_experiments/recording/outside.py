@@ -1,0 +1,155 @@
+"""What happens from outside: how strong and where, and when it begins and ends.
+
+The log tells how strong a force is, not where it points: a ball above the hand, whose
+area grows with the force, and its label say what acts. Of an episode in which nothing
+happens from outside nothing is made.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+from rerun.chunk import Chunk
+
+from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.recording import colours, motion, panels
+from gplfd_experiments.recording.part import Part
+from gplfd_experiments.recording.stream import moving, seconds, static
+
+LOG: Final = "/outside/log"
+"""Entity of the text that says what begins and ends."""
+PANEL: Final = "outside"
+"""Of the time series, below `gplfd_experiments.recording.panels.ROOT`."""
+LIMITS: Final = (140.0, 280.0)
+"""Force on a hand that ISO/TS 15066 allows, and for an instant [N]."""
+
+_ABOVE: Final = (0.0, 0.30, 0.0)
+"""Where the ball is from the hand, task frame [m]: above that of the stiffness."""
+_BALL: Final = 0.008
+"""Its radius at 1 N [m]; it grows with the force's square root."""
+
+
+class Cause(NamedTuple):
+    """Something that happens from outside, and what to say about it.
+
+    Attributes:
+        curve: How strong it is, (T,).
+        unit: Of the curve, N or mm.
+        begins: What to say when it begins.
+        ends: What to say when it ends, before its greatest value.
+    """
+
+    curve: Callable[[EpisodeLog], FloatArray]
+    unit: str
+    begins: str
+    ends: str
+
+    def acts(self, log: EpisodeLog) -> NDArray[np.bool_]:
+        """Whether it acts, (T,): a force that there is, a displacement that grows."""
+        curve = self.curve(log)
+        growth = np.diff(curve, prepend=0.0)
+        acts: NDArray[np.bool_] = (growth if self.unit == "mm" else curve) > 0.0
+        return acts
+
+
+CAUSES: Final[Mapping[str, Cause]] = MappingProxyType(
+    {
+        "push": Cause(
+            lambda log: log.push_force, "N", "a push begins", "the push ends"
+        ),
+        "person": Cause(
+            lambda log: log.person_force,
+            "N",
+            "contact with a person",
+            "the person lets go",
+        ),
+        "stop": Cause(
+            lambda log: log.stop_force, "N", "the door meets a stop", "the stop is gone"
+        ),
+        "bump": Cause(
+            lambda log: 1e3 * log.base_shift,
+            "mm",
+            "the base is moved",
+            "the base stands again",
+        ),
+    }
+)
+"""What a log tells, by the names of `gplfd_env.disturbance.Disturbance`."""
+
+
+def causes_of(log: EpisodeLog) -> tuple[str, ...]:
+    """Return the names of what happened from outside."""
+    return tuple(name for name, cause in CAUSES.items() if cause.acts(log).any())
+
+
+def from_outside(part: Part) -> Iterator[Chunk]:
+    """Balls, curves, limits and texts of what happens in a part of an episode."""
+    yield from balls(part)
+    for name, cause in CAUSES.items():
+        happened = cause.acts(part.log)
+        if (due := _due(part, happened)) is None:
+            continue
+        index = seconds(part.log.times[due.first_row :])
+        path = f"{panels.ROOT}/{PANEL}/{name}"
+        line = panels.Line(name, colours.OUTSIDE)
+        yield from panels.lines(due, index, path, {line: cause.curve(part.log)})
+        yield from _texts(part, name)
+    for limit in LIMITS:
+        near = part.log.person_force >= 0.5 * limit
+        if (due := _due(part, near)) is not None:
+            path = f"{panels.ROOT}/{PANEL}/allowed_{limit:g}"
+            yield from panels.levels(due, path, (limit,), colours.LIMIT)
+
+
+def balls(part: Part) -> Iterator[Chunk]:
+    """A ball above the hand while something acts, with its name and strength."""
+    for name, cause in CAUSES.items():
+        if (due := _due(part, cause.acts(part.log))) is not None:
+            yield from _ball(due, name)
+
+
+def _ball(part: Part, name: str) -> Iterator[Chunk]:
+    log, cause, path = part.log, CAUSES[name], f"{motion.ROOT}/outside/{name}"
+    rows = part.frames()
+    acts, values = cause.acts(log)[rows], cause.curve(log)[rows]
+    columns = rr.Points3D.columns(
+        positions=log.ee_pose[rows[acts], :3] + _ABOVE,
+        radii=_BALL * np.sqrt(values[acts]),
+        labels=[f"{name} {value:.0f} {cause.unit}" for value in values[acts]],
+    )
+    if part.first_row == 0:
+        look = rr.Points3D.from_fields(colors=colours.OUTSIDE, show_labels=True)
+        yield static(path, look)
+    yield moving(path, seconds(log.times[rows]), columns.partition(acts.astype(int)))
+
+
+def events(log: EpisodeLog, name: str) -> list[tuple[int, str]]:
+    """Rows in which something begins or ends, and what to say of it."""
+    cause = CAUSES[name]
+    edges = np.diff(cause.acts(log), prepend=False, append=False).nonzero()[0]
+    said = []
+    for first, end in edges.reshape(-1, 2):
+        said.append((int(first), cause.begins))
+        if end < log.times.size:
+            most = cause.curve(log)[first:end].max()
+            said.append((int(end), f"{cause.ends}: {most:.0f} {cause.unit} at most"))
+    return said
+
+
+def _texts(part: Part, name: str) -> Iterator[Chunk]:
+    new = [event for event in events(part.log, name) if event[0] >= part.first_row]
+    if new:
+        rows, texts = zip(*new, strict=True)
+        columns = rr.TextLog.columns(text=texts)
+        yield moving(f"{LOG}/{name}", seconds(part.log.times[list(rows)]), columns)
+
+
+def _due(part: Part, happened: NDArray[np.bool_]) -> Part | None:
+    """What to send of something: nothing before it happens, then all its past."""
+    if not happened.any():
+        return None
+    return part if happened[: part.first_row].any() else Part(log=part.log)

@@ -1,0 +1,155 @@
+"""Time series beside the scene, all on the same time axis."""
+
+import functools
+import itertools
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import rerun as rr
+from rerun.chunk import Chunk
+
+from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.recording import colours
+from gplfd_experiments.recording.colours import Colour
+from gplfd_experiments.recording.part import Part
+from gplfd_experiments.recording.stiffness import recent_mean
+from gplfd_experiments.recording.stream import moving, seconds, static
+from gplfd_experiments.recording.tube import QUANTILE
+
+ROOT: Final = "/plots"
+ANGLE_MARKS_DEG: Final = (15.0, 30.0, 60.0)
+FORCE_MARKS: Final = (-10.0, 10.0)
+"""Lines in the panel of forces [N]: its axis has ticks at ten newtons, and forces of a
+few newtons look as small as they are."""
+ZERO: Final = f"{ROOT}/zero"
+"""Entity of a line at zero, which keeps zero in sight where a panel shows it too."""
+
+OUTPUTS: Final = (("x", 0, 1.0), ("z", 2, 1.0), ("turn", 4, 180.0 / np.pi))
+"""Entity, output number and scale to the panel's unit of the policy panels: the three
+outputs in which opening a door varies."""
+
+
+class Line(NamedTuple):
+    """How a curve of a panel, or the centre line of a band, looks."""
+
+    name: str
+    colour: Colour
+    width: float = 2.0
+
+
+_X = Line("x, along the pull", colours.AXIS_X)
+_Z = Line("z, across it", colours.AXIS_Z)
+_LAG = Line("lag of the hand", colours.OUTSIDE, 1.0)
+_CARRIED = Line("load compensated", colours.ADAPTED, 1.0)
+_BEFORE = Line("before", colours.BEFORE, 1.0)
+_NOW = Line("policy now", colours.ADAPTED, 1.0)
+
+
+def panels(part: Part) -> list[Chunk]:
+    """Every time series of the layout; where a value is not finite, nothing is drawn.
+
+    A series that is not finite in the whole episode, as the stiffness of a policy
+    without any, is left out.
+    """
+    log = part.log
+    curves = {
+        "angle/door": {Line("door", colours.TRUTH, 2.5): np.degrees(log.door_angle)},
+        "force/parts": {
+            Line("along the motion: opens", colours.TRUTH, 2.0): log.force_tangential,
+            Line("radial: against the hinge", colours.FORCE, 2.0): log.force_radial,
+        },
+        "misfit/phase": {Line("misfit", colours.HAND, 1.5): log.phase_misfit},
+    }
+    for panel, values in (
+        ("uncertainty", recent_mean(1e3 * log.std, log.dt)),
+        ("stiffness", recent_mean(log.stiffness, log.dt)),
+        ("uncertainty_raw", 1e3 * log.std),
+        ("uncertainty_rate", 1e3 * log.std_rate),
+        ("stiffness_raw", log.stiffness),
+        ("stability", 100.0 * share_of_bound(log)),
+    ):
+        curves[f"{panel}/axes"] = {_X: values[:, 0], _Z: values[:, 2]}
+    curves["uncertainty/axes"][_LAG] = 1e3 * log.give
+    curves["force/parts"][_CARRIED] = log.carried_load
+    for name, output, scale in OUTPUTS:
+        curves[f"{name}/motion"] = {
+            Line("true", colours.TRUTH, 3.0): scale * log.handle_pose[:, output],
+            Line("hand", colours.HAND, 1.0): scale * log.ee_pose[:, output],
+        }
+    index = seconds(log.times[part.first_row :])
+    drawn = [lines(part, index, f"{ROOT}/{path}", own) for path, own in curves.items()]
+    return [
+        *itertools.chain.from_iterable(drawn),
+        *_beliefs(part, index),
+        *levels(part, f"{ROOT}/angle/marks", ANGLE_MARKS_DEG, colours.MARK),
+        *levels(part, f"{ROOT}/force/marks", FORCE_MARKS, colours.MARK),
+        *levels(part, f"{ROOT}/stability/bound", (100.0,), colours.LIMIT),
+        *levels(part, ZERO, (0.0,), colours.MARK),
+    ]
+
+
+def share_of_bound(log: EpisodeLog) -> FloatArray:
+    """Stiffness rate over its stability bound, (T, 6); stable below 1.
+
+    The bound itself is positive: it is that of a stiffness above zero.
+    """
+    share: FloatArray = log.stiffness_rate / (log.stiffness_rate + log.stability_margin)
+    return share
+
+
+def lines(
+    part: Part, index: list[rr.TimeColumn], path: str, curves: dict[Line, FloatArray]
+) -> list[Chunk]:
+    """Curves of one panel."""
+    values = np.stack(list(curves.values()), axis=1)
+    if not part.shows(values):
+        return []
+    data = moving(path, index, rr.Scalars.columns(scalars=values[part.first_row :]))
+    style = _style(rr.SeriesLines, path, tuple(curves))
+    return [style, data] if part.begins(values) else [data]
+
+
+def levels(
+    part: Part, path: str, levels: tuple[float, ...], colour: Colour
+) -> list[Chunk]:
+    """Horizontal lines through the whole part."""
+    ends = part.log.times[[part.first_row, -1]]
+    columns = rr.Scalars.columns(scalars=np.tile(levels, (2, 1)))
+    data = moving(path, seconds(ends), columns)
+    look = tuple(Line(f"{level:g}", colour, 1.0) for level in levels)
+    return [data] if part.first_row else [_style(rr.SeriesLines, path, look), data]
+
+
+def _beliefs(part: Part, index: list[rr.TimeColumn]) -> list[Chunk]:
+    """Mean and ±1.96 σ of each output, before the door was felt and now.
+
+    The viewer draws a band of one standard deviation, so variances are scaled.
+    """
+    log, chunks = part.log, []
+    beliefs = {_NOW: (log.predicted_mean, log.predicted_std)}
+    if log.forecast_times.size:
+        beliefs = {_BEFORE: log.first_forecast(log.observed_phase)} | beliefs
+    means = np.stack([mean for mean, _ in beliefs.values()], axis=1)
+    stds = QUANTILE * np.stack([std for _, std in beliefs.values()], axis=1)
+    for name, output, scale in OUTPUTS:
+        path, mean = f"{ROOT}/{name}/belief", scale * means[..., output]
+        if not part.shows(mean):
+            continue
+        columns = rr.Measurements.columns(
+            values=mean[part.first_row :].ravel(),
+            variances=scale**2 * stds[part.first_row :, :, output].ravel() ** 2,
+        )
+        each = np.full(len(mean) - part.first_row, len(beliefs))
+        if part.begins(mean):
+            chunks.append(_style(rr.Measurements, path, tuple(beliefs)))
+        chunks.append(moving(path, index, columns.partition(each)))
+    return chunks
+
+
+@functools.cache
+def _style(archetype: Any, path: str, lines: tuple[Line, ...]) -> Chunk:
+    """What an archetype says of all times: how the lines of an entity look."""
+    names, tints, widths = zip(*lines, strict=True)
+    look = archetype.from_fields(colors=tints, widths=widths, names=names)
+    return static(path, look)

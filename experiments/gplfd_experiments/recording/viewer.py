@@ -1,0 +1,70 @@
+"""The Rerun viewer on this machine, and whether there is a screen for it."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from gplfd_policies.storage import regular_file
+
+
+def viewer() -> str:
+    """Path of the viewer's own executable.
+
+    The ``rerun`` script is a Python program that waits for the viewer; ending it would
+    leave the viewer running.
+
+    Raises:
+        FileNotFoundError: The viewer is not installed.
+    """
+    package = importlib.util.find_spec("rerun_cli")
+    if package is None or package.origin is None:
+        raise FileNotFoundError(
+            "the Rerun viewer is not installed; pip install rerun-sdk brings it"
+        )
+    name = "rerun.exe" if sys.platform == "win32" else "rerun"
+    return str(Path(package.origin).with_name(name))
+
+
+def has_display(platform: str, environment: Mapping[str, str]) -> bool:
+    """Whether there is a screen: on Linux, whether X or Wayland names one."""
+    displays = ("DISPLAY", "WAYLAND_DISPLAY")
+    return not platform.startswith("linux") or any(map(environment.get, displays))
+
+
+def open_recording(file: Path) -> int:
+    """Open a recording in the viewer and wait until it is closed.
+
+    Returns:
+        The viewer's exit status.
+
+    Raises:
+        FileNotFoundError: There is no such file, or no viewer.
+        ValueError: It is a folder or another kind of file, or there is no screen.
+    """
+    _check_recording(file)
+    if not has_display(sys.platform, os.environ):
+        raise ValueError(
+            "there is no display to open the viewer on. Copy the recording to a "
+            "machine with a screen and run `gplfd view` or `rerun` there, or serve "
+            f"it to a browser on this machine with `rerun --serve-web --bind "
+            f"127.0.0.1 {file}` (over ssh, forward the two ports that it prints)."
+        )
+    # A whole path: the viewer would take `--version.rrd` for an option.
+    return subprocess.call([viewer(), str(file.absolute())])
+
+
+def _check_recording(file: Path) -> None:
+    if file.is_dir():
+        inside = ", ".join(sorted(path.name for path in file.glob("*.rrd")))
+        raise ValueError(f"{file} is a folder; recordings in it: {inside or 'none'}")
+    if not file.exists():
+        raise FileNotFoundError(
+            f"there is no file {file}; `gplfd run` writes recordings"
+        )
+    with regular_file(file, "a Rerun recording (.rrd)").open("rb") as stream:
+        magic = stream.read(4)
+    if magic[:2] != b"RR":
+        raise ValueError(f"{file} is not a Rerun recording (.rrd)")

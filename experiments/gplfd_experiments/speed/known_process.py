@@ -1,0 +1,63 @@
+"""Demonstrations drawn from a known distribution."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal, Self
+
+import numpy as np
+
+from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.teacher.random_motion import smooth_functions
+from gplfd_policies.aligned import AlignedDemonstrations
+from gplfd_policies.trajectory import GaussianTrajectory
+
+Deviations = Literal["independent", "smooth"]
+"""Of a demonstration from the mean: independent from sample to sample, as
+heteroscedastic regression assumes, or smooth, as people move."""
+
+_CORRELATION = 0.25
+"""Phase over which smooth deviations change."""
+_WHITE = 0.01
+"""Share of a smooth deviation's variance that is white."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class KnownProcess:
+    """Six smooth outputs with a standard deviation that varies up to sixteenfold."""
+
+    truth: GaussianTrajectory
+    """Mean and standard deviation of a demonstration at M phases."""
+
+    @classmethod
+    def on_grid(cls, samples: int) -> Self:
+        """Return the process at equally spaced phases."""
+        times = np.linspace(0.0, 1.0, samples)
+        output = np.arange(6)
+        clock = times[:, None]
+        mean = np.sin((2.0 + output) * clock + output) + 0.5 * clock * np.cos(output)
+        wave = np.sin((3.0 + 0.5 * output) * clock + 2.0 * output)
+        std = 0.02 * np.exp(math.log(4.0) * wave)
+        truth = GaussianTrajectory.from_moments(
+            times, mean, std, lambda: np.stack([np.diag(one**2) for one in std.T])
+        )
+        return cls(truth=truth)
+
+    def draw(
+        self, count: int, kind: Deviations, rng: np.random.Generator
+    ) -> FloatArray:
+        """Draw demonstrations, (``count``, M, 6)."""
+        mean, std = self.truth.mean, self.truth.std
+        white = rng.standard_normal((count, *mean.shape))
+        if kind == "independent":
+            return mean + std * white
+        smooth = smooth_functions(self.truth.times, _CORRELATION, 6 * count, rng)
+        smooth = smooth.reshape(len(mean), count, 6).swapaxes(0, 1)
+        mixed = math.sqrt(1.0 - _WHITE) * smooth + math.sqrt(_WHITE) * white
+        return mean + std * mixed
+
+    def demonstrations(
+        self, count: int, kind: Deviations, rng: np.random.Generator
+    ) -> AlignedDemonstrations:
+        """Draw demonstrations as a policy learns from them."""
+        poses = self.draw(count, kind, rng)
+        return AlignedDemonstrations(times=self.truth.times, poses=poses)

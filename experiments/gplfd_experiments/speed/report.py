@@ -1,0 +1,107 @@
+"""What every comparison reports: a table of numbers, and targets that they meet."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from threadpoolctl import threadpool_limits
+
+from gplfd_experiments.files.table import Table, text_table
+from gplfd_experiments.progress import LOG
+from gplfd_experiments.speed.timing import Timing
+
+Value = float | Timing | str | None
+"""A number, a time, a word, or nothing where there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A number, and what is wanted of it."""
+
+    name: str
+    """What is measured, with its unit."""
+    value: float
+    """The number as it was measured."""
+    wanted: str
+    """The limits in words."""
+    met: bool
+    """Whether the value is within them."""
+
+
+def at_most(name: str, value: float, limit: float) -> Target:
+    """Return a target for a number that should be small."""
+    return Target(name, value, f"at most {limit:g}", value <= limit)
+
+
+def at_least(name: str, value: float, limit: float) -> Target:
+    """Return a target for a number that should be large."""
+    return Target(name, value, f"at least {limit:g}", value >= limit)
+
+
+def between(name: str, value: float, low: float, high: float) -> Target:
+    """Return a target for a number that should be neither small nor large."""
+    return Target(name, value, f"{low:g} to {high:g}", low <= value <= high)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Measurement:
+    """Everything that one comparison measured."""
+
+    title: str
+    """What was measured, and how."""
+    rows: Mapping[str, Mapping[str, Value]]
+    """Values by line and column, whose names have the units."""
+    targets: tuple[Target, ...] = ()
+    """What was wanted of some of the numbers."""
+
+
+def value_table(rows: Mapping[str, Mapping[str, Value]]) -> Table:
+    """Return a line per row; one that lacks a column has a dash there.
+
+    Args:
+        rows: Values by line and column, whose order is that of first naming.
+    """
+    columns = tuple(dict.fromkeys(column for row in rows.values() for column in row))
+    return Table(
+        columns=("", *columns),
+        rows=tuple(
+            (name, *(_text(row.get(column)) for column in columns))
+            for name, row in rows.items()
+        ),
+    )
+
+
+def _text(value: Value) -> str:
+    """Four significant digits of a number, and all before the point."""
+    if value is None:
+        return "-"
+    if isinstance(value, float | int):
+        return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+    return str(value)
+
+
+def measure_all(
+    measures: Mapping[str, Callable[[int], Measurement]], repeats: int
+) -> dict[str, Measurement]:
+    """Measure one after the other with one BLAS thread, and print what was found.
+
+    Args:
+        measures: What to run, by name.
+        repeats: Measurements of every time.
+    """
+    found = {}
+    with threadpool_limits(1):
+        for name, run in measures.items():
+            LOG.info("measuring: %s", name)
+            one = found[name] = run(repeats)
+            print(one.title, text_table(value_table(one.rows)), "", sep="\n")
+    targets: dict[str, dict[str, Value]] = {
+        target.name: {
+            "measured": target.value,
+            "wanted": target.wanted,
+            "": "met" if target.met else "MISSED",
+        }
+        for one in found.values()
+        for target in one.targets
+    }
+    print("targets", text_table(value_table(targets)), sep="\n")
+    return found

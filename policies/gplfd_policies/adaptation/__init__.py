@@ -1,0 +1,42 @@
+"""Adapting movements to via-points; for a skill, four forms with one interface.
+
+Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
+arXiv:2002.09979, Section III-D. "product" is the paper's, Eqs. (19)–(21); "exact"
+conditions the same model without the product's approximation; "process" is ours: it
+models the demonstrations' deviations as smooth, so that a via-point also informs the
+rest of the motion. "own-clock" is "process" where timing is unknown, too. Other
+movements are conditioned by their own ``adapt``.
+"""
+
+from gplfd_policies.adaptation.exact import ExactAdaptation
+from gplfd_policies.adaptation.forms import (
+    ADAPTATIONS,
+    AdaptedMovement,
+    NoAdaptation,
+    OwnAdaptation,
+    adapt,
+    begin_adaptation,
+)
+from gplfd_policies.adaptation.own_clock import OwnClockAdaptation
+from gplfd_policies.adaptation.process import (
+    IndependentPhaseAdaptation,
+    ProcessAdaptation,
+)
+from gplfd_policies.adaptation.product import ProductAdaptation
+from gplfd_policies.movement import Adaptation, AdaptationForm
+
+__all__ = [
+    "ADAPTATIONS",
+    "Adaptation",
+    "AdaptationForm",
+    "AdaptedMovement",
+    "ExactAdaptation",
+    "IndependentPhaseAdaptation",
+    "NoAdaptation",
+    "OwnAdaptation",
+    "OwnClockAdaptation",
+    "ProcessAdaptation",
+    "ProductAdaptation",
+    "adapt",
+    "begin_adaptation",
+]

@@ -1,0 +1,324 @@
+"""Gaussian conditioning of six smooth curves together, one via-point at a time.
+
+A repetition of the task is six curves (`Repetition`), the mean plus deviations that are
+few standard-normal numbers z_i of each output, and how early or late the repetition is,
+few numbers z_τ that all outputs share,
+
+    y_i(t) = m_i(t) + φ_i(t)ᵀ z_i + ṁ_i(t) ψ(t)ᵀ z_τ + white noise,
+
+independent a priori. A via-point at *any* phase observes all of them at once, with
+noise of each output's own and one error that they share (`ViaPoint.along`): its
+covariance over the outputs is diag(σ²) + ρ ρᵀ. With H the 6 × n matrix of the curves,
+
+    S = H C Hᵀ + diag(σ²) + ρ ρᵀ = L Lᵀ,  B = C Hᵀ L⁻ᵀ,
+    z ← z + B L⁻¹ (y − m − H z),  C ← C − B Bᵀ,
+
+exact for any ρ (``test_shared_error_equals_dense_conditioning``) and ψ
+(``test_timing_equals_dense_conditioning``), and the grid on which mean and variance are
+reported has no influence. Where ρ = 0 and ψ = 0 the outputs stay independent
+(``test_sequential_updates_equal_batch_conditioning``).
+"""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg.blas import dgemm
+from scipy.linalg.lapack import dtrtri
+
+from gplfd_policies.gp.legendre import LegendreBasis
+from gplfd_policies.one_thread import one_thread
+from gplfd_policies.trajectory import GaussianTrajectory
+
+_STRONGEST = 1e-8
+"""Least via-point variance, relative to the largest variance of the output. A via-point
+is never trusted beyond 1e-4 of the demonstrated spread, so that σ_v = 0, repeated and
+contradicting via-points have an answer: the average."""
+_LEFT_OUT = 1e-7
+"""Directions of a smooth covariance with less than this share of its largest are left
+out: no via-point could see them."""
+
+
+def basis_for_grid(
+    times: Float[np.ndarray, " N"],
+    grid: Float[np.ndarray, " M"],
+    shortest_scale: float,
+) -> LegendreBasis:
+    """A basis that covers the demonstrations and the grid.
+
+    Raises:
+        ValueError: if the grid is empty or not finite, or so much wider than the
+            demonstrations that no basis represents the process on it.
+    """
+    if len(grid) == 0 or not np.isfinite(grid).all():
+        raise ValueError(f"Adaptation needs finite grid phases, got {grid}.")
+    start = float(min(times[0], np.min(grid)))
+    stop = float(max(times[-1], np.max(grid)))
+    basis = LegendreBasis.for_length_scale(start, stop, shortest_scale)
+    if basis is None:
+        raise ValueError(
+            f"The grid reaches from {np.min(grid)} to {np.max(grid)}, too far beyond "
+            f"the demonstrated [{times[0]}, {times[-1]}]; keep it near that range."
+        )
+    return basis
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Repetition:
+    """What is believed of a repetition before any via-point, in a basis."""
+
+    basis: LegendreBasis
+    """Basis of all coefficients."""
+    mean: Float[np.ndarray, "Q 6"]
+    """Coefficients of the mean m_i."""
+    deviations: Float[np.ndarray, "6 Q R"]
+    """Coefficients of the curves φ_i, R of each output."""
+    log_white: Float[np.ndarray, "Q 6"]
+    """Coefficients of the logarithm of the variance that is independent from sample to
+    sample, which no via-point reduces."""
+    slope: Float[np.ndarray, "Q 6"]
+    """Coefficients of ṁ_i, what a moment's delay does to each output."""
+    timing: Float[np.ndarray, "Q T"]
+    """Coefficients of the curves ψ; T = 0 where phases are registered."""
+
+    @classmethod
+    def from_covariance(
+        cls,
+        basis: LegendreBasis,
+        mean: Float[np.ndarray, "Q 6"],
+        covariance: Float[np.ndarray, "6 Q Q"],
+        log_white: Float[np.ndarray, "Q 6"],
+    ) -> "Repetition":
+        """Take the curves φ_i from the covariance of the coefficients, per output."""
+        return cls(
+            basis=basis,
+            mean=mean,
+            deviations=leading_curves(covariance, _LEFT_OUT),
+            log_white=log_white,
+            slope=basis.differentiate(mean),
+            timing=np.zeros((basis.size, 0)),
+        )
+
+    @property
+    def table(self) -> Float[np.ndarray, "Q C"]:
+        """Coefficients of every curve: m, log white, ṁ, ψ, and φ by output."""
+        flat = self.deviations.transpose(1, 0, 2).reshape(self.basis.size, -1)
+        return np.concatenate(
+            [self.mean, self.log_white, self.slope, self.timing, flat], axis=1
+        )
+
+    def curves(self, rows: Float[np.ndarray, "M C"]) -> Float[np.ndarray, "6 M S"]:
+        """φ_i and ṁ_i ψ side by side, by output, from rows of the table."""
+        own = 18 + self.timing.shape[1]
+        deviations = rows[:, own:].reshape(len(rows), 6, -1).transpose(1, 0, 2)
+        timing = rows[:, 12:18].T[:, :, None] * rows[:, 18:own]
+        return np.concatenate([deviations, timing], axis=2)
+
+    def slopes(
+        self, rows: Float[np.ndarray, "M C"], rates: Float[np.ndarray, "M C"]
+    ) -> Float[np.ndarray, "6 M S"]:
+        """Derivatives of `curves`, from rows of the table and their derivatives."""
+        own = 18 + self.timing.shape[1]
+        slopes = self.curves(rates)
+        slopes[:, :, slopes.shape[2] - self.timing.shape[1] :] = (
+            rates[:, 12:18].T[:, :, None] * rows[:, 18:own]
+            + rows[:, 12:18].T[:, :, None] * rates[:, 18:own]
+        )
+        return slopes
+
+
+def leading_curves(
+    covariance: Float[np.ndarray, "*N Q Q"], left_out: float
+) -> Float[np.ndarray, "*N Q R"]:
+    """Leading eigenvectors times the roots of their eigenvalues, equally many of each.
+
+    Args:
+        covariance: of coefficients.
+        left_out: share of the largest eigenvalue below which all others are left out.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    values = np.maximum(values, 0.0)
+    kept = values > left_out * values[..., -1:]
+    most = max(int(np.max(np.sum(kept, axis=-1))), 1)
+    curves: np.ndarray = vectors[..., -most:] * np.sqrt(values[..., None, -most:])
+    return curves
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Local:
+    """A repetition at one phase, before any via-point."""
+
+    mean: Float[np.ndarray, "6"]
+    """m_i there."""
+    white: Float[np.ndarray, "6"]
+    """The white variance there."""
+    curves: Float[np.ndarray, "6 S"]
+    """φ_i and ṁ_i ψ there."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Surprise:
+    """How a pose compares to what was expected of it; zeros for what was left free."""
+
+    observed: Float[np.ndarray, "6"]
+    """1 where an output was observed, else 0."""
+    given_others: Float[np.ndarray, "6"]
+    """Squared distance over its variance of each output from what was expected *given
+    the other five*."""
+    joint: float
+    """Squared Mahalanobis distance of all outputs together."""
+    log_variance: float
+    """Logarithm of the determinant of their covariance."""
+
+
+_OUTPUTS = np.arange(6)[:, None]
+_DIAGONAL = np.diag_indices(6)
+
+
+class ConditionedProcess:
+    """Six curves on a grid, updated in place.
+
+    Args:
+        prior: what is believed before any via-point.
+        grid: phases at which mean and variance are reported, shape (M,).
+    """
+
+    def __init__(self, prior: Repetition, grid: Float[np.ndarray, " M"]) -> None:
+        self.grid = grid
+        self._prior, self._table = prior, prior.table
+        self._rows = prior.basis.matrix(grid) @ self._table
+        self._mean, self._white = self._rows[:, :6].copy(), np.exp(self._rows[:, 6:12])
+        self._curves = prior.curves(self._rows)
+        self._variance = np.sum(self._curves**2, axis=2).T
+        self._floor = _STRONGEST * np.max(self._variance + self._white, axis=0)
+        # Which entries of the state belong to which output; timing to all of them.
+        shared = prior.timing.shape[1]
+        own = 6 * (self._curves.shape[2] - shared)
+        common = np.tile(np.arange(own, own + shared), (6, 1))
+        self._places = np.hstack([np.arange(own).reshape(6, -1), common])
+        self._state = np.zeros(own + shared)
+        self._covariance = np.asfortranarray(np.eye(own + shared))
+        self._design = np.zeros((6, own + shared))
+
+    @property
+    def mean(self) -> Float[np.ndarray, "M 6"]:
+        """Current mean on the grid, a read-only view."""
+        view: np.ndarray = self._mean.view()
+        view.setflags(write=False)
+        return view
+
+    def variance(self) -> Float[np.ndarray, "M 6"]:
+        """Current variance on the grid, white part included."""
+        return np.asarray(np.maximum(self._variance, 0.0) + self._white)
+
+    def at(self, phase: float) -> Local:
+        """What was believed at a phase before any via-point.
+
+        Raises:
+            ValueError: if the phase is outside demonstrations and grid.
+        """
+        basis = self._prior.basis
+        if not basis.start <= phase <= basis.stop:
+            raise ValueError(
+                f"The via-point's phase {phase} is outside the range "
+                f"[{basis.start}, {basis.stop}] of demonstrations and "
+                f"grid; clip it, or build the adaptation on a wider grid."
+            )
+        row = basis.row(phase) @ self._table
+        return Local(
+            mean=row[:6],
+            white=np.exp(row[6:12]),
+            curves=self._prior.curves(row[None])[:, 0],
+        )
+
+    def update(
+        self,
+        here: Local,
+        pose: Float[np.ndarray, "6"],
+        noise_variance: Float[np.ndarray, "6"],
+        along: Float[np.ndarray, "6"],
+    ) -> Surprise:
+        """Condition on a pose.
+
+        Args:
+            here: the repetition at the pose's phase, from `at`.
+            pose: observed pose; ignored where its noise is infinite.
+            noise_variance: variance of every output's own noise.
+            along: the error that outputs share, see `ViaPoint.along`.
+
+        Returns:
+            How it compares to what was expected.
+        """
+        observed = np.isfinite(noise_variance)
+        curves = here.curves * observed[:, None]
+        design = self._design
+        design[_OUTPUTS, self._places] = curves
+        expected = here.mean + design @ self._state
+        innovation = np.where(observed, pose - expected, 0.0)
+        gain = self._covariance @ design.T
+        error, own = observed * along, np.maximum(noise_variance, self._floor)
+        covariance = design @ gain + np.multiply.outer(error, error)
+        covariance[_DIAGONAL] += np.where(observed, own, 1.0)
+        root = np.linalg.cholesky(covariance)
+        inverse_root, _ = dtrtri(root, lower=1)
+        half = gain @ inverse_root.T
+        whitened = inverse_root @ innovation
+        self._state += half @ whitened
+        self._covariance = dgemm(
+            -1.0, half, half, trans_b=1, beta=1.0, c=self._covariance, overwrite_c=1
+        )
+        on_grid = self._curves @ half[self._places]
+        self._mean += (on_grid @ whitened).T
+        self._variance -= np.einsum("imk,imk->mi", on_grid, on_grid)
+        alone = whitened @ inverse_root
+        precision = np.einsum("ki,ki->i", inverse_root, inverse_root)
+        return Surprise(
+            observed=observed.astype(np.float64),
+            given_others=alone * alone / precision,
+            joint=float(whitened @ whitened),
+            log_variance=2.0 * float(np.sum(np.log(root[_DIAGONAL]))),
+        )
+
+    @one_thread
+    def distribution(
+        self, stretch: Float[np.ndarray, "6"], degrees_of_freedom: float | None
+    ) -> GaussianTrajectory:
+        """The current distribution; later updates do not change it.
+
+        Args:
+            stretch: factor on every output's standard deviation.
+            degrees_of_freedom: see `GaussianTrajectory`.
+        """
+        blocks = self._covariance[self._places[:, :, None], self._places[:, None, :]]
+        basis = self._prior.basis
+        rates = basis.matrix(self.grid) @ basis.differentiate(self._table)
+        slopes = self._prior.slopes(self._rows, rates)
+        spread = np.sqrt(self.variance())
+        smooth_rate = 2.0 * np.sum(slopes @ blocks * self._curves, axis=2).T
+        variance_rate = smooth_rate + self._white * rates[:, 6:12]
+        state = self._state[self._places]
+        return GaussianTrajectory(
+            times=self.grid,
+            mean=self._mean,
+            std=stretch * spread,
+            mean_rate=rates[:, :6] + np.einsum("imr,ir->mi", slopes, state),
+            std_rate=stretch * variance_rate / (2.0 * spread),
+            covariance_function=partial(
+                _covariance_on_grid, self._curves, blocks, spread**2, stretch
+            ),
+            degrees_of_freedom=degrees_of_freedom,
+        )
+
+
+def _covariance_on_grid(
+    curves: Float[np.ndarray, "6 M S"],
+    covariance: Float[np.ndarray, "6 S S"],
+    variance: Float[np.ndarray, "M 6"],
+    stretch: Float[np.ndarray, "6"],
+) -> Float[np.ndarray, "6 M M"]:
+    """Covariance over time of smooth and white part together."""
+    full: np.ndarray = curves @ covariance @ np.swapaxes(curves, 1, 2)
+    diagonal = np.arange(full.shape[1])
+    full[:, diagonal, diagonal] = variance.T
+    return np.asarray(stretch[:, None, None] ** 2 * full)

@@ -1,0 +1,174 @@
+"""Via-points by the task's own clock: when is unknown, too.
+
+This form is ours. A repetition runs early or late (`gplfd_policies.gp.timing`), and
+that one error moves all outputs together along the path:
+
+    y_i(t) = m_i(t) + e_i(t) + λ ṁ_i(t) δτ(t),   δτ ~ N(0, K_τ).
+
+δτ is one more block of coefficients that every via-point observes. The path bends
+within the time by which a repetition may be late, so that y is not m + ṁ δτ: mean and
+slope are the best linear ones over N(0, K_τ(t, t)), E m(t + δτ) and E ṁ(t + δτ), and
+what they leave over joins the deviations (``test_timing_of_a_bend_has_its_moments``).
+Whether the clock is
+the repetition's own (λ = 1) or the phases are registered after all (λ = 0) is told by
+the evidence of the via-points: both are conditioned, and weighed by it.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+from numpy.polynomial.hermite_e import hermegauss
+
+from gplfd_policies.adaptation.conditioning import Repetition, leading_curves
+from gplfd_policies.adaptation.process import StudentProcess, demonstrated_repetition
+from gplfd_policies.gp.timing import timing_covariance
+from gplfd_policies.one_thread import one_thread
+from gplfd_policies.skill import Skill
+from gplfd_policies.trajectory import GaussianTrajectory, ViaPoint
+
+_NEGLIGIBLE = 1e-4
+"""Directions of K_τ with less than this share of its largest are left out: a hundredth
+of the timing's spread is less than the hand's wobble."""
+
+
+_POINTS = 7
+"""Quadrature points of an average over N(0, K_τ(t, t))."""
+
+
+class OwnClockAdaptation:
+    """Exact conditioning of path and timing together, weighed against path alone.
+
+    Mean and variance are those of the mixture of the two.
+    """
+
+    @one_thread
+    def __init__(self, skill: Skill, grid: Float[np.ndarray, " M"]) -> None:
+        """Start from the demonstrations and their clocks.
+
+        Args:
+            skill: the demonstrated skill, from at least two demonstrations.
+            grid: phases at which the distribution is reported, shape (M,).
+
+        Raises:
+            ValueError: if the demonstrations' clocks are not known, and as
+                `ProcessAdaptation`.
+        """
+        aligned = skill.aligned
+        if aligned.clocks is None:
+            raise ValueError(
+                "Timing is learned from the demonstrations' clocks, and here are none: "
+                "align the demonstrations with gplfd_policies.align, learn without a "
+                'prior mean, or adapt with form="process", for which phases are '
+                "certain."
+            )
+        registered = demonstrated_repetition(skill, grid)
+        basis = registered.basis
+        timing = timing_covariance(aligned.times, aligned.clocks, basis.nodes)
+        free = float(skill.count - 1)
+        self._timed = StudentProcess(delayed(skill, registered, timing), free, grid)
+        self._registered = StudentProcess(registered, free, grid)
+
+    @one_thread
+    def observe(self, via_point: ViaPoint) -> None:
+        """Condition on one more via-point, in place."""
+        self._timed.observe(via_point)
+        self._registered.observe(via_point)
+
+    @property
+    def timed(self) -> float:
+        """Probability that the clock is the repetition's own."""
+        odds = self._registered.log_evidence - self._timed.log_evidence
+        return float(1.0 / (1.0 + np.exp(min(odds, 700.0))))
+
+    @property
+    def mean(self) -> Float[np.ndarray, "M 6"]:
+        """Current mean on the grid, read-only."""
+        share = self.timed
+        mean: np.ndarray = share * self._timed.mean
+        mean += (1.0 - share) * self._registered.mean
+        mean.setflags(write=False)
+        return mean
+
+    @property
+    def std(self) -> Float[np.ndarray, "M 6"]:
+        """Current standard deviation on the grid."""
+        share = self.timed
+        apart = self._timed.mean - self._registered.mean
+        variance = share * self._timed.stretched_variance()
+        variance += (1.0 - share) * self._registered.stretched_variance()
+        apart *= apart
+        apart *= share * (1.0 - share)
+        variance += apart
+        return np.asarray(np.sqrt(variance))
+
+    @one_thread
+    def trajectory(self) -> GaussianTrajectory:
+        """The current distribution on the grid, with rates and covariance."""
+        return _mixture(
+            self.timed, self._timed.trajectory(), self._registered.trajectory()
+        )
+
+
+def delayed(
+    skill: Skill, registered: Repetition, timing: Float[np.ndarray, "Q Q"]
+) -> Repetition:
+    """A repetition whose timing is unknown.
+
+    Args:
+        skill: the demonstrated skill.
+        registered: the repetition on its own phases.
+        timing: K_τ at the nodes of its basis.
+    """
+    basis, std = registered.basis, np.sqrt(np.diag(timing))
+    points, weights = hermegauss(_POINTS)
+    weights /= weights.sum()
+    late = basis.nodes + np.multiply.outer(points, std)
+    moved = skill.predict(np.clip(late, basis.start, basis.stop).ravel())
+    means, slopes = (
+        np.moveaxis(curve.reshape(_POINTS, basis.size, 6), 0, 2) @ weights
+        for curve in (moved.mean, moved.mean_rate)
+    )
+    squares = np.moveaxis(moved.mean.reshape(_POINTS, basis.size, 6) ** 2, 0, 2)
+    left = squares @ weights - means**2 - (slopes * std[:, None]) ** 2
+    root = basis.root_weights[:, None]
+    variance = np.sum((registered.deviations / root) ** 2, axis=2).T
+    stretch = np.sqrt(1.0 + np.maximum(left, 0.0) / variance)
+    return replace(
+        registered,
+        mean=root * means,
+        slope=root * slopes,
+        deviations=registered.deviations * stretch.T[:, :, None],
+        timing=leading_curves(basis.weigh(timing), _NEGLIGIBLE),
+    )
+
+
+def _mixture(
+    share: float, first: GaussianTrajectory, second: GaussianTrajectory
+) -> GaussianTrajectory:
+    """Mean and covariance of the mixture of two distributions."""
+    rest, apart = 1.0 - share, first.mean - second.mean
+    variance = share * first.std**2 + rest * second.std**2
+    rate = share * first.std * first.std_rate + rest * second.std * second.std_rate
+    rate += share * rest * apart * (first.mean_rate - second.mean_rate)
+    std = np.sqrt(variance + share * rest * apart**2)
+
+    return replace(
+        first,
+        mean=share * first.mean + rest * second.mean,
+        std=std,
+        mean_rate=share * first.mean_rate + rest * second.mean_rate,
+        std_rate=rate / std,
+        covariance_function=partial(_mixed_covariance, share, first, second),
+    )
+
+
+def _mixed_covariance(
+    share: float, first: GaussianTrajectory, second: GaussianTrajectory
+) -> Float[np.ndarray, "6 M M"]:
+    rest, apart = 1.0 - share, first.mean - second.mean
+    covariance: np.ndarray = share * first.covariance
+    covariance += rest * second.covariance
+    covariance += share * rest * np.einsum("mi,ni->imn", apart, apart)
+    return covariance

@@ -1,0 +1,171 @@
+"""The paper's adaptation: a product of Gaussians, Eqs. (19)–(21)."""
+
+from functools import partial
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_policies.gp.exact import ExactGP
+from gplfd_policies.gp.factorisation import factorise
+from gplfd_policies.gp.kernels import RBF
+from gplfd_policies.one_thread import one_thread
+from gplfd_policies.skill import Skill
+from gplfd_policies.trajectory import GaussianTrajectory, ViaPoint
+
+_STRONGEST = 1e-8
+"""Least via-point variance relative to the prior's, so that σ_v = 0 and repeated
+via-points keep the via-point process's covariance invertible."""
+
+
+def product_of_gaussians(
+    mean_d: Float[np.ndarray, " M"],
+    covariance_d: Float[np.ndarray, "M M"],
+    mean_v: Float[np.ndarray, " M"],
+    covariance_v: Float[np.ndarray, "M M"],
+) -> tuple[Float[np.ndarray, " M"], Float[np.ndarray, "M M"]]:
+    """μ** and Σ** of Eqs. (20)–(21), in a symmetric form.
+
+    With L Lᵀ = Σ^d + Σ^v and A = L⁻¹ Σ^d,
+
+        Σ** = Σ^d (Σ^d + Σ^v)⁻¹ Σ^v = Σ^d − Aᵀ A,
+        μ** = μ^d + Aᵀ L⁻¹ (μ^v − μ^d),
+
+    which needs no inverse and is symmetric by construction
+    (``test_product_equals_printed_equations``).
+
+    Raises:
+        ValueError: if Σ^d + Σ^v is not positive definite.
+    """
+    factor = factorise(covariance_d + covariance_v)
+    half = factor.half_solve(covariance_d)
+    mean = mean_d + half.T @ factor.half_solve(mean_v - mean_d)
+    return mean, covariance_d - half.T @ half
+
+
+class ProductAdaptation:
+    """p(f | D) p(f | V) on the grid, Eqs. (19)–(21), O(M³) per via-point.
+
+    Shipped as printed, for fidelity. Two properties to know before using it:
+
+    * The answer depends on the number M of predicted phases: every one of them counts
+      as one more independent observation, so σ falls as the grid is refined although
+      nothing was learned (``test_product_depends_on_the_grid``).
+    * Away from its via-points the via-point process returns to its prior mean. With
+      the paper's zero mean (``prior_mean="zero"``) that *pulls the policy to zero*; the
+      default here, the demonstrations' mean, does not
+      (``test_zero_prior_mean_pulls_the_policy``).
+    """
+
+    @one_thread
+    def __init__(
+        self,
+        skill: Skill,
+        grid: Float[np.ndarray, " M"],
+        prior_mean: Literal["demonstration", "zero"] = "demonstration",
+    ) -> None:
+        """Start from the demonstrations.
+
+        Args:
+            skill: the demonstrated skill.
+            grid: predicted phases, strictly increasing, shape (M,).
+            prior_mean: prior mean of the via-point process.
+
+        Raises:
+            ValueError: for an unknown prior mean, or a grid that is empty, not finite
+                or not increasing.
+        """
+        if prior_mean not in ("demonstration", "zero"):
+            raise ValueError(
+                f"prior_mean must be 'demonstration' or 'zero', got {prior_mean!r}."
+            )
+        if np.any(np.diff(grid) <= 0.0):
+            raise ValueError("The grid of a product must increase strictly.")
+        self._skill = skill
+        self._prior_mean = prior_mean
+        self._demonstrated = skill.predict(grid)
+        self._via_points: list[ViaPoint] = []
+        self._means = self._demonstrated.mean.copy()
+        self._covariances = self._demonstrated.covariance.copy()
+
+    @one_thread
+    def observe(self, via_point: ViaPoint) -> None:
+        """Take one more via-point: refit the via-point process, multiply again."""
+        self._via_points.append(via_point)
+        for output in range(6):
+            if np.isfinite(via_point.noise_variance[output]):
+                mean, covariance = product_of_gaussians(
+                    self._demonstrated.mean[:, output],
+                    self._demonstrated.covariance[output],
+                    *self._via_prediction(output),
+                )
+                self._means[:, output] = mean
+                self._covariances[output] = covariance
+
+    @property
+    def mean(self) -> Float[np.ndarray, "M 6"]:
+        """Current mean on the grid, a read-only view."""
+        view = self._means.view()
+        view.setflags(write=False)
+        return view
+
+    @property
+    def std(self) -> Float[np.ndarray, "M 6"]:
+        """Current standard deviation on the grid."""
+        variances = np.diagonal(self._covariances, axis1=1, axis2=2)
+        return np.asarray(np.sqrt(np.maximum(variances, 0.0)).T)
+
+    @one_thread
+    def trajectory(self) -> GaussianTrajectory:
+        """The current distribution on the grid.
+
+        A product is defined on the grid only, so its rates are differences of
+        neighbouring predictions, except before the first via-point.
+        """
+        rates = (self._demonstrated.mean_rate, self._demonstrated.std_rate)
+        grid = self._demonstrated.times
+        if self._via_points and len(grid) > 1:
+            order: Literal[1, 2] = 2 if len(grid) > 2 else 1
+            rates = (
+                np.gradient(self.mean, grid, axis=0, edge_order=order),
+                np.gradient(self.std, grid, axis=0, edge_order=order),
+            )
+        return GaussianTrajectory(
+            times=grid,
+            mean=self.mean,
+            std=self.std,
+            mean_rate=rates[0],
+            std_rate=rates[1],
+            covariance_function=partial(np.asarray, self._covariances.copy()),
+            degrees_of_freedom=self._skill.degrees_of_freedom,
+        )
+
+    def _via_prediction(
+        self, output: int
+    ) -> tuple[Float[np.ndarray, " M"], Float[np.ndarray, "M M"]]:
+        """μ^v and Σ^v of one output: Eqs. (10)–(11) on V, without R at the grid."""
+        seen = [
+            point
+            for point in self._via_points
+            if np.isfinite(point.noise_variance[output])
+        ]
+        process = self._skill.processes.outputs[output]
+        kernel = RBF(
+            length_scale=process.kernel.length_scale,
+            signal_std=process.kernel.signal_std * process.scale,
+        )
+        phases = np.array([point.phase for point in seen])
+        values = np.array([point.pose[output] for point in seen])
+        noise = np.array([point.noise_variance[output] for point in seen])
+        grid = self._demonstrated.times
+        prior = np.zeros(len(grid))
+        if self._prior_mean == "demonstration":
+            prior = self._demonstrated.mean[:, output]
+            values = values - self._skill.predict(phases).mean[:, output]
+        via = ExactGP(
+            kernel=kernel,
+            times=phases,
+            values=values,
+            noise_variance=np.maximum(noise, _STRONGEST * kernel.variance),
+        )
+        return prior + via.mean(grid), via.covariance(grid)

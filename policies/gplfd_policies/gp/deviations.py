@@ -1,0 +1,240 @@
+"""How demonstrations deviate from their mean: smoothly.
+
+The paper puts the spread of the demonstrations into Eq. (11) as diag(R), white noise,
+so that knowing the door's radius at one phase says nothing about any other. Here, and
+this is not in the paper, a deviation of one output is a process of the same variance
+r(t) with covariance
+
+    √(u(t) u(t')) [g k(t, t'; L) + (1 − g)]          what varies with the task
+  + √(v(t) v(t')) [(1 − w) k(t, t'; S) + w 1(t = t')]    the hand's wobble, white noise
+
+where v = (r⁻ᵖ + c⁻ᵖ)^(−1/p), p = _SHARPNESS, is a wobble of constant variance c that
+never exceeds the spread, u = r − v is the rest, and k is a unit RBF. The amplitudes
+matter: were the wobble a constant *share* of r, late centimetres of radius would make
+early millimetres unpredictable.
+
+The five parameters maximise the likelihood of the deviations e_k = y_k − ȳ. These sum
+to zero, which leaves D − 1 independent ones
+(``test_deviation_likelihood_counts_degrees_of_freedom``):
+
+    log p = −½ [(D − 1) log |C| + tr(C⁻¹ Σ_k e_k e_kᵀ)] + const.
+"""
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize
+from scipy.special import expit
+
+from gplfd_policies.aligned import thinned
+from gplfd_policies.gp.factorisation import factorise
+from gplfd_policies.gp.kernels import RBF
+
+_GRID = 60
+"""Samples of a demonstration used: deviations are smooth, and the cost is cubic."""
+_NEGLIGIBLE = 1e-4
+"""Where r is below this fraction of its average there is no deviation to speak of."""
+_LONG = (0.3, 5.0)
+"""Range of L, as a fraction of the time span: from longer than a wobble to as good as
+constant. Forecasts hardly depend on it (docs/method.md)."""
+_SHORT = (0.1, 0.5)
+"""Range of S. A shorter correlation is hard to tell from white noise, and an agent that
+believes in it takes the noise of its own hand for the door (docs/method.md)."""
+_SHARPNESS = 2.0
+"""p, how sharply the wobble turns from the spread's size to its own."""
+_WOBBLE = (1e-6, 1e1)
+"""Range of c, relative to the average of r."""
+MODEL_WORTH = Fraction(35, 3)
+"""Independent deviations that the model's covariance is worth: with as many of the
+demonstrations, both have an equal say. Forecasts hardly depend on it, see
+docs/method.md."""
+_RELATIVE_JITTER = 1e-6
+"""White variance relative to r that keeps C positive definite."""
+
+
+def conjugate_share(count: int) -> float:
+    """The demonstrations' own share of the covariance of a deviation.
+
+    A process's covariance C that is inverse-Wishart a priori, around the model's and
+    worth w independent deviations, is a posteriori (w C_model + S)/(w + D − 1) on
+    average, with S = Σ_k e_k e_kᵀ: the demonstrations know the shape of what varies,
+    the model what else could, and the more demonstrations, the more they say
+    (``test_mixed_covariance_is_the_mean_of_the_inverse_wishart_posterior``).
+
+    Args:
+        count: D ≥ 1 demonstrations; their deviations from their mean are D − 1
+            independent ones.
+
+    Returns:
+        (D − 1)/(w + D − 1), the share of S/(D − 1).
+    """
+    return float((count - 1) / (MODEL_WORTH + count - 1))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DeviationProcess:
+    """The covariance of one output's deviations."""
+
+    wobble: float
+    """c, the variance of the wobble, in the output's unit squared."""
+    varying: float
+    """g, the share of the task's variation that changes over L; the rest is one factor
+    for the whole task, such as the door's radius."""
+    white: float
+    """w, the share of the wobble that is white."""
+    long_scale: float
+    """L, in the unit of time."""
+    short_scale: float
+    """S, in the unit of time."""
+
+    def split(
+        self, noise: Float[np.ndarray, " N"]
+    ) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
+        """r(t) as (u(t), v(t)): task variation and wobble."""
+        excess = np.log1p((noise / self.wobble) ** _SHARPNESS) / _SHARPNESS
+        # u = r − v without cancellation where the spread is all wobble
+        return -noise * np.expm1(-excess), noise * np.exp(-excess)
+
+    def smooth_covariance(
+        self, times: Float[np.ndarray, " N"], noise: Float[np.ndarray, " N"]
+    ) -> Float[np.ndarray, "N N"]:
+        """C without its white part, for r(t) = ``noise``."""
+        task, wobble = (np.sqrt(part) for part in self.split(noise))
+        long = RBF(length_scale=self.long_scale, signal_std=1.0)(times, times)
+        short = RBF(length_scale=self.short_scale, signal_std=1.0)(times, times)
+        factor = self.varying * long + (1.0 - self.varying)
+        covariance: np.ndarray = np.outer(task, task) * factor
+        covariance += (1.0 - self.white) * np.outer(wobble, wobble) * short
+        return covariance
+
+    def white_variance(self, noise: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
+        """The white part of C."""
+        return self.white * self.split(noise)[1]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DeviationLikelihood:
+    """The log-likelihood of θ = (log c, logit w, logit g, log L, log S)."""
+
+    times: Float[np.ndarray, " N"]
+    """Some of the common times."""
+    noise: Float[np.ndarray, " N"]
+    """r(t) there."""
+    scatter: Float[np.ndarray, "N N"]
+    """The sum of products Σ_k e_k e_kᵀ."""
+    free: int
+    """Its degrees of freedom, D − 1."""
+
+    @classmethod
+    def of(
+        cls,
+        times: Float[np.ndarray, " M"],
+        deviations: Float[np.ndarray, "D M"],
+        noise: Float[np.ndarray, " M"],
+    ) -> "DeviationLikelihood":
+        """The likelihood of D deviations e_k = y_k − ȳ, thinned."""
+        kept = thinned(len(times), _GRID)
+        kept = kept[noise[kept] >= _NEGLIGIBLE * np.mean(noise)]
+        chosen = deviations[:, kept]
+        return cls(
+            times=times[kept],
+            noise=noise[kept],
+            scatter=chosen.T @ chosen,
+            free=len(deviations) - 1,
+        )
+
+    def process(self, theta: Float[np.ndarray, "5"]) -> DeviationProcess:
+        """The covariance that θ stands for."""
+        return DeviationProcess(
+            wobble=float(np.exp(theta[0])),
+            white=float(expit(theta[1])),
+            varying=float(expit(theta[2])),
+            long_scale=float(np.exp(theta[3])),
+            short_scale=float(np.exp(theta[4])),
+        )
+
+    def __call__(
+        self, theta: Float[np.ndarray, "5"]
+    ) -> tuple[float, Float[np.ndarray, "5"]]:
+        """Its value at θ, and its gradient, (5,)."""
+        process = self.process(theta)
+        covariance = process.smooth_covariance(self.times, self.noise)
+        white = process.white_variance(self.noise) + _RELATIVE_JITTER * self.noise
+        covariance[np.diag_indices_from(covariance)] += white
+        factor = factorise(covariance)
+        inverse = factor.solve(np.eye(len(self.times)))
+        value = -0.5 * (
+            self.free * factor.log_determinant() + float(np.sum(inverse * self.scatter))
+        )
+        # d log p = ½ tr((C⁻¹ scatter C⁻¹ − (D − 1) C⁻¹) dC)
+        sensitivity = 0.5 * (inverse @ self.scatter @ inverse - self.free * inverse)
+        return value, self._chain(process, sensitivity)
+
+    def _chain(
+        self, process: DeviationProcess, sensitivity: Float[np.ndarray, "N N"]
+    ) -> Float[np.ndarray, "5"]:
+        """tr(sensitivity · dC/dθ) for every parameter."""
+        task, wobble = process.split(self.noise)
+        squared = np.subtract.outer(self.times, self.times) ** 2
+        long = np.exp(-0.5 * squared / process.long_scale**2)
+        short = np.exp(-0.5 * squared / process.short_scale**2)
+        root_task, root_wobble = np.sqrt(task), np.sqrt(wobble)
+        by_task = sensitivity * np.outer(root_task, root_task)
+        by_wobble = sensitivity * np.outer(root_wobble, root_wobble)
+        share, white = process.varying, process.white
+        task_part = by_task * (share * long + 1.0 - share)
+        smooth_part = (1.0 - white) * by_wobble * short
+        white_part = white * np.diag(by_wobble)
+        # dv/dlog c = v (v/c)ᵖ and u = r − v; a square root halves each, twice.
+        slope = wobble * (wobble / process.wobble) ** _SHARPNESS
+        by_size = np.sum((smooth_part.sum(axis=1) + white_part) * slope / wobble)
+        by_size -= np.sum(task_part.sum(axis=1) * slope / task)
+        by_white = np.sum(white_part) * (1.0 - white) - white * np.sum(smooth_part)
+        by_share = share * (1.0 - share) * np.sum(by_task * (long - 1.0))
+        by_long = share * np.sum(by_task * long * squared) / process.long_scale**2
+        by_short = np.sum(smooth_part * squared) / process.short_scale**2
+        return np.array([by_size, by_white, by_share, by_long, by_short])
+
+
+def fit_deviations(
+    times: Float[np.ndarray, " M"],
+    deviations: Float[np.ndarray, "D M"],
+    noise: Float[np.ndarray, " M"],
+) -> DeviationProcess:
+    """The most likely covariance of one output's deviations.
+
+    Args:
+        times: common times, shape (M,).
+        deviations: e_k = y_k − ȳ, shape (D, M), D ≥ 2.
+        noise: r(t) > 0, shape (M,).
+    """
+    likelihood = DeviationLikelihood.of(times, deviations, noise)
+    average = float(np.mean(noise))
+    span = float(times[-1] - times[0])
+
+    def objective(theta: np.ndarray) -> tuple[float, np.ndarray]:
+        value, gradient = likelihood(theta)
+        return -value, -gradient
+
+    bounds = [
+        tuple(np.log(np.multiply(_WOBBLE, average))),
+        (-12.0, 4.0),
+        (-8.0, 8.0),
+        tuple(np.log(np.multiply(_LONG, span))),
+        tuple(np.log(np.multiply(_SHORT, span))),
+    ]
+    results = [
+        minimize(
+            objective,
+            np.array(
+                [np.log(size * average), -3.0, 0.0, np.log(span), np.log(0.2 * span)]
+            ),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=bounds,
+        )
+        for size in (1e-3, 1e-1)
+    ]
+    return likelihood.process(min(results, key=lambda result: result.fun).x)

@@ -1,0 +1,124 @@
+"""Exact Gaussian-process regression of one output.
+
+Eqs. (1)–(5), (7), and (10)–(11) when the noise differs from point to point. Dense,
+O(N³); `gplfd_policies.gp.legendre` has the form whose cost does not grow with the
+number of samples.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_policies.gp.factorisation import CholeskyFactor, factorise
+from gplfd_policies.gp.kernels import RBF
+
+LOG_2PI = float(np.log(2.0 * np.pi))
+
+
+def zero_mean(times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
+    """The prior mean m(t) = 0, the paper's choice when nothing is known."""
+    return np.zeros_like(times)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExactGP:
+    """A Gaussian process conditioned on noisy observations, Eqs. (3)–(5).
+
+    The record *is* the posterior: nothing is ever "not fitted yet".
+
+    Raises:
+        ValueError: if a noise variance is negative or not finite.
+    """
+
+    kernel: RBF
+    """Prior covariance k(t, t')."""
+    times: Float[np.ndarray, " N"]
+    """Observation times t."""
+    values: Float[np.ndarray, " N"]
+    """Observations y."""
+    noise_variance: Float[np.ndarray, " N"]
+    """Noise variance of every observation: constant σ_n² (Eq. 3) or r(t) (Eq. 10)."""
+    prior_mean: Callable[[np.ndarray], np.ndarray] = zero_mean
+    """Prior mean m(t), Eq. (1): any function (M,) → (M,)."""
+
+    def __post_init__(self) -> None:
+        noise = self.noise_variance
+        if not (np.isfinite(noise).all() and (noise >= 0.0).all()):
+            raise ValueError(
+                f"Noise variances must be finite and >= 0, got a range of "
+                f"[{np.min(noise)}, {np.max(noise)}]."
+            )
+
+    @cached_property
+    def factor(self) -> CholeskyFactor:
+        """Cholesky factor of K_y = K(t, t) + diag(noise); it reports its jitter."""
+        return factorise(
+            self.kernel(self.times, self.times) + np.diag(self.noise_variance)
+        )
+
+    @cached_property
+    def _residual(self) -> Float[np.ndarray, " N"]:
+        return np.asarray(self.values - self.prior_mean(self.times))
+
+    @cached_property
+    def weights(self) -> Float[np.ndarray, " N"]:
+        """K_y⁻¹ (y − m(t))."""
+        return self.factor.solve(self._residual)
+
+    def log_marginal_likelihood(self) -> float:
+        """The log marginal likelihood log p(y | t, Θ), Eq. (7)."""
+        quadratic = float(self._residual @ self.weights)
+        size = len(self.times)
+        return -0.5 * (quadratic + self.factor.log_determinant() + size * LOG_2PI)
+
+    def likelihood_gradient(
+        self,
+    ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, " N"]]:
+        """Derivatives of Eq. (7).
+
+        Returns:
+            With respect to (log l, log σ_f), shape (2,), and with respect to the
+            logarithm of every noise variance, shape (N,).
+        """
+        inverse = self.factor.solve(np.eye(len(self.times)))
+        # d log p = ½ tr((ααᵀ − K_y⁻¹) dK_y)
+        sensitivity = 0.5 * (np.outer(self.weights, self.weights) - inverse)
+        kernel_part = np.einsum(
+            "ij,pij->p",
+            sensitivity,
+            self.kernel.log_gradients(self.times, self.times),
+        )
+        return kernel_part, np.diag(sensitivity) * self.noise_variance
+
+    def mean(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
+        """Posterior mean of f, Eqs. (4) and (10)."""
+        prior: np.ndarray = self.prior_mean(times)
+        return np.asarray(prior + self.kernel(times, self.times) @ self.weights)
+
+    def covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M M"]:
+        """Posterior covariance of f without observation noise, Eq. (5)."""
+        half = self.factor.half_solve(self.kernel(self.times, times))
+        return np.asarray(self.kernel(times, times) - half.T @ half)
+
+    def variance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
+        """Diagonal of :meth:`covariance`, never negative."""
+        half = self.factor.half_solve(self.kernel(self.times, times))
+        return np.asarray(
+            np.maximum(self.kernel.variance - np.sum(half**2, axis=0), 0.0)
+        )
+
+    def rates(
+        self, times: Float[np.ndarray, " M"]
+    ) -> tuple[Float[np.ndarray, " M"], Float[np.ndarray, " M"]]:
+        """Time derivatives of mean − prior mean, and of the variance.
+
+        The derivative of the prior mean is the caller's to add: only they know it.
+        """
+        slope = self.kernel.time_derivative(times, self.times)
+        cross = self.kernel(self.times, times)
+        mean_rate = slope @ self.weights
+        variance_rate = -2.0 * np.sum(slope.T * self.factor.solve(cross), axis=0)
+        return mean_rate, variance_rate

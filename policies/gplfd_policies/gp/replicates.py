@@ -1,0 +1,82 @@
+"""Exact collapse of demonstrations that share their times.
+
+Aligned demonstrations are D observations at each of M common times. For noise that is
+independent between observations, the D·M values enter the Gaussian-process likelihood
+(Eq. (7) with the noise of Eq. (10)) only through the M averages and the M within-time
+sums of squares:
+
+    log p(Y) = log N(ȳ | m, K + diag(r/D))
+             + Σ_i [ −(D−1)/2 log(2π r_i) − ½ log D − SS_i/(2 r_i) ]
+
+so an O((D M)³) problem is an O(M³) one, exactly; the posterior of f is that of a
+Gaussian process on ȳ with noise r/D. ``test_collapse_equals_naive_gp`` settles it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_policies.gp.evidence import SpectralEvidence
+from gplfd_policies.gp.exact import ExactGP
+from gplfd_policies.gp.kernels import RBF
+from gplfd_policies.gp.legendre import LegendreBasis
+from gplfd_policies.gp.spectral import SpectralPosterior
+from gplfd_policies.records import short_repr
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Replicates:
+    """The sufficient statistics of D observations at each of M times."""
+
+    times: Float[np.ndarray, " M"]
+    """Common times, strictly increasing."""
+    mean: Float[np.ndarray, " M"]
+    """Average ȳ over the demonstrations."""
+    within: Float[np.ndarray, " M"]
+    """Sum of squared deviations SS from the average."""
+    count: int
+    """Number of demonstrations D."""
+
+    __repr__ = short_repr
+
+    @classmethod
+    def from_samples(
+        cls, times: Float[np.ndarray, " M"], samples: Float[np.ndarray, "D M"]
+    ) -> "Replicates":
+        """Reduce D curves sampled at common times."""
+        mean = samples.mean(axis=0)
+        within = np.sum((samples - mean) ** 2, axis=0)
+        return cls(times=times, mean=mean, within=within, count=len(samples))
+
+    def log_remainder(self, noise_variance: Float[np.ndarray, " M"]) -> float:
+        """The part of log p(Y) that does not depend on the kernel."""
+        free = self.count - 1
+        terms = (
+            -0.5 * free * np.log(2.0 * np.pi * noise_variance)
+            - 0.5 * np.log(self.count)
+            - 0.5 * self.within / noise_variance
+        )
+        return float(np.sum(terms))
+
+    def condition_in(
+        self,
+        basis: LegendreBasis,
+        kernel: RBF,
+        noise_variance: Float[np.ndarray, " M"],
+    ) -> SpectralPosterior:
+        """`condition` in a basis that can represent the kernel."""
+        noise = noise_variance / self.count
+        evidence = SpectralEvidence.reduce(basis, self.times, self.mean, noise)
+        return SpectralPosterior.condition(evidence, kernel)
+
+    def condition(
+        self, kernel: RBF, noise_variance: Float[np.ndarray, " M"]
+    ) -> ExactGP:
+        """Posterior of f given all D·M observations, Eqs. (10)–(11)."""
+        return ExactGP(
+            kernel=kernel,
+            times=self.times,
+            values=self.mean,
+            noise_variance=noise_variance / self.count,
+        )
