@@ -13,16 +13,16 @@ import gymnasium as gym
 import numpy as np
 import tyro
 
+from gplfd_env import ENVIRONMENT_ID
+from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.recording import record_episode
 from gplfd_experiments.speed.machine import load
 from gplfd_experiments.speed.report import Measurement, at_least, at_most, measure_all
 from gplfd_experiments.speed.timing import Action, Timed, after, measure, repeated
-from gplfd_experiments.teacher import DEMONSTRATED_RADII, Teacher
-from gplfd_policies.agent import Agent
-from gplfd_policies.lockstep import batch_agents
-from gplfd_policies.registry import make_agent
-from gplfd_env import ENVIRONMENT_ID
+from gplfd_policies.agents.agent import Agent
+from gplfd_policies.agents.lockstep import batch_agents
+from gplfd_policies.registry.catalogue import make_agent
 
 ALONE = "one agent, gym.make"
 TOGETHER = "{} agents in lockstep, gym.make_vec on 2 threads"

@@ -19,15 +19,15 @@ import numpy as np
 import tyro
 from scipy.ndimage import gaussian_filter1d
 
-from gplfd_experiments.arrays import FloatArray
-from gplfd_experiments.datasets.npz import load_demonstrations
+from gplfd_experiments.data.npz import load_demonstrations
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.report import Measurement, Value, at_most, measure_all
 from gplfd_experiments.speed.scores import mean_scores, score
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.alignment import AlignmentMethod, align
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_policies.rests import Rest
-from gplfd_policies.skill import fit_skill
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import AlignmentMethod, align
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.rests import Rest
+from gplfd_policies.movements.skill import fit_skill
 
 FORMS: Final[tuple[AlignmentMethod, ...]] = get_args(AlignmentMethod)
 _RATE: Final = 50.0

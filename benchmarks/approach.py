@@ -13,13 +13,13 @@ from typing import Final, get_args
 import numpy as np
 import tyro
 
+from gplfd_env.config import DOORS, DoorConfig
+from gplfd_env.task import Start
 from gplfd_experiments.episodes.build import learned_agents, open_together
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.task import episode_task
 from gplfd_experiments.speed.report import Measurement, Value, at_least, measure_all
 from gplfd_policies import POLICIES
-from gplfd_env.config import DOORS, DoorConfig
-from gplfd_env.task import Start
 
 _GRASPED: Final = 1
 """Stage from which a handle has been taken."""

@@ -15,16 +15,16 @@ import gymnasium as gym
 import numpy as np
 import tyro
 
-from gplfd_experiments.episodes.build import learned_agents, open_together
-from gplfd_experiments.episodes.metrics import EpisodeMetrics, episode_metrics
-from gplfd_experiments.episodes.task import episode_task
-from gplfd_experiments.results.measures import ADA_FORCE
-from gplfd_experiments.speed.report import Measurement, Value, at_least, measure_all
-from gplfd_experiments.speed.timing import Timed, measure, repeated
-from gplfd_policies import POLICIES
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import DOORS, DoorConfig
 from gplfd_env.task import Base
+from gplfd_experiments.analysis.results.measures import ADA_FORCE
+from gplfd_experiments.episodes.build import learned_agents, open_together
+from gplfd_experiments.episodes.metrics import EpisodeMetrics, episode_metrics
+from gplfd_experiments.episodes.task import episode_task
+from gplfd_experiments.speed.report import Measurement, Value, at_least, measure_all
+from gplfd_experiments.speed.timing import Timed, measure, repeated
+from gplfd_policies import POLICIES
 
 _WIDE: Final = "lever at 0.90 m"
 

@@ -16,12 +16,12 @@ import gymnasium as gym
 import numpy as np
 import tyro
 
-from gplfd_experiments.speed.report import Measurement, Target, at_most, measure_all
-from gplfd_policies.controllers.admittance import Admittance
-from gplfd_policies.controllers.contact import HELD_HAND, SERVO_LAG
-from gplfd_policies.controllers.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.task import CONTROL_PERIOD
+from gplfd_experiments.speed.report import Measurement, Target, at_most, measure_all
+from gplfd_policies.control.admittance import Admittance
+from gplfd_policies.control.contact import HELD_HAND, SERVO_LAG
+from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
 
 PERIODS: Final = (0, 1, 2, 3)
 """Delays [control periods]."""

@@ -12,7 +12,10 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from gplfd_experiments.arrays import FloatArray
+from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.data.teacher.random_motion import minimum_jerk, smooth_functions
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.report import (
     Measurement,
     Target,
@@ -20,14 +23,11 @@ from gplfd_experiments.speed.report import (
     between,
     measure_all,
 )
-from gplfd_experiments.teacher import Teacher
-from gplfd_experiments.teacher.random_motion import minimum_jerk, smooth_functions
 from gplfd_policies.adaptation import ADAPTATIONS
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.alignment import align
-from gplfd_policies.skill import fit_skill
-from gplfd_policies.trajectory import ViaPoint
-from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.movements.skill import fit_skill
+from gplfd_policies.movements.trajectory import ViaPoint
 
 Openings = tuple[AlignedDemonstrations, FloatArray]
 """Demonstrations on one clock, and the radius of the door of each [m]."""

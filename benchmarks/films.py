@@ -21,10 +21,10 @@ from PIL import Image, ImageDraw, ImageFont
 from gplfd_experiments.episodes.build import demonstrations_of
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.task import EpisodeTask
-from gplfd_experiments.repetition import model_of
-from gplfd_experiments.study.jobs import episode_logs
-from gplfd_experiments.trials.plan import named_trials, trial_tasks
-from gplfd_experiments.trials.protocol import TRIALS
+from gplfd_experiments.studies.jobs import episode_logs
+from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
+from gplfd_experiments.studies.trials.protocol import TRIALS
+from gplfd_experiments.workflows.repetition import model_of
 from gplfd_policies import Demonstration
 
 Points = NDArray[np.float64]

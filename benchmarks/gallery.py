@@ -18,15 +18,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from gplfd_experiments.teacher import Teacher
-from gplfd_policies import make_agent
-from gplfd_policies.agent import Agent, as_agent
-from gplfd_policies.reference.oracle import OracleAgent
-from gplfd_policies.storage import complete_or_absent
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.camera import Camera
 from gplfd_env.config import DOORS, DoorSpec
 from gplfd_env.task import Base
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_policies import make_agent
+from gplfd_policies.agents.agent import Agent, as_agent
+from gplfd_policies.agents.model_based.oracle import OracleAgent
+from gplfd_policies.arrays.storage import complete_or_absent
 
 Picture = NDArray[np.uint8]
 

@@ -12,11 +12,11 @@ from typing import Any, Final
 
 import tyro
 
+from gplfd_experiments.analysis.results.trials import SHARES
 from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import Table, markdown_table
-from gplfd_experiments.results.trials import SHARES
-from gplfd_experiments.trials.protocol import REFERENCES, TRIALS, VERSION
-from gplfd_experiments.trials.records import MEASURES
+from gplfd_experiments.studies.trials.protocol import REFERENCES, TRIALS, VERSION
+from gplfd_experiments.studies.trials.records import MEASURES
 
 Answers = Mapping[str, Any]
 """What a trials.json holds of a policy at a level of a trial."""

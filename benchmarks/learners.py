@@ -21,17 +21,17 @@ import numpy as np
 import tyro
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from gplfd_experiments.speed.machine import load
-from gplfd_experiments.speed.report import Measurement, Value, at_least, measure_all
-from gplfd_experiments.speed.timing import Timed, after, measure
-from gplfd_experiments.teacher import Teacher
-from gplfd_policies.lockstep import batch_agents
-from gplfd_policies.method import TrainingInput
-from gplfd_policies.registry import policy_named
 from gplfd_env import ENVIRONMENT_ID, RL_ENVIRONMENT_ID
 from gplfd_env.sb3 import make_sb3
 from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
 from gplfd_env.wrappers import RelativeAction, VectorGentleReward, action_of
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.speed.machine import load
+from gplfd_experiments.speed.report import Measurement, Value, at_least, measure_all
+from gplfd_experiments.speed.timing import Timed, after, measure
+from gplfd_policies.agents.lockstep import batch_agents
+from gplfd_policies.registry.catalogue import policy_named
+from gplfd_policies.registry.method import TrainingInput
 
 JUDGED: Final = (0.35, 0.42, 0.50, 0.58, 0.65)
 """Radii of the doors on which learners are judged [m]."""

@@ -16,14 +16,14 @@ import numpy as np
 import tyro
 from unseen_doors import arc, doors, judge
 
-from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.report import Measurement, measure_all
-from gplfd_experiments.teacher import Teacher
 from gplfd_policies.adaptation import ProcessAdaptation
 from gplfd_policies.gp.deviations import MODEL_WORTH
 from gplfd_policies.gp.left_out import forecast_score
-from gplfd_policies.movement import AdaptationForm
-from gplfd_policies.skill import Skill
+from gplfd_policies.movements.movement import AdaptationForm
+from gplfd_policies.movements.skill import Skill
 
 _WORTHS: Final = (6.0, float(MODEL_WORTH), 20.0)
 _SHARES: Final = np.linspace(0.0, 0.9, 10)

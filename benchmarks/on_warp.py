@@ -15,9 +15,6 @@ import numpy as np
 import tyro
 import warp
 
-from gplfd_experiments.speed.machine import load
-from gplfd_experiments.speed.report import Measurement, Value, at_most, measure_all
-from gplfd_experiments.speed.timing import Timed, Timing, after, measure
 from gplfd_env import RL_ENVIRONMENT_ID, TIME_LIMIT
 from gplfd_env.command import COMMANDS
 from gplfd_env.reinforcement import for_learners
@@ -25,6 +22,9 @@ from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
 from gplfd_env.vector import DoorOpeningImpedanceVectorEnv
 from gplfd_env.warp import make_warp
 from gplfd_env.wrappers import action_of
+from gplfd_experiments.speed.machine import load
+from gplfd_experiments.speed.report import Measurement, Value, at_most, measure_all
+from gplfd_experiments.speed.timing import Timed, Timing, after, measure
 
 DOORS: Final = (
     *("small", "medium", "large", "heavy", "cabinet", "wardrobe"),

@@ -8,14 +8,14 @@ from typing import Annotated, Final
 import numpy as np
 import tyro
 
-from gplfd_experiments.datasets.npz import load_demonstrations
-from gplfd_experiments.learning_tests.recorded import FEWEST, without
-from gplfd_experiments.learning_tests.scores import of_the_prediction
-from gplfd_experiments.progress import LOG
+from gplfd_experiments.console.progress import LOG
+from gplfd_experiments.data.npz import load_demonstrations
 from gplfd_experiments.speed.report import Measurement, at_most, between, measure_all
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_policies.method import Method
-from gplfd_policies.registry import policy_named
+from gplfd_experiments.studies.learning_tests.recorded import FEWEST, without
+from gplfd_experiments.studies.learning_tests.scores import of_the_prediction
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.registry.catalogue import policy_named
+from gplfd_policies.registry.method import Method
 
 _BEHIND: Final = 0.5
 """How far behind the best method's density a task may be [nats per number]."""

@@ -15,11 +15,11 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import EpisodeMetrics, episode_metrics
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.speed.report import Measurement, Value, at_least, measure_all
-from gplfd_experiments.study.jobs import episode_logs
-from gplfd_experiments.study.tasks import jobs_of
-from gplfd_experiments.trials.plan import trial_tasks
-from gplfd_experiments.trials.protocol import TRIALS
-from gplfd_experiments.trials.records import Level, Trial
+from gplfd_experiments.studies.jobs import episode_logs
+from gplfd_experiments.studies.tasks import jobs_of
+from gplfd_experiments.studies.trials.plan import trial_tasks
+from gplfd_experiments.studies.trials.protocol import TRIALS
+from gplfd_experiments.studies.trials.records import Level, Trial
 
 POLICIES: Final = ("gp", "gp-impedance")
 """What is compared: the same method, rendered by virtual dynamics and by the arm."""

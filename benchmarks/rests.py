@@ -15,22 +15,22 @@ from typing import Final
 import numpy as np
 import tyro
 
-from gplfd_experiments.datasets.npz import LabelledDemonstrations
+from gplfd_env.config import DOORS
+from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
+from gplfd_experiments.console.progress import LOG
+from gplfd_experiments.data.npz import LabelledDemonstrations
+from gplfd_experiments.data.teacher.random_motion import minimum_jerk
 from gplfd_experiments.episodes.build import learned_agents, open_together
 from gplfd_experiments.episodes.metrics import EpisodeMetrics, episode_metrics
 from gplfd_experiments.episodes.task import episode_task
-from gplfd_experiments.progress import LOG
 from gplfd_experiments.speed.report import (
     Measurement,
     Value,
     at_least,
     measure_all,
 )
-from gplfd_experiments.teacher.random_motion import minimum_jerk
 from gplfd_policies import POLICIES
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_env.config import DOORS
-from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 METHODS: Final = ("gp", "kmp", "promp")
 RESTS: Final = (0.0, 1.0, 2.0)

@@ -11,7 +11,7 @@ import tyro
 from gplfd_experiments.speed.known_process import KnownProcess
 from gplfd_experiments.speed.report import Measurement, at_most, measure_all
 from gplfd_experiments.speed.timing import Action, measure, repeated
-from gplfd_policies.skill import fit_skill
+from gplfd_policies.movements.skill import fit_skill
 
 
 def log_log_slopes(

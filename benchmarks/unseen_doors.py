@@ -19,9 +19,12 @@ from typing import Final
 import numpy as np
 import tyro
 
-from gplfd_experiments.arrays import FloatArray
-from gplfd_experiments.datasets.npz import load_demonstrations
+from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
+from gplfd_experiments.data.npz import load_demonstrations
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.data.teacher.random_motion import minimum_jerk, smooth_functions
 from gplfd_experiments.episodes.forecast_error import squared_distances
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.align import resampled
 from gplfd_experiments.speed.report import (
     Measurement,
@@ -30,22 +33,19 @@ from gplfd_experiments.speed.report import (
     between,
     measure_all,
 )
-from gplfd_experiments.teacher import Teacher
-from gplfd_experiments.teacher.random_motion import minimum_jerk, smooth_functions
 from gplfd_policies.adaptation import (
     IndependentPhaseAdaptation,
     OwnClockAdaptation,
     ProcessAdaptation,
     begin_adaptation,
 )
-from gplfd_policies.alignment import align
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_policies.movement import AdaptationForm
-from gplfd_policies.path_phase import PathPhase
-from gplfd_policies.reference.circle import fit_circle
-from gplfd_policies.skill import Skill, fit_skill
-from gplfd_policies.trajectory import ViaPoint
-from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
+from gplfd_policies.agents.model_based.circle import fit_circle
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.movement import AdaptationForm
+from gplfd_policies.movements.skill import Skill, fit_skill
+from gplfd_policies.movements.trajectory import ViaPoint
+from gplfd_policies.phase.path_phase import PathPhase
 
 _SAMPLES: Final = 200
 _EVERY: Final = 4
@@ -233,7 +233,7 @@ def measure(
 
     Args:
         draws: Draws of every generator.
-        recording: File of `gplfd_experiments.datasets.npz`; see `gplfd demos import`.
+        recording: File of `gplfd_experiments.data.npz`; see `gplfd demos import`.
         forms: What is compared.
         unseen: Radii of the doors that are predicted [m].
     """

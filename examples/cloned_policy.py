@@ -15,10 +15,10 @@ import numpy as np
 from sklearn.neural_network import MLPRegressor
 from sklearn.preprocessing import StandardScaler
 
-from gplfd_policies import make_agent
-from gplfd_policies.lockstep import batch_agents
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.wrappers import action_of, command_of, flat_of
+from gplfd_policies import make_agent
+from gplfd_policies.agents.lockstep import batch_agents
 
 RADII = np.linspace(0.30, 0.65, 16)  # [m]; the doors in which `gp` teaches
 EPISODES = 2  # of every door
@@ -80,7 +80,9 @@ def make(training):
 
 
 if __name__ == "__main__":
-    from gplfd_experiments.cli import main  # the command line: only to run this file
+    from gplfd_experiments.cli.main import (
+        main,  # the command line: only to run this file
+    )
 
     chosen = ["--policy", f"{__file__}:make", "--doors", "medium"]
     main(["run", *chosen, "--out", "results/clone"])

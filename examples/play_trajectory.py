@@ -16,10 +16,10 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 
-from gplfd_experiments.teacher import Teacher
-from gplfd_policies import align, fit_skill
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.rotation_paths import rotvecs_from_quaternions
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_policies import align, fit_skill
 
 PERIOD, SLOW_DOWN = 0.01, 1.5
 

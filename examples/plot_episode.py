@@ -10,11 +10,11 @@ import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
 
+from gplfd_env import ENVIRONMENT_ID
+from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.rollout import rollout
-from gplfd_experiments.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_policies import make_agent
-from gplfd_env import ENVIRONMENT_ID
 
 PICTURE = Path("episode.png")
 

@@ -10,10 +10,10 @@ import time
 import gymnasium as gym
 import numpy as np
 
-from gplfd_experiments.teacher import DEMONSTRATED_RADII, Teacher
-from gplfd_policies import make_agent
-from gplfd_policies.lockstep import batch_agents
 from gplfd_env import ENVIRONMENT_ID
+from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd_policies import make_agent
+from gplfd_policies.agents.lockstep import batch_agents
 
 RADII, EPISODES = (0.32, 0.41, 0.50, 0.59), 5
 

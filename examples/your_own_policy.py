@@ -30,6 +30,8 @@ def make(training):
 
 
 if __name__ == "__main__":
-    from gplfd_experiments.cli import main  # the command line: only to run this file
+    from gplfd_experiments.cli.main import (
+        main,  # the command line: only to run this file
+    )
 
     main(["run", "--policy", f"{__file__}:make", "--out", "results/imitate"])

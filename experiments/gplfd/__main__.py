@@ -1,4 +1,4 @@
-"""The command ``gplfd``: the process around `gplfd_experiments.cli`.
+"""The command ``gplfd``: the process around `gplfd_experiments.cli.main`.
 
 Users' folders have files called ``random.py``, ``json.py`` or ``numpy.py``. Where such
 a folder is searched first, as with ``PYTHONPATH=.``, only a module whose name nobody
@@ -25,7 +25,7 @@ def _search_installed_first() -> None:
     folder. The working folder is not searched at all: dependencies look for optional
     modules, such as ``org`` and ``uarray``, and would run a user's file of that name.
     A policy's own folder is searched while the policy is imported
-    (`gplfd_policies.user_policies`).
+    (`gplfd_policies.registry.user_policies`).
     """
     library = os.path.dirname(os.__file__)
     if library not in sys.path:
@@ -62,7 +62,7 @@ def main() -> int:
     """Run the command.
 
     Returns:
-        The status of `gplfd_experiments.cli.main`, `INTERRUPTED` or `PIPE_CLOSED`.
+        The status of `gplfd_experiments.cli.main.main`, `INTERRUPTED` or `PIPE_CLOSED`.
     """
     # After the search was put in order: a user's folder may have a ``signal.py``.
     import faulthandler
@@ -124,10 +124,10 @@ def _run() -> int:
     # For workers and all other children: they search as this process does, without the
     # working folder.
     os.environ |= {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
-    from gplfd_experiments.interruption import postponed_interruption
+    from gplfd_experiments.console.interruption import postponed_interruption
 
     with postponed_interruption():
-        from gplfd_experiments import cli
+        from gplfd_experiments.cli import main as cli
     try:
         try:
             return cli.main()

@@ -10,18 +10,23 @@ Nothing here knows a simulator::
 """
 
 from gplfd_policies.adaptation import adapt
-from gplfd_policies.agent import Agent, as_agent
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.alignment import align
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_policies.lockstep import batch_agents
-from gplfd_policies.method import Method, TrainingInput
-from gplfd_policies.policy import Policy, PolicyOrigin
-from gplfd_policies.prior_mean import PosePath, PriorMean
-from gplfd_policies.registry import POLICIES, load_policy, make_agent, policy_named
-from gplfd_policies.skill import Skill, fit_skill, load_skill
-from gplfd_policies.steps import AgentStep
-from gplfd_policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.agents.agent import Agent, as_agent
+from gplfd_policies.agents.lockstep import batch_agents
+from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.prior_mean import PosePath, PriorMean
+from gplfd_policies.movements.skill import Skill, fit_skill, load_skill
+from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.registry.catalogue import (
+    POLICIES,
+    load_policy,
+    make_agent,
+    policy_named,
+)
+from gplfd_policies.registry.method import Method, TrainingInput
+from gplfd_policies.registry.policy import Policy, PolicyOrigin
 
 __all__ = [
     "POLICIES",

@@ -12,15 +12,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from gplfd_experiments import cli
-from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.metrics import episode_metrics
-from gplfd_experiments.teacher import standard_teacher
-from gplfd_policies.steps import AgentStep
-from gplfd_policies.trajectory import GaussianTrajectory
 from gplfd_env.config import DoorConfig
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc
+from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.data.teacher import standard_teacher
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import episode_metrics
+from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 RADIUS = 0.5
 FINAL_ANGLE = math.radians(66.0)

@@ -16,14 +16,14 @@ from typing import Any
 
 import pytest
 
-from gplfd_experiments.cli import main
-from gplfd_experiments.progress import counter
-from gplfd_experiments.results.reading import read_results
-from gplfd_experiments.results.records import DEMONSTRATED, NON_STANDARD
-from gplfd_experiments.study import jobs, runner, session, store
-from gplfd_experiments.study.engines import Lost
-from gplfd_experiments.study.settings import StudySettings
-from gplfd_experiments.study.settings_file import read_settings, write_settings
+from gplfd_experiments.analysis.results.reading import read_results
+from gplfd_experiments.analysis.results.records import DEMONSTRATED, NON_STANDARD
+from gplfd_experiments.cli.main import main
+from gplfd_experiments.console.progress import counter
+from gplfd_experiments.studies import jobs, runner, session, store
+from gplfd_experiments.studies.engines import Lost
+from gplfd_experiments.studies.settings import StudySettings
+from gplfd_experiments.studies.settings_file import read_settings, write_settings
 
 
 @pytest.fixture
@@ -132,7 +132,7 @@ def test_workers_that_die_are_errors_of_the_study(
                 yield item, Lost(reason="its worker process died")
 
     monkeypatch.setattr(
-        "gplfd_experiments.commands.options.engine_named", lambda *_, **__: Deadly()
+        "gplfd_experiments.cli.commands.options.engine_named", lambda *_, **__: Deadly()
     )
     options = ["--policies", "oracle", "--doors", "small", "--seeds", "2"]
     assert benchmark(tmp_path, *options) == 1
@@ -359,7 +359,7 @@ def test_recordings_are_made_when_asked_for(
 ) -> None:
     recorded: list[Path] = []
     module = types.SimpleNamespace(record_extremes=recorded.append)
-    monkeypatch.setitem(sys.modules, "gplfd_experiments.extremes", module)
+    monkeypatch.setitem(sys.modules, "gplfd_experiments.workflows.extremes", module)
     options = ["--policies", "gp", "--doors", "small", "--seeds", "1", "--no-skill"]
     assert benchmark(tmp_path, *options) == 0
     assert recorded == []

@@ -12,13 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_experiments import cli, runs
-from gplfd_experiments.datasets.npz import load_demonstrations
-from gplfd_experiments.episodes.doors import named_doors
-from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.metrics import episode_metrics
-from gplfd_experiments.recording import viewer
-from gplfd_policies.registry import POLICIES
 from gplfd_env import (
     DISTURBANCES,
     DOORS,
@@ -30,6 +23,14 @@ from gplfd_env import (
 )
 from gplfd_env.config import DoorConfig
 from gplfd_env.stance import base_for
+from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.data.npz import load_demonstrations
+from gplfd_experiments.episodes.doors import named_doors
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import episode_metrics
+from gplfd_experiments.recording import viewer
+from gplfd_experiments.workflows import runs
+from gplfd_policies.registry.catalogue import POLICIES
 
 Gplfd = Callable[..., int]
 
@@ -516,7 +517,7 @@ def test_view_says_what_is_wrong(
 
 def test_numpy_is_kept_to_one_thread_unless_the_user_says_otherwise() -> None:
     code = (
-        "import os, gplfd_experiments.cli as cli\n"
+        "import os, gplfd_experiments.cli.main as cli\n"
         "cli.main(['list'])\n"
         "print(os.environ['OPENBLAS_NUM_THREADS'], os.environ['OMP_NUM_THREADS'])\n"
     )
@@ -534,7 +535,7 @@ def test_numpy_is_kept_to_one_thread_unless_the_user_says_otherwise() -> None:
 
 def test_help_loads_neither_simulator_nor_viewer() -> None:
     code = (
-        "import sys, gplfd_experiments.cli as cli\n"
+        "import sys, gplfd_experiments.cli.main as cli\n"
         "try: cli.main(['run', '--help'])\n"
         "except SystemExit: pass\n"
         "heavy = {'mujoco', 'rerun', 'scipy', 'numpy'} & set(sys.modules)\n"

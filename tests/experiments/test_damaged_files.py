@@ -26,22 +26,22 @@ import numpy as np
 import pytest
 
 from gplfd import policies
-from gplfd_experiments.datasets.minari import Recorder, open_dataset, write_dataset
-from gplfd_experiments.datasets.minari.contents import contents
-from gplfd_experiments.datasets.npz import load_demonstrations, save_demonstrations
-from gplfd_experiments.datasets.replay import replays
+from gplfd_env import ENVIRONMENT_ID
+from gplfd_experiments.data.minari import Recorder, open_dataset, write_dataset
+from gplfd_experiments.data.minari.contents import contents
+from gplfd_experiments.data.npz import load_demonstrations, save_demonstrations
+from gplfd_experiments.data.replay import replays
+from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.plain_data import read_json, write_json
 from gplfd_experiments.files.provenance import content_hash
-from gplfd_experiments.study.result_format import STAMP
-from gplfd_experiments.study.settings import StudySettings
-from gplfd_experiments.study.settings_file import read_settings, write_settings
-from gplfd_experiments.study.store import damaged_results, result_path
-from gplfd_experiments.teacher import Teacher
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_env import ENVIRONMENT_ID
+from gplfd_experiments.studies.result_format import STAMP
+from gplfd_experiments.studies.settings import StudySettings
+from gplfd_experiments.studies.settings_file import read_settings, write_settings
+from gplfd_experiments.studies.store import damaged_results, result_path
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "8"))
 """Files per kind of file and of damage."""

@@ -4,16 +4,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_experiments.datasets.npz import (
+from gplfd_experiments.data.npz import (
     FIRST_POSE,
     KIND,
     VERSION,
     load_demonstrations,
     save_demonstrations,
 )
-from gplfd_experiments.teacher import Teacher
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_policies.storage import write_archive
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_policies.arrays.storage import write_archive
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 
 @pytest.fixture

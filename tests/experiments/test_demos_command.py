@@ -13,12 +13,12 @@ import minari
 import numpy as np
 import pytest
 
-from gplfd_experiments import cli
-from gplfd_experiments.datasets.minari import open_dataset
-from gplfd_experiments.datasets.minari.contents import title
+from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.data.minari import open_dataset
+from gplfd_experiments.data.minari.contents import title
 
 Gplfd = Callable[..., int]
-DATASETS = "gplfd_experiments.datasets."
+DATASETS = "gplfd_experiments.data."
 
 
 RECORD = ("demos", "record", "--policy", "oracle", "--max-steps", "8")

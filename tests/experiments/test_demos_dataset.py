@@ -18,25 +18,25 @@ import mujoco
 import numpy as np
 import pytest
 
-from gplfd_experiments.datasets.minari import (
-    RecordedEpisode,
-    Recorder,
-    open_dataset,
-    write_dataset,
-)
-from gplfd_experiments.datasets.minari.episode import flat
-from gplfd_experiments.datasets.minari.physics import (
-    model_digests,
-    model_hash,
-    physics_state,
-    state_layout,
-)
-from gplfd_experiments.datasets.replay import compare, replay
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DoorConfig, door_config
 from gplfd_env.info import TEXTS
 from gplfd_env.randomization import DoorRandomization
 from gplfd_env.task import handle_pose_on_arc
+from gplfd_experiments.data.minari import (
+    RecordedEpisode,
+    Recorder,
+    open_dataset,
+    write_dataset,
+)
+from gplfd_experiments.data.minari.episode import flat
+from gplfd_experiments.data.minari.physics import (
+    model_digests,
+    model_hash,
+    physics_state,
+    state_layout,
+)
+from gplfd_experiments.data.replay import compare, replay
 
 N_STEPS = 12
 OPTIONS: dict[str, Any] = {"door": {"radius": 0.4, "hinge_friction": 1.5}}

@@ -14,16 +14,16 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments import cli
-from gplfd_experiments.datasets.minari import open_dataset
-from gplfd_experiments.datasets.npz import save_demonstrations
-from gplfd_experiments.datasets.preparation.samples import usable
-from gplfd_experiments.datasets.readers import read_recordings
-from gplfd_experiments.datasets.readers.selection import Selection
-from gplfd_experiments.teacher import Teacher
-from gplfd_policies.demonstrations import Demonstration
 from gplfd_env.camera import Camera
 from gplfd_env.se3 import rotation_distance
+from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.data.minari import open_dataset
+from gplfd_experiments.data.npz import save_demonstrations
+from gplfd_experiments.data.preparation.samples import usable
+from gplfd_experiments.data.readers import read_recordings
+from gplfd_experiments.data.readers.selection import Selection
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 
 @pytest.fixture(autouse=True)

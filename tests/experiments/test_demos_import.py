@@ -14,10 +14,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments import cli
-from gplfd_experiments.datasets.npz import FIRST_POSE, FRAME, load_demonstrations
-from gplfd_experiments.teacher import DEMONSTRATED_RADII, Teacher
-from gplfd_policies.demonstrations import Demonstration
+from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.data.npz import FIRST_POSE, FRAME, load_demonstrations
+from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 START = np.array([1.0, 2.0, 0.9])
 TURN = Rotation.from_rotvec([0.4, -0.2, 1.1])
@@ -121,7 +121,7 @@ def test_bad_input_is_one_message_and_leaves_nothing(
     [
         "numpy.savez_compressed",
         "pathlib.Path.write_text",
-        "gplfd_experiments.datasets.importing.draw",
+        "gplfd_experiments.data.importing.draw",
     ],
 )
 def test_a_full_disk_is_told_and_leaves_nothing(

@@ -10,11 +10,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from gplfd_experiments.datasets.minari import RecordedEpisode, Recorder, open_dataset
-from gplfd_experiments.datasets.replay import Comparison, changes_since, compare, replay
-from gplfd_experiments.files.provenance import versions
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.task import handle_pose_on_arc
+from gplfd_experiments.data.minari import RecordedEpisode, Recorder, open_dataset
+from gplfd_experiments.data.replay import Comparison, changes_since, compare, replay
+from gplfd_experiments.files.provenance import versions
 
 STORED = Path(__file__).with_name("data") / "door-opening-v0"
 RECORD_AGAIN = (

@@ -15,12 +15,12 @@ from typing import Any
 
 import pytest
 
-from gplfd_experiments.study.engines import ATTEMPTS, Lost, engine_named
-from gplfd_experiments.study.engines.processes import Processes
-from gplfd_experiments.study.engines.serial import Serial
-from gplfd_experiments.study.plan import checked, tasks
-from gplfd_experiments.study.runner import run_study
-from gplfd_experiments.study.settings import StudySettings
+from gplfd_experiments.studies.engines import ATTEMPTS, Lost, engine_named
+from gplfd_experiments.studies.engines.processes import Processes
+from gplfd_experiments.studies.engines.serial import Serial
+from gplfd_experiments.studies.plan import checked, tasks
+from gplfd_experiments.studies.runner import run_study
+from gplfd_experiments.studies.settings import StudySettings
 
 # The work of these tests are local functions, which travel to workers by value.
 
@@ -172,7 +172,7 @@ def test_options_an_engine_does_not_have_are_refused(
 def test_without_dask_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     monkeypatch.delitem(
-        sys.modules, "gplfd_experiments.study.engines.cluster", raising=False
+        sys.modules, "gplfd_experiments.studies.engines.cluster", raising=False
     )
     with pytest.raises(ValueError, match=r"pip install 'gplfd\[dask\]'"):
         engine_named("dask", address="tcp://127.0.0.1:1")
@@ -292,7 +292,7 @@ def silent() -> Iterator[str]:
 def test_an_address_without_a_scheduler_is_an_os_error(
     monkeypatch: pytest.MonkeyPatch, silent: str, address: str, reason: str
 ) -> None:
-    from gplfd_experiments.study.engines import cluster
+    from gplfd_experiments.studies.engines import cluster
 
     monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
     address = silent if address == "silent" else address

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from gplfd_env.wrappers import FAILURES, REASONS
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import (
     episode_metrics,
@@ -15,7 +16,6 @@ from gplfd_experiments.episodes.metrics import (
     why_closed,
     work_on_door,
 )
-from gplfd_env.wrappers import FAILURES, REASONS
 
 MakeLog = Callable[..., EpisodeLog]
 

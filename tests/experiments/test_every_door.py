@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from gplfd_experiments import runs
-from gplfd_experiments.datasets.npz import load_demonstrations
+from gplfd_env.config import DOORS
+from gplfd_experiments.analysis.results.reading import read_results
+from gplfd_experiments.data.npz import load_demonstrations
 from gplfd_experiments.episodes.build import make_environment
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.task import episode_task
 from gplfd_experiments.recording import live_view
 from gplfd_experiments.recording.stream import open_stream
-from gplfd_experiments.results.reading import read_results
-from gplfd_experiments.study.settings import StudySettings
-from gplfd_experiments.study.settings_file import read_settings, write_settings
-from gplfd_env.config import DOORS
+from gplfd_experiments.studies.settings import StudySettings
+from gplfd_experiments.studies.settings_file import read_settings, write_settings
+from gplfd_experiments.workflows import runs
 
 Gplfd = Callable[..., int]
 

@@ -5,14 +5,19 @@ import json
 
 import pytest
 
-from gplfd_experiments import extremes as module
-from gplfd_experiments.episodes.task import EpisodeTask
-from gplfd_experiments.extremes import COMPARED, extremes, record_extremes, same_door
-from gplfd_experiments.repetition import differences
-from gplfd_experiments.report.recordings import recording_name
-from gplfd_experiments.results.reading import read_results
-from gplfd_experiments.study.runner import run_study
 from gplfd_env.config import DoorConfig
+from gplfd_experiments.analysis.report.recordings import recording_name
+from gplfd_experiments.analysis.results.reading import read_results
+from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.studies.runner import run_study
+from gplfd_experiments.workflows import extremes as module
+from gplfd_experiments.workflows.extremes import (
+    COMPARED,
+    extremes,
+    record_extremes,
+    same_door,
+)
+from gplfd_experiments.workflows.repetition import differences
 
 CONFIG = dataclasses.asdict(DoorConfig())
 

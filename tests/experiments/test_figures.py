@@ -12,23 +12,23 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from gplfd_experiments.datasets.npz import (
-    load_demonstrations,
-    save_demonstrations,
-)
-from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.figures import (
+from gplfd_experiments.analysis.figures import (
     episodes,
     fig02_heteroscedastic,
     forecasts,
     style,
 )
-from gplfd_experiments.figures.captions import section, update_captions
-from gplfd_experiments.figures.catalogue import FIGURES, chosen
-from gplfd_experiments.figures.hindsight import decisions, expectation
-from gplfd_experiments.figures.material import Material
-from gplfd_experiments.teacher import Teacher
-from gplfd_policies.registry import make_agent
+from gplfd_experiments.analysis.figures.captions import section, update_captions
+from gplfd_experiments.analysis.figures.catalogue import FIGURES, chosen
+from gplfd_experiments.analysis.figures.hindsight import decisions, expectation
+from gplfd_experiments.analysis.figures.material import Material
+from gplfd_experiments.data.npz import (
+    load_demonstrations,
+    save_demonstrations,
+)
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_policies.registry.catalogue import make_agent
 
 Log = Callable[..., EpisodeLog]
 

@@ -5,9 +5,14 @@ from typing import Any
 
 import pytest
 
+from gplfd_experiments.analysis.figures import (
+    episodes,
+    fig02_heteroscedastic,
+    forecasts,
+    style,
+)
+from gplfd_experiments.analysis.figures.catalogue import FIGURES
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.figures import episodes, fig02_heteroscedastic, forecasts, style
-from gplfd_experiments.figures.catalogue import FIGURES
 
 Gplfd = Callable[..., int]
 

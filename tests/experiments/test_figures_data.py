@@ -11,13 +11,8 @@ from matplotlib.collections import FillBetweenPolyCollection
 from matplotlib.figure import Figure
 from scipy.stats import f as fisher
 
-from gplfd_experiments.datasets.npz import (
-    LabelledDemonstrations,
-)
-from gplfd_experiments.episodes.forecast_error import forecast_errors
-from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.metrics import prediction_errors
-from gplfd_experiments.figures import (
+from gplfd_env.task import DEMONSTRATED_ANGLE
+from gplfd_experiments.analysis.figures import (
     episodes,
     fig02_heteroscedastic,
     fig03_alignment,
@@ -28,14 +23,19 @@ from gplfd_experiments.figures import (
     fig10_stiffness,
     forecasts,
 )
-from gplfd_experiments.figures.material import Material
-from gplfd_experiments.figures.opening import reviewed
-from gplfd_experiments.figures.pick_and_place import HEIGHT, PHASES
-from gplfd_experiments.teacher import Teacher
-from gplfd_policies.controllers.stiffness import DEFAULT_PROFILE
-from gplfd_policies.registry import make_agent
-from gplfd_policies.trajectory import GaussianTrajectory
-from gplfd_env.task import DEMONSTRATED_ANGLE
+from gplfd_experiments.analysis.figures.material import Material
+from gplfd_experiments.analysis.figures.opening import reviewed
+from gplfd_experiments.analysis.figures.pick_and_place import HEIGHT, PHASES
+from gplfd_experiments.data.npz import (
+    LabelledDemonstrations,
+)
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.episodes.forecast_error import forecast_errors
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import prediction_errors
+from gplfd_policies.control.stiffness import DEFAULT_PROFILE
+from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.registry.catalogue import make_agent
 
 Log = Callable[..., EpisodeLog]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gplfd_experiments.figures import style
+from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.recording import colours
 
 LINES = {

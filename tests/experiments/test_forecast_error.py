@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gplfd_env.config import DoorConfig
+from gplfd_env.geometry import DoorGeometry
+from gplfd_env.task import handle_pose_on_arc
 from gplfd_experiments.episodes.forecast_error import (
     PROGRESS,
     forecast_errors,
@@ -15,9 +18,6 @@ from gplfd_experiments.episodes.forecast_error import (
 )
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
-from gplfd_env.config import DoorConfig
-from gplfd_env.geometry import DoorGeometry
-from gplfd_env.task import handle_pose_on_arc
 
 MakeLog = Callable[..., EpisodeLog]
 ANGLE = math.radians(66.0)

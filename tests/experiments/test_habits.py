@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gplfd_experiments.teacher import MESSY, TIDY, Habits, Teacher, TeacherConfig
-from gplfd_experiments.teacher.habits import lose_samples, untidy_clock
+from gplfd_experiments.data.teacher import MESSY, TIDY, Habits, Teacher, TeacherConfig
+from gplfd_experiments.data.teacher.habits import lose_samples, untidy_clock
 from gplfd_policies import align
 
 CLEAN = TeacherConfig(

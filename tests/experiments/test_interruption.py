@@ -4,14 +4,14 @@ import signal
 import subprocess
 import sys
 
-from gplfd_experiments.interruption import postponed_interruption
+from gplfd_experiments.console.interruption import postponed_interruption
 
 
 def test_an_interruption_waits_until_the_block_ends() -> None:
     """In a process without other threads, as the command is when it imports."""
     program = (
         "import os, signal\n"
-        "from gplfd_experiments.interruption import postponed_interruption\n"
+        "from gplfd_experiments.console.interruption import postponed_interruption\n"
         # A shell lets what it starts in the background ignore Ctrl-C.
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "try:\n"

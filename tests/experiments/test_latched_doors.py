@@ -12,16 +12,16 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from gplfd_env import ENVIRONMENT_ID
+from gplfd_env.config import DOORS, DoorConfig
+from gplfd_env.task import Base
+from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.agents import learned
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.rollouts import rollouts
-from gplfd_experiments.teacher import Teacher
 from gplfd_policies import POLICIES, batch_agents
-from gplfd_policies.method import TrainingInput
-from gplfd_env import ENVIRONMENT_ID
-from gplfd_env.config import DOORS, DoorConfig
-from gplfd_env.task import Base
+from gplfd_policies.registry.method import TrainingInput
 
 ROOM = DoorConfig(radius=0.53, handle="lever", latch="spring")
 

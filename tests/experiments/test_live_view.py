@@ -18,13 +18,13 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 
-from gplfd_experiments import cli
+from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording import live, live_view, record_episode
 from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.live import LiveRecording, watched_rollout
 from gplfd_experiments.recording.stream import open_stream
-from gplfd_experiments.teacher import Teacher
 
 Gplfd = Callable[..., int]
 NAMES = {

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController, threadpool_info, threadpool_limits
 
-from gplfd_experiments.teacher import Teacher
+from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import (
     POLICIES,
     Demonstration,
@@ -37,12 +37,12 @@ from gplfd_policies import (
     make_agent,
 )
 from gplfd_policies.adaptation import ADAPTATIONS
-from gplfd_policies.movement import Movement
-from gplfd_policies.one_thread import one_thread
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.movements.movement import Movement
 
 WATCHED = {
     "gplfd_policies.adaptation.conditioning.ConditionedProcess.update",
-    "gplfd_policies.baselines.mixture_of_views._maximised",
+    "gplfd_policies.movements.baselines.mixture_of_views._maximised",
 }
 """Some of the functions whose linear algebra must run on one thread."""
 PHASES = np.linspace(0.0, 1.0, 150)
@@ -230,7 +230,7 @@ import warnings
 
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from gplfd_policies.one_thread import one_thread
+from gplfd_policies.arrays.one_thread import one_thread
 
 warnings.simplefilter("ignore")  # of a fork beside other threads
 

@@ -11,24 +11,24 @@ from typing import Any
 
 import pytest
 
-from gplfd_experiments import cli
-from gplfd_experiments.datasets.minari import open_dataset
+from gplfd_env import ENVIRONMENT_IDS
+from gplfd_env.config import door_config
+from gplfd_experiments.analysis.report.recordings import recording_name
+from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.episodes.agents import reported_errors, where
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.names import file_name
 from gplfd_experiments.files.provenance import content_hash
-from gplfd_experiments.report.recordings import recording_name
-from gplfd_experiments.study.sources import (
+from gplfd_experiments.studies.sources import (
     NO_FILES,
     chosen,
     files_of,
     policy_of,
     source_of,
 )
-from gplfd_experiments.study.tasks import task_from
-from gplfd_policies.registry import policy_named
-from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.config import door_config
+from gplfd_experiments.studies.tasks import task_from
+from gplfd_policies.registry.catalogue import policy_named
 
 OWN = """\
 import os, warnings; import numpy as np
@@ -430,7 +430,7 @@ def test_list_says_where_packaged_policies_come_from(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from gplfd_experiments import catalogue
-    from gplfd_policies.user_policies import PackagedPolicy
+    from gplfd_policies.registry.user_policies import PackagedPolicy
 
     offered: list[Any] = [
         PackagedPolicy(name="theirs", package="robots 1.2", policy=policy_named("gp")),

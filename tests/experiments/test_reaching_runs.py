@@ -9,22 +9,22 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from gplfd_experiments.datasets.npz import (
+from gplfd_env import GRIPPER_ENVIRONMENT_ID
+from gplfd_env.config import DOORS, DoorConfig
+from gplfd_experiments.data.npz import (
     LabelledDemonstrations,
     load_demonstrations,
     save_demonstrations,
 )
-from gplfd_experiments.datasets.reaching import GRASPED, openings, reaches
+from gplfd_experiments.data.reaching import GRASPED, openings, reaches
+from gplfd_experiments.data.teacher import Teacher, TeacherConfig
 from gplfd_experiments.episodes.build import demonstrations_of
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import episode_task
 from gplfd_experiments.recording.stages import stages
-from gplfd_experiments.teacher import Teacher, TeacherConfig
 from gplfd_policies import POLICIES, TrainingInput, as_agent
-from gplfd_policies.reaching import ReachingAgent, learn_reach
-from gplfd_env import GRIPPER_ENVIRONMENT_ID
-from gplfd_env.config import DOORS, DoorConfig
+from gplfd_policies.agents.reaching import ReachingAgent, learn_reach
 
 Gplfd = Callable[..., int]
 MakeLog = Callable[..., EpisodeLog]

@@ -13,6 +13,8 @@ import rerun as rr
 from rerun.chunk import Chunk, RrdReader
 from scipy.spatial.transform import Rotation
 
+from gplfd_env.task import handle_pose_on_arc
+from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording import colours, record_episode
 from gplfd_experiments.recording.geoms import visual_geoms
@@ -25,8 +27,6 @@ from gplfd_experiments.recording.tube import (
     N_RINGS,
     N_SIDES,
 )
-from gplfd_experiments.teacher import Teacher
-from gplfd_env.task import handle_pose_on_arc
 
 MakeLog = Callable[..., EpisodeLog]
 

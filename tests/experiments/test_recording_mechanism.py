@@ -8,6 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from gplfd_env.config import DOORS, DoorConfig, door_config
+from gplfd_env.mobile_base import BASE_JOINTS
+from gplfd_env.scene import build_scene
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording.episode import happening, stage_setting
 from gplfd_experiments.recording.layout import layout
@@ -19,9 +22,6 @@ from gplfd_experiments.recording.mechanism import (
     mechanism_of,
 )
 from gplfd_experiments.recording.part import Part
-from gplfd_env.config import DOORS, DoorConfig, door_config
-from gplfd_env.mobile_base import BASE_JOINTS
-from gplfd_env.scene import build_scene
 
 MakeLog = Callable[..., EpisodeLog]
 ROWS = np.arange(601)

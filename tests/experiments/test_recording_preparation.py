@@ -11,16 +11,16 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.datasets.preparation import Motion, prepare
-from gplfd_experiments.datasets.preparation.hinge import find_hinge, suspicious_order
-from gplfd_experiments.datasets.preparation.report import report, warnings_in
-from gplfd_experiments.datasets.preparation.samples import usable, without_spikes
-from gplfd_experiments.datasets.preparation.settings import Preparation
-from gplfd_experiments.datasets.raw import RawRecording
-from gplfd_experiments.datasets.readers import read_recordings
-from gplfd_experiments.datasets.readers.selection import Selection
 from gplfd_env.se3 import relative_poses
 from gplfd_env.task import handle_pose_on_arc
+from gplfd_experiments.data.preparation import Motion, prepare
+from gplfd_experiments.data.preparation.hinge import find_hinge, suspicious_order
+from gplfd_experiments.data.preparation.report import report, warnings_in
+from gplfd_experiments.data.preparation.samples import usable, without_spikes
+from gplfd_experiments.data.preparation.settings import Preparation
+from gplfd_experiments.data.raw import RawRecording
+from gplfd_experiments.data.readers import read_recordings
+from gplfd_experiments.data.readers.selection import Selection
 
 ROOT = Path(__file__).parents[2]
 RATE = 200.0

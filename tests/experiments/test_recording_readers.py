@@ -34,15 +34,15 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.datasets.npz import save_demonstrations
-from gplfd_experiments.datasets.preparation import prepare
-from gplfd_experiments.datasets.preparation.settings import Preparation
-from gplfd_experiments.datasets.raw import METRES, RawRecording
-from gplfd_experiments.datasets.readers import READERS, read_recordings
-from gplfd_experiments.datasets.readers.mat5 import read_arrays
-from gplfd_experiments.datasets.readers.selection import Selection
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_policies.storage import DecodingBudget
+from gplfd_experiments.data.npz import save_demonstrations
+from gplfd_experiments.data.preparation import prepare
+from gplfd_experiments.data.preparation.settings import Preparation
+from gplfd_experiments.data.raw import METRES, RawRecording
+from gplfd_experiments.data.readers import READERS, read_recordings
+from gplfd_experiments.data.readers.mat5 import read_arrays
+from gplfd_experiments.data.readers.selection import Selection
+from gplfd_policies.arrays.storage import DecodingBudget
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "40"))
 """Damaged files of every kind; 200 take a quarter of a minute each."""
@@ -1024,10 +1024,10 @@ BOMBS: dict[str, tuple[Callable[[Path], None], str, str]] = {
 
 READ_AND_MEASURE = """
 import importlib, resource, sys
-from gplfd_experiments.datasets.readers import READERS, read_recordings
-from gplfd_experiments.datasets.readers.selection import Selection
+from gplfd_experiments.data.readers import READERS, read_recordings
+from gplfd_experiments.data.readers.selection import Selection
 for reader in READERS.values():
-    importlib.import_module(f"gplfd_experiments.datasets.readers.{reader.module}")
+    importlib.import_module(f"gplfd_experiments.data.readers.{reader.module}")
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 for path in sys.argv[1:]:
     try:

@@ -12,9 +12,9 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from gplfd_experiments.commands.run import _draw_without_screen
-from gplfd_experiments.recording import video
 from gplfd_env.camera import Camera
+from gplfd_experiments.cli.commands.run import _draw_without_screen
+from gplfd_experiments.recording import video
 
 Gplfd = Callable[..., int]
 ORACLE = ("run", "--policy", "oracle")

@@ -6,11 +6,11 @@ from typing import Any
 import gymnasium as gym
 import pytest
 
+from gplfd_env import ENVIRONMENT_ID
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.rollouts import rollouts
 from gplfd_policies import batch_agents, make_agent
-from gplfd_env import ENVIRONMENT_ID
 
 
 def opened(

@@ -10,23 +10,23 @@ from pathlib import Path
 
 import pytest
 
-from gplfd_experiments import cli
-from gplfd_experiments.figures import style
-from gplfd_experiments.files.table import Table
-from gplfd_experiments.learning_tests.criteria import CRITERIA
-from gplfd_experiments.report.document import (
+from gplfd_experiments.analysis.figures import style
+from gplfd_experiments.analysis.report.document import (
     Details,
     Document,
     Items,
     Paragraph,
     Section,
 )
-from gplfd_experiments.report.html import html_page, inline
-from gplfd_experiments.report.markdown import markdown_page
-from gplfd_experiments.report.page import report, write_report
-from gplfd_experiments.results.measures import WALL_TIME
-from gplfd_experiments.results.reading import read_results
-from gplfd_experiments.results.statistics import success_rate
+from gplfd_experiments.analysis.report.html import html_page, inline
+from gplfd_experiments.analysis.report.markdown import markdown_page
+from gplfd_experiments.analysis.report.page import report, write_report
+from gplfd_experiments.analysis.results.measures import WALL_TIME
+from gplfd_experiments.analysis.results.reading import read_results
+from gplfd_experiments.analysis.results.statistics import success_rate
+from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.files.table import Table
+from gplfd_experiments.studies.learning_tests.criteria import CRITERIA
 
 VOID = {"meta", "img", "br", "link", "hr"}
 

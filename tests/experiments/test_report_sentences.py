@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gplfd_experiments.report import sentences
-from gplfd_experiments.results.measures import EPISODE_MEASURES, number_text
+from gplfd_experiments.analysis.report import sentences
+from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES, number_text
 
 FORCE = EPISODE_MEASURES["force_radial_peak"]
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from gplfd_experiments.results.statistics import (
+from gplfd_experiments.analysis.results.statistics import (
     FEWEST_PAIRS,
     _signed_rank_quantile,
     holm,

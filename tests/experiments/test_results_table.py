@@ -3,14 +3,23 @@
 import pytest
 from scipy.stats import binomtest
 
+from gplfd_env.config import DOORS
+from gplfd_experiments.analysis.results.grouping import (
+    by_door_kind,
+    counted,
+    numbers,
+    ranked,
+)
+from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES
+from gplfd_experiments.analysis.results.reading import read_results
+from gplfd_experiments.analysis.results.statistics import (
+    paired,
+    signed_rank,
+    success_rate,
+)
+from gplfd_experiments.analysis.results.table import remarks, run_table, study_table
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.files.table import Table, html_table, markdown_table, text_table
-from gplfd_experiments.results.grouping import by_door_kind, counted, numbers, ranked
-from gplfd_experiments.results.measures import EPISODE_MEASURES
-from gplfd_experiments.results.reading import read_results
-from gplfd_experiments.results.statistics import paired, signed_rank, success_rate
-from gplfd_experiments.results.table import remarks, run_table, study_table
-from gplfd_env.config import DOORS
 
 SMALL = Table(columns=("name", "a|b\n[m]"), rows=(("x", "1"), ("long", "2.5\nmore")))
 

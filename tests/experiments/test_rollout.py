@@ -10,7 +10,7 @@ import pytest
 from gplfd_experiments.episodes.log import PER_STEP, EpisodeLog
 from gplfd_experiments.episodes.recorder import ForecastRecorder
 from gplfd_experiments.episodes.rollout import Progress, rollout
-from gplfd_policies.trajectory import GaussianTrajectory
+from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 
 @pytest.fixture

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
+from gplfd_env import ENVIRONMENT_ID, ENVIRONMENT_IDS
+from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.episodes.rollouts import rollouts
-from gplfd_experiments.teacher import Teacher
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_policies.lockstep import batch_agents
-from gplfd_policies.registry import make_agent
-from gplfd_env import ENVIRONMENT_ID, ENVIRONMENT_IDS
+from gplfd_policies.agents.lockstep import batch_agents
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.registry.catalogue import make_agent
 
 DOORS, SEEDS = (0.35, 0.42, 0.5), (5, 6, 7)
 

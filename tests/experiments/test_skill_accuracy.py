@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from gplfd_experiments.learning_tests.accuracy import (
+from gplfd_experiments.studies.learning_tests.accuracy import (
     accuracy,
     averaged,
     spread_followed,
 )
-from gplfd_policies.trajectory import GaussianTrajectory
+from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 
 def predicted(mean: np.ndarray, std: np.ndarray) -> GaussianTrajectory:

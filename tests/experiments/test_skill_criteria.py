@@ -5,8 +5,13 @@ from typing import Any
 
 import pytest
 
-from gplfd_experiments.learning_tests.criteria import CRITERIA, Criterion, Limit, mark
-from gplfd_policies.built_in import TABLE_1
+from gplfd_experiments.studies.learning_tests.criteria import (
+    CRITERIA,
+    Criterion,
+    Limit,
+    mark,
+)
+from gplfd_policies.registry.built_in import TABLE_1
 
 ROW = Criterion(
     row="Made up",

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gplfd_experiments.learning_tests.folds import aligned_to, folds
-from gplfd_experiments.teacher import Teacher, TeacherConfig
-from gplfd_policies.alignment import align
-from gplfd_policies.demonstrations import Demonstration
+from gplfd_experiments.data.teacher import Teacher, TeacherConfig
+from gplfd_experiments.studies.learning_tests.folds import aligned_to, folds
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 RADII = (0.35, 0.50, 0.65)
 

@@ -10,22 +10,26 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.learning_tests import tumbling as tumbling_module
-from gplfd_experiments.learning_tests.extrapolation import beyond
-from gplfd_experiments.learning_tests.folds import OnPhases, folds
-from gplfd_experiments.learning_tests.tumbling import (
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.studies.learning_tests import tumbling as tumbling_module
+from gplfd_experiments.studies.learning_tests.extrapolation import beyond
+from gplfd_experiments.studies.learning_tests.folds import OnPhases, folds
+from gplfd_experiments.studies.learning_tests.tumbling import (
     TUMBLE_STD,
     tumble,
     tumbled_rotations,
     tumbling,
 )
-from gplfd_experiments.learning_tests.via_points import GRID, adaptation
-from gplfd_experiments.teacher import Teacher
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.alignment import align
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_policies.method import Method, TrainingInput
-from gplfd_policies.trajectory import GaussianTrajectory, ViaPoint, white_covariance
+from gplfd_experiments.studies.learning_tests.via_points import GRID, adaptation
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.trajectory import (
+    GaussianTrajectory,
+    ViaPoint,
+    white_covariance,
+)
+from gplfd_policies.registry.method import Method, TrainingInput
 
 RADII = (0.35, 0.50, 0.65)
 Curve = Callable[[np.ndarray], np.ndarray]

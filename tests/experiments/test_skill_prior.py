@@ -6,15 +6,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from gplfd_experiments.learning_tests.extrapolation import prior_mean_used
-from gplfd_experiments.learning_tests.methods import learn
-from gplfd_experiments.teacher import Teacher
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.alignment import align
-from gplfd_policies.method import Method, TrainingInput
-from gplfd_policies.movement import Movement
-from gplfd_policies.registry import POLICIES
-from gplfd_policies.trajectory import GaussianTrajectory
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.studies.learning_tests.extrapolation import prior_mean_used
+from gplfd_experiments.studies.learning_tests.methods import learn
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.movements.movement import Movement
+from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.registry.catalogue import POLICIES
+from gplfd_policies.registry.method import Method, TrainingInput
 
 DEMONSTRATIONS = Teacher().demonstrate_doors(
     (0.35, 0.50, 0.65), 2, rng=np.random.default_rng(0)

@@ -8,26 +8,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_experiments import cli
-from gplfd_experiments.datasets.npz import (
+from gplfd_env.task import handle_pose_on_arc
+from gplfd_experiments.analysis.report.recorded import _advice
+from gplfd_experiments.analysis.results.reading import read_results
+from gplfd_experiments.analysis.results.records import RecordedResult
+from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.data.npz import (
     hash_of,
     load_demonstrations,
     save_demonstrations,
 )
-from gplfd_experiments.learning_tests.folds import aligned_to
-from gplfd_experiments.learning_tests.methods import learn
-from gplfd_experiments.learning_tests.recorded import recorded_metrics
-from gplfd_experiments.report.recorded import _advice
-from gplfd_experiments.results.reading import read_results
-from gplfd_experiments.results.records import RecordedResult
-from gplfd_experiments.study.jobs import run_job
-from gplfd_experiments.study.plan import recorded_tasks
-from gplfd_experiments.study.tasks import RecordedTask, task_from
-from gplfd_experiments.teacher import Teacher
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.studies.jobs import run_job
+from gplfd_experiments.studies.learning_tests.folds import aligned_to
+from gplfd_experiments.studies.learning_tests.methods import learn
+from gplfd_experiments.studies.learning_tests.recorded import recorded_metrics
+from gplfd_experiments.studies.plan import recorded_tasks
+from gplfd_experiments.studies.tasks import RecordedTask, task_from
 from gplfd_policies import POLICIES
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_policies.method import Method
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.registry.method import Method
 
 
 def arcs(radii: tuple[float, ...] = (0.40, 0.45, 0.50, 0.55)) -> list[Demonstration]:
@@ -192,8 +192,8 @@ def test_recordings_that_no_method_can_learn_from_are_reported(
     Path("out").mkdir()
     Path("out/skill.rrd").write_text("of an earlier go")
     for module in (
-        "gplfd_experiments.learning_tests.recorded",
-        "gplfd_experiments.skills",
+        "gplfd_experiments.studies.learning_tests.recorded",
+        "gplfd_experiments.workflows.skills",
     ):
         monkeypatch.setattr(f"{module}.learn", refused)
     assert cli.main([*command, "--policies", "dmp", "gmr"]) == 1

@@ -8,17 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_experiments.learning_tests.folds import folds
-from gplfd_experiments.learning_tests.methods import learn
-from gplfd_experiments.learning_tests.scores import method_metrics
-from gplfd_experiments.teacher import Teacher, TeacherConfig
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.alignment import align
-from gplfd_policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
-from gplfd_policies.built_in import TABLE_1
-from gplfd_policies.method import Method, TrainingInput
-from gplfd_policies.registry import POLICIES
-from gplfd_policies.trajectory import GaussianTrajectory
+from gplfd_experiments.data.teacher import Teacher, TeacherConfig
+from gplfd_experiments.studies.learning_tests.folds import folds
+from gplfd_experiments.studies.learning_tests.methods import learn
+from gplfd_experiments.studies.learning_tests.scores import method_metrics
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.movements.baselines.wishart_gp import (
+    WishartGPConfig,
+    fit_wishart_gp,
+)
+from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.registry.built_in import TABLE_1
+from gplfd_policies.registry.catalogue import POLICIES
+from gplfd_policies.registry.method import Method, TrainingInput
 
 RADII = (0.35, 0.50, 0.65)
 TEACHER = dataclasses.asdict(TeacherConfig(duration_mean=2.0, sampling_rate=30.0))

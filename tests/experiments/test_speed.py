@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gplfd_experiments.commands.speed import PartName
+from gplfd_experiments.cli.commands.speed import PartName
 from gplfd_experiments.files.table import text_table
 from gplfd_experiments.speed import fit, peers, timing
 from gplfd_experiments.speed.known_process import KnownProcess
@@ -17,9 +17,9 @@ from gplfd_experiments.speed.parts import PARTS, announcement
 from gplfd_experiments.speed.report import at_least, at_most, between, value_table
 from gplfd_experiments.speed.scores import score
 from gplfd_experiments.speed.timing import Timed, Timing, after, measure, repeated
-from gplfd_policies.dynamic_time_warping import dynamic_time_warping
-from gplfd_policies.skill import fit_skill
-from gplfd_policies.trajectory import GaussianTrajectory
+from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
+from gplfd_policies.movements.skill import fit_skill
+from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 Gplfd = Callable[..., int]
 

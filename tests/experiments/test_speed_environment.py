@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import gplfd_env.scene
+from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
+from gplfd_env.door_opening import DoorOpeningEnv
 from gplfd_experiments.speed import environment, timing, vectors
 from gplfd_experiments.speed.environment import measure_resets, measure_steps
 from gplfd_experiments.speed.timing import Timed, Timing
 from gplfd_experiments.speed.vectors import measure_vectors
-from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
-from gplfd_env.door_opening import DoorOpeningEnv
 
 # --- Steps -------------------------------------------------------------------
 

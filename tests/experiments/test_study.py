@@ -8,15 +8,20 @@ import re
 
 import pytest
 
+from gplfd_env.config import DoorConfig
+from gplfd_experiments.analysis.results.measures import (
+    LEARNING_MEASURES,
+    RECORDED_MEASURES,
+)
+from gplfd_experiments.data.teacher import synthetic_human
 from gplfd_experiments.episodes.build import make_environment
 from gplfd_experiments.episodes.metrics import EpisodeMetrics
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.files import provenance
 from gplfd_experiments.files.plain_data import NewerFormatError
-from gplfd_experiments.results.measures import LEARNING_MEASURES, RECORDED_MEASURES
-from gplfd_experiments.study import jobs, runner, store
-from gplfd_experiments.study.engines import Lost
-from gplfd_experiments.study.result_format import (
+from gplfd_experiments.studies import jobs, runner, store
+from gplfd_experiments.studies.engines import Lost
+from gplfd_experiments.studies.result_format import (
     EPISODE_METRICS,
     FORECAST_METRICS,
     LEARNING_METRICS,
@@ -24,11 +29,9 @@ from gplfd_experiments.study.result_format import (
     VERSION,
     lost,
 )
-from gplfd_experiments.study.runner import run_study
-from gplfd_experiments.study.store import made_by_other_code
-from gplfd_experiments.study.tasks import SkillTask, jobs_of, task_from
-from gplfd_experiments.teacher import synthetic_human
-from gplfd_env.config import DoorConfig
+from gplfd_experiments.studies.runner import run_study
+from gplfd_experiments.studies.store import made_by_other_code
+from gplfd_experiments.studies.tasks import SkillTask, jobs_of, task_from
 
 DOORS = {"small": {"radius": 0.35}, "large": {"radius": 0.65}}
 

@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gplfd_env.config import door_config
 from gplfd_experiments.episodes import build
 from gplfd_experiments.episodes.metrics import EpisodeMetrics
 from gplfd_experiments.episodes.task import EpisodeTask
-from gplfd_experiments.study import jobs
-from gplfd_experiments.study.engines.processes import Processes
-from gplfd_experiments.study.jobs import episode_logs, run_job
-from gplfd_experiments.study.result_format import VERSION
-from gplfd_experiments.study.runner import run_study
-from gplfd_experiments.study.store import stored_result
-from gplfd_experiments.study.tasks import SkillTask, jobs_of
-from gplfd_policies import registry
+from gplfd_experiments.studies import jobs
+from gplfd_experiments.studies.engines.processes import Processes
+from gplfd_experiments.studies.jobs import episode_logs, run_job
+from gplfd_experiments.studies.result_format import VERSION
+from gplfd_experiments.studies.runner import run_study
+from gplfd_experiments.studies.store import stored_result
+from gplfd_experiments.studies.tasks import SkillTask, jobs_of
 from gplfd_policies.adaptation import ProcessAdaptation
-from gplfd_policies.method import Method, TrainingInput
-from gplfd_policies.skill import fit_skill
-from gplfd_env.config import door_config
+from gplfd_policies.movements.skill import fit_skill
+from gplfd_policies.registry.catalogue import catalogue as registry
+from gplfd_policies.registry.method import Method, TrainingInput
 
 MakeLog = Callable[..., Any]
 

@@ -9,17 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gplfd_experiments.data.teacher import TeacherConfig, standard_teacher
 from gplfd_experiments.episodes.task import EpisodeTask
-from gplfd_experiments.study.plan import checked, noisy_teacher, tasks
-from gplfd_experiments.study.settings import PRESETS, StudySettings
-from gplfd_experiments.study.settings_file import (
+from gplfd_experiments.studies.plan import checked, noisy_teacher, tasks
+from gplfd_experiments.studies.settings import PRESETS, StudySettings
+from gplfd_experiments.studies.settings_file import (
     read_settings,
     settings_named,
     write_settings,
 )
-from gplfd_experiments.study.tasks import SkillTask
-from gplfd_experiments.teacher import TeacherConfig, standard_teacher
-from gplfd_policies.built_in import TABLE_1
+from gplfd_experiments.studies.tasks import SkillTask
+from gplfd_policies.registry.built_in import TABLE_1
 
 NAMES = st.lists(st.text(st.characters(exclude_categories=["Cs"])), max_size=3)
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.teacher import Teacher, TeacherConfig
-from gplfd_experiments.teacher.random_motion import (
+from gplfd_experiments.data.teacher import Teacher, TeacherConfig
+from gplfd_experiments.data.teacher.random_motion import (
     coloured_noise,
     minimum_jerk,
     smooth_functions,

@@ -5,13 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gplfd_experiments.teacher import (
+from gplfd_env.config import DoorConfig
+from gplfd_env.geometry import DoorGeometry
+from gplfd_env.se3 import compose_rotvecs
+from gplfd_experiments.data.teacher import (
     DEMONSTRATED_RADII,
     ROOM_RADII,
     Teacher,
     TeacherConfig,
 )
-from gplfd_experiments.teacher.handle_motion import (
+from gplfd_experiments.data.teacher.handle_motion import (
     Press,
     doors_like,
     draw_press,
@@ -19,9 +22,6 @@ from gplfd_experiments.teacher.handle_motion import (
     let_back,
     worked,
 )
-from gplfd_env.config import DoorConfig
-from gplfd_env.geometry import DoorGeometry
-from gplfd_env.se3 import compose_rotvecs
 
 SILENT = TeacherConfig(
     wobble_position_std=0.0,

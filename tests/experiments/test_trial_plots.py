@@ -8,15 +8,19 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
-from gplfd_experiments.figures import style
-from gplfd_experiments.report import trials as module
-from gplfd_experiments.report.page import report
-from gplfd_experiments.report.trial_plots import deciding_numbers, ideas, kind_of
-from gplfd_experiments.results.reading import read_results
-from gplfd_experiments.results.statistics import Shift
-from gplfd_experiments.results.trials import Answer, of_trial, summary
-from gplfd_experiments.trials.protocol import TRIALS
-from gplfd_experiments.trials.records import Contrast, Side
+from gplfd_experiments.analysis.figures import style
+from gplfd_experiments.analysis.report import trials as module
+from gplfd_experiments.analysis.report.page import report
+from gplfd_experiments.analysis.report.trial_plots import (
+    deciding_numbers,
+    ideas,
+    kind_of,
+)
+from gplfd_experiments.analysis.results.reading import read_results
+from gplfd_experiments.analysis.results.statistics import Shift
+from gplfd_experiments.analysis.results.trials import Answer, of_trial, summary
+from gplfd_experiments.studies.trials.protocol import TRIALS
+from gplfd_experiments.studies.trials.records import Contrast, Side
 
 FORCE = "person_force_peak"
 POLICIES = {"kmp": 20.0, "gp": 30.0, "hinge-fit": 40.0, "gp-constant-100": 50.0}

@@ -8,18 +8,18 @@ from typing import Any
 
 import pytest
 
-from gplfd_experiments import trial_recordings as module
-from gplfd_experiments.cli import main
-from gplfd_experiments.extremes import COMPARED
-from gplfd_experiments.report.markdown import markdown_page
-from gplfd_experiments.report.page import report
-from gplfd_experiments.results.reading import read_results
-from gplfd_experiments.results.trials import of_trial
-from gplfd_experiments.study.runner import run_study
-from gplfd_experiments.trial_recordings import record_trials, side_by_side
-from gplfd_experiments.trials.plan import named_trials, trial_tasks
-from gplfd_experiments.trials.protocol import CONSTANT, TRIALS
-from gplfd_experiments.trials.records import Contrast, Side
+from gplfd_experiments.analysis.report.markdown import markdown_page
+from gplfd_experiments.analysis.report.page import report
+from gplfd_experiments.analysis.results.reading import read_results
+from gplfd_experiments.analysis.results.trials import of_trial
+from gplfd_experiments.cli.main import main
+from gplfd_experiments.studies.runner import run_study
+from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
+from gplfd_experiments.studies.trials.protocol import CONSTANT, TRIALS
+from gplfd_experiments.studies.trials.records import Contrast, Side
+from gplfd_experiments.workflows import trial_recordings as module
+from gplfd_experiments.workflows.extremes import COMPARED
+from gplfd_experiments.workflows.trial_recordings import record_trials, side_by_side
 
 
 @pytest.fixture
@@ -139,7 +139,7 @@ def test_the_command_records_when_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorded: list[Path] = []
-    monkeypatch.setattr("gplfd_experiments.study.session.carry_out", lambda *_: 0)
+    monkeypatch.setattr("gplfd_experiments.studies.session.carry_out", lambda *_: 0)
     monkeypatch.setattr(module, "record_trials", recorded.append)
     arguments = ["trials", "--trials", "stop", "--out", str(tmp_path), "--quiet"]
     assert main(arguments) == 0

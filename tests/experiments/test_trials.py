@@ -10,19 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_experiments.cli import main
-from gplfd_experiments.report.markdown import markdown_page
-from gplfd_experiments.report.page import report, write_report
-from gplfd_experiments.results.protocol_check import protocol_problems
-from gplfd_experiments.results.reading import read_all, read_results
-from gplfd_experiments.results.statistics import FEWEST_PAIRS, success_rate
-from gplfd_experiments.results.trials import answered, of_trial, summary
-from gplfd_experiments.results.trials_file import trial_answers
-from gplfd_experiments.study import jobs, runner
-from gplfd_experiments.study.tasks import jobs_of, task_from
-from gplfd_experiments.trials import plan
-from gplfd_experiments.trials.plan import named_trials, trial_tasks
-from gplfd_experiments.trials.protocol import (
+from gplfd_env.disturbance import disturbance_named
+from gplfd_env.randomization import door_randomization
+from gplfd_experiments.analysis.report.markdown import markdown_page
+from gplfd_experiments.analysis.report.page import report, write_report
+from gplfd_experiments.analysis.results.protocol_check import protocol_problems
+from gplfd_experiments.analysis.results.reading import read_all, read_results
+from gplfd_experiments.analysis.results.statistics import FEWEST_PAIRS, success_rate
+from gplfd_experiments.analysis.results.trials import answered, of_trial, summary
+from gplfd_experiments.analysis.results.trials_file import trial_answers
+from gplfd_experiments.cli.main import main
+from gplfd_experiments.studies import jobs, runner
+from gplfd_experiments.studies.tasks import jobs_of, task_from
+from gplfd_experiments.studies.trials import plan
+from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
+from gplfd_experiments.studies.trials.protocol import (
     CONSTANT,
     EVERYWHERE,
     PARTS,
@@ -31,10 +33,8 @@ from gplfd_experiments.trials.protocol import (
     TUNED,
     VERSION,
 )
-from gplfd_experiments.trials.records import MEASURES, Contrast, Side
-from gplfd_policies.registry import POLICIES
-from gplfd_env.disturbance import disturbance_named
-from gplfd_env.randomization import door_randomization
+from gplfd_experiments.studies.trials.records import MEASURES, Contrast, Side
+from gplfd_policies.registry.catalogue import POLICIES
 
 ROOT = Path(__file__).parents[2]
 MakeEpisode = Callable[..., dict[str, Any]]

@@ -4,25 +4,25 @@ import json
 
 import pytest
 
-from gplfd_experiments.cli import main
-from gplfd_experiments.learning_tests.scores import method_metrics
-from gplfd_experiments.study import engines
-from gplfd_experiments.study.engines import Lost
-from gplfd_experiments.study.engines.serial import Serial
-from gplfd_experiments.study.settings import PRESETS
-from gplfd_experiments.teacher import standard_teacher
-from gplfd_experiments.tuning import objective, search
-from gplfd_experiments.tuning.candidates import (
+from gplfd_env.config import DOORS
+from gplfd_experiments.cli.main import main
+from gplfd_experiments.data.teacher import standard_teacher
+from gplfd_experiments.studies import engines
+from gplfd_experiments.studies.engines import Lost
+from gplfd_experiments.studies.engines.serial import Serial
+from gplfd_experiments.studies.learning_tests.scores import method_metrics
+from gplfd_experiments.studies.settings import PRESETS
+from gplfd_experiments.studies.tuning import objective, search
+from gplfd_experiments.studies.tuning.candidates import (
     STANDARD,
     Candidate,
     Protocol,
     candidates,
     checked_policies,
 )
-from gplfd_experiments.tuning.objective import best, evaluate
+from gplfd_experiments.studies.tuning.objective import best, evaluate
 from gplfd_policies import POLICIES
-from gplfd_policies.tuning_spaces import SPACES, tuned_settings
-from gplfd_env.config import DOORS
+from gplfd_policies.registry.tuning_spaces import SPACES, tuned_settings
 
 SMALL = Protocol(evaluations=5, seeds=(1000,), radii=(0.46,))
 

@@ -11,7 +11,7 @@ import pytest
 import tyro
 from PIL import Image
 
-from gplfd_experiments.trials.protocol import TRIALS, VERSION
+from gplfd_experiments.studies.trials.protocol import TRIALS, VERSION
 
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT / "benchmarks"))  # as for a script that is run

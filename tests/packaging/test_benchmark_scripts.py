@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 import tyro
 
-from gplfd_experiments.datasets.npz import save_demonstrations
-from gplfd_experiments.learning_tests.recorded import recorded_metrics
-from gplfd_experiments.teacher import Teacher
+from gplfd_experiments.data.npz import save_demonstrations
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.studies.learning_tests.recorded import recorded_metrics
 from gplfd_policies import POLICIES
 
 ROOT = Path(__file__).parents[2]

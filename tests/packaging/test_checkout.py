@@ -17,8 +17,9 @@ from hatchling.builders.wheel import WheelBuilder
 ROOT = Path(__file__).parents[2]
 PACKAGES = {
     "gplfd_env": "gplfd_env",
-    "policies": "gplfd/policies",
-    "experiments": "gplfd/experiments",
+    "policies/gplfd_policies": "gplfd_policies",
+    "experiments/gplfd_experiments": "gplfd_experiments",
+    "experiments/gplfd": "gplfd",
 }
 """Where folders of the checkout are in a wheel."""
 
@@ -86,7 +87,7 @@ def test_wheel_has_every_module_asset_and_marker(wheel: zipfile.ZipFile) -> None
     for folder, package in PACKAGES.items():
         for module in (ROOT / folder).rglob("*.py"):
             assert f"{package}/{module.relative_to(ROOT / folder)}" in names
-    assert {"gplfd/py.typed", "gplfd_env/py.typed"} <= names
+    assert {f"{package}/py.typed" for package in PACKAGES.values()} <= names
     for asset in (ROOT / "assets").iterdir():
         assert f"gplfd_env/assets/{asset.name}" in names
         assert wheel.read(f"gplfd_env/assets/{asset.name}") == asset.read_bytes()
@@ -94,7 +95,7 @@ def test_wheel_has_every_module_asset_and_marker(wheel: zipfile.ZipFile) -> None
 
 def test_wheel_has_nothing_else(wheel: zipfile.ZipFile) -> None:
     tops = {name.split("/")[0] for name in wheel.namelist()}
-    (metadata,) = tops - {"gplfd", "gplfd_env"}
+    (metadata,) = tops - {*PACKAGES.values()}
     assert metadata.endswith(".dist-info")
     modules = [name.split("/")[-1] for name in wheel.namelist()]
     assert not [name for name in modules if name.startswith(("test_", "conftest"))]

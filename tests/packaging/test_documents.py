@@ -16,9 +16,9 @@ import pytest
 import yaml
 
 import gplfd_env  # noqa: F401  (registers the ids)
-from gplfd_experiments import cli
-from gplfd_experiments.study.settings import StudySettings
-from gplfd_experiments.study.settings_file import write_settings
+from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.studies.settings import StudySettings
+from gplfd_experiments.studies.settings_file import write_settings
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -65,15 +65,15 @@ def folder_of(package: str) -> Path:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_the_import_names_are_ours(package: str) -> None:
-    """`policies` and `experiments` are folders of the checkout, and no names to import
-    but within `gplfd`: other projects and users' folders have them, too.
+    """`policies` and `experiments` are folders of the checkout, not import names:
+    other projects and users' folders have them, too.
     """
     distribution = importlib.metadata.distribution("gplfd")
     origin = json.loads(distribution.read_text("direct_url.json") or "{}")
     if origin.get("dir_info", {}).get("editable"):
         # An editable installation lists no packages, only the checkout's address.
-        checkout = url2pathname(urlparse(origin["url"]).path)
-        assert folder_of(package).resolve().parent == Path(checkout).resolve()
+        checkout = Path(url2pathname(urlparse(origin["url"]).path)).resolve()
+        assert folder_of(package).resolve().is_relative_to(checkout)
     else:
         owners = importlib.metadata.packages_distributions()
         assert owners[package.split(".")[0]] == ["gplfd"]
@@ -89,13 +89,17 @@ def test_folders_of_the_same_names_are_the_users_own(tmp_path: Path) -> None:
     program = (
         "import policies, experiments\n"
         "from gplfd_policies import make_agent\n"
-        "from gplfd_experiments.teacher import Teacher\n"
+        "from gplfd_experiments.data.teacher import Teacher\n"
         "print(policies.mine, experiments.mine, make_agent.__module__)\n"
     )
-    assert run(program, tmp_path).split() == ["True", "True", "gplfd_policies.registry"]
+    assert run(program, tmp_path).split() == [
+        "True",
+        "True",
+        "gplfd_policies.registry.catalogue",
+    ]
 
 
-@pytest.mark.parametrize("package", ["gplfd", "gplfd_env"])
+@pytest.mark.parametrize("package", ["gplfd", *PACKAGES])
 def test_packages_are_marked_as_typed(package: str) -> None:
     assert (folder_of(package) / "py.typed").is_file()
 

@@ -82,7 +82,7 @@ def test_a_policy_in_the_working_folder_is_found_with_what_it_imports(
     (tmp_path / "beside.py").write_text("NAME = 'oracle'\n")
     (tmp_path / "mine.py").write_text(
         "from beside import NAME\n"
-        "from gplfd_policies.registry import POLICIES\n"
+        "from gplfd_policies.registry.catalogue import POLICIES\n"
         "make = POLICIES[NAME].make\n"
     )
     own = ("run", "--policy", "mine:make", "--doors", "small", "--out", "run")

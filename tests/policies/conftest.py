@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from gplfd_policies.alignment import align
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_policies.skill import Skill, fit_skill
 from gplfd_env.task import handle_pose_on_arc
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.skill import Skill, fit_skill
 
 RADII = (0.35, 0.50, 0.65)
 

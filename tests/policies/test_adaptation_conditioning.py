@@ -11,7 +11,7 @@ from gplfd_policies.adaptation import (
 )
 from gplfd_policies.adaptation.conditioning import ConditionedProcess, Repetition
 from gplfd_policies.adaptation.product import product_of_gaussians
-from gplfd_policies.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.deviations import (
     DeviationLikelihood,
     DeviationProcess,
@@ -21,8 +21,8 @@ from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis
 from gplfd_policies.gp.noise import LEAST_SPREAD, MapNoise
-from gplfd_policies.skill import Skill, fit_skill
-from gplfd_policies.trajectory import ViaPoint
+from gplfd_policies.movements.skill import Skill, fit_skill
+from gplfd_policies.movements.trajectory import ViaPoint
 
 TIMES = np.linspace(0.0, 1.0, 60)
 ANGLE = 1.2

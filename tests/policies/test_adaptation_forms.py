@@ -15,11 +15,11 @@ from gplfd_policies.adaptation import (
     adapt,
     begin_adaptation,
 )
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.baselines.promp import fit_promp
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.deviations import conjugate_share
-from gplfd_policies.skill import Skill, fit_skill
-from gplfd_policies.trajectory import ViaPoint
+from gplfd_policies.movements.baselines.promp import fit_promp
+from gplfd_policies.movements.skill import Skill, fit_skill
+from gplfd_policies.movements.trajectory import ViaPoint
 
 TIMES = np.linspace(0.0, 1.0, 50)
 FORMS = sorted(ADAPTATIONS)

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from gplfd_env.task import handle_pose_on_arc
 from gplfd_policies import Demonstration, PosePath, ViaPoint, adapt, align, fit_skill
 from gplfd_policies.adaptation import OwnClockAdaptation, ProcessAdaptation
 from gplfd_policies.adaptation.conditioning import (
@@ -18,8 +19,7 @@ from gplfd_policies.adaptation.process import demonstrated_repetition
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis
 from gplfd_policies.gp.timing import timing_covariance
-from gplfd_policies.residual import fit_residual
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_policies.movements.residual import fit_residual
 
 TIMES = np.linspace(0.0, 1.0, 60)
 PATH = RBF(length_scale=0.3, signal_std=0.05)

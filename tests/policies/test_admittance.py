@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
-from gplfd_policies.controllers.admittance import Admittance
-from gplfd_policies.controllers.stability import StiffnessGovernor, decay_rate
-from gplfd_policies.controllers.stiffness import (
+from gplfd_policies.control.admittance import Admittance
+from gplfd_policies.control.stability import StiffnessGovernor, decay_rate
+from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
     PAPER_DYNAMICS,

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gplfd_policies.adaptation import ProcessAdaptation
-from gplfd_policies.agent import CompliantAgent
-from gplfd_policies.compliance import ComplianceConfig
-from gplfd_policies.controllers.stability import rate_bound
-from gplfd_policies.controllers.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
-from gplfd_policies.empirical import EmpiricalDistribution
-from gplfd_policies.gridded import GriddedMovement
-from gplfd_policies.load import CarriedLoad, YieldToAll
-from gplfd_policies.members import EVERY_MEMBER
-from gplfd_policies.path_phase import PathPhase
-from gplfd_policies.phase import POSE_ERROR, ClockPhase, PhaseEstimate
-from gplfd_policies.registry import make_agent
-from gplfd_policies.trajectory import GaussianTrajectory
 from gplfd_env.task import handle_pose_on_arc
+from gplfd_policies.adaptation import ProcessAdaptation
+from gplfd_policies.adaptation.gridded import GriddedMovement
+from gplfd_policies.agents.agent import CompliantAgent
+from gplfd_policies.arrays.members import EVERY_MEMBER
+from gplfd_policies.control.compliance import ComplianceConfig
+from gplfd_policies.control.load import CarriedLoad, YieldToAll
+from gplfd_policies.control.stability import rate_bound
+from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
+from gplfd_policies.movements.empirical import EmpiricalDistribution
+from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.phase.path_phase import PathPhase
+from gplfd_policies.phase.phase_rule import POSE_ERROR, ClockPhase, PhaseEstimate
+from gplfd_policies.registry.catalogue import make_agent
 
 PERIOD = 0.01
 

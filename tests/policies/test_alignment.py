@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.alignment import align
-from gplfd_policies.completion import task_completion_index
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_policies.denoising import denoised_steps
-from gplfd_policies.dynamic_time_warping import dynamic_time_warping
 from gplfd_env.se3 import canonical_rotvec, pose_distance
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.completion import task_completion_index
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.denoising import denoised_steps
+from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 
 METHODS = ["interpolation", "directions", "dtw", "dtw-euclidean"]
 

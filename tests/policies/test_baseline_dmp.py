@@ -10,11 +10,15 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.alignment import align
-from gplfd_policies.baselines.dmp import DMPConfig, DynamicMovementPrimitive, fit_dmp
-from gplfd_policies.movement import Adaptable, Movement
 from gplfd_env.se3 import compose_rotvecs, rotation_distance
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.movements.baselines.dmp import (
+    DMPConfig,
+    DynamicMovementPrimitive,
+    fit_dmp,
+)
+from gplfd_policies.movements.movement import Adaptable, Movement
 
 GRID = np.linspace(0.0, 1.0, 101)
 TURN = np.array([1.5, -1.0, 0.8])

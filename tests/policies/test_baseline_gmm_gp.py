@@ -9,17 +9,21 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
 from gplfd_policies.adaptation import OwnAdaptation
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.alignment import align
-from gplfd_policies.baselines.gmm_gp import GMMGaussianProcess, GMMGPConfig, fit_gmm_gp
-from gplfd_policies.baselines.gmr import GMRConfig, fit_gmr
-from gplfd_policies.baselines.mixture_kernel import (
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.movements.baselines.gmm_gp import (
+    GMMGaussianProcess,
+    GMMGPConfig,
+    fit_gmm_gp,
+)
+from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
+from gplfd_policies.movements.baselines.mixture_kernel import (
     Evidence,
     LengthScaleConfig,
     MixtureKernel,
 )
-from gplfd_policies.movement import Adaptable
-from gplfd_policies.trajectory import ViaPoint
+from gplfd_policies.movements.movement import Adaptable
+from gplfd_policies.movements.trajectory import ViaPoint
 
 GRID = np.linspace(0.0, 1.0, 41)
 

@@ -7,14 +7,14 @@ import gmr
 import numpy as np
 import pytest
 
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.alignment import align
-from gplfd_policies.baselines.gmr import (
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.movements.baselines.gmr import (
     GaussianMixtureRegression,
     GMRConfig,
     fit_gmr,
 )
-from gplfd_policies.movement import Adaptable, Movement
+from gplfd_policies.movements.movement import Adaptable, Movement
 
 TIMES = np.linspace(0.0, 1.0, 60)
 

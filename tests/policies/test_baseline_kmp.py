@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from gplfd_policies.adaptation import OwnAdaptation
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.alignment import align
-from gplfd_policies.baselines.gmr import GMRConfig
-from gplfd_policies.baselines.kmp import KernelizedMovementPrimitive, KMPConfig, fit_kmp
-from gplfd_policies.movement import Adaptable
-from gplfd_policies.trajectory import ViaPoint
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.movements.baselines.gmr import GMRConfig
+from gplfd_policies.movements.baselines.kmp import (
+    KernelizedMovementPrimitive,
+    KMPConfig,
+    fit_kmp,
+)
+from gplfd_policies.movements.movement import Adaptable
+from gplfd_policies.movements.trajectory import ViaPoint
 
 GRID = np.linspace(0.0, 1.0, 41)
 FREE = 1e6

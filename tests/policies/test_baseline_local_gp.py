@@ -9,14 +9,14 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF as SklearnRBF
 from sklearn.gaussian_process.kernels import ConstantKernel, WhiteKernel
 
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.baselines.local_gp import (
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.movements.baselines.local_gp import (
     LocalGaussianProcesses,
     LocalGPConfig,
     fit_local_gp,
 )
-from gplfd_policies.movement import Adaptable, Movement
-from gplfd_policies.skill import fit_skill
+from gplfd_policies.movements.movement import Adaptable, Movement
+from gplfd_policies.movements.skill import fit_skill
 
 TIMES = np.linspace(0.0, 1.0, 80)
 STEP_STD = np.where(TIMES < 0.5, 0.01, 0.05)

@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.alignment import align
-from gplfd_policies.baselines.promp import (
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.movements.baselines.promp import (
     ProbabilisticMovementPrimitive,
     ProMPConfig,
     fit_promp,
 )
-from gplfd_policies.movement import Adaptable
-from gplfd_policies.trajectory import ViaPoint
+from gplfd_policies.movements.movement import Adaptable
+from gplfd_policies.movements.trajectory import ViaPoint
 
 GRID = np.linspace(0.0, 1.0, 101)
 

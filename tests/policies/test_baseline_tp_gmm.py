@@ -8,26 +8,26 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gplfd_env.task import handle_pose_on_arc
 from gplfd_policies.adaptation import OwnAdaptation
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.alignment import align
-from gplfd_policies.baselines.gmr import GMRConfig, fit_gmr
-from gplfd_policies.baselines.mixture_of_views import fit_mixture_of_views
-from gplfd_policies.baselines.task_frames import (
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
+from gplfd_policies.movements.baselines.mixture_of_views import fit_mixture_of_views
+from gplfd_policies.movements.baselines.task_frames import (
     HANDLE,
     Circle,
     Frame,
     fit_circle,
     hinge_frame,
 )
-from gplfd_policies.baselines.tp_gmm import (
+from gplfd_policies.movements.baselines.tp_gmm import (
     TaskParameterisedMixture,
     fit_tp_gmm,
     product_of_gaussians,
 )
-from gplfd_policies.movement import Adaptable
-from gplfd_policies.trajectory import ViaPoint
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_policies.movements.movement import Adaptable
+from gplfd_policies.movements.trajectory import ViaPoint
 
 GRID = np.linspace(0.0, 1.0, 60)
 
@@ -315,10 +315,10 @@ def test_what_gmr_refuses_and_warns_of(aligned):
 
 EARLY_STOPS = """\
 import numpy as np
-from gplfd_experiments.teacher import Teacher
-from gplfd_policies.alignment import align
-from gplfd_policies.baselines.gmr import GMRConfig, fit_gmr
-from gplfd_policies.baselines.tp_gmm import fit_tp_gmm
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
+from gplfd_policies.movements.baselines.tp_gmm import fit_tp_gmm
 shown = Teacher().demonstrate_doors((0.35,), 2, rng=np.random.default_rng(0))
 aligned, config = align(shown), GMRConfig(max_iterations=1)
 fit_gmr(aligned, config)

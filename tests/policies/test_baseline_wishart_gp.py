@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.baselines.wishart_gp import (
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
     WishartProcessMovement,
     fit_wishart_gp,
 )
-from gplfd_policies.movement import Adaptable, Movement
+from gplfd_policies.movements.movement import Adaptable, Movement
 
 TIMES = np.linspace(0.0, 1.0, 40)
 STD = 0.02 * np.exp(1.2 * np.sin(5.0 * TIMES))

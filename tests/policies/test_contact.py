@@ -5,10 +5,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from gplfd_policies.controllers.admittance import Admittance
-from gplfd_policies.controllers.contact import HELD_HAND, ContactLoop
-from gplfd_policies.controllers.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
 from gplfd_env.robot import SERVO_STIFFNESS
+from gplfd_policies.control.admittance import Admittance
+from gplfd_policies.control.contact import HELD_HAND, ContactLoop
+from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
 
 H, HELD = 0.01, 2000.0
 LOOP = ContactLoop(stiffness=np.full(6, HELD), delay=0.03)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gplfd_env.task import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations, ViaPoint
 from gplfd_policies.adaptation import ProcessAdaptation
-from gplfd_policies.continuation import carried_on, continued, drift
-from gplfd_policies.gridded import GriddedMovement
-from gplfd_policies.prior_mean import PosePath, Stretched
-from gplfd_policies.skill import fit_skill
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_policies.adaptation.gridded import GriddedMovement
+from gplfd_policies.demonstrations.continuation import carried_on, continued, drift
+from gplfd_policies.movements.prior_mean import PosePath, Stretched
+from gplfd_policies.movements.skill import fit_skill
 
 PHASES = np.linspace(0.0, 1.0, 200)
 

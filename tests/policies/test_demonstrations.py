@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from gplfd_policies.demonstrations import Demonstration
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 NUMBERS = st.floats(-2.0, 2.0)
 

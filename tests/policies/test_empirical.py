@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.empirical import EmpiricalDistribution
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.movements.empirical import EmpiricalDistribution
 
 
 def test_moments_are_those_of_the_samples(skill):

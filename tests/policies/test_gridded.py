@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from gplfd_policies.adaptation import OwnAdaptation, ProcessAdaptation, adapt
-from gplfd_policies.alignment import align
-from gplfd_policies.gridded import GriddedMovement, GriddedMovements
-from gplfd_policies.skill import fit_skill
-from gplfd_policies.trajectory import ViaPoint
+from gplfd_policies.adaptation.gridded import GriddedMovement, GriddedMovements
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.movements.skill import fit_skill
+from gplfd_policies.movements.trajectory import ViaPoint
 
 
 def test_interpolation_meets_the_movement(skill):

@@ -5,18 +5,18 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.teacher import Teacher
-from gplfd_policies.alignment import align
-from gplfd_policies.controllers.stiffness import DEFAULT_PROFILE
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_policies.empirical import EmpiricalDistribution
-from gplfd_policies.handle import TurnedHandle, turned_handle
-from gplfd_policies.handle_load import HandleAndDoor
-from gplfd_policies.handles import Handles
-from gplfd_policies.load import CarriedLoad, Encounter, LearnedLoad
-from gplfd_policies.path_phase import PathPhase
 from gplfd_env import DoorGeometry
 from gplfd_env.config import DoorConfig
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_policies.control.load import CarriedLoad, Encounter, LearnedLoad
+from gplfd_policies.control.stiffness import DEFAULT_PROFILE
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
+from gplfd_policies.handles.compensation import Handles
+from gplfd_policies.handles.load import HandleAndDoor
+from gplfd_policies.movements.empirical import EmpiricalDistribution
+from gplfd_policies.phase.path_phase import PathPhase
 
 LEVER = DoorConfig(radius=0.65, handle="lever", latch="spring")
 # Preparing demonstrations says what it found.

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gplfd_policies.handle import TurnedHandle
-from gplfd_policies.handles import Handles
 from gplfd_env import DoorGeometry
 from gplfd_env.config import DoorConfig
+from gplfd_policies.demonstrations.turned_handle import TurnedHandle
+from gplfd_policies.handles.compensation import Handles
 
 LEVER = DoorConfig(radius=0.65, handle="lever", latch="spring")
 GEOMETRY = DoorGeometry.of(LEVER)

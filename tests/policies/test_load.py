@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gplfd_policies.controllers.stiffness import DEFAULT_PROFILE
-from gplfd_policies.load import CarriedLoad, Encounter, LearnedLoad, YieldToAll
+from gplfd_policies.control.load import CarriedLoad, Encounter, LearnedLoad, YieldToAll
+from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 
 FORWARD = np.array([1.0, 0.0, 0.0])
 

@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gplfd_policies import POLICIES, TrainingInput, fit_skill, make_agent
-from gplfd_policies.compliance import ComplianceConfig
-from gplfd_policies.gp.kersting import KerstingNoise
-from gplfd_policies.load import YieldToAll
-from gplfd_policies.lockstep import AgentBatch, batch_agents
-from gplfd_policies.members import EVERY_MEMBER
-from gplfd_policies.reference.oracle import OracleAgent
-from gplfd_policies.steps import AgentStep
 from gplfd_env import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc
+from gplfd_policies import POLICIES, TrainingInput, fit_skill, make_agent
+from gplfd_policies.agents.lockstep import AgentBatch, batch_agents
+from gplfd_policies.agents.model_based.oracle import OracleAgent
+from gplfd_policies.arrays.members import EVERY_MEMBER
+from gplfd_policies.control.compliance import ComplianceConfig
+from gplfd_policies.control.load import YieldToAll
+from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.gp.kersting import KerstingNoise
 
 RADII = (0.38, 0.50, 0.62)
 WAYS_TO_FOLLOW = {

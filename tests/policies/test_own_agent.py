@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_policies.agent import Agent, CompliantAgent, as_agent
-from gplfd_policies.compliance import ComplianceConfig
-from gplfd_policies.lockstep import batch_agents
-from gplfd_policies.steps import AgentStep
-from gplfd_policies.trajectory import GaussianTrajectory
 from gplfd_env import DoorGeometry
+from gplfd_policies.agents.agent import Agent, CompliantAgent, as_agent
+from gplfd_policies.agents.lockstep import batch_agents
+from gplfd_policies.control.compliance import ComplianceConfig
+from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 EXPECTED = GaussianTrajectory.from_moments(
     np.zeros(1), np.zeros((1, 6)), np.zeros((1, 6)), lambda: np.zeros((6, 1, 1))

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from gplfd_policies.alignment import align
-from gplfd_policies.empirical import EmpiricalDistribution
-from gplfd_policies.heading import Heading, directions
-from gplfd_policies.path_phase import PathPhase
-from gplfd_policies.phase import ClockPhase, PhaseNoise
-from gplfd_policies.skill import fit_skill
-from gplfd_policies.trajectory import GaussianTrajectory
 from gplfd_env.task import handle_pose_on_arc
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.movements.empirical import EmpiricalDistribution
+from gplfd_policies.movements.skill import fit_skill
+from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.phase.heading import Heading, directions
+from gplfd_policies.phase.path_phase import PathPhase
+from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
 
 FINAL_ANGLE = np.radians(67.0)
 

@@ -7,14 +7,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gplfd_policies import POLICIES, ViaPoint, align, make_agent
-from gplfd_policies.adaptation import ADAPTATIONS
-from gplfd_policies.built_in import TABLE_1
-from gplfd_policies.method import TrainingInput
-from gplfd_policies.movement import Adaptable
-from gplfd_policies.skill import Skill
 from gplfd_env import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc
+from gplfd_policies import POLICIES, ViaPoint, align, make_agent
+from gplfd_policies.adaptation import ADAPTATIONS
+from gplfd_policies.movements.movement import Adaptable
+from gplfd_policies.movements.skill import Skill
+from gplfd_policies.registry.built_in import TABLE_1
+from gplfd_policies.registry.method import TrainingInput
 
 PHASES = np.linspace(0.0, 1.0, 30)
 VIA_POINT = ViaPoint(phase=0.3, pose=handle_pose_on_arc(0.42, 0.35), std=1e-3)

@@ -22,14 +22,17 @@ from gplfd_policies.adaptation import (
     adapt,
     begin_adaptation,
 )
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.baselines.local_gp import LocalGPConfig, fit_local_gp
-from gplfd_policies.baselines.wishart_gp import WishartGPConfig, fit_wishart_gp
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.noise import MapNoise
-from gplfd_policies.method import TrainingInput
-from gplfd_policies.residual import ResidualMovement, fit_residual
-from gplfd_policies.trajectory import ViaPoint
+from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
+from gplfd_policies.movements.baselines.wishart_gp import (
+    WishartGPConfig,
+    fit_wishart_gp,
+)
+from gplfd_policies.movements.residual import ResidualMovement, fit_residual
+from gplfd_policies.movements.trajectory import ViaPoint
+from gplfd_policies.registry.method import TrainingInput
 
 BESIDE = np.array([0.1, 0.02, -0.1, 0.05, 0.3, -0.05])
 GRID = np.linspace(0.0, 1.0, 31)

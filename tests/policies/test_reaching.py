@@ -5,17 +5,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_experiments.teacher import Teacher
+from gplfd_env.task import CONTROL_PERIOD
+from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import Agent, AgentStep, Demonstration, as_agent
-from gplfd_policies.movement import Movement
-from gplfd_policies.reaching import (
+from gplfd_policies.agents.reaching import (
     CLOSING,
     ReachingAgent,
     joined,
     learn_reach,
     parted,
 )
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_policies.movements.movement import Movement
 
 ELSEWHERE = np.array([0.136, 0.02, -0.064, 0.0, 0.05, 0.0])
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gplfd_policies import POLICIES, AlignedDemonstrations, PosePath, align
-from gplfd_policies.method import TrainingInput
+from gplfd_policies.registry.method import TrainingInput
 
 
 def test_a_skill_says_what_it_was_learned_from(skill):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from gplfd_policies import batch_agents, make_agent
-from gplfd_policies.reference.path import HandPath, turned_towards
 from gplfd_env import DoorGeometry
 from gplfd_env.config import DoorConfig
 from gplfd_env.task import DEMONSTRATED_ANGLE
+from gplfd_policies import batch_agents, make_agent
+from gplfd_policies.agents.model_based.path import HandPath, turned_towards
 
 LEARNING_NOTHING = ("hinge-fit", "reflex", "chord", "compliant-pull")
 

@@ -8,8 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gplfd_policies.reference.circle import UPRIGHT, Circle, _distances, fit_circle
 from gplfd_env import DoorGeometry
+from gplfd_policies.agents.model_based.circle import (
+    UPRIGHT,
+    Circle,
+    _distances,
+    fit_circle,
+)
 
 CERTAIN = replace(UPRIGHT, noise=1e-6)
 RADII = st.floats(0.3, 1.0)

@@ -7,6 +7,7 @@ import pytest
 from jaxtyping import config
 from scipy.spatial.transform import Rotation
 
+from gplfd_env import DoorGeometry
 from gplfd_policies import POLICIES, Demonstration, TrainingInput, align, make_agent
 from gplfd_policies.adaptation import (
     ExactAdaptation,
@@ -15,10 +16,9 @@ from gplfd_policies.adaptation import (
     OwnClockAdaptation,
     ProductAdaptation,
 )
-from gplfd_policies.controllers.rendering import ArmRendering
-from gplfd_policies.load import CarriedLoad, YieldToAll
-from gplfd_policies.phase import ClockPhase, PhaseNoise
-from gplfd_env import DoorGeometry
+from gplfd_policies.control.load import CarriedLoad, YieldToAll
+from gplfd_policies.control.rendering import ArmRendering
+from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
 
 
 @pytest.mark.parametrize("name", sorted(POLICIES))

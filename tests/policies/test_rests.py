@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gplfd_policies.alignment import align
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_policies.registry import POLICIES
-from gplfd_policies.rests import without_rests
 from gplfd_env.task import handle_pose_on_arc
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.rests import without_rests
+from gplfd_policies.registry.catalogue import POLICIES
 
 MOVING = 5.0
 FINAL_ANGLE = np.radians(67.0)

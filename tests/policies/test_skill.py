@@ -10,12 +10,12 @@ from scipy.stats import t as student
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from gplfd_policies.adaptation import adapt, begin_adaptation, forms
-from gplfd_policies.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.kersting import KerstingNoise
 from gplfd_policies.gp.multi_output import MultiOutputGP
-from gplfd_policies.skill import Skill, fit_skill
-from gplfd_policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.movements.skill import Skill, fit_skill
+from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 TIMES = np.linspace(0.0, 1.0, 60)
 SPREAD = 0.01 + 0.05 * TIMES**2

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from gplfd_policies.controllers.stability import (
+from gplfd_policies.control.stability import (
     StiffnessGovernor,
     decay_rate,
     printed_rate_bound,
@@ -15,7 +15,7 @@ from gplfd_policies.controllers.stability import (
     rate_bound,
     uncertainty_fall_bound,
 )
-from gplfd_policies.controllers.stiffness import (
+from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
     PAPER_DYNAMICS,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from jaxtyping import config
 
-from gplfd_policies.steps import STEP_SHAPES, AgentStep
+from gplfd_policies.control.steps import STEP_SHAPES, AgentStep
 
 ACTIONS = np.arange(18.0).reshape(3, 6)
 

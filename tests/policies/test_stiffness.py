@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gplfd_policies.controllers.contact import HELD_HAND
-from gplfd_policies.controllers.stability import decay_rate
-from gplfd_policies.controllers.stiffness import (
+from gplfd_policies.control.contact import HELD_HAND
+from gplfd_policies.control.stability import decay_rate
+from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
     PAPER_DYNAMICS,

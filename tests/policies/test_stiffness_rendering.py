@@ -7,26 +7,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gplfd_policies.compliance import ComplianceConfig
-from gplfd_policies.controllers.admittance import Admittance
-from gplfd_policies.controllers.rendering import (
+from gplfd_env import ENVIRONMENT_IDS
+from gplfd_env.command import STIFFNESS_RANGES
+from gplfd_env.robot import SERVO_DAMPING, SERVO_STIFFNESS
+from gplfd_env.se3 import compose_rotvecs
+from gplfd_policies.control.admittance import Admittance
+from gplfd_policies.control.compliance import ComplianceConfig
+from gplfd_policies.control.load import CarriedLoad
+from gplfd_policies.control.rendering import (
     ARM_DYNAMICS,
     ArmRendering,
     Renderer,
     Rendering,
     VirtualRendering,
 )
-from gplfd_policies.controllers.stiffness import (
+from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
     PAPER_PROFILE,
 )
-from gplfd_policies.load import CarriedLoad
-from gplfd_policies.registry import POLICIES, make_agent
-from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.command import STIFFNESS_RANGES
-from gplfd_env.robot import SERVO_DAMPING, SERVO_STIFFNESS
-from gplfd_env.se3 import compose_rotvecs
+from gplfd_policies.registry.catalogue import POLICIES, make_agent
 
 H = 0.01
 DESIRED = np.array([0.2, 0.01, -0.05, 0.02, 0.4, -0.03])

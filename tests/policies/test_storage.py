@@ -11,7 +11,7 @@ import zlib
 import numpy as np
 import pytest
 
-from gplfd_policies.storage import (
+from gplfd_policies.arrays.storage import (
     DecodingBudget,
     complete_or_absent,
     decompressed,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm, t
 
-from gplfd_policies.trajectory import GaussianTrajectory, white_covariance
+from gplfd_policies.movements.trajectory import GaussianTrajectory, white_covariance
 
 TIMES = np.linspace(0.0, 1.0, 50)
 

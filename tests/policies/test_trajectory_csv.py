@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gplfd_policies.trajectory_csv import COLUMNS
+from gplfd_policies.movements.trajectory_csv import COLUMNS
 
 TIMES = np.linspace(0.0, 1.0, 40)
 

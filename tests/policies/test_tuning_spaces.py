@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gplfd_env.task import handle_pose_on_arc
 from gplfd_policies import POLICIES, ViaPoint
 from gplfd_policies.adaptation import begin_adaptation
-from gplfd_policies.built_in import TABLE_1
-from gplfd_policies.method import TrainingInput
-from gplfd_policies.registry import tuned
-from gplfd_policies.tuning_spaces import SPACES, Setting, tuned_settings
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_policies.registry.built_in import TABLE_1
+from gplfd_policies.registry.catalogue import tuned
+from gplfd_policies.registry.method import TrainingInput
+from gplfd_policies.registry.tuning_spaces import SPACES, Setting, tuned_settings
 
 GRID = np.linspace(0.0, 1.0, 40)
 SHARES = st.floats(0.0, 1.0)

@@ -14,17 +14,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gplfd_policies import (
-    Demonstration,
-    Method,
-    make_agent,
+from gplfd_policies import Demonstration, Method, make_agent, policy_named
+from gplfd_policies.registry.catalogue import (
+    POLICIES,
+    load_policy,
     module_files,
-    policy_named,
     user_policies,
 )
-from gplfd_policies.policy import PolicyOrigin
-from gplfd_policies.registry import POLICIES, load_policy
-from gplfd_policies.user_policies import packaged_policies
+from gplfd_policies.registry.policy import PolicyOrigin
+from gplfd_policies.registry.user_policies import packaged_policies
 
 MODULE = '''
 """Somebody's policies."""
@@ -194,7 +192,8 @@ def test_origins_are_plain_data_with_which_another_process_finds_the_policy(
     assert origin is not None
     assert PolicyOrigin(**json.loads(json.dumps(dataclasses.asdict(origin)))) == origin
     program = (
-        "import pickle, sys; from gplfd_policies.registry import load_policy\n"
+        "import pickle, sys\n"
+        "from gplfd_policies.registry.catalogue import load_policy\n"
         "print(load_policy(pickle.load(sys.stdin.buffer)).summary)\n"
     )
     ran = subprocess.run(

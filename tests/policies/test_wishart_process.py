@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import kstest, multivariate_normal
 
-from gplfd_policies.baselines.elliptical_slice import elliptical_slice_chain
-from gplfd_policies.baselines.wishart_process import (
+from gplfd_policies.movements.baselines.elliptical_slice import elliptical_slice_chain
+from gplfd_policies.movements.baselines.wishart_process import (
     WishartLikelihood,
     WishartPosterior,
     WishartPrior,

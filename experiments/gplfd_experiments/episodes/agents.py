@@ -3,12 +3,12 @@
 import contextlib
 from collections.abc import Callable, Iterator
 
-from gplfd_policies.agent import Agent, as_agent
-from gplfd_policies.method import TrainingInput
-from gplfd_policies.module_files import place_in
-from gplfd_policies.one_thread import one_thread
-from gplfd_policies.policy import Policy
-from gplfd_policies.user_policies import source_files
+from gplfd_policies.agents.agent import Agent, as_agent
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.registry.method import TrainingInput
+from gplfd_policies.registry.module_files import place_in
+from gplfd_policies.registry.policy import Policy
+from gplfd_policies.registry.user_policies import source_files
 
 
 def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:

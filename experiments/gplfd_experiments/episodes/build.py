@@ -14,22 +14,22 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from gplfd_experiments.datasets.npz import LabelledDemonstrations, hash_of
-from gplfd_experiments.datasets.reaching import GRASPED, openings, reaches
+from gplfd_env import ENVIRONMENT_IDS
+from gplfd_env.config import DoorConfig
+from gplfd_env.task import DEMONSTRATED_ANGLE, Control, handle_pose_on_arc
+from gplfd_experiments.data.npz import LabelledDemonstrations, hash_of
+from gplfd_experiments.data.reaching import GRASPED, openings, reaches
+from gplfd_experiments.data.teacher import Habits, Teacher, TeacherConfig
 from gplfd_experiments.episodes.agents import learned
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.rollouts import rollouts
 from gplfd_experiments.episodes.task import EpisodeTask
-from gplfd_experiments.teacher import Habits, Teacher, TeacherConfig
-from gplfd_policies.agent import Agent
-from gplfd_policies.lockstep import batch_agents
-from gplfd_policies.method import TrainingInput
-from gplfd_policies.policy import Policy
-from gplfd_policies.prior_mean import PosePath
-from gplfd_policies.reaching import ReachingAgent, joined, learn_reach
-from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.config import DoorConfig
-from gplfd_env.task import DEMONSTRATED_ANGLE, Control, handle_pose_on_arc
+from gplfd_policies.agents.agent import Agent
+from gplfd_policies.agents.lockstep import batch_agents
+from gplfd_policies.agents.reaching import ReachingAgent, joined, learn_reach
+from gplfd_policies.movements.prior_mean import PosePath
+from gplfd_policies.registry.method import TrainingInput
+from gplfd_policies.registry.policy import Policy
 
 
 def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:

@@ -7,19 +7,23 @@ from typing import Any
 
 import gymnasium as gym
 
-from gplfd_experiments.arguments import check_circumstances, check_folder, check_least
-from gplfd_experiments.datasets.minari import RecordedEpisode, Recorder, write_dataset
-from gplfd_experiments.datasets.minari.contents import outcome
+from gplfd_env.task import Start
+from gplfd_experiments.console.arguments import (
+    check_circumstances,
+    check_folder,
+    check_least,
+)
+from gplfd_experiments.console.progress import LOG, progress_bar
+from gplfd_experiments.data.minari import RecordedEpisode, Recorder, write_dataset
+from gplfd_experiments.data.minari.contents import outcome
 from gplfd_experiments.episodes.agents import reported_errors
 from gplfd_experiments.episodes.build import learned_agents, make_environment
 from gplfd_experiments.episodes.doors import named_doors
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
-from gplfd_experiments.progress import LOG, progress_bar
-from gplfd_policies.agent import Agent
-from gplfd_policies.one_thread import one_thread
-from gplfd_policies.policy import Policy
-from gplfd_policies.registry import policy_named
-from gplfd_env.task import Start
+from gplfd_policies.agents.agent import Agent
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.registry.catalogue import policy_named
+from gplfd_policies.registry.policy import Policy
 
 
 def record_dataset(

@@ -4,10 +4,10 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from gplfd_experiments.files.plain_data import read_json
 from gplfd_env.config import DOORS, DoorConfig, door_config
 from gplfd_env.stance import base_for, check_reach
 from gplfd_env.task import Start
+from gplfd_experiments.files.plain_data import read_json
 
 
 def reset_seed(seed: int, door: str, *, drawn: bool) -> int:

@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_experiments.arrays import FloatArray
-from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_env.geometry import DoorGeometry
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.files.arrays import FloatArray
 
 PROGRESS: Final = (0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
 """Door angles at which forecasts are judged, as shares of the demonstrated angle."""

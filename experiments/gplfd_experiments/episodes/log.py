@@ -14,8 +14,8 @@ from typing import Any, Final, get_origin
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gplfd_policies.storage import Members, read_archive, settings, write_archive
 from gplfd_env.config import DoorConfig
+from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
 
 Number = Float[np.ndarray, " T"]
 Pose = Float[np.ndarray, "T 6"]
@@ -109,7 +109,8 @@ class EpisodeLog:
     closer_torque: Number
     """Closing torque of closer, seal and stiction [N m]."""
 
-    # What the agent decided, with the meanings of `gplfd_policies.steps.AgentStep`.
+    # What the agent decided, with the meanings of
+    # `gplfd_policies.control.steps.AgentStep`.
     action: Pose
     desired: Pose
     std: Pose

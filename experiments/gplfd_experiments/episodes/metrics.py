@@ -16,15 +16,15 @@ from typing import Any, Final
 import numpy as np
 from scipy.signal import savgol_filter
 
-from gplfd_experiments.arrays import FloatArray
+from gplfd_env.capability import HEAVY_FORCE, STAGES
+from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE
 from gplfd_experiments.episodes.disturbance_metrics import disturbance_metrics
 from gplfd_experiments.episodes.forecast_error import (
     PROGRESS,
     forecast_errors,
 )
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_env.capability import HEAVY_FORCE, STAGES
-from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE
+from gplfd_experiments.files.arrays import FloatArray
 
 _MOTION_STARTS: Final = math.radians(1.0)
 """The opening motion begins when the door has moved by this angle [rad] and ends when

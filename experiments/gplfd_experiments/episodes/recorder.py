@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gplfd_experiments.episodes.log import PER_STEP, EpisodeLog
-from gplfd_policies.trajectory import GaussianTrajectory
+from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -37,8 +37,8 @@ class StepRecorder:
         Args:
             observation: What the agent saw.
             info: What the environment says of the same moment.
-            step: What the agent decided: `gplfd_policies.steps.AgentStep`, or the steps
-                of a batch.
+            step: What the agent decided: `gplfd_policies.control.steps.AgentStep`, or
+                the steps of a batch.
             known: Everything else by its name in the log.
 
         Raises:

@@ -9,9 +9,9 @@ import gymnasium as gym
 
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
-from gplfd_policies.agent import Agent, as_agent
-from gplfd_policies.one_thread import one_thread
-from gplfd_policies.steps import AgentStep
+from gplfd_policies.agents.agent import Agent, as_agent
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.control.steps import AgentStep
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -44,7 +44,7 @@ def rollout(
     Args:
         env: Door environment of the agent's control, see `gplfd_env.ENVIRONMENT_IDS`;
             its ``unwrapped`` has the MuJoCo state and the variation.
-        agent: Anything that `gplfd_policies.agent.as_agent` takes.
+        agent: Anything that `gplfd_policies.agents.agent.as_agent` takes.
         policy: Name of the policy, for the log.
         door: Name of the door, for the log.
         seed: Seed of the environment's reset.

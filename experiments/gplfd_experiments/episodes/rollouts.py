@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 
+from gplfd_env.vector import DoorOpeningVectorEnv
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
-from gplfd_policies.lockstep import AgentBatch
-from gplfd_policies.one_thread import one_thread
-from gplfd_env.vector import DoorOpeningVectorEnv
+from gplfd_policies.agents.lockstep import AgentBatch
+from gplfd_policies.arrays.one_thread import one_thread
 
 
 def rollouts(

@@ -12,11 +12,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
-from gplfd_experiments.episodes.doors import reset_seed
-from gplfd_experiments.teacher import DEMONSTRATED_RADII, doors_like, standard_teacher
 from gplfd_env.config import DoorConfig
 from gplfd_env.stance import base_for
 from gplfd_env.task import Base, Start
+from gplfd_experiments.data.teacher import (
+    DEMONSTRATED_RADII,
+    doors_like,
+    standard_teacher,
+)
+from gplfd_experiments.episodes.doors import reset_seed
 
 PolicySource = Mapping[str, str]
 """``kind`` ("module" or "package"), ``distribution`` and ``version`` of a package, name
@@ -82,7 +86,7 @@ class TaughtTask(Task):
     demonstrations_per_door: int = 2
     """How often the teacher opens each of the three demonstrated doors."""
     teacher: Mapping[str, float] = field(default_factory=standard_teacher)
-    """Fields of `gplfd_experiments.teacher.TeacherConfig`."""
+    """Fields of `gplfd_experiments.data.teacher.TeacherConfig`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -109,7 +113,7 @@ class EpisodeTask(TaughtTask):
     start: Start = omit_default("grasped")
     """Whether the hand holds the handle at the start or has to reach for it."""
     habits: Mapping[str, Any] | None = omit_default(None)
-    """Fields of `gplfd_experiments.teacher.Habits`; None for a tidy teacher."""
+    """Fields of `gplfd_experiments.data.teacher.Habits`; None for a tidy teacher."""
     prior_radius: float | None = omit_default(None)
     """Radius of the arc that is given as a prior mean [m]; None for none."""
     trial: str = omit_default("")

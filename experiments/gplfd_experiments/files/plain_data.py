@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from gplfd_policies.storage import complete_or_absent, regular_file
+from gplfd_policies.arrays.storage import complete_or_absent, regular_file
 
 _LARGEST: Final = 2**24
 """Size of the largest file that is read [bytes]; a result has a few thousand."""

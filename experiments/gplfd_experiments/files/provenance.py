@@ -64,7 +64,7 @@ def code_state() -> Mapping[str, Any]:
     """
     state = {
         "versions": dict(versions()),
-        "git": git_state(Path(__file__).resolve().parents[2]),
+        "git": git_state(Path(__file__).resolve().parents[3]),
         "arithmetic": dict(arithmetic()),
     }
     return MappingProxyType(state)

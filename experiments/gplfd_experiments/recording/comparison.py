@@ -15,6 +15,7 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
+from gplfd_env.task import SUCCESS_ANGLE
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording import colours, motion
 from gplfd_experiments.recording.colours import Colour
@@ -36,8 +37,7 @@ from gplfd_experiments.recording.outside import balls
 from gplfd_experiments.recording.part import Part
 from gplfd_experiments.recording.scene import moved_scene
 from gplfd_experiments.recording.stream import moving, recording_file, seconds, static
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_env.task import SUCCESS_ANGLE
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 COLOURS: Final[tuple[Colour, ...]] = (
     colours.ADAPTED,

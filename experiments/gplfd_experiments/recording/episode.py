@@ -25,7 +25,7 @@ from gplfd_experiments.recording.stages import stage_lane
 from gplfd_experiments.recording.stiffness import stiffness_lane
 from gplfd_experiments.recording.stream import recording_file
 from gplfd_experiments.recording.tiago_meshes import TiagoLooks
-from gplfd_policies.demonstrations import Demonstration
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 
 def record_episode(

@@ -10,7 +10,7 @@ import rerun as rr
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording.kinematics import poses_on_carriers
 from gplfd_experiments.recording.stream import static
 

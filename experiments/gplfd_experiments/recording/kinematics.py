@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.files.arrays import FloatArray
 
 ROOT: Final = "/world/scene"
 """Entity above all bodies; the axes are MuJoCo's world axes, z up."""

@@ -9,12 +9,12 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
-from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.layout import TEXT, Eye, as_chunks, only, view_3d
 from gplfd_experiments.recording.stream import moving, recording_file, seconds, static
 from gplfd_experiments.recording.tube import QUANTILE, tube_triangles, tube_vertices
-from gplfd_policies.movement import Movement
+from gplfd_policies.movements.movement import Movement
 
 _SCENE: Final = "/learned"
 _PLOTS: Final = "/outputs"

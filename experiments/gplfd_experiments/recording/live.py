@@ -16,8 +16,8 @@ from gplfd_experiments.recording.about import page
 from gplfd_experiments.recording.episode import happening, recording_name, stage_setting
 from gplfd_experiments.recording.part import Part
 from gplfd_experiments.recording.stages import stage_lane, stages
-from gplfd_policies.agent import Agent
-from gplfd_policies.demonstrations import Demonstration
+from gplfd_policies.agents.agent import Agent
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 FORECAST_PERIOD: Final = 0.2
 """Simulated time between the forecasts of a live view [s]."""

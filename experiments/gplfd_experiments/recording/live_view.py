@@ -14,7 +14,10 @@ from urllib.parse import quote
 import rerun as rr
 import rerun.blueprint as rrb
 
-from gplfd_experiments.arguments import check_least
+from gplfd_env.disturbance import disturbance_named
+from gplfd_env.task import Start
+from gplfd_experiments.console.arguments import check_least
+from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.episodes.agents import reported_errors
 from gplfd_experiments.episodes.build import (
     demonstrations_of,
@@ -24,16 +27,13 @@ from gplfd_experiments.episodes.build import (
 from gplfd_experiments.episodes.doors import named_doors
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.task import episode_task
-from gplfd_experiments.progress import LOG
 from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.live import LiveRecording, watched_rollout
 from gplfd_experiments.recording.mechanism import mechanism_of
 from gplfd_experiments.recording.outside import CAUSES
 from gplfd_experiments.recording.stream import open_stream
 from gplfd_experiments.recording.viewer import has_display, viewer
-from gplfd_policies.registry import policy_named
-from gplfd_env.disturbance import disturbance_named
-from gplfd_env.task import Start
+from gplfd_policies.registry.catalogue import policy_named
 
 LOOPBACK: Final = "127.0.0.1"
 """Where the viewer listens: nobody on another machine can reach it."""

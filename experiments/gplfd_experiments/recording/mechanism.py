@@ -14,14 +14,14 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from gplfd_experiments.arrays import FloatArray
-from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.recording import colours, panels, stages
-from gplfd_experiments.recording.part import Part
-from gplfd_experiments.recording.stream import moving, seconds, static
 from gplfd_env.latch import GAP
 from gplfd_env.looks import CLOSER_ARM
 from gplfd_env.mobile_base import BASE_JOINTS
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.recording import colours, panels, stages
+from gplfd_experiments.recording.part import Part
+from gplfd_experiments.recording.stream import moving, seconds, static
 
 LATCH: Final = f"{stages.ENTITY}/latch"
 """Entity of the lane that says whether the bolt is out."""

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.arrays import FloatArray
+from gplfd_env.config import DoorConfig
+from gplfd_env.task import handle_pose_on_arc
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.kinematics import task_frame
 from gplfd_experiments.recording.part import Part
 from gplfd_experiments.recording.stiffness import colour_of, shown_stiffness
 from gplfd_experiments.recording.stream import moving, seconds, static
 from gplfd_experiments.recording.tube import tube_triangles, tube_vertices
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_env.config import DoorConfig
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 ROOT: Final = "/world/task"
 """Entity whose transform is the task frame: closed handle, x pull, y up."""

@@ -8,8 +8,8 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from gplfd_experiments.arrays import FloatArray
 from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.colours import Colour
 from gplfd_experiments.recording.part import Part

@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_experiments.arrays import FloatArray
 from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.files.arrays import FloatArray
 
 FRAMES_PER_SECOND: Final = 30.0
 """How often what moves in the scene is shown; no more than a video has."""

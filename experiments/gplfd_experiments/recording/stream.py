@@ -14,7 +14,7 @@ import rerun_bindings as bindings
 from numpy.typing import NDArray
 from rerun.chunk import Chunk
 
-from gplfd_policies.storage import complete_or_absent
+from gplfd_policies.arrays.storage import complete_or_absent
 
 APPLICATION: Final = "gplfd"
 """Application id: the viewer groups recordings and keeps layouts by it."""

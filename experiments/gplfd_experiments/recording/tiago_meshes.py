@@ -17,7 +17,7 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording.kinematics import entity_of_body
 from gplfd_experiments.recording.stream import static
 

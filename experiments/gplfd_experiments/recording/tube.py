@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.files.arrays import FloatArray
 
 Float32Array = NDArray[np.float32]
 """As exact as the viewer draws."""

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from gplfd_experiments.console.progress import LOG, progress_bar
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.progress import LOG, progress_bar
-from gplfd_policies.storage import complete_or_absent
+from gplfd_policies.arrays.storage import complete_or_absent
 
 SUFFIX: Final = ".mp4"
 PICTURES_PER_SECOND: Final = 25

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from gplfd_policies.storage import regular_file
+from gplfd_policies.arrays.storage import regular_file
 
 
 def viewer() -> str:

@@ -10,8 +10,8 @@ from gplfd_experiments.speed.known_process import KnownProcess
 from gplfd_experiments.speed.report import Measurement, at_least, at_most
 from gplfd_experiments.speed.timing import Action, Timed, measure, repeated
 from gplfd_policies.adaptation import ADAPTATIONS, AdaptationForm
-from gplfd_policies.skill import Skill, fit_skill
-from gplfd_policies.trajectory import ViaPoint
+from gplfd_policies.movements.skill import Skill, fit_skill
+from gplfd_policies.movements.trajectory import ViaPoint
 
 _GRID: Final = np.linspace(0.0, 1.0, 200)
 _VIA_POINTS: Final = 10

@@ -6,15 +6,15 @@ from functools import partial
 
 import numpy as np
 
-from gplfd_experiments.arrays import FloatArray
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.peers import NOT_INSTALLED, dtw_python, installed
 from gplfd_experiments.speed.report import Measurement, at_least
 from gplfd_experiments.speed.timing import Timed, measure, repeated
-from gplfd_experiments.teacher import Teacher
-from gplfd_policies.alignment import align
-from gplfd_policies.completion import measure_completion
-from gplfd_policies.demonstrations import Demonstration
-from gplfd_policies.dynamic_time_warping import dynamic_time_warping
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.completion import measure_completion
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 
 _SIZES = (200, 1000, 5000)
 _MATCH, _MATCH_PEER = "matching: interpolation", "matching: dtw-python"

@@ -10,11 +10,11 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 
-from gplfd_experiments.arrays import FloatArray
-from gplfd_experiments.speed.report import Measurement, Target, Value, at_most
-from gplfd_experiments.speed.timing import Timed, after, measure, repeated
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.task import handle_pose_on_arc
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.speed.report import Measurement, Target, Value, at_most
+from gplfd_experiments.speed.timing import Timed, after, measure, repeated
 
 _STEPS, _ROUNDS = 600, 4
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION

@@ -16,9 +16,9 @@ from gplfd_experiments.speed.peers import (
 from gplfd_experiments.speed.report import Measurement, Target, Value, at_least, at_most
 from gplfd_experiments.speed.scores import score
 from gplfd_experiments.speed.timing import Timing, measure, repeated
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.skill import fit_skill
-from gplfd_policies.trajectory import GaussianTrajectory
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.movements.skill import fit_skill
+from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 OURS, HETGPY, SKLEARN = "gplfd", "hetgpy hetGP", "scikit-learn, collapsed"
 _DEMONSTRATIONS, _SAMPLES, _HELD_OUT = 6, 200, 100

@@ -6,10 +6,10 @@ from typing import Literal, Self
 
 import numpy as np
 
-from gplfd_experiments.arrays import FloatArray
-from gplfd_experiments.teacher.random_motion import smooth_functions
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.trajectory import GaussianTrajectory
+from gplfd_experiments.data.teacher.random_motion import smooth_functions
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 Deviations = Literal["independent", "smooth"]
 """Of a demonstration from the mean: independent from sample to sample, as

@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 from scipy.special import digamma, polygamma
 
-from gplfd_experiments.arrays import FloatArray
-from gplfd_policies.aligned import AlignedDemonstrations
-from gplfd_policies.trajectory import GaussianTrajectory
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 NOT_INSTALLED: Final = "not installed"
 """What stands in a table for a library that is missing."""

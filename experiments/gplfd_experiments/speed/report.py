@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from threadpoolctl import threadpool_limits
 
+from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.files.table import Table, text_table
-from gplfd_experiments.progress import LOG
 from gplfd_experiments.speed.timing import Timing
 
 Value = float | Timing | str | None

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_policies.trajectory import GaussianTrajectory
+from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 
 def score(

@@ -7,14 +7,14 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 
-from gplfd_experiments.arrays import FloatArray
-from gplfd_experiments.speed.machine import load
-from gplfd_experiments.speed.report import Measurement, at_least, at_most
-from gplfd_experiments.speed.timing import Timed, after, measure
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.config import DOORS
 from gplfd_env.scene import GRASP_KEY
 from gplfd_env.task import handle_pose_on_arc
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.speed.machine import load
+from gplfd_experiments.speed.report import Measurement, at_least, at_most
+from gplfd_experiments.speed.timing import Timed, after, measure
 
 PHYSICS, PHYSICS_IN_TURNS = "mj_step alone", "mj_step alone, 64 in turns"
 SINGLE, SYNC = "gym.make", "SyncVectorEnv, 2"

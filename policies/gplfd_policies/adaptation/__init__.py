@@ -23,7 +23,7 @@ from gplfd_policies.adaptation.process import (
     ProcessAdaptation,
 )
 from gplfd_policies.adaptation.product import ProductAdaptation
-from gplfd_policies.movement import Adaptation, AdaptationForm
+from gplfd_policies.movements.movement import Adaptation, AdaptationForm
 
 __all__ = [
     "ADAPTATIONS",

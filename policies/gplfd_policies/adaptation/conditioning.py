@@ -27,9 +27,9 @@ from jaxtyping import Float
 from scipy.linalg.blas import dgemm
 from scipy.linalg.lapack import dtrtri
 
+from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.gp.legendre import LegendreBasis
-from gplfd_policies.one_thread import one_thread
-from gplfd_policies.trajectory import GaussianTrajectory
+from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 _STRONGEST = 1e-8
 """Least via-point variance, relative to the largest variance of the output. A via-point

@@ -8,9 +8,9 @@ from gplfd_policies.adaptation.conditioning import (
     Repetition,
     basis_for_grid,
 )
-from gplfd_policies.one_thread import one_thread
-from gplfd_policies.skill import Skill
-from gplfd_policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.movements.skill import Skill
+from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 
 class ExactAdaptation(ConditionedProcess):

@@ -12,17 +12,17 @@ from gplfd_policies.adaptation.exact import ExactAdaptation
 from gplfd_policies.adaptation.own_clock import OwnClockAdaptation
 from gplfd_policies.adaptation.process import ProcessAdaptation
 from gplfd_policies.adaptation.product import ProductAdaptation
-from gplfd_policies.movement import (
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.movements.movement import (
     Adaptable,
     Adaptation,
     AdaptationForm,
     Movement,
     Predictor,
 )
-from gplfd_policies.one_thread import one_thread
-from gplfd_policies.residual import ResidualAdaptation, ResidualMovement
-from gplfd_policies.skill import Skill
-from gplfd_policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.movements.residual import ResidualAdaptation, ResidualMovement
+from gplfd_policies.movements.skill import Skill
+from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 ADAPTATIONS: Final[Mapping[str, AdaptationForm]] = MappingProxyType(
     {

@@ -23,10 +23,10 @@ from numpy.polynomial.hermite_e import hermegauss
 
 from gplfd_policies.adaptation.conditioning import Repetition, leading_curves
 from gplfd_policies.adaptation.process import StudentProcess, demonstrated_repetition
+from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.gp.timing import timing_covariance
-from gplfd_policies.one_thread import one_thread
-from gplfd_policies.skill import Skill
-from gplfd_policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.movements.skill import Skill
+from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 _NEGLIGIBLE = 1e-4
 """Directions of K_τ with less than this share of its largest are left out: a hundredth

@@ -16,12 +16,12 @@ from gplfd_policies.adaptation.conditioning import (
     Repetition,
     basis_for_grid,
 )
-from gplfd_policies.aligned import thinned
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.demonstrations.aligned import thinned
 from gplfd_policies.gp.deviations import DeviationProcess, conjugate_share
 from gplfd_policies.gp.factorisation import factorise
-from gplfd_policies.one_thread import one_thread
-from gplfd_policies.skill import Skill
-from gplfd_policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.movements.skill import Skill
+from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 _SMOOTHING_GRID = 60
 

@@ -6,12 +6,12 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.factorisation import factorise
 from gplfd_policies.gp.kernels import RBF
-from gplfd_policies.one_thread import one_thread
-from gplfd_policies.skill import Skill
-from gplfd_policies.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.movements.skill import Skill
+from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 _STRONGEST = 1e-8
 """Least via-point variance relative to the prior's, so that σ_v = 0 and repeated

@@ -28,7 +28,7 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from gplfd_policies.aligned import thinned
+from gplfd_policies.demonstrations.aligned import thinned
 from gplfd_policies.gp.factorisation import factorise
 from gplfd_policies.gp.kernels import RBF
 

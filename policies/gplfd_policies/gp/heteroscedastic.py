@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_policies.aligned import FINEST
+from gplfd_policies.arrays.records import short_repr
+from gplfd_policies.demonstrations.aligned import FINEST
 from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.hyperparameters import fit_kernel
 from gplfd_policies.gp.kernels import RBF
@@ -17,7 +18,6 @@ from gplfd_policies.gp.legendre import LegendreBasis
 from gplfd_policies.gp.noise_profile import NoiseModel, NoiseProfile
 from gplfd_policies.gp.replicates import Replicates
 from gplfd_policies.gp.spectral import SpectralPosterior
-from gplfd_policies.records import short_repr
 
 
 def offset_and_scale(
@@ -43,8 +43,8 @@ class HeteroscedasticGP:
     Inside, the output is centred and scaled to order one; `offset` and `scale` map
     back. The prior mean is therefore the average of the demonstrations, where the
     paper's is zero: it only matters outside the demonstrated interval. What is left
-    over by a prior mean (`gplfd_policies.residual`) is not centred: its prior mean is
-    zero.
+    over by a prior mean (`gplfd_policies.movements.residual`) is not centred: its prior
+    mean is zero.
     """
 
     offset: float

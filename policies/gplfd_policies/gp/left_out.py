@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import gammaln
 
-from gplfd_policies.aligned import thinned
+from gplfd_policies.demonstrations.aligned import thinned
 from gplfd_policies.gp.deviations import DeviationProcess, conjugate_share
 
 _FACTORS = 2.0 ** np.arange(-2.0, 8.0)

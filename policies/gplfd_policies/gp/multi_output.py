@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from gplfd_policies.arrays.records import short_repr
 from gplfd_policies.gp.heteroscedastic import HeteroscedasticGP
 from gplfd_policies.gp.legendre import LegendreBasis
 from gplfd_policies.gp.noise_profile import NoiseModel
 from gplfd_policies.gp.spectral import SpectralPosterior
-from gplfd_policies.records import short_repr
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import digamma, polygamma
 
+from gplfd_env.fields import check_quantities, quantity
 from gplfd_policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis
@@ -27,7 +28,6 @@ from gplfd_policies.gp.noise_profile import (
 )
 from gplfd_policies.gp.replicates import Replicates
 from gplfd_policies.gp.spectral import square_root
-from gplfd_env.fields import check_quantities, quantity
 
 LEAST_SPREAD = 3e-3
 """By default, the least standard deviation of repetitions, relative to that of the

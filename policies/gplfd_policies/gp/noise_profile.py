@@ -9,8 +9,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from gplfd_policies.arrays.records import short_repr
 from gplfd_policies.gp.legendre import LegendreBasis
-from gplfd_policies.records import short_repr
 
 LEAST_VARIANCE = 1e-10
 """Smallest observation of exp z(t), relative to the variance of the output."""

@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from gplfd_policies.arrays.records import short_repr
 from gplfd_policies.gp.evidence import SpectralEvidence
 from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis
 from gplfd_policies.gp.spectral import SpectralPosterior
-from gplfd_policies.records import short_repr
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -38,10 +38,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from gplfd.policies.alignment import align
 from movement_primitives.dmp import DMP
 from movement_primitives.promp import ProMP
-
-from gplfd.policies.alignment import align
 
 LIBRARY_VERSION = "0.9.1"
 FOLDER = Path(__file__).parent

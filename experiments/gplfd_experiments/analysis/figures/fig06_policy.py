@@ -1,0 +1,153 @@
+"""Fig. 6: six outputs, from recording to policy.
+
+Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
+arXiv:2002.09979, Section IV-A.
+"""
+
+import itertools
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gplfd_experiments.analysis.figures import style
+from gplfd_experiments.analysis.figures.material import Material
+from gplfd_experiments.data.npz import LabelledDemonstrations
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.movements.skill import Skill, fit_skill
+from gplfd_policies.movements.trajectory import GaussianTrajectory
+
+TITLE: Final = "From demonstrations to a policy, output by output"
+DOORS: Final = ()
+OUTPUTS: Final = ("$x$", "$y$", "$z$", "$θu_x$", "$θu_y$", "$θu_z$")
+UNITS: Final = ("m", "m", "m", "rad", "rad", "rad")
+_MAGNIFICATIONS: Final = (20, 10, 5, 2, 1)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Learning:
+    """What Fig. 6 shows."""
+
+    recorded: LabelledDemonstrations
+    """Demonstrations and their doors, the first row."""
+    skill: Skill
+    """Learned from them; its ``aligned`` is the second row."""
+    policy: GaussianTrajectory
+    """Its prediction at all phases, the third row."""
+
+    def spread_between_doors(self, output: int) -> tuple[float, float]:
+        """Rms spread between the doors' means and within doors, over phases."""
+        poses, radii = self.skill.aligned.poses[:, :, output], self.recorded.radii
+        doors = [
+            poses[[radius == door for radius in radii]]
+            for door in sorted(set(radii), key=str)
+        ]
+        within = np.mean([door.var(axis=0) for door in doors])
+        between = np.var([door.mean(axis=0) for door in doors], axis=0).mean()
+        return float(np.sqrt(between)), float(np.sqrt(within))
+
+
+def measure(material: Material) -> Learning:
+    """Align the demonstrations and learn from them."""
+    recorded = material.demonstrations
+    skill = fit_skill(align(recorded.demonstrations))
+    policy = skill.predict(skill.aligned.times)
+    return Learning(recorded=recorded, skill=skill, policy=policy)
+
+
+def draw(shown: Learning) -> Figure:
+    """Draw three rows of six panels."""
+    figure = style.new_figure(style.PAGE, 3.9)
+    rows = figure.subplots(3, 6, sharey="col", sharex="row")
+    radii = shown.recorded.radii
+    colours = door_colours(radii)
+    aligned = shown.skill.aligned
+    for output in range(6):
+        for recorded, poses, radius in zip(
+            shown.recorded.demonstrations, aligned.poses, radii, strict=True
+        ):
+            times = recorded.times - recorded.times[0]
+            line = {"color": colours[radius], "linewidth": 0.8}
+            rows[0, output].plot(times, recorded.poses[:, output], **line)
+            rows[1, output].plot(aligned.times, poses[:, output], **line)
+        style.mean_and_interval(rows[2, output], shown.policy, output, style.BEFORE)
+        _scale(rows[0, output], shown, output)
+        title = f"{OUTPUTS[output]} [{UNITS[output]}]"
+        rows[0, output].set(title=title, xlabel="time [s]")
+        rows[2, output].set_xlabel("phase")
+    for row, text in zip(rows, ("recorded", "aligned", "policy, 95 %"), strict=True):
+        row[0].set_ylabel(text, fontsize=7.5, fontweight="bold")
+    rows[0, 0].set_xlim(0.0, None)
+    for row in rows[1:]:
+        row[0].set_xlim(0.0, 1.0)
+        row[0].set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+    _legend(figure, rows[0, 0], radii)
+    return figure
+
+
+def door_colours(radii: tuple[float | None, ...]) -> dict[float | None, str]:
+    """Colours of doors by radius, from the smallest; also of those without one."""
+    ranked = sorted({radius for radius in radii if radius is not None})
+    colours = itertools.chain(style.DOORS, itertools.repeat(style.DOORS[-1]))
+    return dict(zip(ranked, colours, strict=False)) | {None: style.DEMONSTRATION}
+
+
+def _scale(axes: Axes, shown: Learning, output: int) -> None:
+    """Give the outputs of a kind one scale, or say how much larger it is."""
+    extents = _extents(shown)
+    kind = extents[:3] if output < 3 else extents[3:]
+    span = 1.08 * float(np.ptp(kind, axis=1).max())
+    low, high = extents[output]
+    magnified = next(m for m in _MAGNIFICATIONS if m * (high - low) <= span)
+    if magnified > 1:
+        text = f"{magnified} × enlarged"
+        style.note(axes, 0.5, text, fontsize=6.0, color="0.35", ha="center")
+    middle, half = 0.5 * (low + high), 0.5 * span / magnified
+    axes.set_ylim(middle - half, middle + half)
+
+
+def _extents(shown: Learning) -> FloatArray:
+    """Least and largest value drawn of each output, (6, 2)."""
+    low, high = shown.policy.interval()
+    drawn = [demonstration.poses for demonstration in shown.recorded.demonstrations]
+    values = np.vstack([low, high, *drawn])
+    return np.stack([values.min(axis=0), values.max(axis=0)], axis=1)
+
+
+def _legend(figure: Figure, axes: Axes, radii: tuple[float | None, ...]) -> None:
+    """Name the first line of each door."""
+    entries: dict[str, Line2D] = {}
+    for line, radius in zip(axes.lines, radii, strict=True):
+        name = "unknown radius" if radius is None else f"door of {radius:.2f} m"
+        entries.setdefault(name, line)
+    style.legend_above(figure, entries)
+
+
+def caption(shown: Learning) -> str:
+    """Say what is seen, and the numbers."""
+    (x_between, x_within), (z_between, z_within) = map(
+        shown.spread_between_doors, (0, 2)
+    )
+    largest = 1e3 * shown.policy.std.max(axis=0)
+    listed = ", ".join(
+        f"{name.strip('$')} {std:.0f} m{unit}"
+        for name, std, unit in zip(OUTPUTS, largest, UNITS, strict=True)
+    )
+    return (
+        f"{len(shown.recorded.demonstrations)} demonstrations of opening "
+        f"{len(set(shown.recorded.radii))} doors by the synthetic human: as recorded, "
+        "aligned by the task completion index, and the heteroscedastic Gaussian "
+        "process learned from them with its 95 % interval (Student t, as there are "
+        "few demonstrations). Positions share one scale and rotations another, except "
+        "where a panel says how much it is enlarged. As in the paper's Fig. 6, the "
+        "aligned x and z fall into one group per door, and only x, z and θu_y move by "
+        f"much. Largest standard deviation of the policy: {listed}. Spread between "
+        "doors over spread between repetitions on one door: "
+        f"{x_between / x_within:.0f} in x, {z_between / z_within:.0f} in z. "
+        "What differs: θu_y varies no more than the other rotations here, because all "
+        "doors are opened to nearly the same angle."
+    )

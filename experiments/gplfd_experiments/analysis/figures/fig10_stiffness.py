@@ -1,0 +1,195 @@
+"""Fig. 10: stiffness, and how fast the uncertainty may fall.
+
+Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
+arXiv:2002.09979, Section IV-B, Eqs. (24)–(28).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from gplfd_experiments.analysis.figures import style
+from gplfd_experiments.analysis.figures.episodes import POLICY
+from gplfd_experiments.analysis.figures.material import Material
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_policies.agents.agent import CompliantAgent
+from gplfd_policies.control.stability import (
+    printed_uncertainty_fall_bound,
+    uncertainty_fall_bound,
+)
+from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, StiffnessProfile
+from gplfd_policies.registry.catalogue import make_agent
+
+TITLE: Final = "Stiffness and its stability"
+DOORS: Final = ("medium", "heavy")
+AXES: Final = {0: ("x", style.AXIS_X), 2: ("z", style.AXIS_Z)}
+_LINEAR: Final = 0.03
+"""Up to this fall of σ its axis is linear, beyond it is logarithmic [m/s]."""
+_TICKS: Final = (-0.02, 0.0, 0.02, 0.1, 1.0)
+_MARK: Final[Mapping[str, Any]] = {"marker": "v", "linestyle": "", "markersize": 5.0}
+_DOT: Final[Mapping[str, Any]] = {
+    "marker": "o",
+    "linestyle": "",
+    "markersize": 1.7,
+    "markeredgewidth": 0.0,
+    "zorder": 3,
+}
+_INTERVENTION: Final = 1e-6
+"""The governor intervenes where stiffness is this far below the profile's [N/m]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Stability:
+    """What Fig. 10 shows of one episode; arrays over its steps."""
+
+    log: EpisodeLog
+    """What happened in the episode."""
+    fall: FloatArray
+    """-dσ/dt of the σ that the controller used, (T, 6) [m/s, rad/s]."""
+    fixed_stiffness: FloatArray
+    """What the profile gives for σ without via-points, (T, 6)."""
+    fixed_fall: FloatArray
+    """-dσ/dt without via-points, (T, 6)."""
+    tight: float
+    """Bound on -dσ/dt that suffices at every σ and on both axes."""
+    printed: float
+    """The same with the printed constant."""
+    used: FloatArray
+    """Stiffness rate over its bound at that stiffness, (T, 6): stable below 1."""
+    governed: NDArray[np.bool_]
+    """Where the governor held the stiffness back, (T, 6)."""
+
+
+def measure(material: Material) -> dict[str, Stability]:
+    """Compare the episode at each door with the bounds."""
+    agent = make_agent(POLICY, material.demonstrations.demonstrations)
+    if not isinstance(agent, CompliantAgent):
+        raise TypeError(f"{POLICY} has no stiffness law: {agent!r}")
+    profile = agent.config.profile
+    return {door: stability(material.episodes[door], profile) for door in DOORS}
+
+
+def stability(log: EpisodeLog, profile: StiffnessProfile) -> Stability:
+    """Compare an episode, under a stiffness law, with the bounds."""
+    _, fixed = log.first_forecast(log.phase)
+    wished = profile.stiffness(log.std)
+    bound = log.stability_margin + log.stiffness_rate
+    fixed_rate = np.diff(fixed, axis=0, prepend=fixed[:1]) / log.dt
+    return Stability(
+        log=log,
+        fall=-log.std_rate,
+        fixed_stiffness=profile.stiffness(fixed),
+        fixed_fall=-fixed_rate,
+        tight=_least(uncertainty_fall_bound(profile, DEFAULT_DYNAMICS)),
+        printed=_least(printed_uncertainty_fall_bound(profile, DEFAULT_DYNAMICS)),
+        used=log.stiffness_rate / bound,
+        governed=wished - log.stiffness > _INTERVENTION,
+    )
+
+
+def _least(bound: FloatArray) -> float:
+    return float(min(bound[output] for output in AXES))
+
+
+def draw(shown: Mapping[str, Stability]) -> Figure:
+    """Draw stiffness, fall of the uncertainty and use of the bound, door by door."""
+    figure = style.new_figure(style.PAGE, 4.7)
+    rows = figure.subplots(3, len(shown), sharex="col", sharey="row", squeeze=False)
+    titles = []
+    for column, (door, one) in zip(rows.T, shown.items(), strict=True):
+        _draw_stiffness(column[0], one)
+        _draw_fall(column[1], one)
+        _draw_use(column[2], one)
+        titles += [f"stiffness, {door} door"]
+        titles += ["fall of the uncertainty", "rate of the stiffness"]
+        column[2].set(xlabel="time [s]", xlim=(0.0, float(one.log.times[-1])))
+    style.name_panels(rows.T.flat, titles)
+    rows[0, 0].set_ylabel("$k_p$ [N/m]")
+    rows[1, 0].set_ylabel(r"$-\mathrm{d}σ/\mathrm{d}t$ [m/s]")
+    rows[2, 0].set(ylabel=r"$\dot{k}_p$ / its bound", ylim=(None, 1.15))
+    style.legend_above(
+        figure,
+        {f"${name}$": style.legend_line(colour) for name, colour in AXES.values()}
+        | {
+            "without via-points": style.legend_line("0.4", "--"),
+            "bound": style.legend_line(style.LIMIT),
+            "bound, printed constant": style.legend_line(style.LIMIT, ":"),
+            "governor intervenes": style.legend_line(style.LIMIT, **_MARK),
+        },
+    )
+    return figure
+
+
+def _draw_stiffness(axes: Axes, one: Stability) -> None:
+    for output, (_, colour) in AXES.items():
+        fixed = one.fixed_stiffness[:, output]
+        axes.plot(one.log.times, fixed, color=colour, linestyle="--", linewidth=0.8)
+        axes.plot(one.log.times, one.log.stiffness[:, output], color=colour)
+    axes.set_ylim(0.0, 540.0)
+
+
+def _draw_fall(axes: Axes, one: Stability) -> None:
+    _dots(axes, one, one.fall)
+    axes.axhline(one.tight, color=style.LIMIT)
+    axes.axhline(one.printed, color=style.LIMIT, linestyle=":")
+    # The drop at the first via-point may be fifty times the bound.
+    axes.set_yscale("symlog", linthresh=_LINEAR, linscale=1.2)
+    axes.set_yticks(_TICKS, [f"{tick:g}" for tick in _TICKS])
+    axes.minorticks_off()
+
+
+def _draw_use(axes: Axes, one: Stability) -> None:
+    _dots(axes, one, one.used)
+    axes.axhline(1.0, color=style.LIMIT)
+    for output in AXES:
+        governed = one.governed[:, output]
+        marked = one.log.times[governed], one.used[governed, output]
+        axes.plot(*marked, color=style.LIMIT, **_MARK)
+
+
+def _dots(axes: Axes, one: Stability, values: FloatArray) -> None:
+    """One dot per control step: between them there is nothing."""
+    for output, (_, colour) in AXES.items():
+        axes.plot(one.log.times, values[:, output], color=colour, **_DOT)
+
+
+def caption(shown: Mapping[str, Stability]) -> str:
+    """Say what is seen, and the numbers."""
+    outputs = list(AXES)
+    first = next(iter(shown.values()))
+    tight, printed = first.tight, first.printed
+    numbers = [
+        f"{door} door: {int((one.fall[:, outputs] > tight).any(axis=1).sum())} of "
+        f"{one.log.times.size} steps above it (and above the printed one in "
+        f"{int((one.fall[:, outputs] > printed).any(axis=1).sum())}), at most "
+        f"{one.fall[:, outputs].max():.3f} m/s, and without via-points at most "
+        f"{one.fixed_fall[:, outputs].max():.3f} m/s; stiffness from "
+        f"{one.log.stiffness[:, outputs].min():.0f} to "
+        f"{one.log.stiffness[:, outputs].max():.0f} N/m, its rate at most "
+        f"{100.0 * one.used[:, outputs].max():.1f} % of the bound at that stiffness, "
+        f"interventions of the governor: {int(one.governed[:, outputs].sum())}"
+        for door, one in shown.items()
+    ]
+    return (
+        "(a, d) Stiffness along x and z while an ordinary door and a heavy one open, "
+        "and (dashed) what the same law gives for the uncertainty without via-points. "
+        "(b, e) How fast the uncertainty that sets the stiffness falls, one dot per "
+        f"control step (axis linear up to {_LINEAR:g} m/s, then logarithmic), against "
+        "Eq. (28) with the tight constant "
+        f"({tight:.4f} m/s) and with the printed one ({printed:.4f} m/s). (c, f) Rate "
+        "of the stiffness over the bound at the present stiffness, tight form of Eq. "
+        "(23): below 1 the virtual dynamics are stable. The paper's Fig. 10 shows "
+        "stiffness falling towards the end, as the dashed lines do, and compares "
+        "+dσ/dt with the bound; it is falling uncertainty that stiffens, so that the "
+        "sign here is the other one, and counted step by step the bound of Eq. (28) "
+        f"is crossed: every via-point makes σ drop at once. {'; '.join(numbers)}. Eq. "
+        "(28) is sufficient, not necessary, as it assumes the steepest point of the "
+        "law; the condition itself (c, f) always holds, because the governor holds the "
+        "stiffness back where it would not."
+    )

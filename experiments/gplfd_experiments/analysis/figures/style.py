@@ -1,0 +1,189 @@
+"""How the figures look: sizes, colours on white paper, and how they are written.
+
+No global state: styles hold inside `paper_style` only, and figures are made without
+pyplot, hence without a window system.
+"""
+
+import contextlib
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from string import ascii_lowercase
+from typing import Any, Final
+
+import matplotlib.style
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from gplfd_experiments.recording import colours
+from gplfd_policies.arrays.storage import complete_or_absent
+from gplfd_policies.movements.trajectory import GaussianTrajectory
+
+COLUMN: Final = 3.5
+"""Width of a journal's column [inch]."""
+PAGE: Final = 7.16
+"""Width of a journal's page of two columns [inch]."""
+
+_STYLE: Final[Mapping[str, Any]] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 7.0,
+    "mathtext.fontset": "dejavusans",
+    "axes.titlesize": 7.5,
+    "axes.labelsize": 7.0,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "lines.linewidth": 1.2,
+    "legend.fontsize": 6.5,
+    "legend.frameon": False,
+    "legend.handlelength": 1.8,
+    "savefig.dpi": 300,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "gplfd",
+}
+
+
+def on_paper(colour: colours.Colour, luminance: float) -> str:
+    """Darken a colour made for a dark screen until it reads on white paper.
+
+    The hue stays: the linear RGB values are scaled by one factor.
+
+    Args:
+        colour: 8-bit sRGB.
+        luminance: Relative luminance to reach, 0 (black) to 1 (white).
+
+    Returns:
+        The colour as ``#rrggbb``.
+    """
+    srgb = np.array(colour) / 255.0
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    linear *= luminance / float(linear @ [0.2126, 0.7152, 0.0722])
+    linear = np.clip(linear, 0.0, 1.0)
+    darker = np.where(
+        linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055
+    )
+    return "#" + "".join(f"{round(255.0 * value):02x}" for value in darker)
+
+
+# Colours that meet in one panel differ in luminance, not in hue alone.
+DEMONSTRATION: Final = on_paper(colours.DEMONSTRATION, 0.35)
+BEFORE: Final = on_paper(colours.BEFORE, 0.27)
+ADAPTED: Final = on_paper(colours.ADAPTED, 0.10)
+TRUTH: Final = on_paper(colours.TRUTH, 0.19)
+AXIS_X: Final = on_paper(colours.AXIS_X, 0.27)
+AXIS_Z: Final = on_paper(colours.AXIS_Z, 0.13)
+LIMIT: Final = on_paper(colours.LIMIT, 0.13)
+MARK: Final = on_paper(colours.MARK, 0.15)
+SEEN: Final = "#e3f1fb"
+"""Background of what the policy has already seen."""
+DOORS: Final = ("#3fb3bf", "#1b6fae", "#0b2a66")
+"""Doors from the smallest to the largest: darker is wider."""
+
+
+@contextlib.contextmanager
+def paper_style() -> Iterator[None]:
+    """Draw and write inside this block; whatever the user has configured is put aside.
+
+    Matplotlib's own defaults are restored first, so that nobody's matplotlibrc changes
+    a byte of a figure.
+    """
+    with matplotlib.style.context(dict(_STYLE), after_reset=True):
+        yield
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of a size in inches that lays out its panels by itself."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def write_figure(figure: Figure, folder: Path, name: str) -> None:
+    """Write ``name.png`` and ``name.svg``, each complete or not at all.
+
+    The same figure gives the same bytes: no date, no version, fixed identifiers.
+
+    Raises:
+        OSError: A file cannot be written.
+    """
+    # The panels are arranged once, not again for each file.
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for suffix, metadata in (
+        (".png", {"Software": None}),
+        (".svg", {"Date": None, "Creator": None}),
+    ):
+        with complete_or_absent(folder / f"{name}{suffix}") as path:
+            figure.savefig(path, format=suffix[1:], metadata=metadata)
+
+
+def name_panels(panels: Iterable[Axes], titles: Iterable[str]) -> None:
+    """Write a bold letter, from a on, and a title flush left above each panel."""
+    for axes, letter, title in zip(panels, ascii_lowercase, titles, strict=False):
+        axes.set_title(rf"$\bf{{{letter}}}$  {title}", loc="left")
+
+
+def note(axes: Axes, x: float, text: str, **look: Any) -> None:
+    """Write small text below a panel's upper edge, at a share ``x`` of its width."""
+    axes.text(x, 0.98, text, transform=axes.transAxes, va="top", **look)
+
+
+def band(
+    axes: Axes,
+    x: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    colour: str,
+    label: str | None = None,
+) -> None:
+    """Shade an interval over x; all arrays have one size."""
+    axes.fill_between(x, low, high, color=colour, alpha=0.22, linewidth=0, label=label)
+
+
+def mean_and_interval(
+    axes: Axes,
+    policy: GaussianTrajectory,
+    output: int,
+    colour: str,
+    *,
+    band_label: str | None = None,
+    **line: Any,
+) -> None:
+    """Draw an output's mean over phase on its shaded 95 % interval.
+
+    Args:
+        axes: Panel to draw on.
+        policy: What to draw.
+        output: Which of its six outputs.
+        colour: Of both.
+        band_label: Name of the interval in the legend.
+        line: How the mean is drawn.
+    """
+    low, high = policy.interval()
+    band(axes, policy.times, low[:, output], high[:, output], colour, band_label)
+    axes.plot(policy.times, policy.mean[:, output], color=colour, **line)
+
+
+def legend_line(colour: str, linestyle: Any = "-", **line: Any) -> Line2D:
+    """A line that stands in the legend alone."""
+    return Line2D([], [], color=colour, linestyle=linestyle, **line)
+
+
+def legend_above(figure: Figure, entries: Mapping[str, Artist]) -> None:
+    """Name lines and areas above all panels, in one row."""
+    figure.legend(
+        handles=list(entries.values()),
+        labels=list(entries),
+        loc="outside upper center",
+        ncols=len(entries),
+    )

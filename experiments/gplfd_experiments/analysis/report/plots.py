@@ -1,0 +1,211 @@
+"""Plots of a study."""
+
+import math
+from collections.abc import Mapping, Sequence
+from operator import attrgetter
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gplfd_experiments.analysis.figures import style
+from gplfd_experiments.analysis.report.panels import (
+    BAR,
+    DOTS,
+    FAINT,
+    line,
+    log_scale,
+    say,
+    short,
+    small_multiples,
+)
+from gplfd_experiments.analysis.results.grouping import Runs, door_name, grouped
+from gplfd_experiments.analysis.results.measures import (
+    ADA_FORCE,
+    EPISODE_MEASURES,
+    LEARNING_HEADLINES,
+    LEARNING_MEASURES,
+    median,
+)
+from gplfd_experiments.analysis.results.records import (
+    NON_STANDARD,
+    EpisodeResult,
+    LearningTestResult,
+    RecordedResult,
+)
+from gplfd_experiments.analysis.results.statistics import success_rate
+from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
+
+LeftOut = LearningTestResult | RecordedResult
+
+LEVELS: Final = (50, 90, 95)
+"""Nominal coverages with a measured one [%]."""
+
+
+def success_by_radius(runs: Runs, reference: str) -> Figure:
+    """Draw the rate of doors opened to 60 degrees over the handle's radius."""
+
+    def draw(axes: Axes, policy: str, tint: str) -> None:
+        radii, rates = [], []
+        for radius, own in _by_radius(runs[policy]):
+            rate = success_rate((one.task.seed, one.opened()) for one in own)
+            radii.append(radius)
+            rates.append(rate.successes / rate.trials)
+            if tint != FAINT:
+                axes.plot([radius] * 2, [rate.low, rate.high], color=tint, **BAR)
+        axes.plot(radii, rates, **line(tint))
+
+    def prepare(axes: Axes) -> None:
+        _radius_axis(axes, runs)
+        axes.set_ylim(-0.05, 1.05)
+        axes.set_yticks([0.0, 0.5, 1.0])
+
+    labels = ("radius [m]", "opened to 60°")
+    return small_multiples(runs, reference, draw, prepare, *labels)
+
+
+def force_by_radius(runs: Runs, reference: str) -> Figure:
+    """Draw the peak radial force of opened doors over the radius: all and median."""
+    measure = EPISODE_MEASURES["force_radial_peak"]
+
+    def draw(axes: Axes, policy: str, tint: str) -> None:
+        points, middles = [], []
+        for radius, own in _by_radius(runs[policy]):
+            forces = [force for one in own if (force := measure.of(one)) is not None]
+            points += [(radius, force) for force in forces]
+            if forces:
+                middles.append((radius, median(forces)))
+        if middles and tint != FAINT:
+            axes.plot(*zip(*points, strict=True), color=tint, **DOTS)
+        if middles:
+            axes.plot(*zip(*middles, strict=True), **line(tint))
+        elif tint != FAINT:
+            say(axes, "none opened")
+
+    def prepare(axes: Axes) -> None:
+        _radius_axis(axes, runs)
+        axes.axhline(ADA_FORCE, color=style.LIMIT, linewidth=0.8, linestyle="--")
+        log_scale(axes, "y")
+
+    labels = ("radius [m]", "peak radial force [N]")
+    return small_multiples(runs, reference, draw, prepare, *labels)
+
+
+def forecast_by_progress(runs: Runs, reference: str) -> Figure:
+    """Draw the error of the forecast of the rest over progress: median, middle half."""
+
+    def draw(axes: Axes, policy: str, tint: str) -> None:
+        errors: dict[float, list[float]] = {}
+        for one in runs[policy]:
+            angles = one.metrics["forecast_progress"]
+            for at, error in zip(angles, one.metrics["forecast_error_mm"], strict=True):
+                if error is not None:
+                    errors.setdefault(at, []).append(error)
+        steps = sorted(errors)
+        if steps:
+            low, middle, high = np.transpose(
+                [np.percentile(errors[at], (25, 50, 75)) for at in steps]
+            )
+            if tint != FAINT:
+                style.band(axes, np.array(steps), low, high, tint)
+            axes.plot(steps, middle, **line(tint))
+        elif tint != FAINT:
+            say(axes, "no forecast")
+
+    def prepare(axes: Axes) -> None:
+        axes.set_xlim(0.0, 1.0)
+        axes.set_xticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
+        log_scale(axes, "y")
+
+    labels = ("door angle / final angle", "error [mm]")
+    return small_multiples(runs, reference, draw, prepare, *labels)
+
+
+def coverage(runs: Mapping[str, Sequence[LeftOut]], reference: str) -> Figure:
+    """Draw the share of left-out numbers inside intervals of a nominal share."""
+
+    def draw(axes: Axes, policy: str, tint: str) -> None:
+        measured = {
+            level / 100.0: LEARNING_MEASURES[f"coverage_{level}"].median(runs[policy])
+            for level in LEVELS
+        }
+        points = [point for point in measured.items() if point[1] is not None]
+        if points:
+            axes.plot(*zip(*points, strict=True), **line(tint))
+        elif tint != FAINT:
+            say(axes, "no uncertainty")
+
+    def prepare(axes: Axes) -> None:
+        axes.plot([0.0, 1.0], [0.0, 1.0], color=style.MARK, linewidth=0.7)
+        axes.set_xlim(0.4, 1.02)
+        axes.set_ylim(-0.02, 1.04)
+        axes.set_xticks([0.5, 0.9], labels=["0.5", "0.9"])
+        axes.set_yticks([0.0, 0.5, 1.0])
+
+    labels = ("nominal share", "measured share")
+    return small_multiples(runs, reference, draw, prepare, *labels)
+
+
+def prediction_scores(runs: Mapping[str, Sequence[LeftOut]]) -> Figure:
+    """Draw likelihood and errors of predictions: dots are tests, bars medians."""
+    kinds = sorted({_left_out(one) for own in runs.values() for one in own})
+    tints = dict(zip(kinds, (style.DOORS[1], style.AXIS_X), strict=False))
+    lifts = {kind: 0.32 * (n - 0.5 * (len(kinds) - 1)) for n, kind in enumerate(kinds)}
+    position = LEARNING_MEASURES["rmse_position_m"]
+
+    def error(policy: str) -> tuple[float, str]:
+        middle = position.median(runs[policy])
+        return math.inf if middle is None else middle, policy
+
+    order = sorted(runs, key=error, reverse=True)
+    figure = style.new_figure(style.PAGE, 0.24 * len(runs) + 0.75)
+    panels = figure.subplots(1, len(LEARNING_HEADLINES), sharey=True, squeeze=False)[0]
+    for axes, name in zip(panels, LEARNING_HEADLINES, strict=True):
+        measure = LEARNING_MEASURES[name]
+        for row, policy in enumerate(order):
+            for kind in kinds:
+                own = (one for one in runs[policy] if _left_out(one) == kind)
+                values = [value for value in map(measure.of, own) if value is not None]
+                _row_of_dots(axes, row + lifts[kind], values, tints[kind])
+        axes.set_xlabel(measure.title)
+        axes.set_yticks(range(len(order)), labels=map(short, order), parse_math=False)
+        axes.grid(axis="y", color="#e6e9ee", linewidth=0.5)
+        if name != "nlpd":
+            log_scale(axes, "x")
+    for kind, tint in tints.items():
+        panels[0].plot([], [], "o", ms=3.5, color=tint, label=f"{kind} left out")
+    figure.legend(loc="outside upper left", ncols=2)
+    return figure
+
+
+def _left_out(one: LeftOut) -> str:
+    return one.task.held_out if isinstance(one, LearningTestResult) else "recording"
+
+
+def _row_of_dots(axes: Axes, height: float, values: Sequence[float], tint: str) -> None:
+    if not values:
+        return
+    look: dict[str, Any] = {"ms": 2.2, "color": tint, "alpha": 0.35, "mew": 0}
+    axes.plot(values, [height] * len(values), "o", **look)
+    axes.plot([float(np.median(values))], [height], "|", ms=8, mew=1.8, color=tint)
+
+
+def _by_radius(
+    own: Sequence[EpisodeResult],
+) -> list[tuple[float, list[EpisodeResult]]]:
+    """Return episodes on standard doors by mean radius, a group per door."""
+    standard = (one for one in own if one.kind != NON_STANDARD or one.drawn)
+    doors = grouped(sorted(standard, key=attrgetter("radius")), door_name)
+    return [
+        (sum(one.radius for one in here) / len(here), here) for here in doors.values()
+    ]
+
+
+def _radius_axis(axes: Axes, runs: Runs) -> None:
+    radii = [one.radius for own in runs.values() for one in own]
+    low, high = min(*radii, *DEMONSTRATED_RADII), max(*radii, *DEMONSTRATED_RADII)
+    axes.set_xlim(low - 0.02, high + 0.02)
+    for radius in DEMONSTRATED_RADII:
+        axes.axvspan(radius - 0.008, radius + 0.008, color=style.SEEN, linewidth=0)
+    axes.set_xticks(DEMONSTRATED_RADII, labels=[f"{r:g}" for r in DEMONSTRATED_RADII])

@@ -1,0 +1,50 @@
+"""Tables with a row per policy, in groups, written column by column."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from gplfd_experiments.analysis.report.document import code
+from gplfd_experiments.analysis.results.grouping import counted
+from gplfd_experiments.analysis.results.measures import Measure
+from gplfd_experiments.files.table import Table
+
+Cell = Callable[[Sequence[Any]], str]
+"""Says what some results of a policy are, all of which count."""
+
+
+def policy_table(
+    groups: Mapping[str, Mapping[str, Sequence[Any]]],
+    columns: Mapping[str, Cell],
+    note: str = "",
+) -> Table:
+    """Return a row per policy, in groups under headings unless there is only one.
+
+    Args:
+        groups: Results by policy, by the heading. Errors are counted below the policy's
+            name; one without other results has dashes.
+        columns: Cells by the heads of their columns.
+        note: What a reader has to know.
+    """
+    rows: list[tuple[str, ...]] = []
+    for title, results in groups.items():
+        if len(groups) > 1:
+            rows.append((f"**{title}**", *("" for _ in columns)))
+        for policy, ran in counted(results).items():
+            failed = sum(bool(one.error) and not one.lost for one in results[policy])
+            lost = sum(one.lost for one in results[policy])
+            marks = [f"errors: {failed}"] * bool(failed) + [f"lost: {lost}"] * bool(
+                lost
+            )
+            name = "\n".join([code(policy), *marks])
+            cells = (cell(ran) if ran else "–" for cell in columns.values())
+            rows.append((name, *cells))
+    return Table(columns=("policy", *columns), rows=tuple(rows), note=note)
+
+
+def medians(*measures: Measure) -> dict[str, Cell]:
+    """Return a column with the median of a measure, those of others below it."""
+
+    def cell(results: Sequence[Any]) -> str:
+        return "\n".join(one.text(one.median(results)) for one in measures)
+
+    return {"\n".join(one.title for one in measures): cell}

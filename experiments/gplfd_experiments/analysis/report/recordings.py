@@ -1,0 +1,149 @@
+"""The recordings that a study has kept: their names, their index, and links to them."""
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import quote
+
+from gplfd_experiments.analysis.report.document import (
+    Block,
+    Paragraph,
+    Section,
+    code,
+    literal,
+)
+from gplfd_experiments.files.names import file_name
+from gplfd_experiments.files.plain_data import entry, read_json
+from gplfd_experiments.files.table import Table
+
+FOLDER, INDEX = "recordings", "index.json"
+COMPARISONS: Final = ("comparison.rrd", "comparison-widest.rrd")
+"""Policies side by side at the middle and at the widest demonstrated door."""
+RANKS: Final = ("best", "median", "worst")
+"""Episodes of each policy that are recorded, by success, radial force and angle."""
+
+
+def recording_name(policy: str, rank: str) -> str:
+    """Return the file name of a recording, whatever the policy is called."""
+    return f"{file_name(policy)}-{rank}.rrd"
+
+
+def trial_recording_name(trial: str) -> str:
+    """Return the file name of a trial's comparison."""
+    return f"trial-{file_name(trial)}.rrd"
+
+
+def trial_recording(study: Path, page: Path, trial: str) -> list[Paragraph]:
+    """Link a trial's comparison, if there is one, and say what it shows.
+
+    Args:
+        study: The study's folder.
+        page: Folder in which the page will be.
+        trial: Its name.
+    """
+    file = trial_recording_name(trial)
+    if (link := _links(study, page).get(file)) is None:
+        return []
+    try:
+        about = _about_comparison(read_json(study / FOLDER / INDEX), file)
+    except (OSError, ValueError) as error:
+        about = f"what it shows is not known: {literal(error)}"
+    return [Paragraph(text=f"Side by side: {link}, {about}.")]
+
+
+def _about_comparison(index: Mapping[str, Any], file: str) -> str:
+    """Return what the index says of a comparison: of all alike, or one by one.
+
+    Raises:
+        ValueError: It is no index, or says nothing.
+    """
+    for one in entry(index, "comparisons", tuple[dict[str, Any], ...]):
+        if one.get("file") == file:
+            shown = entry(one, "episodes", tuple[dict[str, Any], ...])
+            said = [(code(entry(each, "policy", str)), _about(each)) for each in shown]
+            if len({about for _, about in said}) == 1:
+                return said[0][1]
+            return "; ".join(f"{policy} {about}" for policy, about in said)
+    raise ValueError(f"{INDEX} does not name {file}")
+
+
+def _links(study: Path, page: Path) -> dict[str, str]:
+    """Links to a study's recordings, relative to the page's folder, by file name."""
+    folder = study / FOLDER
+    prefix = Path(os.path.relpath(folder, page)).as_posix()
+    return {
+        path.name: f"[{literal(path.name)}]({quote(f'{prefix}/{path.name}')})"
+        for path in folder.glob("*.rrd")
+    }
+
+
+def recording_section(study: Path, page: Path, policies: Iterable[str]) -> Section:
+    """List the recordings there are, with links relative to the page's folder.
+
+    Args:
+        study: The study's folder.
+        page: Folder in which the page will be.
+        policies: All that the study has, in order.
+    """
+    links = _links(study, page)
+    blocks: list[Block] = []
+    if there := [links[file] for file in COMPARISONS if file in links]:
+        text = f"Several policies at the same door, side by side: {', '.join(there)}."
+        blocks.append(Paragraph(text=text))
+    index: Mapping[str, str] = {}
+    try:
+        index = _index(study / FOLDER / INDEX)
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError) as error:
+        text = f"What the recordings show is not known: {literal(error)}"
+        blocks.append(Paragraph(text=text, warning=True))
+    if rows := _rows(policies, links, index):
+        note = (
+            "Ordered by success, then peak radial force, then final angle. Open one "
+            "with `gplfd view FILE`."
+        )
+        table = Table(columns=("policy", *RANKS), rows=rows, note=note, left=True)
+        blocks.append(table)
+    if not blocks:
+        text = (
+            "Those of trials are linked in their sections."
+            if links
+            else "None here; `--record` makes them."
+        )
+        blocks.append(Paragraph(text=text))
+    return Section(title="Recordings", anchor="recordings", blocks=tuple(blocks))
+
+
+def _rows(
+    policies: Iterable[str], links: Mapping[str, str], index: Mapping[str, str]
+) -> tuple[tuple[str, ...], ...]:
+    rows = []
+    for policy in policies:
+        files = [recording_name(policy, rank) for rank in RANKS]
+        cells = [f"{links.get(f, '')} {index.get(f, '')}".strip() for f in files]
+        if any(cells):
+            rows.append((code(policy), *(cell or "–" for cell in cells)))
+    return tuple(rows)
+
+
+def _index(path: Path) -> Mapping[str, str]:
+    """Return what the index says of each file.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is no index.
+    """
+    entries = entry(read_json(path), "episodes", tuple[dict[str, Any], ...])
+    return {entry(one, "file", str): _about(one) for one in entries}
+
+
+def _about(one: Mapping[str, Any]) -> str:
+    text = f"{literal(entry(one, 'door', str))}, seed {entry(one, 'seed', int)}"
+    if "error" in one:
+        return f"{text} (**not repeated:** {code(entry(one, 'error', str))})"
+    if not entry(one, "repeated", bool):
+        metrics = ", ".join(entry(one, "different", dict[str, Any])).replace("_", " ")
+        return f"{text} (**differs from the stored result:** {literal(metrics)})"
+    return text

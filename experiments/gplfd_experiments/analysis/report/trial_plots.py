@@ -1,0 +1,181 @@
+"""Plots of trials: a trial's deciding number, and all contrasts together."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gplfd_experiments.analysis.figures import style
+from gplfd_experiments.analysis.report.panels import log_scale, short
+from gplfd_experiments.analysis.results.grouping import Runs
+from gplfd_experiments.analysis.results.records import EpisodeResult
+from gplfd_experiments.analysis.results.trials import (
+    Answer,
+    Verdict,
+    seed_means,
+    summary,
+)
+from gplfd_experiments.studies.trials.records import MEASURES
+from gplfd_policies.registry.catalogue import POLICIES
+
+_KINDS: Final[Mapping[str, tuple[str, dict[str, Any]]]] = {
+    "method": ("learns", {"marker": "o", "color": style.DOORS[1]}),
+    "ablation": ("lacks an idea", {"marker": "D", "color": style.AXIS_X}),
+    "reference": (
+        "learns nothing",
+        {"marker": "s", "color": style.MARK, "mfc": "white"},
+    ),
+    "own": ("own policy", {"marker": "^", "color": style.TRUTH}),
+}
+_VERDICTS: Final[Mapping[Verdict, tuple[str, dict[str, Any]]]] = {
+    "shows": ("better with the idea", {"marker": "o", "color": style.TRUTH}),
+    "open": (
+        "no significant difference",
+        {"marker": "o", "color": style.MARK, "mfc": "white"},
+    ),
+    "harms": ("worse with the idea", {"marker": "X", "color": style.LIMIT}),
+}
+_POINT: Final[dict[str, Any]] = {"linestyle": "none", "ms": 4.5, "zorder": 4}
+_DOT: Final = 2.4
+"""Diameter of a seed's dot [pt]; of n at one place, √n times as much."""
+_ROW: Final = 0.15
+"""Height of a row [inch]."""
+_BESIDE_ROWS: Final = 0.45
+"""Height of a panel's title or its axis [inch]."""
+_WIDE: Final = 20.0
+"""Greatest over smallest value from which on a scale is logarithmic."""
+
+
+def kind_of(policy: str) -> str:
+    """Return method, ablation, reference or own."""
+    return POLICIES[policy].kind if policy in POLICIES else "own"
+
+
+def deciding_numbers(
+    levels: Mapping[str, Runs], measure: str, reference: str
+) -> Figure:
+    """Draw a row per policy and level: seeds, typical value and its interval.
+
+    Args:
+        levels: Episodes by level and policy, both in the order of the rows.
+        measure: What decides the trial, one of `MEASURES`.
+        reference: Policy that is highlighted.
+    """
+    figure, panels = _stacked([len(own) for own in levels.values()], shared=True)
+    values: list[float] = []
+    for axes, (level, own) in zip(panels, levels.items(), strict=True):
+        if len(levels) > 1:
+            axes.set_title(level, loc="left", parse_math=False)
+        _name_rows(axes, [short(policy) for policy in own])
+        for row, (policy, episodes) in enumerate(own.items()):
+            values += _policy_row(axes, row, policy, episodes, measure)
+            if policy == reference:
+                axes.get_yticklabels()[row].set(color=style.ADAPTED, weight="bold")
+                axes.axhspan(row - 0.5, row + 0.5, color=style.SEEN, zorder=0)
+    if values and min(values) > 0.0 and max(values) > _WIDE * min(values):
+        log_scale(panels[0], "x")
+    panels[-1].set_xlabel(MEASURES[measure][0])
+    kinds = {kind_of(policy) for own in levels.values() for policy in own}
+    _legend(figure, [look for kind, look in _KINDS.items() if kind in kinds])
+    return figure
+
+
+def ideas(answers: Mapping[str, Sequence[Answer]]) -> Figure:
+    """Draw every contrast's difference with its interval, a panel per measure.
+
+    To the right of zero the idea helps, whatever the measure.
+
+    Args:
+        answers: By trial; those without a number are left out.
+    """
+    groups: dict[str, list[tuple[str, Answer]]] = {name: [] for name in MEASURES}
+    for trial, own in answers.items():
+        for answer in own:
+            if answer.shift is not None:
+                contrast = answer.contrast
+                label = f"{trial}: {contrast.idea} ({contrast.lacking})"
+                groups[contrast.measure].append((label, answer))
+    held = {measure: rows for measure, rows in groups.items() if rows}
+    figure, panels = _stacked([len(rows) for rows in held.values()], shared=False)
+    for axes, (measure, rows) in zip(panels, held.items(), strict=True):
+        rows.sort(key=lambda row: _worth(row[1]), reverse=True)
+        _name_rows(axes, [label for label, _ in rows])
+        for place, (_, answer) in enumerate(rows):
+            _answer_row(axes, place, answer)
+        axes.axvline(0.0, color=style.MARK, linewidth=0.8, zorder=1)
+        # Zero in the middle, and what is better to its right, in all panels.
+        end = max(map(abs, axes.get_xlim()))
+        axes.set_xlim((end, -end) if MEASURES[measure][1] == "less" else (-end, end))
+        axes.set_xlabel(f"{MEASURES[measure][0]}: with − without")
+    panels[0].set_title("← worse with the idea", loc="left")
+    panels[0].set_title("better with the idea →", loc="right")
+    _legend(figure, list(_VERDICTS.values()))
+    return figure
+
+
+def _policy_row(
+    axes: Axes, row: int, policy: str, episodes: Sequence[EpisodeResult], measure: str
+) -> list[float]:
+    """Draw a policy's row; return the numbers of its seeds."""
+    found = summary(episodes, measure)
+    if found is None:
+        look: dict[str, Any] = {"color": style.MARK, "fontsize": 6.0, "va": "center"}
+        axes.text(0.01, row, "no number", transform=axes.get_yaxis_transform(), **look)
+        return []
+    _, mark = _KINDS[kind_of(policy)]
+    means = seed_means(episodes, measure)
+    places, counts = np.unique(means, return_counts=True)
+    for count in np.unique(counts):
+        here = places[counts == count]
+        dot = {"ms": _DOT * math.sqrt(count), "color": mark["color"]}
+        axes.plot(here, np.full(here.size, row), "o", mew=0, alpha=0.3, zorder=2, **dot)
+    _interval(axes, row, found.low, found.high, mark["color"])
+    axes.plot([found.estimate], [row], **_POINT, **mark)
+    return means
+
+
+def _answer_row(axes: Axes, row: int, answer: Answer) -> None:
+    _, look = _VERDICTS[answer.verdict]
+    if answer.shift is not None:
+        _interval(axes, row, answer.shift.low, answer.shift.high, look["color"])
+        axes.plot([answer.shift.estimate], [row], **_POINT, **look)
+
+
+def _interval(axes: Axes, row: int, low: float, high: float, tint: str) -> None:
+    if math.isfinite(low):
+        axes.plot([low, high], [row, row], color=tint, linewidth=1.4, zorder=3)
+
+
+def _worth(answer: Answer) -> float:
+    """Return a difference, positive where the idea helps."""
+    sign = -1.0 if MEASURES[answer.contrast.measure][1] == "less" else 1.0
+    return sign * answer.shift.estimate if answer.shift else 0.0
+
+
+def _stacked(rows: Sequence[int], *, shared: bool) -> tuple[Figure, list[Axes]]:
+    """Panels below each other, as high as their rows are many."""
+    height = _ROW * sum(rows) + _BESIDE_ROWS * (len(rows) + 1)
+    figure = style.new_figure(style.PAGE, height)
+    grid = figure.subplots(
+        len(rows), 1, sharex=shared, squeeze=False, height_ratios=rows
+    )
+    return figure, list(grid[:, 0])
+
+
+def _name_rows(axes: Axes, names: Sequence[str]) -> None:
+    """Name rows from the top down, on fine lines."""
+    axes.set_yticks(range(len(names)), labels=names, parse_math=False)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.grid(axis="y", color="#e6e9ee", linewidth=0.5)
+    axes.set_axisbelow(True)
+
+
+def _legend(figure: Figure, looks: Sequence[tuple[str, dict[str, Any]]]) -> None:
+    handles = {}
+    for name, look in looks:
+        kept = {key: value for key, value in look.items() if key != "color"}
+        handles[name] = style.legend_line(look["color"], "none", **kept)
+    style.legend_above(figure, handles)

@@ -1,0 +1,208 @@
+"""What of an episode or a learning test is compared, by the name of its metric."""
+
+import math
+import statistics
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from gplfd_experiments.analysis.results.records import TaskResult
+
+ADA_FORCE: Final = 22.2
+"""Largest force that opens an interior hinged door, 5 lbf, by section 404.2.9 of the
+ADA Standards for Accessible Design [N]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """A number of a result; less is better."""
+
+    metric: str
+    """What it is computed from."""
+    title: str
+    """Name for the head of a column, its unit in brackets at the end."""
+    phrase: str = ""
+    """Name in a sentence, of a measure that gets one."""
+    digits: int = 2
+    """Decimals that are shown."""
+    convert: Callable[[float], float] = float
+    """From the metric to this number."""
+    if_opened: bool = False
+    """Whether only opened doors have it: a policy that lets go feels no force."""
+
+    def of(self, result: TaskResult) -> float | None:
+        """Return the number; None where there is none."""
+        value = result.number(self.metric)
+        if self.if_opened and result.number("time_to_60_deg") is None:
+            return None
+        return None if value is None else self.convert(value)
+
+    def median(self, results: Iterable[TaskResult]) -> float | None:
+        """Return the median of the results that have it; None if none has."""
+        return median(map(self.of, results))
+
+    @property
+    def unit(self) -> str:
+        """What stands in brackets at the end of the title; "" for none."""
+        return self.title.rpartition("[")[2][:-1] if self.title.endswith("]") else ""
+
+    def text(self, value: float | None, *, unit: bool = False, finer: int = 0) -> str:
+        """Write a value of this measure, or a dash.
+
+        Args:
+            value: The value.
+            unit: Whether to add the unit.
+            finer: How many more decimals than usual to show.
+        """
+        if value is None:
+            return "–"
+        number = number_text(value, self.digits + finer)
+        gap = "" if self.unit == "°" else " "
+        return f"{number}{gap}{self.unit}".rstrip() if unit else number
+
+
+def number_text(value: float, digits: int, *, signed: bool = False) -> str:
+    """Write a number with a typographic minus, and zero without a sign."""
+    # Adding zero turns minus zero into zero.
+    rounded = round(value, digits) + 0.0
+    plus = "+" if signed and rounded != 0.0 else ""
+    return f"{rounded:{plus}.{digits}f}".replace("-", "−")
+
+
+def median(values: Iterable[float | None]) -> float | None:
+    """Return the median of what is there; None for nothing."""
+    known = [value for value in values if value is not None]
+    return statistics.median(known) if known else None
+
+
+def _thousandfold(value: float) -> float:
+    return 1e3 * value
+
+
+def _opposite(value: float) -> float:
+    return -value
+
+
+def _root_in_mm(square_metres: float) -> float:
+    return 1e3 * math.sqrt(square_metres)
+
+
+def _of_opened(metric: str, title: str, phrase: str = "", digits: int = 1) -> Measure:
+    return Measure(metric, title, phrase, digits, if_opened=True)
+
+
+PREDICTION_ERROR: Final = Measure(
+    "prediction_error_position",
+    "√E[ε²] [mm]",
+    "prediction error √E[ε²]",
+    digits=1,
+    convert=_root_in_mm,
+)
+
+WALL_TIME: Final = "latency_wall_median_ms"
+"""Metric of the wall time of a decision; results of earlier versions lack it."""
+
+EPISODE_MEASURES: Final = {
+    measure.metric: measure
+    for measure in (
+        Measure("time_to_30_deg", "to 30° [s]"),
+        Measure("time_to_60_deg", "to 60° [s]", "time to 60°"),
+        _of_opened(
+            "force_tangential_peak", "tangential peak [N]", "peak tangential force"
+        ),
+        _of_opened("force_tangential_p95", "tangential p95 [N]"),
+        _of_opened("force_radial_peak", "radial peak [N]", "peak radial force"),
+        _of_opened("force_radial_p95", "radial p95 [N]"),
+        _of_opened("slip_max_mm", "slip [mm]", "slip in the hand"),
+        _of_opened("work", "work [J]", digits=2),
+        PREDICTION_ERROR,
+        Measure("stability_margin_translation", "stability margin [N/(m·s)]", digits=0),
+        Measure(
+            "latency_median_ms",
+            "CPU time per decision [ms]",
+            "CPU time of a decision",
+        ),
+        Measure(WALL_TIME, "wall time per decision [ms]"),
+        _of_opened("force_handle_peak", "handle peak [N]"),
+        _of_opened("door_acceleration_peak", "door |φ̈| [rad/s²]"),
+        Measure("person_force_peak", "on a person [N]", digits=1),
+        Measure("person_force_sustained", "for 0.5 s [N]", digits=1),
+        Measure("stop_force_peak", "on a stop [N]", digits=1),
+        Measure("stop_force_sustained", "for 0.5 s [N]", digits=1),
+        Measure("push_displacement_mm", "moved by a push [mm]", digits=1),
+        Measure("release_speed", "after release [rad/s]"),
+        Measure("recovery_time", "to recover [s]"),
+    )
+}
+"""Measures of episodes by the metric of each."""
+
+LEARNING_MEASURES: Final = {
+    measure.metric: measure
+    for measure in (
+        Measure(
+            "rmse_position_m",
+            "position [mm]",
+            "error of the predicted position",
+            digits=1,
+            convert=_thousandfold,
+        ),
+        Measure(
+            "rmse_rotation_rad",
+            "rotation [°]",
+            "error of the predicted rotation",
+            convert=math.degrees,
+        ),
+        Measure("nlpd", "NLPD", "negative log predictive density"),
+        *(Measure(f"coverage_{level}", f"inside {level} %") for level in (50, 90, 95)),
+        Measure("via_error_position_m", "via-point [mm]", convert=_thousandfold),
+        Measure("via_far_change", "far change [σ]"),
+        Measure("log_dimensionless_jerk", "−log jerk", convert=_opposite),
+        Measure("cpu_fit_s", "fit [s]"),
+        Measure("cpu_predict_s", "predict [ms]", convert=_thousandfold),
+        Measure("cpu_adapt_s", "adapt [ms]", convert=_thousandfold),
+    )
+}
+"""Measures of learning tests by the metric of each."""
+
+
+def _forecast(share: int) -> tuple[Measure, ...]:
+    """Return the measures of a forecast after a share of a recording [%]."""
+    name, after = f"forecast_{share}", f"after {share} %"
+    return (
+        Measure(
+            f"{name}_position_m",
+            f"{after} [mm]",
+            f"error of the rest {after}",
+            digits=1,
+            convert=_thousandfold,
+        ),
+        Measure(f"{name}_rotation_rad", f"{after} [°]", convert=math.degrees),
+        Measure(f"{name}_nlpd", f"NLPD {after}", f"likelihood of the rest {after}"),
+        Measure(f"{name}_coverage_95", f"inside 95 % {after}"),
+    )
+
+
+RECORDED_MEASURES: Final = {
+    measure.metric: measure for share in (10, 25, 50) for measure in _forecast(share)
+}
+"""Measures of forecasts of recordings by the metric of each."""
+
+HEADLINES: Final = (
+    "force_radial_peak",
+    "force_tangential_peak",
+    "time_to_60_deg",
+    "slip_max_mm",
+    "prediction_error_position",
+    "latency_median_ms",
+)
+"""Episode measures that get a sentence."""
+LEARNING_HEADLINES: Final = ("nlpd", "rmse_position_m", "rmse_rotation_rad")
+"""Measures of learning tests that get a sentence."""
+TESTED: Final = (
+    "force_radial_peak",
+    "force_radial_p95",
+    "force_tangential_peak",
+    "force_tangential_p95",
+    "time_to_60_deg",
+)
+"""Episode measures that get a paired test."""

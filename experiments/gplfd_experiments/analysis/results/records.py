@@ -1,0 +1,153 @@
+"""What the files of a study say, as records: episodes, learning tests, errors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from gplfd_env.config import DoorConfig
+from gplfd_experiments.analysis.results.statistics import Key
+from gplfd_experiments.episodes.task import EpisodeTask, Task
+from gplfd_experiments.studies.settings import Condition
+from gplfd_experiments.studies.tasks import RecordedTask, SkillTask
+
+DEMONSTRATED: Final = "demonstrated radii"
+UNDEMONSTRATED: Final = "new radii"
+NON_STANDARD: Final = "other doors"
+"""Doors that differ from the demonstrated ones of their kind in more than the radius:
+more friction, a closer, another mass."""
+KINDS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)
+"""How doors relate to the demonstrated ones, in the order in which they are shown."""
+
+
+def door_kind(door: DoorConfig) -> str:
+    """Return the kind of a door in words: all that decides by which motion it opens."""
+    latch = "" if door.latch == "none" else f" with {door.latch} latch"
+    side = "" if door.hinge_side == "right" else ", hinge on the left"
+    return f"{door.handle}{latch}, {door.swing}{side}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TaskResult:
+    """What is known of one task after it ran."""
+
+    task: Task
+    """What was to be done."""
+    pair: str
+    """Key of the task without its policy: results with the same key are a pair."""
+    metrics: Mapping[str, Any]
+    """What was measured, numbers finite or None; nothing for an error. An older result
+    lacks metrics that were added since."""
+    error: str
+    """Why nothing was measured; "" if something was."""
+    lost: bool
+    """Whether the machine failed, not the policy: a worker was killed, or memory or
+    disk were full. Nothing is known of such a task, which counts nowhere."""
+    code: str
+    """Which code made the result."""
+    machine: str
+    """What of the machine that made it decides its last bits; "" if unknown."""
+    policy_source: str
+    """Where the policy came from, for one that is not this project's; else ""."""
+
+    @property
+    def policy(self) -> str:
+        """Name of the policy."""
+        return self.task.policy
+
+    @property
+    def key(self) -> Key:
+        """Seed, and what names the task among those of all policies."""
+        return self.task.seed, self.pair
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is part of rates, medians and comparisons."""
+        return not self.error
+
+    def number(self, name: str) -> float | None:
+        """Return a metric; None where it is missing."""
+        value: float | None = self.metrics.get(name)
+        return value
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TaughtResult(TaskResult):
+    """What is known of a task whose policy learned from the synthetic human."""
+
+    condition: Condition
+    """What this task shares with others of the same table."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EpisodeResult(TaughtResult):
+    """What is known of an episode.
+
+    Where the policy raised an error, in learning or acting, the door was not opened:
+    the episode counts as a failure, ``policy_error``, with a door that is closed.
+    """
+
+    task: EpisodeTask
+    """Which door was to be opened."""
+    radius: float
+    """Distance from hinge to handle [m], as drawn."""
+    demonstrations: str
+    """Hash of what was learned from, to a micrometre; "" if unknown."""
+    drawn: bool
+    """Whether the radius is drawn at random."""
+    kind: str
+    """How the door relates to the demonstrated ones, one of `KINDS`."""
+    door_kind: str
+    """Kind of door, of `door_kind`: handle, latch, swing and side of the hinge."""
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is part of rates and comparisons: unless the machine failed."""
+        return not self.lost
+
+    def opened(self, angle: int = 60) -> bool:
+        """Return whether the door was ever open by 15, 30 or 60 degrees."""
+        return self.number(f"time_to_{angle}_deg") is not None
+
+    @property
+    def solved(self) -> bool:
+        """Whether the door was held open by 60 degrees, the handle in the hand."""
+        return bool(self.metrics.get("success"))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LearningTestResult(TaughtResult):
+    """How well a policy predicted demonstrations that it did not see."""
+
+    task: SkillTask
+    """What was left out."""
+    outputs_cpu_s: Mapping[int, float]
+    """CPU time to learn by number of outputs [s]; empty where it was not measured."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecordedResult(TaskResult):
+    """How well a policy predicted a recording that it did not see."""
+
+    task: RecordedTask
+    """Which was left out."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StudyResults:
+    """All that a folder holds."""
+
+    study: Mapping[str, Any]
+    """What study.json says; empty without one."""
+    episodes: tuple[EpisodeResult, ...]
+    """In the order of policies, conditions, doors and seeds."""
+    tests: tuple[LearningTestResult, ...]
+    """In the order of policies and seeds."""
+    recorded: tuple[RecordedResult, ...]
+    """In the order of policies and recordings."""
+    unreadable: tuple[str, ...]
+    """Names of files that hold no result, with the reason."""
+
+    @property
+    def all(self) -> tuple[TaskResult, ...]:
+        """Episodes, learning tests, and recordings left out."""
+        return (*self.episodes, *self.tests, *self.recorded)

@@ -1,0 +1,218 @@
+"""A study, and the doors of one run, as tables for the terminal and table.md."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from gplfd_experiments.analysis.results.failures import closed_because
+from gplfd_experiments.analysis.results.grouping import by_door_kind, by_policy, grouped
+from gplfd_experiments.analysis.results.measures import (
+    EPISODE_MEASURES,
+    PREDICTION_ERROR,
+    WALL_TIME,
+    Measure,
+)
+from gplfd_experiments.analysis.results.reading import read_files
+from gplfd_experiments.analysis.results.records import EpisodeResult
+from gplfd_experiments.analysis.results.statistics import success_rate
+from gplfd_experiments.episodes.metrics import (
+    EpisodeMetrics,
+    FailedEpisode,
+    late_decisions,
+    why_closed,
+)
+from gplfd_experiments.files.table import Table, markdown_table
+from gplfd_experiments.studies.plan import conditions, episodes
+from gplfd_experiments.studies.result_format import EPISODE_METRICS, VERSION
+from gplfd_experiments.studies.settings import Condition, StudySettings
+from gplfd_experiments.studies.store import result_path
+from gplfd_policies.arrays.storage import complete_or_absent
+
+_OF_SOLVED: Final = (
+    Measure("time_to_60_deg", "to 60° [s]", digits=1),
+    Measure("force_radial_peak", "radial force [N]", digits=1),
+    Measure("force_tangential_peak", "tangential [N]", digits=1),
+    Measure("slip_max_mm", "slip [mm]", digits=1),
+)
+_OF_ALL: Final = (
+    PREDICTION_ERROR,
+    Measure("governed_share", "governed [%]", digits=1, convert=lambda x: 100.0 * x),
+    EPISODE_MEASURES["latency_median_ms"],
+    EPISODE_MEASURES[WALL_TIME],
+)
+_OF_RUN: Final = (
+    Measure("radius", "radius [m]"),
+    Measure("final_angle_deg", "angle [°]", digits=1),
+    Measure("time_to_30_deg", "to 30° [s]", digits=1),
+    *_OF_SOLVED,
+    PREDICTION_ERROR,
+    Measure("latency_wall_p95_ms", "wall time\nper decision\np95 [ms]"),
+)
+
+
+def remarks(episodes: Sequence[EpisodeResult]) -> list[str]:
+    """Say what a reader of rates has to know: errors, lost episodes, missing metrics.
+
+    Args:
+        episodes: Those of a table.
+
+    Returns:
+        A sentence for each that there is; none if all is well.
+    """
+
+    def of_all(some: Sequence[EpisodeResult]) -> str:
+        return f"{len(some)} of {len(episodes)} episodes"
+
+    def whose(some: Sequence[EpisodeResult]) -> str:
+        return ", ".join(f"{name} {len(own)}" for name, own in by_policy(some).items())
+
+    said = []
+    lost = [one for one in episodes if one.lost]
+    if raised := [one for one in episodes if one.error and one.counts]:
+        said.append(
+            f"{of_all(raised)} ended in an error of the policy and count as not opened:"
+            f" {whose(raised)}."
+        )
+    if lost:
+        said.append(
+            f"{of_all(lost)} were lost, because the machine failed, and count nowhere; "
+            f"run the study again: {whose(lost)}."
+        )
+    measured = [one for one in episodes if not one.error]
+    now = EPISODE_METRICS[VERSION]
+    if older := [one for one in measured if now - one.metrics.keys()]:
+        lacking = frozenset[str]().union(*(now - one.metrics.keys() for one in older))
+        said.append(
+            f"{of_all(older)} were made by an earlier version and lack metrics that "
+            f"were added since: {', '.join(sorted(lacking))}."
+        )
+    for name, own in by_policy(measured).items():
+        if late := late_decisions([one.metrics for one in own]):
+            said.append(f"{name}: {late}.")
+    return said
+
+
+def study_table(episodes: Sequence[EpisodeResult]) -> Table:
+    """Return a row per policy and door, in groups if there are several kinds of doors.
+
+    Rates are over all episodes but lost ones: where the policy raised an error, the
+    door was not opened. Forces, slip and times are medians over the successes; the
+    prediction error, the share of decisions in which the stability bound limited the
+    stiffness, and the CPU and wall time of a decision are medians over all that have
+    them. The last column counts why doors stayed closed.
+    """
+    measures = (*_OF_SOLVED, *_OF_ALL)
+    errors = any(one.error for one in episodes if one.counts)
+    closed = any(not one.solved for one in episodes if one.counts)
+    columns = (
+        *("policy", "door", "opened", "95 %"),
+        *(["errors"] if errors else []),
+        *(one.title for one in measures),
+        *(["not opened because"] if closed else []),
+    )
+    kinds = by_door_kind(episodes)
+    rows: list[tuple[str, ...]] = []
+    for kind, here in kinds.items():
+        if len(kinds) > 1:
+            rows.append((f"**{kind}**", *("" for _ in columns[1:])))
+        groups = grouped(here, lambda one: (one.policy, one.task.door))
+        for names, own in groups.items():
+            why = [closed_because(own)] if closed else []
+            rows.append((*names, *_cells(own, errors), *why))
+    return Table(columns=columns, rows=tuple(rows))
+
+
+def _cells(own: Sequence[EpisodeResult], errors: bool) -> tuple[str, ...]:
+    known = [one for one in own if one.counts]
+    solved = [one for one in known if one.solved]
+    return (
+        f"{len(solved)}/{len(known)}",
+        success_rate((one.task.seed, one.solved) for one in known).interval,
+        *([str(sum(bool(one.error) for one in known))] if errors else []),
+        *(measure.text(measure.median(solved)) for measure in _OF_SOLVED),
+        *(measure.text(measure.median(known)) for measure in _OF_ALL),
+    )
+
+
+def run_table(metrics: Iterable[EpisodeMetrics | FailedEpisode]) -> Table:
+    """Return the most telling metrics of a run, a row per door."""
+    metrics = tuple(metrics)
+    any_closed = not all(one.success for one in metrics)
+
+    def text(measure: Measure, one: EpisodeMetrics | FailedEpisode) -> str:
+        value = getattr(one, measure.metric, None)
+        return measure.text(None if value is None else measure.convert(value))
+
+    heads = (measure.title.replace(" [", "\n[") for measure in _OF_RUN)
+    rows = (
+        (
+            one.door,
+            "yes" if one.success else "no",
+            *(text(measure, one) for measure in _OF_RUN),
+            *([why_closed(one.failure, getattr(one, "reason", ""))] * any_closed),
+        )
+        for one in metrics
+    )
+    why = ("not opened because",) if any_closed else ()
+    return Table(columns=("door", "opened", *heads, *why), rows=tuple(rows))
+
+
+def write_tables(folder: Path, settings: StudySettings) -> str:
+    """Write DIR/table.md, a table per condition of the study, and return its text.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    text = "\n\n".join(_tables(folder, settings))
+    with complete_or_absent(folder / "table.md") as path:
+        path.write_text(text + "\n", encoding="utf-8")
+    return text
+
+
+def study_rows(folder: Path, settings: StudySettings) -> list[dict[str, Any]]:
+    """Return the numbers of the tables: a row per condition, policy and door.
+
+    Each has ``condition``, ``policy``, ``door``, its ``door_kind``, ``episodes`` that
+    count, ``opened``, ``errors`` of the policy, which count as not opened, ``lost``
+    episodes, which do not count, and by their metrics' names the medians of
+    `study_table`, in its units; None where there is nothing to take one of.
+    """
+    rows: list[dict[str, Any]] = []
+    for condition in conditions(settings):
+        results, _ = _results(folder, settings, condition)
+        groups = grouped(results, lambda one: (one.policy, one.task.door))
+        for (policy, door), own in groups.items():
+            known = [one for one in own if one.counts]
+            solved = [one for one in known if one.solved]
+            said = {"condition": str(condition), "policy": policy, "door": door}
+            counts = {
+                "episodes": len(known),
+                "opened": len(solved),
+                "errors": sum(bool(one.error) for one in known),
+                "lost": len(own) - len(known),
+            }
+            medians = {one.metric: one.median(solved) for one in _OF_SOLVED} | {
+                one.metric: one.median(known) for one in _OF_ALL
+            }
+            rows.append(said | {"door_kind": own[0].door_kind} | counts | medians)
+    return rows
+
+
+def _results(
+    folder: Path, settings: StudySettings, condition: Condition
+) -> tuple[list[EpisodeResult], Sequence[str]]:
+    """Return a condition's episodes, and remarks on files that cannot be read."""
+    tasks = episodes(settings, condition, range(settings.seeds))
+    found, unreadable = read_files(result_path(folder, task) for task in tasks)
+    return [one for one in found if isinstance(one, EpisodeResult)], unreadable
+
+
+def _tables(folder: Path, settings: StudySettings) -> Iterator[str]:
+    """Yield a table per condition of the study, and what is missing in it."""
+    several = list(conditions(settings))
+    for condition in several:
+        results, unreadable = _results(folder, settings, condition)
+        if len(several) > 1:
+            yield f"{condition}:"
+        yield from (*remarks(results), *unreadable)
+        yield markdown_table(study_table(results))

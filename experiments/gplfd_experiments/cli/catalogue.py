@@ -1,0 +1,101 @@
+"""Doors, policies, environments, randomizations and disturbances by name."""
+
+import re
+from collections.abc import Mapping
+
+from gplfd_env import (
+    ENVIRONMENT_ID,
+    GRIPPER_ENVIRONMENT_ID,
+    IMPEDANCE_ENVIRONMENT_ID,
+    MOBILE_ENVIRONMENT_ID,
+    RL_ENVIRONMENT_ID,
+)
+from gplfd_env.config import DOORS, DoorConfig
+from gplfd_env.fields import allowed_range
+from gplfd_env.stance import stance_of
+from gplfd_policies.registry.catalogue import POLICIES
+from gplfd_policies.registry.user_policies import packaged_policies
+
+
+def catalogue() -> str:
+    """Return doors, policies, environments, and what can happen, a line about each."""
+    return "\n\n".join(_section(*one) for one in _sections().items() if one[1])
+
+
+def catalogue_json() -> dict[str, dict[str, str]]:
+    """Return the same as names and lines; a section goes by its title's first word."""
+    return {
+        re.split(r"\W", title, maxsplit=1)[0]: dict(lines)
+        for title, lines in _sections().items()
+    }
+
+
+def _sections() -> Mapping[str, Mapping[str, str]]:
+    """Return a line about each name, by the titles of the sections."""
+    radius = allowed_range(DoorConfig, "radius")
+    standing = stance_of(DoorConfig(), "fixed").radius
+    return {
+        f"doors (or any radius from {radius.low:g} to {radius.high:g} m, beyond "
+        f"{standing:g} m with a driving base; or a .json file)": {
+            name: _door(config) for name, config in DOORS.items()
+        },
+        "methods that learn (or a policy of your own: module:function)": _policies(
+            "method"
+        ),
+        "ablations (a method with one part removed or replaced)": _policies("ablation"),
+        "references (policies that do not learn)": _policies("reference"),
+        "policies of installed packages": {
+            one.name: f"{one.policy.summary if one.policy else one.problem} "
+            f"({one.package})"
+            for one in packaged_policies(POLICIES)
+        },
+        "environments": {
+            ENVIRONMENT_ID: "action: pose of the hand in the task frame",
+            IMPEDANCE_ENVIRONMENT_ID: "action: pose and stiffness of the hand",
+            MOBILE_ENVIRONMENT_ID: "action: pose of the hand and velocity of the base",
+            GRIPPER_ENVIRONMENT_ID: "action: pose of the hand and width of the gripper",
+            RL_ENVIRONMENT_ID: "for reinforcement learning: flat observations, actions "
+            "within ±1, reward for low forces",
+        },
+        "randomizations (drawn at every reset)": {
+            "none": "nothing: every episode has the given door",
+            "mild": "small errors of placement, grasp, sensors, delay; friction, mass",
+            "hard": "larger errors and delays; radius, friction, closer, mass, height",
+            "standard": "a door of a building: handle, swing, hinge side, closer",
+        },
+        "disturbances (during the opening)": {
+            "none": "no disturbance",
+            "push": "a force of up to 15 N pushes the hand for 0.3 s",
+            "person": "a person holds the hand for 2.5 s",
+            "person-behind": "a person's hand blocks the door for 2.5 s",
+            "stop": "a fixed stop blocks the door for 2.5 s",
+            "locked": "the door is locked for the whole episode",
+            "bump": "the robot's base is displaced by up to 10 mm",
+            "breakaway": "stiction and a seal hold the closed door",
+        },
+    }
+
+
+def _policies(kind: str) -> dict[str, str]:
+    return {
+        name: POLICIES[name].summary
+        for name in sorted(POLICIES)
+        if POLICIES[name].kind == kind
+    }
+
+
+def _door(config: DoorConfig) -> str:
+    closer = config.closer_preload
+    return (
+        f"radius {config.radius:.2f} m, hinge friction {config.hinge_friction:.2g} N m"
+        + (f", closer {closer:.3g} N m" if closer else "")
+        + (f", {config.handle}" if config.handle != "bar" else "")
+        + (" with latch" if config.latch != "none" else "")
+    )
+
+
+def _section(title: str, lines: Mapping[str, str]) -> str:
+    width = max(map(len, lines))
+    return "\n".join(
+        [title, *(f"  {name:<{width}}  {text}" for name, text in lines.items())]
+    )

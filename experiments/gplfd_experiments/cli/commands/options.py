@@ -1,0 +1,78 @@
+"""What several subcommands have in common: options, and the command to give next."""
+
+import dataclasses
+import shlex
+import shutil
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import tyro
+
+from gplfd_experiments.studies.engines import Engine, EngineName, engine_named
+
+Quiet = Annotated[
+    tyro.conf.FlagCreatePairsOff[bool],
+    tyro.conf.arg(help="Show no progress, only results, warnings and errors."),
+]
+"""A flag without its opposite."""
+
+Json = Annotated[
+    tyro.conf.FlagCreatePairsOff[bool],
+    tyro.conf.arg(help="Print JSON and nothing else on standard output."),
+]
+"""For commands that print a table."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EngineOptions:
+    """Where the tasks of a study are run."""
+
+    engine: EngineName = "loky"
+    """Where tasks run: loky (processes on this machine), serial (one after another in
+    this process), or dask (a cluster; pip install 'gplfd[dask]')."""
+
+    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Number of processes of loky; one per core by default."""
+
+    address: Annotated[str | None, tyro.conf.arg(metavar="tcp://HOST:PORT")] = None
+    """Scheduler of the Dask cluster."""
+
+    def made(self) -> Engine:
+        """Return the engine.
+
+        Raises:
+            ValueError: An option that this engine does not have, or wrong.
+        """
+        return engine_named(self.engine, workers=self.workers, address=self.address)
+
+
+ON_THIS_MACHINE: Final = EngineOptions()
+"""In processes, one per core."""
+
+
+def recorded(options: Any) -> dict[str, Any]:
+    """Return a subcommand's options as they are kept with its results, JSON-able.
+
+    Options that several subcommands share stand among its own.
+    """
+    own = dataclasses.asdict(options)
+    shared = own.pop("where", {})
+    return {
+        name: str(value) if isinstance(value, Path) else value
+        for name, value in (own | shared).items()
+    }
+
+
+def next_command(*words: object) -> str:
+    """Return a command of this program, by the name under which it was started now.
+
+    That is no ``gplfd`` alone where the program's folder is not searched for commands:
+    without an activated environment.
+    """
+    program, found = sys.argv[0], shutil.which("gplfd")
+    is_command = Path(program).name in ("gplfd", "gplfd.exe")
+    if not is_command or (found and Path(found).resolve() == Path(program).resolve()):
+        program = "gplfd"
+    return shlex.join([program, *map(str, words)])

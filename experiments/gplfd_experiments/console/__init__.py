@@ -1,0 +1,1 @@
+"""What a person gives on a command line, and sees meanwhile."""

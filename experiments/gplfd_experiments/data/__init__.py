@@ -1,0 +1,1 @@
+"""Recordings, demonstrations and episodes in files, and the synthetic human."""

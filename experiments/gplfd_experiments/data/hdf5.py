@@ -1,0 +1,116 @@
+"""Members of an HDF5 file from anywhere: in the file itself, and of bounded size.
+
+HDF5 opens whatever a link names, also in other files, and waits where that is a named
+pipe. It fills a dataset that has a shape and no data with zeros, and its deflate filter
+unpacks a chunk to whatever the compressed stream holds. So links, shapes and chunks are
+checked here before HDF5 reads.
+"""
+
+import math
+import zlib
+from typing import Any, Final
+
+import h5py
+import numpy as np
+
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_policies.arrays.storage import DecodingBudget
+
+_FILTERS: Final = frozenset(
+    {h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32, h5py.h5z.FILTER_DEFLATE}
+)
+_REFERENCE: Final = 16
+"""Bytes of a text of any length, of which a dataset holds length and place only."""
+_CHECKSUM: Final = 4
+"""Bytes that the filter Fletcher 32 adds to a chunk."""
+
+
+def member(group: Any, name: str) -> Any:
+    """Return a member of a group, which must be in the file itself.
+
+    Raises:
+        ValueError: It is a link to elsewhere, or there is no such member.
+    """
+    link = group.get(name, getlink=True)
+    if link is None:
+        raise ValueError(f"{group.name} has no member {name!r:.80}")
+    _check_link(group, name, link)
+    return group[name]
+
+
+def check_links(group: Any) -> None:
+    """Raise ValueError if a link in a group, or below it, leads elsewhere."""
+    links: list[tuple[str, Any]] = []
+    group.visititems_links(lambda name, link: links.append((name, link)))
+    for name, link in links:
+        _check_link(group, name, link)
+
+
+def _check_link(group: Any, name: str, link: Any) -> None:
+    if not isinstance(link, h5py.HardLink):
+        raise ValueError(
+            f"{group.name.rstrip('/')}/{name} is a {type(link).__name__}, and links "
+            "are not followed; copy what it names into the file: h5copy, or h5repack"
+        )
+
+
+def numbers(dataset: Any, budget: DecodingBudget) -> FloatArray:
+    """Return a dataset of numbers as float64.
+
+    Args:
+        dataset: As `member` gives it.
+        budget: From which its size is claimed before it is read.
+
+    Raises:
+        ValueError: It holds no numbers, its values lie in other files, it is compressed
+            in an unusual way, or it takes more than the budget allows.
+    """
+    check_readable(dataset, budget)
+    if dataset.dtype.kind not in "iuf":
+        raise ValueError(f"{dataset.name} holds {dataset.dtype!s:.40}, not numbers")
+    return np.asarray(dataset[()], dtype=np.float64)
+
+
+def check_readable(dataset: Any, budget: DecodingBudget) -> None:
+    """Claim what a dataset takes in memory, and check how it is stored.
+
+    Raises:
+        ValueError: As `numbers`, whatever the dataset holds.
+    """
+    if not isinstance(dataset, h5py.Dataset):
+        raise ValueError(f"{dataset.name} is no dataset")
+    if dataset.external or dataset.is_virtual:
+        raise ValueError(
+            f"the values of {dataset.name} lie in other files, which are not opened; "
+            "copy them into this file: h5repack"
+        )
+    item = max(8, dataset.dtype.itemsize)
+    # HDF5 unpacks whole chunks, which may be larger than the dataset.
+    shapes = [dataset.shape or (), dataset.chunks or ()]
+    budget.claim(item * max(map(math.prod, shapes)), dataset.name)
+    if dataset.chunks is not None:
+        _check_chunks(dataset)
+
+
+def _check_chunks(dataset: Any) -> None:
+    """Raise ValueError if a compressed chunk holds more than a chunk's numbers."""
+    stored = dataset.id.get_create_plist()
+    filters = [stored.get_filter(place)[0] for place in range(stored.get_nfilters())]
+    deflated = h5py.h5z.FILTER_DEFLATE in filters
+    after = filters[filters.index(h5py.h5z.FILTER_DEFLATE) + 1 :] if deflated else []
+    if not set(filters) <= _FILTERS or set(after) - {h5py.h5z.FILTER_FLETCHER32}:
+        raise ValueError(
+            f"{dataset.name} is compressed in an unusual way; write it again with "
+            "h5repack -f GZIP=4"
+        )
+    if not deflated:
+        return
+    item = _REFERENCE if dataset.dtype.hasobject else dataset.dtype.itemsize
+    size = math.prod(dataset.chunks) * item + _CHECKSUM
+    for number in range(dataset.id.get_num_chunks()):
+        place = dataset.id.get_chunk_info(number).chunk_offset
+        skipped, chunk = dataset.id.read_direct_chunk(place)
+        if skipped >> filters.index(h5py.h5z.FILTER_DEFLATE) & 1:
+            continue
+        if len(zlib.decompressobj().decompress(chunk, size + 1)) > size:
+            raise ValueError(f"a chunk of {dataset.name} unpacks to more than a chunk")

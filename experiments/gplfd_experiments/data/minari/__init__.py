@@ -1,0 +1,21 @@
+"""Episodes as a Minari data set (HDF5) that can be run again step by step.
+
+Besides what Minari keeps of an episode (observations, actions, rewards, ends, infos,
+seed, reset options), it holds MuJoCo's whole state at every step, a hash of the model,
+and the versions and kind of processor that computed it.
+"""
+
+try:
+    import h5py as _h5py  # noqa: F401 - only to say how to install it
+    import minari as _minari  # noqa: F401
+except ImportError as error:
+    raise ModuleNotFoundError(
+        f"data sets need Minari and h5py ({error}); in a checkout of gplfd: "
+        "pip install '.[minari]', elsewhere: pip install 'gplfd[minari]'"
+    ) from error
+
+from gplfd_experiments.data.minari.episode import RecordedEpisode, Recorder
+from gplfd_experiments.data.minari.reading import Dataset, open_dataset
+from gplfd_experiments.data.minari.writing import write_dataset
+
+__all__ = ["Dataset", "RecordedEpisode", "Recorder", "open_dataset", "write_dataset"]

@@ -1,0 +1,226 @@
+"""One episode with everything that is needed to run it again."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, cast
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from gplfd_experiments.data.minari.physics import (
+    model_digests,
+    physics_state,
+    state_layout,
+)
+
+Array = NDArray[Any]
+
+PHYSICS_STATE: Final = "physics_state"
+"""Name of the physics state among the infos."""
+
+_OUTCOME: Final = {
+    "door_angle": "f",
+    "door_radius": "f",
+    "success": "b",
+    "failure": "U",
+}
+"""Infos that say how an episode ended, and NumPy's kinds of their arrays."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecordedEpisode:
+    """What went into an environment in one episode, and what came out.
+
+    T is the number of steps. Observations and infos have T + 1 rows, the first one from
+    the reset; the others T.
+
+    Raises:
+        ValueError: There is no step, something is missing, or an array has another
+            number of rows or holds neither numbers nor text.
+    """
+
+    seed: int
+    """Seed of the reset."""
+    options: Mapping[str, Any]
+    """Options in force: of the reset, and of earlier ones in the same environment."""
+    observations: Mapping[str, Array]
+    """Observations by name, (T + 1, ...)."""
+    actions: Array
+    """Actions that the agent took, (T, A)."""
+    rewards: Array
+    """Rewards of the steps, (T,)."""
+    terminations: Array
+    """Whether the task ended at this step, (T,)."""
+    truncations: Array
+    """Whether the episode was cut at this step, (T,)."""
+    infos: Mapping[str, Array]
+    """The environment's infos by name, parts of nested ones by ``name/part``,
+    (T + 1, ...), and `PHYSICS_STATE`, (T + 1, S): MuJoCo's state [SI] after the reset
+    and after every step."""
+    state_layout: Mapping[str, int]
+    """Parts of the physics state and their lengths, in order; they add up to S."""
+    model_digests: Mapping[str, str]
+    """Hashes of the model after the reset; see `physics.model_digests`."""
+
+    def __post_init__(self) -> None:
+        steps = np.size(self.rewards)
+        rows = steps + 1
+        for name in ("rewards", "terminations", "truncations"):
+            _check(name, getattr(self, name), (steps,))
+        _check("actions", self.actions, (steps, *np.shape(self.actions)[1:]))
+        for name, array in self.observations.items():
+            _check(f"observation {name}", array, (rows, *np.shape(array)[1:]))
+        for name, array in self.infos.items():
+            _check(f"info {name}", array, (rows, *np.shape(array)[1:]), "biufU")
+        for name, kind in _OUTCOME.items():
+            _check(f"info {name}", self.infos.get(name), (rows,), kind)
+        _check("observation time", self.observations.get("time"), (rows, 1))
+        width = sum(self.state_layout.values())
+        _check(f"info {PHYSICS_STATE}", self.infos.get(PHYSICS_STATE), (rows, width))
+
+    def __len__(self) -> int:
+        """Return the number of steps T."""
+        return len(self.rewards)
+
+    @property
+    def states(self) -> Array:
+        """Physics states, (T + 1, S)."""
+        return self.infos[PHYSICS_STATE]
+
+
+class Recorder(gym.Wrapper[Any, Any, Any, Any]):
+    """Keeps what passes between an agent and an environment of this package.
+
+    Whatever drives the environment can be recorded: wrap it, drive it, and take
+    `episode` before the next reset.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self._start: dict[str, Any] = {}
+        self._in_force: dict[str, Any] = {}
+        self._observations: list[Mapping[str, Any]] = []
+        self._infos: list[Mapping[str, Any]] = []
+        self._actions: list[Array] = []
+        self._results: list[tuple[float, bool, bool]] = []
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment and begin a new recording.
+
+        Raises:
+            ValueError: No seed is given: the episode could not be run again.
+        """
+        if seed is None:
+            raise ValueError(
+                "a recorded episode needs a seed, or it cannot be run again; call "
+                "reset(seed=...)"
+            )
+        given = dict(options or {})
+        observation, info = self.env.reset(seed=seed, options=given or None)
+        # Options hold from their episode on: what an earlier reset set still counts.
+        self._in_force |= _storable(given)
+        model = cast(Any, self.unwrapped).model
+        self._start = {
+            "seed": seed,
+            "options": dict(self._in_force),
+            "state_layout": state_layout(model),
+            "model_digests": model_digests(model),
+        }
+        for rows in (self._observations, self._infos, self._actions, self._results):
+            rows.clear()
+        self._keep(observation, info)
+        return observation, info
+
+    def step(self, action: Array) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Step the environment and keep a row."""
+        given = np.array(action, dtype=np.float64)
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self._actions.append(given)
+        self._results.append((float(reward), terminated, truncated))
+        self._keep(observation, info)
+        return observation, reward, terminated, truncated, info
+
+    @property
+    def episode(self) -> RecordedEpisode:
+        """Everything since the last reset.
+
+        Raises:
+            ValueError: There was no step yet, or an info cannot be kept as an array.
+        """
+        if not self._results:
+            raise ValueError("nothing is recorded yet; reset, then step at least once")
+        rewards, terminations, truncations = zip(*self._results, strict=True)
+        return RecordedEpisode(
+            **self._start,
+            observations=_stack("observation", self._observations),
+            actions=np.array(self._actions),
+            rewards=np.array(rewards),
+            terminations=np.array(terminations),
+            truncations=np.array(truncations),
+            infos=_stack("info", self._infos),
+        )
+
+    def _keep(self, observation: Mapping[str, Any], info: Mapping[str, Any]) -> None:
+        inner: Any = self.unwrapped
+        state = physics_state(inner.model, inner.data)
+        self._observations.append(_copied(observation))
+        self._infos.append({**_copied(info), PHYSICS_STATE: state})
+
+
+def _check(name: str, array: Any, shape: tuple[int, ...], kinds: str = "biuf") -> None:
+    """Raise unless an array has a shape and one of NumPy's kinds of numbers and text.
+
+    Raises:
+        ValueError: It has not, or there is none.
+    """
+    if array is None:
+        raise ValueError(f"{name} is missing")
+    if array.dtype.kind not in kinds:
+        raise ValueError(f"{name} is {array.dtype}, no array of numbers or text")
+    if array.shape != shape or array.size == 0:
+        raise ValueError(f"{name} has shape {array.shape}, must have {shape}")
+
+
+def _storable(value: Any) -> Any:
+    """Options with records as mappings of what they set, which resets also take."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = dataclasses.asdict(value)
+    if not isinstance(value, Mapping):
+        return value
+    return {name: _storable(part) for name, part in value.items() if part is not None}
+
+
+def flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Return nested mappings as one with names ``a/b/c``, as Minari keeps them."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            found |= flat(value, f"{above}{name}/")
+        else:
+            found[above + name] = value
+    return found
+
+
+def _copied(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: np.copy(value)[()] for name, value in flat(row).items()}
+
+
+def _stack(what: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
+    """Return one array per name.
+
+    Raises:
+        ValueError: A name is missing in a row, or its values make no array.
+    """
+    stacked: dict[str, Array] = {}
+    for name in rows[0]:
+        try:
+            stacked[name] = np.array([row[name] for row in rows])
+        except (KeyError, ValueError) as error:
+            raise ValueError(
+                f"{what} {name!r} must be in every step and keep its shape: {error}"
+            ) from error
+    return stacked

@@ -1,0 +1,259 @@
+"""Reading a data set that this package wrote, and no other."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import gymnasium as gym
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+import gplfd_env  # noqa: F401 - registers the ids
+from gplfd_experiments.data.hdf5 import check_links, check_readable, member
+from gplfd_experiments.data.minari.episode import RecordedEpisode
+from gplfd_experiments.data.minari.writing import (
+    DATA,
+    KIND,
+    LAYOUT,
+    MAIN_FILE,
+    METADATA_FILE,
+    PER_STEP,
+    REPRODUCING,
+)
+from gplfd_experiments.files.plain_data import entry, parsed_json, read_json
+from gplfd_experiments.files.provenance import content_hash
+from gplfd_policies.arrays.storage import DecodingBudget
+
+_NAMESPACE: Final = "gplfd/"
+_LARGEST_EPISODE: Final = 2**28
+"""Bytes that an episode may unpack to; an hour of standing still takes as many."""
+_TEXTS: Final = 256
+"""Texts that are read at a time."""
+_ORIGIN: Final[Mapping[str, Any]] = {
+    "created": str,
+    "command": tuple[str, ...],
+    "versions": dict[str, str],
+    "arithmetic": dict[str, str],
+    "git": dict[str, Any] | None,
+    "config": dict[str, Any],
+}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Dataset:
+    """A data set on disk; episodes are read when asked for."""
+
+    path: Path
+    """Folder of the data set."""
+    name: str
+    """Minari id of the data set."""
+    policy: str
+    """Name of the policy that acted."""
+    description: str
+    """What it says of itself."""
+    environment: str
+    """Id of the environment."""
+    arguments: Mapping[str, Any]
+    """Arguments of ``gym.make`` besides the id."""
+    origin: Mapping[str, Any]
+    """Versions, processor, command, settings and source state of the recording."""
+    n_episodes: int
+    """Number of episodes in it."""
+
+    def make_environment(self) -> gym.Env[Any, Any]:
+        """Make the environment anew.
+
+        Only environments of this package are made, by their id: a file from elsewhere
+        cannot name code to run.
+
+        Raises:
+            ValueError: The id or its arguments are unknown to the installed version.
+        """
+        try:
+            # By its spec, since Gymnasium warns of an id that has a newer version.
+            return gym.make(gym.spec(self.environment), **self.arguments)
+        except (gym.error.Error, TypeError, ValueError) as error:
+            raise ValueError(
+                f"{self.path}: the installed gplfd cannot make {self.environment} with "
+                f"{dict(self.arguments)!s:.200}: {error!s:.300}"
+            ) from error
+
+    def check(self, numbers: Iterable[int]) -> None:
+        """Raise unless these episodes exist.
+
+        Raises:
+            ValueError: One does not.
+        """
+        for number in numbers:
+            if not 0 <= number < self.n_episodes:
+                raise ValueError(
+                    f"{self.path} has no episode {number}; its episodes are 0 to "
+                    f"{self.n_episodes - 1}"
+                )
+
+    def episode(self, number: int) -> RecordedEpisode:
+        """Read an episode.
+
+        Raises:
+            ValueError: There is no such episode, or it is incomplete.
+        """
+        self.check([number])
+        try:
+            file = self.path / DATA / MAIN_FILE
+            budget = DecodingBudget(file.stat().st_size, least=_LARGEST_EPISODE)
+            with h5py.File(file, "r") as main:
+                return _episode(member(main, f"episode_{number}"), budget)
+        # The hash is right, but who wrote it may have written anything.
+        except Exception as error:
+            raise ValueError(
+                f"{self.path}: episode {number} cannot be read: {error!s:.300}"
+            ) from error
+
+
+def open_dataset(path: str | Path) -> Dataset:
+    """Open a data set whose content is what was recorded.
+
+    A hash of the arrays' file says so: HDF5 itself would read a changed number as
+    another number, and can hang at a changed index. The hash finds damage; it is no
+    protection against a file that was forged together with its hash.
+
+    Args:
+        path: Its folder, or the folder ``data`` in it.
+
+    Raises:
+        FileNotFoundError: There is no data set.
+        OSError: It cannot be read.
+        ValueError: It is damaged or of another kind.
+    """
+    folder = Path(path)
+    if not (folder / DATA).is_dir() and (folder / METADATA_FILE).is_file():
+        folder = folder.absolute().parent
+    data = folder / DATA
+    for file in (data / METADATA_FILE, data / MAIN_FILE):
+        if not file.is_file():
+            raise FileNotFoundError(
+                f"{path} is not a data set: there is no {file.relative_to(folder)} in "
+                "it; give the folder that `gplfd demos record` wrote"
+            )
+    metadata = read_json(data / METADATA_FILE)
+    sha256 = content_hash(data / MAIN_FILE)
+    try:
+        return _dataset(folder, metadata, sha256)
+    except ValueError as error:
+        raise ValueError(f"{folder}: {error}") from error
+
+
+def _dataset(folder: Path, metadata: Mapping[str, Any], sha256: str) -> Dataset:
+    if KIND not in metadata:
+        raise ValueError(
+            "this data set was not recorded by `gplfd demos record`; it lacks the "
+            "physics states that a replay needs"
+        )
+    own = entry(metadata, KIND, dict[str, Any])
+    layout = entry(own, "layout", int)
+    if layout != LAYOUT:
+        raise ValueError(
+            f"the data set has layout {layout}, this gplfd reads {LAYOUT}; record it "
+            "again or install the version of gplfd that wrote it"
+        )
+    if entry(own, "sha256", str) != sha256:
+        raise ValueError(
+            f"{DATA}/{MAIN_FILE} is damaged or was changed after it was recorded; copy "
+            "or record the data set again"
+        )
+    origin = {name: entry(own, name, kind) for name, kind in _ORIGIN.items()}
+    missing = [name for name in REPRODUCING if name not in origin["versions"]]
+    if missing:
+        raise ValueError(
+            f"the data set does not say with which {', '.join(missing)} it was made"
+        )
+    n_episodes = entry(metadata, "total_episodes", int)
+    if n_episodes < 1:
+        raise ValueError("the data set holds no episode")
+    environment, arguments = _environment(entry(metadata, "env_spec", str))
+    return Dataset(
+        path=folder,
+        name=entry(metadata, "dataset_id", str),
+        policy=entry(metadata, "algorithm_name", str),
+        description=entry(metadata, "description", str),
+        environment=environment,
+        arguments=arguments,
+        origin={"minari": entry(metadata, "minari_version", str), **origin},
+        n_episodes=n_episodes,
+    )
+
+
+def _environment(specification: str) -> tuple[str, dict[str, Any]]:
+    spec = parsed_json(specification)
+    name = entry(spec, "id", str)
+    if not (name.startswith(_NAMESPACE) and name in gym.registry):
+        raise ValueError(
+            f"the data set was recorded in {name}, which is no environment of gplfd"
+        )
+    arguments = entry(spec, "kwargs", dict[str, Any])
+    limit = entry(spec, "max_episode_steps", int | None)
+    # Nobody watches a replay.
+    arguments.pop("render_mode", None)
+    return name, arguments | ({} if limit is None else {"max_episode_steps": limit})
+
+
+def _episode(group: Any, budget: DecodingBudget) -> RecordedEpisode:
+    entries = {
+        name: value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+        for name, value in group.attrs.items()
+    }
+    layout = parsed_json(entry(entries, f"{KIND}/state_layout", str))
+    digests = parsed_json(entry(entries, f"{KIND}/model_digests", str))
+    return RecordedEpisode(
+        seed=entry(entries, "seed", int),
+        options=_nested(entries).get("options", {}),
+        state_layout={name: entry(layout, name, int) for name in layout},
+        model_digests={name: entry(digests, name, str) for name in digests},
+        observations=_arrays(member(group, "observations"), budget),
+        infos=_arrays(member(group, "infos"), budget),
+        **{name: _array(member(group, name), budget) for name in PER_STEP},
+    )
+
+
+def _array(dataset: Any, budget: DecodingBudget) -> NDArray[Any]:
+    """Return a dataset as an array; text as an array of str."""
+    check_readable(dataset, budget)
+    if h5py.check_string_dtype(dataset.dtype) is None:
+        if dataset.dtype.hasobject:
+            raise ValueError(f"{dataset.name} holds neither numbers nor text")
+        return np.asarray(dataset[()])
+    if not dataset.shape:
+        raise ValueError(f"{dataset.name} is one text, not an array")
+    texts: list[str] = []
+    for start in range(0, len(dataset), _TEXTS):
+        # All texts may refer to the same long one.
+        texts += dataset.asstr()[start : start + _TEXTS].tolist()
+        budget.claim(sum(map(len, texts[start:])), dataset.name)
+    budget.claim(4 * len(texts) * max(map(len, texts), default=0), dataset.name)
+    return np.array(texts, dtype=str)
+
+
+def _arrays(group: Any, budget: DecodingBudget) -> dict[str, NDArray[Any]]:
+    """Return arrays by name, in nested groups by ``group/name``."""
+    check_links(group)
+    found: list[tuple[str, Any]] = []
+    group.visititems(lambda name, item: found.append((name, item)))
+    return {
+        name: _array(item, budget)
+        for name, item in found
+        if isinstance(item, h5py.Dataset)
+    }
+
+
+def _nested(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Undo Minari's ``a/b/c`` names."""
+    nested: dict[str, Any] = {}
+    for name, value in flat.items():
+        *above, last = name.split("/")
+        inner = nested
+        for key in above:
+            inner = inner.setdefault(key, {})
+        inner[last] = value
+    return nested

@@ -1,0 +1,230 @@
+"""Demonstrations in one .npz file with their units, frame and doors inside."""
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gplfd_policies.arrays.storage import (
+    Members,
+    read_archive,
+    regular_file,
+    write_archive,
+)
+from gplfd_policies.demonstrations.demonstration import Demonstration
+
+KIND: Final = "gplfd demonstrations"
+"""What the file says it holds."""
+
+VERSION: Final = 2
+"""Version of the layout below."""
+
+UNITS: Final = "s, m, rad"
+"""Units of times, positions and rotation vectors."""
+
+FRAME: Final = "task: closed handle, x pull, y up, z = x cross y; relative to 1st pose"
+"""Frame of the poses (x, y, z, θu_x, θu_y, θu_z) of demonstrations on doors."""
+
+FIRST_POSE: Final = "the first pose of each demonstration"
+"""Frame of motions that are relative to their own beginning."""
+
+OTHER: Final = "one frame of all demonstrations"
+"""Frame of motions that keep where they begin."""
+
+FRAMES: Final = (FRAME, FIRST_POSE, OTHER)
+"""All frames that a file may name."""
+
+FILE: Final = "demonstrations.npz"
+"""Name of the file in a folder of demonstrations."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LabelledDemonstrations:
+    """Demonstrations and the doors they were given on.
+
+    Raises:
+        ValueError: There is none, another number of radii, or a radius that no door
+            has.
+    """
+
+    demonstrations: tuple[Demonstration, ...]
+    """Demonstrations in the order of the file."""
+
+    radii: tuple[float | None, ...]
+    """Radius of each one's door [m]; None when unknown."""
+
+    frame: str = FRAME
+    """Frame of the poses, one of `FRAMES`."""
+
+    signals: tuple[Mapping[str, NDArray[Any]], ...] = ()
+    """What else was recorded with each, (N, d) arrays by name; empty for nothing."""
+
+    def __post_init__(self) -> None:
+        number = len(self.demonstrations)
+        if self.frame not in FRAMES:
+            raise ValueError(f"frame is {self.frame!r:.80}, must be one of {FRAMES}")
+        if number == 0 or number != len(self.radii):
+            raise ValueError(
+                f"{number} demonstrations and {len(self.radii)} radii; give at least "
+                "one demonstration, and one radius (or None) for each or no radii"
+            )
+        if self.signals and len(self.signals) != number:
+            raise ValueError(
+                f"{number} demonstrations and {len(self.signals)} of signals; give one "
+                "mapping for each, or none"
+            )
+        for one, signals in zip(self.demonstrations, self.signals, strict=False):
+            for name, array in signals.items():
+                if array.ndim != 2 or len(array) != len(one.times):
+                    raise ValueError(
+                        f"signal {name!r:.40} has shape {array.shape}, must be "
+                        f"({len(one.times)}, d)"
+                    )
+        for radius in self.radii:
+            if radius is not None and not 0.0 < radius < math.inf:
+                raise ValueError(
+                    f"a door's radius is {radius}; it must be positive [m], or None "
+                    "(NaN in a file) where it is unknown"
+                )
+
+
+def save_demonstrations(
+    path: str | Path,
+    demonstrations: Sequence[Demonstration],
+    radii: Sequence[float | None] | None = None,
+    *,
+    frame: str = FRAME,
+    signals: Sequence[Mapping[str, NDArray[Any]]] = (),
+) -> None:
+    """Write demonstrations and their doors' radii, complete or not at all.
+
+    Args:
+        path: File to write; an existing one is replaced.
+        demonstrations: At least one demonstration, poses in the task frame.
+        radii: Radius of each one's door [m]; None where, or altogether when, unknown.
+            An unknown radius is stored as NaN.
+        frame: Frame of the poses, one of `FRAMES`.
+        signals: What else was recorded with each, (N, d) arrays by name; or nothing.
+
+    Raises:
+        ValueError: As `LabelledDemonstrations`.
+        OSError: The file cannot be written.
+    """
+    given = LabelledDemonstrations(
+        demonstrations=tuple(demonstrations),
+        radii=tuple([None] * len(demonstrations) if radii is None else radii),
+        frame=frame,
+        signals=tuple(signals),
+    )
+    names = sorted({name for each in given.signals for name in each})
+    arrays: dict[str, Any] = {
+        "units": np.array(UNITS),
+        "frame": np.array(given.frame),
+        "signals": np.array(names, dtype=str),
+        "radii": np.array([math.nan if r is None else r for r in given.radii]),
+    }
+    for number, demonstration in enumerate(given.demonstrations):
+        arrays[f"times_{number}"] = demonstration.times
+        arrays[f"poses_{number}"] = demonstration.poses
+        for name in names:
+            empty = np.zeros((0, 0))
+            arrays[f"{name}_{number}"] = given.signals[number].get(name, empty)
+    write_archive(path, kind=KIND, version=VERSION, arrays=arrays)
+
+
+def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
+    """Read what `save_demonstrations` wrote.
+
+    Args:
+        path: The file, or a folder with `FILE`, such as one of `gplfd demos import`.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is a recording of another kind, is cut, holds something
+            else, has another version, units or frame, or an invalid demonstration.
+    """
+    file = demonstrations_file(path)
+    advice = f"gplfd demos import {path} --out SET makes a set of a recording"
+    if Path(path).is_dir() and not file.exists():
+        raise FileNotFoundError(
+            f"there is no {FILE} in {path}; gplfd demos import FILES --out SET makes a "
+            "set of recordings"
+        )
+    regular_file(file, f"a set, a folder with {FILE}")
+    with file.open("rb") as stream:
+        is_archive = stream.read(2) == b"PK"
+    if not is_archive:
+        raise ValueError(f"{path} cannot be read as {KIND}: it is no .npz; {advice}")
+    try:
+        return read_archive(file, kind=KIND, version=VERSION, build=_labelled)
+    except ValueError as error:
+        raise ValueError(f"{error}; {advice}") from error
+
+
+def demonstrations_file(path: str | Path) -> Path:
+    """Return the file of demonstrations that a path means: itself, or in a folder."""
+    path = Path(path)
+    return path / FILE if path.is_dir() else path
+
+
+def hash_of(demonstrations: Sequence[Demonstration]) -> str:
+    """Return a hash of demonstrations, to a micrometre and a microradian.
+
+    Coarse enough to be the same on machines whose last bits differ.
+    """
+    digest = hashlib.sha256()
+    for one in demonstrations:
+        for values in (one.times, one.poses):
+            digest.update(np.rint(values * 1e6).astype(np.int64).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def _labelled(members: Members) -> LabelledDemonstrations:
+    units = str(members("units"))
+    if units != UNITS:
+        raise ValueError(f"units is {units!r:.80}, must be {UNITS!r}")
+    names = members("signals")
+    if names.dtype.kind != "U" or names.ndim != 1:
+        raise ValueError("signals must be a list of names")
+    radii = _numbers(members, "radii")
+    if radii.ndim != 1:
+        raise ValueError(f"radii has shape {radii.shape}, must be a list of numbers")
+    return LabelledDemonstrations(
+        demonstrations=tuple(
+            _demonstration(members, number) for number in range(radii.size)
+        ),
+        radii=tuple(None if math.isnan(r) else float(r) for r in radii),
+        frame=str(members("frame")),
+        signals=tuple(_signals(members, names, n) for n in range(radii.size))
+        if names.size
+        else (),
+    )
+
+
+def _signals(
+    members: Members, names: NDArray[Any], number: int
+) -> dict[str, NDArray[Any]]:
+    """Return what else was recorded with a demonstration."""
+    arrays = {str(name): _numbers(members, f"{name}_{number}") for name in names}
+    return {name: array for name, array in arrays.items() if array.size}
+
+
+def _demonstration(members: Members, number: int) -> Demonstration:
+    times = _numbers(members, f"times_{number}")
+    poses = _numbers(members, f"poses_{number}")
+    try:
+        return Demonstration(times=times, poses=poses)
+    except ValueError as error:
+        raise ValueError(f"demonstration {number}: {error}") from error
+
+
+def _numbers(members: Members, name: str) -> NDArray[Any]:
+    array = members(name)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} holds {array.dtype}, must hold numbers")
+    return array

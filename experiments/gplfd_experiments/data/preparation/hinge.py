@@ -1,0 +1,150 @@
+"""The hinge of a door, found from the motion of the hand that opened it."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from gplfd_experiments.files.arrays import FloatArray
+
+_SHORTEST: Final = math.radians(10.0)
+"""An arc that is shorter tells no hinge [rad]."""
+_ROUND: Final = 0.05
+"""What of a motion is off its circle at most, as a share of the radius."""
+_TELLING: Final = math.radians(20.0)
+"""An arc of this tells whether orientations turn with it [rad]."""
+_UNLIKE: Final = 0.15
+"""A hand on a handle turns with the door up to this (rms) [rad]."""
+_FAR_BETTER: Final = 0.3
+"""In another order it must do so with less than this share of the error as given."""
+_SHARE_TURNED: Final = (0.65, 1.2)
+"""A hand on a handle turns by this share of the opening angle: nine people's openings
+of a box have 0.70 to 0.98."""
+_IN_TIME: Final = 0.12
+"""And when the door does: what of its turning about the axis is not proportional to the
+opening angle is at most this share of its rotation (rms). They have 0.02 to 0.10."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Hinge:
+    """A circle in space that a hand went along."""
+
+    centre: FloatArray
+    """Point of the axis in the plane of the motion [m], (3,)."""
+    axis: FloatArray
+    """Direction about which the motion turns by positive angles, (3,)."""
+    radius: float
+    """Distance of the hand from the axis [m]."""
+    angles: FloatArray
+    """Opening angle of each sample, from 0 [rad], (N,)."""
+    residual: float
+    """Distance of the motion from the circle, root mean square [m]."""
+
+    def frame(self, start: FloatArray) -> tuple[FloatArray, Rotation]:
+        """Return origin and axes of the door's task frame: x pull, y up, z outwards.
+
+        Args:
+            start: Where the hand began [m], (3,).
+        """
+        outwards = start - self.centre
+        outwards -= self.axis * (self.axis @ outwards)
+        outwards /= np.linalg.norm(outwards)
+        axes = np.column_stack([np.cross(self.axis, outwards), self.axis, outwards])
+        return start, Rotation.from_matrix(axes)
+
+
+def find_hinge(positions: FloatArray) -> Hinge:
+    """Fit a circle to positions of a hand [m], (N, 3).
+
+    The plane is that of least squares; in it the circle's distances are least squares.
+
+    Raises:
+        ValueError: The arc is too short, or the motion is not round.
+    """
+    mean = positions.mean(axis=0)
+    _, _, directions = np.linalg.svd(positions - mean, full_matrices=False)
+    plane, normal = directions[:2], directions[2]
+    flat = (positions - mean) @ plane.T
+    # x² + y² = 2 a x + 2 b y + c, the start of the fit of distances.
+    left = np.column_stack([2.0 * flat, np.ones(len(flat))])
+    a, b, c = np.linalg.lstsq(left, np.sum(flat**2, axis=1), rcond=None)[0]
+    begin = np.array([a, b, math.sqrt(max(c + a * a + b * b, 1e-12))])
+
+    def distances(circle: FloatArray) -> FloatArray:
+        return np.asarray(np.hypot(*(flat - circle[:2]).T) - circle[2])
+
+    fit = least_squares(distances, begin).x
+    arms = flat - fit[:2]
+    angles = np.unwrap(np.arctan2(arms[:, 1], arms[:, 0]))
+    angles -= angles[0]
+    # A door that is closed again ends where it began: the farthest angle is open.
+    if angles[np.argmax(np.abs(angles))] < 0.0:
+        angles, normal = -angles, -normal
+    # plane[0] × plane[1] may be either normal; angles are positive about this one.
+    handed = np.sign(np.cross(plane[0], plane[1]) @ directions[2])
+    off_plane = (positions - mean) @ directions[2]
+    off_circle = np.linalg.norm(arms, axis=1) - fit[2]
+    hinge = Hinge(
+        centre=mean + fit[:2] @ plane,
+        axis=normal * handed,
+        radius=float(fit[2]),
+        angles=angles,
+        residual=float(np.sqrt(np.mean(off_plane**2 + off_circle**2))),
+    )
+    if np.ptp(angles) < _SHORTEST:
+        raise ValueError(
+            "no hinge can be found from an arc of "
+            f"{math.degrees(np.ptp(angles)):.1f}°, it takes "
+            f"{math.degrees(_SHORTEST):.0f}°; give --frame first-pose or a pose"
+        )
+    if hinge.residual > _ROUND * hinge.radius:
+        raise ValueError(
+            f"the motion is {1e3 * hinge.residual:.0f} mm (rms) off a circle of "
+            f"{hinge.radius:.2f} m, so it is about no hinge; give --frame first-pose "
+            "or a pose, or part it into repetitions (--segment)"
+        )
+    return hinge
+
+
+def suspicious_order(poses: FloatArray) -> str | None:
+    """Say so if quaternions make sense as orientations on a hinge in another order.
+
+    Only a motion on a circle can tell: there the hand turns as it goes round.
+
+    Args:
+        poses: Positions [m] and quaternions, the scalar first, (N, 7).
+    """
+    try:
+        hinge = find_hinge(poses[:, :3])
+    except ValueError:
+        return None
+    if np.ptp(hinge.angles) < _TELLING:
+        return None
+    turned = hinge.angles[:, None] * hinge.axis
+
+    def rotation_and_error(shift: int) -> tuple[FloatArray, float]:
+        quaternions = np.roll(poses[:, 3:], shift, axis=1)
+        rotations = Rotation.from_quat(quaternions, scalar_first=True)
+        since = rotations * rotations[0].inv()
+        wrong = since.inv() * Rotation.from_rotvec(turned)
+        return since.as_rotvec(), float(np.sqrt(np.mean(wrong.magnitude() ** 2)))
+
+    _, as_given = rotation_and_error(0)
+    rotation, other = min(map(rotation_and_error, (1, -1)), key=lambda found: found[1])
+    if as_given < _UNLIKE or other > _FAR_BETTER * as_given:
+        return None
+    # A free hand may turn about such an axis by chance, but not as far and when the
+    # way round is gone.
+    about = rotation @ hinge.axis
+    share = float(about @ hinge.angles / (hinge.angles @ hinge.angles))
+    untimely = np.linalg.norm(about - share * hinge.angles) / np.linalg.norm(rotation)
+    if not _SHARE_TURNED[0] <= share <= _SHARE_TURNED[1] or untimely > _IN_TIME:
+        return None
+    return (
+        f"the hand goes round a hinge, but turns {as_given:.2g} rad otherwise, and "
+        f"{other:.2g} rad with the scalar of the quaternions at the other end: is "
+        "their order right?"
+    )

@@ -1,0 +1,129 @@
+"""LeRobot data sets, version 3: one recording per episode, from parquet files.
+
+The hand is a feature of the data set, ``observation.state`` where nothing is said; what
+its numbers are is told by their names in the data set, or by ``--columns``.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from gplfd_experiments.data.raw import RawRecording
+from gplfd_experiments.data.readers.parquet_pages import claim_columns
+from gplfd_experiments.data.readers.selection import Selection, chosen
+from gplfd_experiments.data.readers.tables import named_columns, recording
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.files.plain_data import entry, read_json
+from gplfd_policies.arrays.storage import DecodingBudget, regular_file
+
+try:
+    import pyarrow.parquet as parquet
+except ImportError as error:
+    raise ModuleNotFoundError(
+        f"LeRobot's data sets need pyarrow ({error}); in a checkout of gplfd: pip "
+        "install '.[lerobot]', elsewhere: pip install 'gplfd[lerobot]'"
+    ) from error
+
+INFO: Final = "meta/info.json"
+STATE: Final = "observation.state"
+_VERSION: Final = "v3."
+
+
+def read(path: Path, selection: Selection) -> list[RawRecording]:
+    """Read every episode of a data set.
+
+    Raises:
+        ValueError: The data set is damaged, of another version, or its feature's
+            numbers have no names that are understood.
+    """
+    info = read_json(path / INFO)
+    version = entry(info, "codebase_version", str)
+    if not version.startswith(_VERSION):
+        raise ValueError(
+            f"it is of version {version:.20}, read is {_VERSION}x; convert it with "
+            "LeRobot's own script convert_dataset_v21_to_v30"
+        )
+    features = entry(info, "features", dict[str, Any])
+    vectors = {
+        name: one
+        for name, one in features.items()
+        if isinstance(one, dict) and str(one.get("dtype", "")).startswith("float")
+    }
+    name, feature = chosen(
+        selection.body or STATE, vectors, "feature of numbers", file=path.name
+    )
+    heads = selection.columns or _names(feature)
+    found = named_columns(heads, "--columns" if selection.columns else f"{name!r}")
+    rate = float(entry(info, "fps", float))
+    if not 0.0 < rate < 1e6:
+        raise ValueError(f"fps is {rate}")
+    episodes, frames, values = _table(path, name)
+    if values.shape[1] != len(heads):
+        raise ValueError(
+            f"{name} has {values.shape[1]} numbers, and {len(heads)} names"
+        )
+    # The times are made here.
+    seconds = replace(selection, time_unit="s")
+    recordings = []
+    order = np.argsort(episodes, kind="stable")
+    starts = np.flatnonzero(np.diff(episodes[order])) + 1
+    for own in np.split(order, starts):
+        columns = {column: values[own, place] for column, (place, _) in found.items()}
+        columns["t"] = frames[own] / rate
+        units = {column: unit for column, (_, unit) in found.items()}
+        label = f"{path.name}: episode {episodes[own[0]]}"
+        recordings.append(recording(label, columns, units | {"t": "s"}, seconds))
+    return recordings
+
+
+def _names(feature: dict[str, Any]) -> list[str]:
+    """Return the names of a feature's numbers: a list, or lists by group."""
+    names = feature.get("names")
+    if isinstance(names, dict):
+        names = [one for group in names.values() for one in group]
+    if not isinstance(names, list):
+        raise ValueError(
+            "its numbers have no names; give them in their order: --columns x,y,z,..."
+        )
+    return list(map(str, names))
+
+
+def _table(path: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return episode, frame and feature of every row, in order."""
+    wanted = ["episode_index", "frame_index", name]
+    files = sorted((path / "data").glob("*/*.parquet"))
+    if not files:
+        raise ValueError("there is no parquet file in its folder data")
+    budget = DecodingBudget(sum(regular_file(file).stat().st_size for file in files))
+    episodes, frames, values = [], [], []
+    for file in files:
+        try:
+            with file.open("rb") as stream, parquet.ParquetFile(stream) as opened:
+                claim_columns(stream, opened.metadata, wanted, budget)
+                table = opened.read(columns=wanted)
+            episodes.append(table["episode_index"].to_numpy())
+            frames.append(table["frame_index"].to_numpy())
+            values.append(_rows(table[name]))
+        # Arrow answers damage with errors of every kind.
+        except Exception as error:
+            raise ValueError(f"{file.relative_to(path)}: {error!s:.300}") from error
+    return (
+        np.concatenate(episodes).astype(np.int64),
+        np.concatenate(frames).astype(np.float64),
+        np.concatenate(values).astype(np.float64),
+    )
+
+
+def _rows(column: Any) -> FloatArray:
+    """Return lists of equal length as rows."""
+    lists = column.combine_chunks()
+    flat = lists.flatten().to_numpy(zero_copy_only=False)
+    if lists.null_count or len(lists) == 0 or len(flat) % len(lists):
+        raise ValueError("a row lacks numbers")
+    rows = np.asarray(flat, dtype=np.float64).reshape(len(lists), -1)
+    lengths = np.unique([len(one) for one in lists[:1]])
+    if lengths.tolist() != [rows.shape[1]]:
+        raise ValueError("its rows differ in length")
+    return rows

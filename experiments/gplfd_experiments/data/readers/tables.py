@@ -1,0 +1,209 @@
+"""Columns with names and units, as tables of every kind have them.
+
+A column is known by its name in any case, with its unit behind it: ``time [ms]``,
+``x (cm)``, ``y_mm``, ``qw``, ``rx [deg]``. Known are the time; x, y and z; the
+quaternion qx, qy, qz, qw; the rotation vector rx, ry, rz; force fx, fy, fz and torque
+mx, my, mz; and the gripper. Others are left out.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gplfd_experiments.data.raw import (
+    METRES,
+    RADIANS,
+    SECONDS,
+    RawRecording,
+    likely_time_unit,
+)
+from gplfd_experiments.data.readers.selection import Selection
+from gplfd_experiments.files.arrays import FloatArray
+
+NAMES: Final[Mapping[str, tuple[str, ...]]] = {
+    "t": ("time", "timestamp", "stamp", "seconds"),
+    **{
+        axis: (f"p{axis}", f"pos_{axis}", f"position_{axis}", f"position.{axis}")
+        for axis in "xyz"
+    },
+    **{
+        f"q{part}": tuple(
+            f"{whole}{part}"
+            for whole in ("q_", "quat_", "quaternion_", "orientation_", "orientation.")
+        )
+        for part in "wxyz"
+    },
+    **{f"r{axis}": (f"rotvec_{axis}", f"rot_{axis}") for axis in "xyz"},
+    **{f"f{axis}": (f"force_{axis}", f"force.{axis}") for axis in "xyz"},
+    **{f"m{axis}": (f"torque_{axis}", f"torque.{axis}") for axis in "xyz"},
+    "gripper": ("gripper_position", "gripper_width"),
+}
+"""Columns that are understood, each with other names of it."""
+
+POSITION: Final = ("x", "y", "z")
+QUATERNION: Final = ("qw", "qx", "qy", "qz")
+ROTATION_VECTOR: Final = ("rx", "ry", "rz")
+FORCE: Final = ("fx", "fy", "fz", "mx", "my", "mz")
+
+MANY_TURNS: Final = 7.0
+"""A rotation vector longer than this [rad] is hardly one of a hand."""
+
+_CANONICAL: Final = {
+    other: name for name, others in NAMES.items() for other in (name, *others)
+}
+_UNITS: Final = frozenset((*METRES, *SECONDS, *RADIANS, "n", "n m", "nm"))
+_BRACKETED: Final = re.compile(r"(.*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])]")
+_SUFFIXED: Final = re.compile(r"(.+)_(cm|mm|m|in|s|ms|us|ns|rad|deg)")
+
+
+def understood(head: str) -> tuple[str, str | None]:
+    """Return the name of a column and its unit, from its head.
+
+    The name is one of `NAMES`, or the head itself where it is not understood.
+    """
+    text = head.strip().lower().replace(" ", "_") if "[" not in head else head.lower()
+    for pattern in (_BRACKETED, _SUFFIXED):
+        match = pattern.fullmatch(text.strip())
+        if match and match[2] in _UNITS:
+            name = match[1].strip()
+            if name in _CANONICAL:
+                return _CANONICAL[name], match[2]
+    return _CANONICAL.get(text.strip(), head), None
+
+
+def named_columns(
+    heads: Sequence[str], where: str
+) -> dict[str, tuple[int, str | None]]:
+    """Return place and unit of every column that is understood.
+
+    Args:
+        heads: As the file, or a person, has them.
+        where: What they are, for a message.
+
+    Raises:
+        ValueError: x and y are not among them, part of a quaternion or of a rotation
+            vector is, or one is there twice.
+    """
+    found: dict[str, tuple[int, str | None]] = {}
+    for place, head in enumerate(heads):
+        name, unit = understood(head)
+        if name not in NAMES:
+            continue
+        if name in found:
+            raise ValueError(
+                f"{where} has two columns for {name}; name those to leave out '-' "
+                "with --columns"
+            )
+        found[name] = (place, unit)
+    for whole in (("x", "y"), QUATERNION, ROTATION_VECTOR):
+        missing = [name for name in whole if name not in found]
+        if missing and (whole[0] == "x" or len(missing) < len(whole)):
+            raise ValueError(
+                f"{where} has no column {' and no '.join(missing)}: it has "
+                f"{', '.join(heads)!s:.200}. Name the columns in their order, for "
+                "example --columns t,x,y,z,qx,qy,qz,qw with - for one to leave out; "
+                "joint positions are not a hand pose"
+            )
+    return found
+
+
+def recording(
+    name: str,
+    columns: Mapping[str, FloatArray],
+    units: Mapping[str, str | None],
+    selection: Selection,
+    untimed: str = "",
+) -> RawRecording:
+    """Return the recording that columns make.
+
+    Args:
+        name: Of the recording.
+        columns: By names of `NAMES`, (N,) each.
+        units: Of the columns that say theirs.
+        selection: Unit of rotation vectors that say none, and of times.
+        untimed: See `RawRecording.untimed`.
+
+    Raises:
+        ValueError: A unit is none of its quantity, or those of x, y and z differ.
+    """
+    rows = len(columns["x"])
+    positions = np.zeros((rows, 3))
+    for place, axis in enumerate(POSITION):
+        if axis in columns:
+            positions[:, place] = columns[axis]
+    quaternions, notes = None, []
+    if "qw" in columns:
+        quaternions = np.column_stack([columns[part] for part in QUATERNION])
+    elif "rx" in columns:
+        unit = _unit(name, units, ROTATION_VECTOR, RADIANS) or selection.angles
+        rotvecs = np.column_stack([columns[part] for part in ROTATION_VECTOR])
+        quaternions = quaternions_of(rotvecs * RADIANS[unit])
+        longest = float(np.nanmax(np.linalg.norm(rotvecs, axis=1), initial=0.0))
+        if unit == "rad" and longest > MANY_TURNS:
+            notes.append(
+                f"rotation vectors as long as {longest:.3g} rad are many turns: are "
+                "they degrees? say --angles deg"
+            )
+    times = columns.get("t")
+    if times is not None:
+        said = _unit(name, units, ("t",), SECONDS)
+        if selection.time_unit is None:
+            notes += _doubts(times, said or "s")
+        times = times * SECONDS[selection.time_unit or said or "s"]
+    signals = {}
+    if "fx" in columns:
+        absent = np.zeros(rows)
+        signals["force"] = np.column_stack([columns.get(c, absent) for c in FORCE])
+    if "gripper" in columns:
+        signals["gripper"] = columns["gripper"][:, None]
+    return RawRecording(
+        name=name,
+        positions=positions,
+        unit=_unit(name, units, POSITION, METRES),
+        times=times,
+        quaternions=quaternions,
+        signals=signals,
+        untimed="" if "t" in columns else untimed,
+        notes=tuple(notes),
+    )
+
+
+def _doubts(stamps: FloatArray, unit: str) -> list[str]:
+    """Say so if time stamps are probably in another unit."""
+    steps = np.diff(np.sort(stamps[np.isfinite(stamps)]))
+    step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    likely = likely_time_unit(step)
+    if likely in (None, unit):
+        return []
+    return [
+        f"there is a sample every {step:.3g} {unit}: are times in {likely}? say "
+        f"--time-unit {likely}, or --time-unit {unit} if they are not"
+    ]
+
+
+def quaternions_of(rotvecs: FloatArray) -> FloatArray:
+    """Return quaternions, scalar first, (N, 4), of rotation vectors [rad], (N, 3)."""
+    known = np.asarray(np.isfinite(rotvecs).all(axis=1))
+    quaternions = np.full((len(rotvecs), 4), np.nan)
+    rotations = Rotation.from_rotvec(np.where(known[:, None], rotvecs, 0.0))
+    quaternions[known] = rotations.as_quat(scalar_first=True)[known]
+    return quaternions
+
+
+def _unit(
+    name: str,
+    units: Mapping[str, str | None],
+    columns: Sequence[str],
+    known: Mapping[str, float],
+) -> str | None:
+    """Return the one unit of some columns, None where none is said."""
+    said = {unit for c in columns if (unit := units.get(c)) is not None}
+    if len(said) > 1 or said - set(known):
+        raise ValueError(
+            f"{name}: {', '.join(columns)} are in {' and '.join(sorted(said))}; they "
+            f"must share one unit of {', '.join(known)}"
+        )
+    return next(iter(said), None)

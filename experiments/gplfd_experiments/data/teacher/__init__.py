@@ -1,0 +1,25 @@
+"""The synthetic human that demonstrates doors, and random smooth motion."""
+
+from gplfd_experiments.data.teacher.habits import MESSY, TIDY, Habits
+from gplfd_experiments.data.teacher.handle_motion import (
+    DEMONSTRATED_RADII,
+    ROOM_RADII,
+    doors_like,
+)
+from gplfd_experiments.data.teacher.synthetic_human import (
+    Teacher,
+    TeacherConfig,
+    standard_teacher,
+)
+
+__all__ = [
+    "DEMONSTRATED_RADII",
+    "MESSY",
+    "ROOM_RADII",
+    "TIDY",
+    "Habits",
+    "Teacher",
+    "TeacherConfig",
+    "doors_like",
+    "standard_teacher",
+]

@@ -1,0 +1,87 @@
+"""Random functions of time that human motion and its measurement are made of."""
+
+import math
+from typing import Final
+
+import numpy as np
+from scipy.signal import butter, sosfilt
+
+from gplfd_experiments.files.arrays import FloatArray
+
+_N_COSINES: Final = 64
+"""Terms of a smooth random function; enough for its values to be near Gaussian."""
+
+_TIMING_GRID: Final = 400
+"""Points on which the uneven timing is integrated."""
+
+
+def minimum_jerk(progress: FloatArray) -> FloatArray:
+    """Minimum-jerk profile 10 s³ - 15 s⁴ + 6 s⁵, constant outside [0, 1]."""
+    s = np.clip(progress, 0.0, 1.0)
+    return s**3 * (10.0 + s * (6.0 * s - 15.0))
+
+
+def smooth_functions(
+    times: FloatArray,
+    correlation_time: float,
+    n_functions: int,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Draw smooth random functions with mean 0 and standard deviation 1.
+
+    A sum of cosines with Gaussian frequencies and uniform phases, whose covariance is
+    exp(-Δt² / (2 ``correlation_time``²)). It is a function of time, not of the
+    samples: the same ``rng`` gives the same motion at every sampling rate.
+
+    Returns:
+        Values (N, ``n_functions``) at ``times`` (N,).
+    """
+    frequency = rng.standard_normal((n_functions, _N_COSINES)) / correlation_time
+    phase = rng.uniform(0.0, 2.0 * np.pi, (n_functions, _N_COSINES))
+    cosines = np.cos(times[:, None, None] * frequency + phase)
+    values: FloatArray = np.sqrt(2.0 / _N_COSINES) * cosines.sum(axis=-1)
+    return values
+
+
+def coloured_noise(
+    n_samples: int, bandwidth: float, n_signals: int, rng: np.random.Generator
+) -> FloatArray:
+    """Draw stationary low-passed noise with mean 0 and standard deviation 1.
+
+    Args:
+        n_samples: Samples N per signal.
+        bandwidth: Cut-off of a second-order Butterworth filter in cycles per sample;
+            at or above 0.5 the noise stays white.
+        n_signals: Number of independent signals.
+        rng: Source of randomness.
+
+    Returns:
+        Noise (N, ``n_signals``).
+    """
+    if bandwidth >= 0.5:
+        return rng.standard_normal((n_samples, n_signals))
+    sections = butter(2, 2.0 * bandwidth, output="sos")
+    settling = math.ceil(4.0 / bandwidth)
+    impulse = np.zeros(settling)
+    impulse[0] = 1.0
+    gain = float(np.linalg.norm(sosfilt(sections, impulse)))
+    white = rng.standard_normal((settling + n_samples, n_signals))
+    noise: FloatArray = sosfilt(sections, white, axis=0)[settling:] / gain
+    return noise
+
+
+def uneven_timing(
+    clock: FloatArray, timing_std: float, rng: np.random.Generator
+) -> FloatArray:
+    """Draw a monotone map of [0, 1] onto itself whose log-speed is a smooth function.
+
+    Args:
+        clock: Where to evaluate the map; values outside [0, 1] are clamped.
+        timing_std: Standard deviation of the log-speed; 0 gives the identity.
+        rng: Source of randomness.
+    """
+    grid = np.linspace(0.0, 1.0, _TIMING_GRID)
+    speed = np.exp(timing_std * smooth_functions(grid, 0.2, 1, rng)[:, 0])
+    elapsed = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))])
+    warped: FloatArray = np.interp(clock, grid, elapsed / elapsed[-1])
+    return warped

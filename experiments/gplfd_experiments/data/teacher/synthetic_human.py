@@ -1,0 +1,301 @@
+"""A synthetic human who opens doors in a motion-capture suit.
+
+The teacher stands in for the recordings of Arduengo et al., *Gaussian-Process-based
+Robot Learning from Demonstration*, arXiv:2002.09979, Section IV-A: right-hand
+trajectories of a person in an Xsens MVN suit who opens doors of different radii.
+
+Modelled: the handle's arc, a minimum-jerk opening with a random duration and final
+angle, uneven timing (the person hurries and hesitates, always forwards), the hand
+moving a little on the bar, a hand sensor that is not at the bar's centre, slow
+vertical drift of the suit, and the suit's sampling rate and coloured noise.
+
+An untidy person and recording are described by `gplfd_experiments.data.teacher.habits`:
+pauses, backward motion, rests, dropped samples, outliers.
+
+A handle that turns is pressed first, the door pulled or pushed as soon as the latch is
+free, and the handle let go back while it opens
+(`gplfd_experiments.data.teacher.handle_motion`).
+
+On request the person reaches for the handle first and takes hold of it
+(`gplfd_experiments.data.teacher.reach`).
+
+Not modelled: letting go, a suit whose axes are turned
+against the door, magnetic disturbance, and one person's habits that persist from one
+demonstration to the next.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gplfd_env.config import DoorConfig
+from gplfd_env.fields import check_quantities, quantity
+from gplfd_env.geometry import DoorGeometry
+from gplfd_env.task import DEMONSTRATED_ANGLE
+from gplfd_experiments.data.teacher.habits import (
+    TIDY,
+    Habits,
+    lose_samples,
+    untidy_clock,
+)
+from gplfd_experiments.data.teacher.handle_motion import (
+    DEMONSTRATED_RADII,
+    doors_like,
+    draw_press,
+    duration,
+    let_back,
+    worked,
+)
+from gplfd_experiments.data.teacher.random_motion import (
+    coloured_noise,
+    minimum_jerk,
+    smooth_functions,
+    uneven_timing,
+)
+from gplfd_experiments.data.teacher.reach import reached
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.demonstrations.demonstration import Demonstration
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TeacherConfig:
+    """How the synthetic human moves and how the suit measures it.
+
+    Raises:
+        ValueError: A field is not finite or outside its range.
+        TypeError: A field is not a number.
+    """
+
+    duration_mean: float = quantity(6.0, unit="s", low=0.5, high=60.0)
+    """Mean duration of an opening."""
+
+    duration_std: float = quantity(0.8, unit="s", low=0.0, high=20.0)
+    """Standard deviation of the duration; no opening is shorter than half the mean."""
+
+    angle_mean: float = quantity(DEMONSTRATED_ANGLE, unit="rad", low=0.1, high=2.5)
+    """Mean final door angle."""
+
+    angle_std: float = quantity(math.radians(1.0), unit="rad", low=0.0, high=0.5)
+    """Standard deviation of the final door angle."""
+
+    timing_std: float = quantity(0.25, low=0.0, high=1.0)
+    """Unevenness of the timing: standard deviation of the log of the local speed-up
+    (0 = exactly minimum jerk)."""
+
+    wobble_position_std: float = quantity(0.002, unit="m", low=0.0, high=1.0)
+    """Hand moving on the bar: standard deviation per axis."""
+
+    wobble_rotation_std: float = quantity(
+        math.radians(1.0), unit="rad", low=0.0, high=1.0
+    )
+    """Hand turning on the bar: standard deviation per axis."""
+
+    wobble_time: float = quantity(1.0, unit="s", low=0.05, high=60.0)
+    """Correlation time of the wobble."""
+
+    grasp_offset_std: float = quantity(0.01, unit="m", low=0.0, high=1.0)
+    """Sensor's place on the hand relative to the bar, constant in a demonstration:
+    standard deviation per axis."""
+
+    vertical_drift_std: float = quantity(0.001, unit="m/s", low=0.0, high=1.0)
+    """Suit's height drift: standard deviation of its rate."""
+
+    sampling_rate: float = quantity(60.0, unit="Hz", low=10.0, high=1000.0)
+    """Suit's sampling rate."""
+
+    noise_position_std: float = quantity(0.001, unit="m", low=0.0, high=1.0)
+    """Suit's position noise after its filters: standard deviation per axis."""
+
+    noise_rotation_std: float = quantity(
+        math.radians(0.3), unit="rad", low=0.0, high=1.0
+    )
+    """Suit's orientation noise after its filters: standard deviation per axis."""
+
+    noise_bandwidth: float = quantity(1.0, unit="Hz", low=0.1, high=500.0)
+    """Cut-off frequency of the suit's noise. The sensor fusion follows its smooth
+    gyroscopes at short times, and what remains is corrected over about a second."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+def standard_teacher() -> dict[str, float]:
+    """Return the fields of the standard `TeacherConfig`."""
+    return dataclasses.asdict(TeacherConfig())
+
+
+class Teacher:
+    """Opens doors on request; holds only its configuration.
+
+    Args:
+        config: How the human moves and how the suit measures.
+        habits: How untidily; not at all by default.
+    """
+
+    def __init__(
+        self, config: TeacherConfig | None = None, habits: Habits = TIDY
+    ) -> None:
+        self.config = TeacherConfig() if config is None else config
+        self.habits = habits
+
+    @one_thread
+    def demonstrate(
+        self, door: float | DoorConfig, rng: np.random.Generator
+    ) -> Demonstration:
+        """Open one door and return what the suit recorded.
+
+        The poses are in the task frame and relative to the first sample, which is
+        therefore exactly zero: positions subtract the first position, orientations
+        are the rotation from the first orientation to the present one, in door axes.
+
+        Args:
+            door: What is opened, or the radius of a door with a bar [m].
+            rng: Source of randomness. Child generators are spawned from it, one per
+                effect, so switching one effect off leaves the others' draws alone.
+
+        Returns:
+            Times [s] from 0 at the suit's rate and poses (N, 6) [m, rad].
+
+        Raises:
+            ValueError: No door has such a radius.
+        """
+        door = door if isinstance(door, DoorConfig) else DoorConfig(radius=door)
+        motion_rng, timing_rng, hand_rng, suit_rng, habit_rng, press_rng = rng.spawn(6)
+        config = self.config
+        longer, further = motion_rng.standard_normal(2)
+        opening = config.duration_mean + config.duration_std * float(longer)
+        opening = max(opening, 0.5 * config.duration_mean)
+        final_angle = config.angle_mean + config.angle_std * float(further)
+        press = draw_press(door, press_rng)
+        lasting = duration(press, opening)
+        rate, tidy = config.sampling_rate, self.habits == TIDY
+        if tidy:
+            times = np.arange(math.ceil(lasting * rate) + 1) / rate
+            clock, back = times / lasting, np.zeros(times.size)
+        else:
+            times, clock, back = untidy_clock(self.habits, lasting, rate, habit_rng)
+        progress = uneven_timing(clock, config.timing_std, timing_rng)
+        share, opened = worked(progress, press, opening)
+        angles = np.maximum(final_angle * minimum_jerk(opened) - back, 0.0)
+        turns = let_back(press, share, angles)
+        positions, rotations = self._hand(door, times, angles, turns, hand_rng)
+        positions, rotations = self._suit(times, positions, rotations, suit_rng)
+        relative = rotations * rotations[0].inv()
+        poses = np.hstack([positions - positions[0], relative.as_rotvec()])
+        if tidy:
+            return Demonstration(times=times, poses=poses)
+        kept, poses = lose_samples(self.habits, poses, habit_rng)
+        return Demonstration(times=times[kept], poses=poses[kept])
+
+    def demonstrate_doors(
+        self,
+        doors: Sequence[float | DoorConfig],
+        per_door: int = 2,
+        *,
+        rng: np.random.Generator,
+    ) -> tuple[Demonstration, ...]:
+        """Open each door several times; door after door in the given order.
+
+        A demonstration depends only on ``rng``, its door's place in ``doors`` and its
+        own number: more doors at the end or more demonstrations per door leave the
+        others as they were, to the last bit.
+
+        Raises:
+            ValueError: No door, one that there is not, or ``per_door`` is less than 1.
+        """
+        if len(doors) == 0:
+            raise ValueError("doors is empty; give at least one door or radius [m]")
+        if per_door < 1:
+            raise ValueError(f"per_door = {per_door!r} must be at least 1")
+        return tuple(
+            self.demonstrate(door, demonstration_rng)
+            for door, door_rng in zip(doors, rng.spawn(len(doors)), strict=True)
+            for demonstration_rng in door_rng.spawn(per_door)
+        )
+
+    def standard_demonstrations(
+        self, per_door: int = 2, *, seed: int, like: DoorConfig | None = None
+    ) -> tuple[Demonstration, ...]:
+        """Open three doors as runs and studies of this seed do.
+
+        Args:
+            per_door: How often each.
+            seed: Of everything that is drawn.
+            like: Door of whose kind they are; a furniture door with a bar by default.
+        """
+        doors = doors_like(DoorConfig() if like is None else like)
+        return self.demonstrate_doors(doors, per_door, rng=np.random.default_rng(seed))
+
+    def standard_reaches(
+        self, per_door: int = 2, *, seed: int, doors: int = len(DEMONSTRATED_RADII)
+    ) -> tuple[Demonstration, ...]:
+        """Reach for the handles of the doors that runs of this seed demonstrate.
+
+        Args:
+            per_door: How often each.
+            seed: Of everything that is drawn; the openings draw what they would alone.
+            doors: Number of demonstrated doors.
+        """
+        *_, rng = np.random.default_rng(seed).spawn(doors + 1)
+        return tuple(map(self.demonstrate_reach, rng.spawn(doors * per_door)))
+
+    def demonstrate_reach(self, rng: np.random.Generator) -> Demonstration:
+        """Reach for a handle, take hold of it, and return what the suit recorded.
+
+        The poses are relative to the last sample, at time 0, in which the hand holds
+        the closed handle: what `demonstrate` records goes on from there.
+
+        Args:
+            rng: Source of randomness.
+
+        Returns:
+            Times [s] up to 0 at the suit's rate and poses (N, 6) [m, rad], door axes.
+        """
+        motion_rng, suit_rng = rng.spawn(2)
+        rate, uneven = self.config.sampling_rate, self.config.timing_std
+        times, positions, rotations = reached(rate, uneven, motion_rng)
+        positions, rotations = self._suit(times, positions, rotations, suit_rng)
+        relative = rotations * rotations[-1].inv()
+        poses = np.hstack([positions - positions[-1], relative.as_rotvec()])
+        return Demonstration(times=times, poses=poses)
+
+    def _hand(
+        self,
+        door: DoorConfig,
+        times: FloatArray,
+        angles: FloatArray,
+        turns: FloatArray,
+        rng: np.random.Generator,
+    ) -> tuple[FloatArray, Rotation]:
+        """Where the sensor on the hand really is: (N, 3) [m] and N rotations."""
+        config = self.config
+        path = DoorGeometry.of(door).easy_hand_poses(angles, turns)
+        handle = Rotation.from_rotvec(path[:, 3:])
+        offset = config.grasp_offset_std * rng.standard_normal(3)
+        wobble = smooth_functions(times, config.wobble_time, 6, rng)
+        slip = offset + config.wobble_position_std * wobble[:, :3]
+        turn = Rotation.from_rotvec(config.wobble_rotation_std * wobble[:, 3:])
+        return path[:, :3] + handle.apply(slip), handle * turn
+
+    def _suit(
+        self,
+        times: FloatArray,
+        positions: FloatArray,
+        rotations: Rotation,
+        rng: np.random.Generator,
+    ) -> tuple[FloatArray, Rotation]:
+        """What the suit reports for these positions (N, 3) and N rotations."""
+        config = self.config
+        drift_rate = config.vertical_drift_std * rng.standard_normal()
+        noise = coloured_noise(
+            times.size, config.noise_bandwidth / config.sampling_rate, 6, rng
+        )
+        measured = positions + config.noise_position_std * noise[:, :3]
+        measured[:, 1] += drift_rate * times
+        error = Rotation.from_rotvec(config.noise_rotation_std * noise[:, 3:])
+        return measured, error * rotations

@@ -1,1 +1,0 @@
-"""Demonstrations and episodes in files: .npz archives and Minari data sets."""

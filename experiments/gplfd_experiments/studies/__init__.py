@@ -1,0 +1,1 @@
+"""Studies: settings, plan, tasks, jobs; trials, tuning and learning tests."""

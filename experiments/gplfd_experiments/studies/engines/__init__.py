@@ -1,0 +1,112 @@
+"""Where the jobs of a study run: in this process, on its cores, or on a cluster."""
+
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final, Literal, Protocol, TypeVar
+
+from gplfd_experiments.console.interruption import postponed_interruption
+from gplfd_experiments.studies.engines.serial import Serial
+
+__all__ = ["ATTEMPTS", "ONE_THREAD", "Engine", "EngineName", "Lost", "engine_named"]
+
+ItemT = TypeVar("ItemT")
+ResultT = TypeVar("ResultT")
+
+EngineName = Literal["loky", "serial", "dask"]
+"""Names that `engine_named` knows."""
+
+ATTEMPTS: Final = 3
+"""How often an item is started before it counts as the one that kills its workers."""
+
+ONE_THREAD: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "OPENBLAS_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "1",
+        "MKL_NUM_THREADS": "1",
+        "VECLIB_MAXIMUM_THREADS": "1",
+    }
+)
+"""Environment of a process whose linear algebra keeps to one thread."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Lost:
+    """What an engine reports for an item that no worker brought to its end."""
+
+    reason: str
+    """Why, in a sentence."""
+    crashed: bool = False
+    """Whether the item ended its own worker, by leaving Python or by a crash, whenever
+    it ran alone; else the machine may have ended it."""
+
+
+class Engine(Protocol):
+    """Runs the same work on many items."""
+
+    def run(
+        self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
+    ) -> Generator[tuple[ItemT, ResultT | Lost], None, None]:
+        """Yield each item with what the work made of it, as they finish.
+
+        Closing the generator ends what still runs.
+
+        Args:
+            work: Called once per item, perhaps in another process; raises nothing.
+            items: Small records.
+        """
+        ...
+
+
+def engine_named(
+    name: EngineName, *, workers: int | None = None, address: str | None = None
+) -> Engine:
+    """Return an engine.
+
+    Args:
+        name: ``"loky"``, ``"serial"`` or ``"dask"``.
+        workers: Number of processes of loky; None for one per core.
+        address: Of the Dask scheduler.
+
+    Raises:
+        ValueError: An option that the engine does not have, one that it lacks, or Dask
+            is not installed.
+        OSError: The scheduler does not answer.
+    """
+    if workers is not None and name != "loky":
+        raise ValueError(
+            f"--workers {workers} is for --engine loky; --engine {name} has workers of "
+            "its own" + (" or none" if name == "serial" else "")
+        )
+    if workers is not None and workers < 1:
+        raise ValueError(f"--workers {workers} must be 1 or more")
+    if address is not None and name != "dask":
+        raise ValueError(f"--address {address} is for --engine dask, not for {name}")
+    if name == "serial":
+        return Serial()
+    # Engines are loaded where they are wanted: Dask need not be installed, and
+    # `gplfd --help` waits for none.
+    if name == "loky":
+        with postponed_interruption():
+            from gplfd_experiments.studies.engines.processes import Processes
+
+        return Processes(workers=workers)
+    return _cluster(address)
+
+
+def _cluster(address: str | None) -> Engine:
+    if address is None:
+        raise ValueError(
+            "--engine dask needs the scheduler of a running cluster: --address "
+            "tcp://HOST:8786 (`dask scheduler` prints it)"
+        )
+    try:
+        with postponed_interruption():
+            from gplfd_experiments.studies.engines.cluster import Cluster
+    except ImportError as error:
+        raise ValueError(
+            f"--engine dask needs Dask ({error}); pip install 'gplfd[dask]'"
+        ) from error
+    cluster = Cluster(address=address)
+    cluster.check()
+    return cluster

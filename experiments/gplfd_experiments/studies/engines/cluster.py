@@ -1,0 +1,123 @@
+"""The engine for many machines: a Dask cluster that runs already."""
+
+import asyncio
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, TypeVar
+
+import distributed
+
+from gplfd_experiments.studies.engines import Lost
+
+ItemT = TypeVar("ItemT")
+ResultT = TypeVar("ResultT")
+
+_dask: Any = distributed
+"""Only partly annotated, hence not checked."""
+
+_PATIENCE: Final = 10.0
+"""How long to wait for an answer of the scheduler [s]."""
+
+_KILLED: Final = Lost(reason="its worker died in each attempt")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Cluster:
+    """Runs items on the workers of a Dask cluster.
+
+    The workers need this package in the same version, and no shared folder: results
+    come back over the network. They should have one thread each, as an item keeps one
+    core busy.
+
+    An item whose worker dies is started again elsewhere as often as the scheduler
+    allows (``distributed.scheduler.allowed-failures``). The scheduler also blames items
+    that only waited on that worker, so the blamed ones are tried once more in the end,
+    one at a time.
+    """
+
+    address: str
+    """Of the scheduler, as in ``tcp://127.0.0.1:8786``."""
+
+    def run(
+        self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
+    ) -> Generator[tuple[ItemT, ResultT | Lost], None, None]:
+        """See `gplfd_experiments.studies.engines.Engine.run`.
+
+        Raises:
+            OSError: The scheduler does not answer, or not any more.
+        """
+        client = _dask.Client(self.address, timeout=_PATIENCE, set_as_default=False)
+        try:
+            blamed = yield from self._together(client, work, items)
+            for item in blamed:
+                yield from self._together(client, work, [item], last=True)
+        finally:
+            client.close()
+
+    def check(self) -> None:
+        """Greet the scheduler.
+
+        Dask's client waits for ever where something else than a scheduler listens.
+
+        Raises:
+            OSError: It does not answer.
+        """
+        try:
+            asyncio.run(_shake_hands(self.address))
+        # Whatever a server that is no scheduler makes of Dask's greeting, and Dask of
+        # its answer.
+        except Exception as error:
+            reason = str(error) or f"nobody answered within {_PATIENCE:g} s"
+            raise ConnectionError(
+                f"no Dask scheduler answers at {self.address} ({reason}); `dask "
+                "scheduler` prints its address"
+            ) from error
+
+    def _together(
+        self,
+        client: Any,
+        work: Callable[[ItemT], ResultT],
+        items: Sequence[ItemT],
+        *,
+        last: bool = False,
+    ) -> Generator[tuple[ItemT, ResultT | Lost], None, list[ItemT]]:
+        """Run items; return those whose workers died, or give them up if ``last``."""
+        running = {client.submit(work, item, pure=False): item for item in items}
+        blamed = []
+        try:
+            for future in _dask.as_completed(list(running), loop=client.loop):
+                if future.cancelled():
+                    raise ConnectionError(
+                        f"the Dask scheduler at {self.address} went away"
+                    )
+                item, outcome = running.pop(future), _outcome(future)
+                if outcome is _KILLED and not last:
+                    blamed.append(item)
+                else:
+                    yield item, outcome
+        finally:
+            # What is left was not finished and is not wanted any more.
+            client.cancel(list(running), force=True)
+        return blamed
+
+
+async def _shake_hands(address: str) -> None:
+    """Connect to a scheduler, with the certificates that Dask is configured with."""
+    security = _dask.Security().get_connection_args("client")
+    async with asyncio.timeout(_PATIENCE):
+        comm = await _dask.comm.connect(address, **security)
+    await comm.close()
+
+
+def _outcome(future: Any) -> Any:
+    """Return what the work made of an item, or why nothing."""
+    try:
+        return future.result()
+    except distributed.KilledWorker:
+        return _KILLED
+    # The work raises nothing by itself: the worker could not even load it.
+    except Exception as error:
+        return Lost(
+            reason=f"the worker could not run it ({type(error).__name__}: {error}); is "
+            "this package installed there, in the same version?"
+        )

@@ -1,0 +1,184 @@
+"""The engine for one machine: loky's worker processes."""
+
+import contextlib
+import os
+import re
+import signal
+import threading
+import time
+import warnings
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final, TypeAlias, TypeVar
+
+import loky
+
+from gplfd_experiments.console.interruption import postponed_interruption
+from gplfd_experiments.studies.engines import ATTEMPTS, ONE_THREAD, Lost
+
+ItemT = TypeVar("ItemT")
+ResultT = TypeVar("ResultT")
+Caught: TypeAlias = list[tuple[str, type[Warning]]]
+"""Texts and categories of warnings."""
+
+_ENVIRONMENT: Final = {
+    # One thread per worker: the cores are shared out among the workers already.
+    **ONE_THREAD,
+    # No worker imports what lies in the working folder and is called `re.py`.
+    "PYTHONSAFEPATH": "1",
+}
+
+_CRASHES: Final = frozenset(
+    {signal.SIGSEGV, signal.SIGABRT, signal.SIGFPE, signal.SIGILL}
+)
+"""Signals by which a process ends itself; others come from the machine."""
+
+_PULSE: Final = 1.0
+"""How often a worker looks whether its parent is still there [s]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Processes:
+    """Runs items in worker processes of this machine.
+
+    A worker that dies breaks the pool. The items that were running are then run again,
+    one at a time, so that only the one that kills its worker is lost. How that worker
+    ended tells whether the item did it or the machine.
+    """
+
+    workers: int | None = None
+    """Number of processes; None for one per core."""
+
+    def run(
+        self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
+    ) -> Generator[tuple[ItemT, ResultT | Lost], None, None]:
+        """See `gplfd_experiments.studies.engines.Engine.run`."""
+        waiting = deque(items)
+        workers = self.workers or loky.cpu_count()
+        watched = partial(_with_warnings, work)
+        while waiting:
+            suspects = yield from _together(watched, waiting, workers)
+            for item in suspects:
+                yield item, _alone(watched, item)
+
+
+def _with_warnings(
+    work: Callable[[ItemT], ResultT], item: ItemT
+) -> tuple[ResultT, Caught]:
+    """Return a result and the warnings on the way to it.
+
+    A worker shares the terminal with the parent's progress bar and cannot print them.
+    Their categories become built-in ones: only these are known in every process.
+    """
+    with warnings.catch_warnings(record=True) as caught:
+        result = work(item)
+    return result, [(str(one.message), _built_in(one.category)) for one in caught]
+
+
+def _built_in(category: type[Warning]) -> type[Warning]:
+    return next(one for one in category.__mro__ if one.__module__ == "builtins")
+
+
+def _warned(outcome: tuple[ResultT, Caught]) -> ResultT:
+    """Repeat a worker's warnings in this process and return its result."""
+    result, caught = outcome
+    for text, category in caught:
+        # One place for all: a text is shown once, however many tasks give it.
+        warnings.warn(text, category, stacklevel=1)
+    return result
+
+
+def _together(
+    work: Callable[[ItemT], tuple[ResultT, Caught]],
+    waiting: deque[ItemT],
+    workers: int,
+) -> Generator[tuple[ItemT, ResultT], None, list[ItemT]]:
+    """Take items until none waits or a worker dies; return those it left behind."""
+    running: dict[Any, ItemT] = {}
+    with _pool(min(workers, len(waiting))) as pool:
+        try:
+            while waiting or running:
+                # No more than can run: all that run are suspects when a worker dies.
+                while waiting and len(running) < workers:
+                    # Workers start here, and leave Ctrl-C to this process.
+                    with postponed_interruption():
+                        running[pool.submit(work, waiting[0])] = waiting[0]
+                    waiting.popleft()
+                done, _ = loky.wait(running, return_when=loky.FIRST_COMPLETED)
+                for future in sorted(done, key=_is_broken):
+                    yield running[future], _warned(future.result())
+                    del running[future]
+        except loky.BrokenProcessPool:
+            return list(running.values())
+    return []
+
+
+def _is_broken(future: Any) -> bool:
+    return isinstance(future.exception(), loky.BrokenProcessPool)
+
+
+def _alone(
+    work: Callable[[ItemT], tuple[ResultT, Caught]], item: ItemT
+) -> ResultT | Lost:
+    """Run an item again that was running when a worker died."""
+    ends: list[int | None] = []
+    for _ in range(ATTEMPTS - 1):
+        with _pool(1) as pool:
+            with postponed_interruption():
+                future = pool.submit(work, item)
+            try:
+                result: ResultT = _warned(future.result())
+            except loky.BrokenProcessPool as error:
+                ends.append(_exit_code(error))
+            else:
+                return result
+    crashed = all(end is not None and (end >= 0 or -end in _CRASHES) for end in ends)
+    how = ", ".join(dict.fromkeys(map(_in_words, ends)))
+    return Lost(
+        reason=f"its worker process died in each of {ATTEMPTS} attempts: {how}",
+        crashed=crashed,
+    )
+
+
+def _exit_code(error: loky.BrokenProcessPool) -> int | None:
+    """Return with which code a pool's only worker ended; loky says it in a text."""
+    found = re.search(r"exit codes of the workers are \{\w+\((-?\d+)\)\}", str(error))
+    return int(found[1]) if found else None
+
+
+def _in_words(end: int | None) -> str:
+    if end is None:
+        return "killed, crashed or out of memory"
+    if end >= 0:
+        return f"it left Python with exit status {end}"
+    kind = "crashed" if -end in _CRASHES else "killed, perhaps for want of memory"
+    # Most real-time signals have no name.
+    names = {one.value: one.name for one in signal.Signals}
+    return f"{kind} ({names.get(-end, f'signal {-end}')})"
+
+
+@contextlib.contextmanager
+def _pool(workers: int) -> Iterator[loky.ProcessPoolExecutor]:
+    pool = loky.ProcessPoolExecutor(
+        workers, initializer=_prepare, initargs=(os.getpid(),), env=_ENVIRONMENT
+    )
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=True, kill_workers=True)
+
+
+def _prepare(parent: int) -> None:
+    """Leave Ctrl-C and standard output to the parent, and end when it does."""
+    os.dup2(2, 1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent was killed; nobody would take its results."""
+    while os.getppid() == parent:
+        time.sleep(_PULSE)
+    os._exit(1)

@@ -1,0 +1,157 @@
+"""What is left out of the demonstrations, and to which phases it belongs.
+
+A fold is what is learned from and what is left out. Learning sees nothing of the
+latter, neither its poses nor its timing: the rest is aligned without it, and only then
+is it aligned to the result. Which part of the task a pose belongs to is not what is
+predicted; there the left-out demonstration's own completion index decides, Eq. (16) of
+Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
+arXiv:2002.09979: a pose belongs to the phase at which the learned demonstrations had
+done as large a part of their own paths.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.completion import measure_completion
+from gplfd_policies.demonstrations.demonstration import Demonstration
+
+FloatArray = NDArray[np.float64]
+
+HeldOut = Literal["demonstration", "radius"]
+"""What a learning test leaves out: one demonstration of each door, or the middle
+door."""
+
+HELD_OUT: Final[tuple[HeldOut, ...]] = get_args(HeldOut)
+"""All that can be left out."""
+
+_CLOCK_SHARE: Final = 1e-6
+"""Share of the clock mixed into completion, which stands still while the hand rests."""
+_ROTATION_WEIGHT: Final = 0.5
+"""ω₁ of Eq. (17), as in every policy's alignment."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Fold:
+    """Demonstrations, split into those to learn from and those to predict."""
+
+    given: tuple[Demonstration, ...]
+    """What a method learns from."""
+    left_out: tuple[Demonstration, ...]
+    """What it does not see, and is asked to predict."""
+
+
+def folds(
+    doors: Sequence[Sequence[Demonstration]], held_out: str, seed: int
+) -> tuple[Fold, ...]:
+    """Split demonstrations into folds.
+
+    * "demonstration": two folds leave one demonstration out each, of two doors. Which
+      doors, and which of their demonstrations, goes round with the seed, so that all
+      are left out equally often in the long run.
+    * "radius": one fold leaves out the door in the middle, with all its demonstrations,
+      which the others' average is near to; another one leaves out an outer door, the
+      smallest and the largest by turns, which can only be adapted to.
+
+    Args:
+        doors: Demonstrations of each door, by radius.
+        held_out: One of `HELD_OUT`.
+        seed: Where the round starts.
+
+    Raises:
+        ValueError: Another ``held_out``, or fewer than three doors.
+    """
+    if held_out not in HELD_OUT:
+        raise ValueError(f"held_out must be one of {HELD_OUT}, got {held_out!r}")
+    if len(doors) < 3:
+        raise ValueError(f"at least three doors are needed, got {len(doors)}")
+    if held_out == "radius":
+        outer = 0 if seed % 2 == 0 else len(doors) - 1
+        places = [
+            {(door, number) for number in range(len(doors[door]))}
+            for door in (len(doors) // 2, outer)
+        ]
+    else:
+        turns = (seed, seed + 1)
+        chosen = [(turn % len(doors), turn // len(doors)) for turn in turns]
+        places = [{(door, number % len(doors[door]))} for door, number in chosen]
+    every = {
+        (door, number): demonstration
+        for door, demonstrations in enumerate(doors)
+        for number, demonstration in enumerate(demonstrations)
+    }
+    return tuple(
+        Fold(
+            given=tuple(d for place, d in every.items() if place not in out),
+            left_out=tuple(d for place, d in every.items() if place in out),
+        )
+        for out in places
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class OnPhases:
+    """A demonstration on the phases of a movement that did not learn from it."""
+
+    phases: FloatArray
+    """Phase of every sample, strictly increasing, (N,)."""
+    poses: FloatArray
+    """Its poses, (N, 6) [m, rad]."""
+    moving: NDArray[np.bool_] = field(default_factory=lambda: np.ones(6, dtype=bool))
+    """Which numbers of a pose move in this task at all, (6,): the density of one that
+    never does would say how exactly a method knows a constant."""
+
+    def scored(self, poses: FloatArray) -> FloatArray:
+        """Return poses with NaN for numbers that never move, (M, 6)."""
+        return np.where(self.moving, poses, np.nan)
+
+    def thinned(self, count: int) -> "OnPhases":
+        """Return the demonstration at equal steps of its own time.
+
+        The poses do not depend on the movement, so that all are asked the same.
+        """
+        samples = np.arange(len(self.phases), dtype=np.float64)
+        wanted = np.linspace(0.0, samples[-1], count)
+        return OnPhases(
+            phases=np.interp(wanted, samples, self.phases),
+            poses=_columns(wanted, samples, self.poses),
+            moving=self.moving,
+        )
+
+    def at(self, phases: FloatArray) -> FloatArray:
+        """Return its poses at phases of the movement, (M, 6)."""
+        return _columns(phases, self.phases, self.poses)
+
+
+def aligned_to(
+    demonstration: Demonstration, aligned: AlignedDemonstrations
+) -> OnPhases:
+    """Align a demonstration to others by its own completion index.
+
+    Args:
+        demonstration: Sampled at equal steps of time, in the same task frame.
+        aligned: What a movement was learned from.
+    """
+    learned = np.mean(
+        [_progress(aligned.times, poses) for poses in aligned.poses], axis=0
+    )
+    progress = _progress(demonstration.times, demonstration.poses)
+    return OnPhases(
+        phases=np.interp(progress, learned, aligned.times), poses=demonstration.poses
+    )
+
+
+def _progress(times: FloatArray, poses: FloatArray) -> FloatArray:
+    """Completion from 0 to 1, strictly increasing, (N,)."""
+    recorded = Demonstration(times=times, poses=poses)
+    index = measure_completion(recorded, _ROTATION_WEIGHT, denoise=True).index
+    clock = (times - times[0]) / (times[-1] - times[0])
+    return np.asarray((1.0 - _CLOCK_SHARE) * index + _CLOCK_SHARE * clock)
+
+
+def _columns(wanted: FloatArray, known: FloatArray, poses: FloatArray) -> FloatArray:
+    return np.column_stack([np.interp(wanted, known, output) for output in poses.T])

@@ -1,0 +1,66 @@
+"""How a policy learns what is measured of it, and how long that takes."""
+
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+import scipy.signal  # noqa: F401  (a method imports it late: not part of its learning)
+
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.movement import Movement
+from gplfd_policies.movements.prior_mean import PriorMean
+from gplfd_policies.registry.method import Method, TrainingInput
+
+
+def learn(
+    method: Method,
+    demonstrations: Sequence[Demonstration],
+    seed: int,
+    prior_mean: PriorMean | None = None,
+) -> tuple[Movement, float]:
+    """Learn, and predict once.
+
+    Some methods put work off until they are first asked; it belongs to learning.
+    Warnings of few or noisy demonstrations are not passed on: they are what is
+    measured here.
+
+    Args:
+        method: How.
+        demonstrations: From what.
+        seed: Seeds whatever is random in the learning.
+        prior_mean: What is expected where nothing was demonstrated.
+
+    Returns:
+        What was learned, and the CPU time of this thread until it could predict,
+        alignment included [s].
+
+    Raises:
+        ValueError: The method cannot learn from them, or be given a prior mean.
+    """
+    training = TrainingInput(
+        demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
+    )
+    # What is held out ends where the demonstrations end.
+    within = replace(method, beyond=0.0)
+
+    def able_to_predict() -> Movement:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            movement = within.learn(training)
+            movement.predict(np.array([0.0, 1.0]))
+        return movement
+
+    return cpu_seconds(able_to_predict)
+
+
+ResultT = TypeVar("ResultT")
+
+
+def cpu_seconds(action: Callable[[], ResultT]) -> tuple[ResultT, float]:
+    """Return what an action returns and the CPU time it took of this thread [s]."""
+    started = time.thread_time()
+    result = action()
+    return result, time.thread_time() - started

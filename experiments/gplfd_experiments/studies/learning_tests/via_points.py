@@ -1,0 +1,188 @@
+"""What via-points do to a movement: where they are, far away, and after them."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gplfd_experiments.studies.learning_tests.accuracy import (
+    averaged,
+    known,
+    rms_distance,
+    rms_rotation,
+)
+from gplfd_experiments.studies.learning_tests.folds import OnPhases
+from gplfd_experiments.studies.learning_tests.methods import cpu_seconds
+from gplfd_policies.adaptation import begin_adaptation
+from gplfd_policies.control.compliance import ComplianceConfig
+from gplfd_policies.movements.movement import AdaptationForm, Movement
+from gplfd_policies.movements.trajectory import ViaPoint
+from gplfd_policies.registry.method import Method
+
+FloatArray = NDArray[np.float64]
+
+GRID: Final = np.linspace(0.0, 1.0, 100)
+"""Phases of an adaptation, as many as the agents have."""
+_PLACES: Final = (25, 50, 74)
+"""Where on the grid single via-points are demanded."""
+_STD: Final = 1e-3
+"""How strongly [m, rad]."""
+_STRICT_STD: Final = 1e-4
+"""And ten times as strongly, where what was learned has less of a say."""
+_FAR: Final = 0.3
+"""What is farther from a via-point than this is far [phase]."""
+_SEEN: Final = 0.3
+"""How much of a demonstration is seen before the rest is predicted [phase]."""
+FORECASTS: Final = (0.10, 0.25, 0.50)
+"""How much of a recording is seen, in turn."""
+_VIA_POINT_SCORES: Final = (
+    *("via_error_position_m", "via_error_rotation_rad"),
+    *("via_error_strict_position_m", "via_error_strict_rotation_rad"),
+    *("via_far_change", "via_far_std_change", "via_far_error"),
+)
+"""What a method without via-points has none of."""
+
+
+def adaptation(
+    method: Method, movement: Movement, left_out: Sequence[OnPhases]
+) -> dict[str, float | None]:
+    """Adapt to demonstrations that were left out.
+
+    * Three via-points in one adaptation: how far from them its mean passes, for
+      demands of 1 mm and 1 mrad, and ("strict") of a tenth of it.
+    * Each of them alone, strict: how much mean and standard deviation change farther
+      away than 0.3 of the task, in units of the standard deviation before; and how far
+      the mean is from the demonstration there, as a share of how far it was before.
+    * The first 30 % of the demonstration as the agents observe it, a via-point for
+      every hundredth of it: how far the mean is from the rest.
+
+    Args:
+        method: How to adapt.
+        movement: What is adapted.
+        left_out: Demonstrations on its phases.
+
+    Returns:
+        Averages by name. Without via-points all are None, but for the errors over the
+        rest of the demonstration, which are those of the movement as learned.
+    """
+    scores: list[dict[str, float | None]] = []
+    for one in left_out:
+        found: dict[str, float | None] = dict.fromkeys(_VIA_POINT_SCORES)
+        if method.adaptation is not None:
+            found |= _hits(method.adaptation, movement, one)
+            found |= _far_changes(method.adaptation, movement, one)
+        scores.append(found | _rest(method, movement, one))
+    return averaged(scores)
+
+
+def _hits(
+    form: AdaptationForm, movement: Movement, left_out: OnPhases
+) -> dict[str, float]:
+    errors = {}
+    demanded = left_out.at(GRID[list(_PLACES)])
+    for name, std in (("via_error", _STD), ("via_error_strict", _STRICT_STD)):
+        adapted = begin_adaptation(movement, form, GRID)
+        for place, pose in zip(_PLACES, demanded, strict=True):
+            adapted.observe(ViaPoint(phase=float(GRID[place]), pose=pose, std=std))
+        passed = adapted.mean[list(_PLACES)]
+        errors[f"{name}_position_m"] = rms_distance(passed, demanded)
+        errors[f"{name}_rotation_rad"] = rms_rotation(passed, demanded)
+    return errors
+
+
+def _far_changes(
+    form: AdaptationForm, movement: Movement, left_out: OnPhases
+) -> dict[str, float | None]:
+    before, truth = movement.predict(GRID), left_out.at(GRID)
+    changes: list[FloatArray] = []
+    errors: list[FloatArray] = []
+    for place in _PLACES:
+        phase = float(GRID[place])
+        adapted = begin_adaptation(movement, form, GRID)
+        pose = left_out.at(GRID[[place]])[0]
+        adapted.observe(ViaPoint(phase=phase, pose=pose, std=_STRICT_STD))
+        far = np.abs(GRID - phase) > _FAR
+        both = np.abs(adapted.mean - before.mean), np.abs(adapted.std - before.std)
+        changes.append(np.stack([(each / before.std)[far].ravel() for each in both]))
+        missed = adapted.mean - truth, before.mean - truth
+        errors.append(np.stack([(each / before.std)[far].ravel() for each in missed]))
+    mean, std = np.concatenate(changes, axis=1)
+    after, unadapted = np.sqrt(np.mean(np.concatenate(errors, axis=1) ** 2, axis=1))
+    return {
+        "via_far_change": float(mean.mean()),
+        "via_far_std_change": float(std.mean()),
+        "via_far_error": float(after / unadapted) if unadapted else None,
+    }
+
+
+def _rest(
+    method: Method, movement: Movement, left_out: OnPhases
+) -> dict[str, float | None]:
+    truth, ahead = left_out.at(GRID), GRID > _SEEN
+    before = movement.predict(GRID)
+    adapted = begin_adaptation(movement, method.adaptation, GRID)
+    cpu_s = None
+    if method.adaptation is not None:
+        seen = _observations(left_out, _SEEN)
+
+        def observe() -> None:
+            for via_point in seen:
+                adapted.observe(via_point)
+                _ = adapted.mean, adapted.std
+
+        _, total = cpu_seconds(observe)
+        cpu_s = total / len(seen)
+    rest = adapted.trajectory()[ahead]
+    return {
+        "rmse_rest_position_m": rms_distance(rest.mean, truth[ahead]),
+        "rmse_rest_rotation_rad": rms_rotation(rest.mean, truth[ahead]),
+        "rmse_rest_unadapted_position_m": rms_distance(
+            before.mean[ahead], truth[ahead]
+        ),
+        "rest_coverage_95": known(rest.coverage(truth[ahead], normal=True)),
+        "cpu_adapt_s": cpu_s,
+    }
+
+
+def forecasts(
+    method: Method, movement: Movement, left_out: OnPhases
+) -> dict[str, float | None]:
+    """Return how well the rest is predicted once `FORECASTS` have been seen.
+
+    Args:
+        method: How to adapt; without via-points the movement is not adapted.
+        movement: What is adapted.
+        left_out: A demonstration on its phases.
+
+    Returns:
+        Numbers by name, as `gplfd_experiments.studies.learning_tests.recorded` lists
+        them.
+    """
+    truth, found = left_out.at(GRID), dict[str, float | None]()
+    for share in FORECASTS:
+        adapted = begin_adaptation(movement, method.adaptation, GRID)
+        if method.adaptation is not None:
+            for via_point in _observations(left_out, share):
+                adapted.observe(via_point)
+        ahead = share < GRID
+        rest, name = adapted.trajectory()[ahead], f"forecast_{100 * share:.0f}"
+        scored = left_out.scored(truth[ahead])
+        found |= {
+            f"{name}_position_m": rms_distance(rest.mean, truth[ahead]),
+            f"{name}_rotation_rad": rms_rotation(rest.mean, truth[ahead]),
+            f"{name}_nlpd": known(rest.nlpd(scored)),
+            f"{name}_coverage_95": known(rest.coverage(scored, normal=True)),
+        }
+    return found
+
+
+def _observations(left_out: OnPhases, share: float) -> tuple[ViaPoint, ...]:
+    """Via-points of the first share, as an agent takes them while it opens a door."""
+    config = ComplianceConfig()
+    count = round(share / config.via_spacing)
+    phases: FloatArray = config.via_spacing * np.arange(1.0, count + 1.0)
+    return tuple(
+        ViaPoint(phase=float(phase), pose=pose, std=np.repeat(config.via_std, 3))
+        for phase, pose in zip(phases, left_out.at(phases), strict=True)
+    )

@@ -1,0 +1,210 @@
+"""From the settings of a study to its tasks."""
+
+import dataclasses
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from gplfd_env.config import DoorConfig
+from gplfd_experiments.console.arguments import check_circumstances
+from gplfd_experiments.data.npz import hash_of
+from gplfd_experiments.data.teacher import standard_teacher
+from gplfd_experiments.episodes.doors import named_doors
+from gplfd_experiments.episodes.task import EpisodeTask, Task, episode_task
+from gplfd_experiments.studies.learning_tests.folds import HELD_OUT
+from gplfd_experiments.studies.settings import (
+    TABLE_1_NAME,
+    TUNED_NAME,
+    Condition,
+    StudySettings,
+)
+from gplfd_experiments.studies.sources import chosen, source_of
+from gplfd_experiments.studies.tasks import RecordedTask, SkillTask
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.registry.built_in import TABLE_1
+
+_NOISY: Final = (
+    *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),
+    *("vertical_drift_std", "noise_position_std", "noise_rotation_std"),
+)
+"""Fields of `gplfd_experiments.data.teacher.TeacherConfig` that the noise level
+multiplies."""
+
+_MOST_GIVEN: Final = 1_000
+"""Demonstrations per door; exact Gaussian processes of as many take hours."""
+_LARGEST_NOISE: Final = 20
+
+LARGEST_STUDY: Final = 100_000
+"""Tasks of a study at most; each is a file, and all of them are in memory."""
+
+
+def checked(settings: StudySettings) -> StudySettings:
+    """Return the settings with every name resolved.
+
+    Raises:
+        ValueError: A name is unknown or given twice, a number out of range, nothing is
+            left to do, or there are more than `LARGEST_STUDY` tasks.
+    """
+    settings = dataclasses.replace(settings, policies=_policies(settings.policies))
+    for policy in settings.policies:
+        chosen(policy)
+    named_doors(settings.doors, start=settings.start)
+    for names in itertools.product(settings.randomizations, settings.disturbances):
+        check_circumstances(*names)
+    for field in dataclasses.fields(settings):
+        values = getattr(settings, field.name)
+        if isinstance(values, tuple):
+            _check_list(field.name.replace("_", "-"), values)
+    for option, values, low, high in (
+        ("seeds", (settings.seeds,), 1, math.inf),
+        ("demonstrations-per-door", settings.demonstrations_per_door, 1, _MOST_GIVEN),
+        ("teacher-noise", settings.teacher_noise, 0, _LARGEST_NOISE),
+    ):
+        for value in values:
+            if not low <= value <= high:
+                to = f"to {high}" if high < math.inf else "or more"
+                raise ValueError(f"--{option} {value} must be {low} {to}")
+    _check_size(settings)
+    return settings
+
+
+def _policies(names: Sequence[str]) -> tuple[str, ...]:
+    together = {
+        TABLE_1_NAME: TABLE_1,
+        TUNED_NAME: tuple(f"{policy}-tuned" for policy in TABLE_1),
+    }
+    return tuple(policy for name in names for policy in together.get(name, (name,)))
+
+
+def _check_list(option: str, values: Sequence[object]) -> None:
+    if not values:
+        raise ValueError(f"--{option} needs at least one value")
+    value, times = Counter(values).most_common(1)[0]
+    if times > 1:
+        raise ValueError(f"{value} is given twice in --{option}")
+
+
+def _check_size(settings: StudySettings) -> None:
+    number = settings.seeds * len(tasks(dataclasses.replace(settings, seeds=1)))
+    if number > LARGEST_STUDY:
+        raise ValueError(
+            f"--seeds {settings.seeds} makes a study of {number:,} tasks; at most "
+            f"{LARGEST_STUDY:,} are allowed in one folder"
+        )
+
+
+def conditions(settings: StudySettings) -> Iterator[Condition]:
+    """Yield what is varied besides policies, doors and seeds."""
+    for number, noise, randomization, disturbance in itertools.product(
+        settings.demonstrations_per_door,
+        settings.teacher_noise,
+        settings.randomizations,
+        settings.disturbances,
+    ):
+        yield Condition(
+            demonstrations_per_door=number,
+            teacher_noise=noise,
+            randomization=randomization,
+            disturbance=disturbance,
+            start=settings.start,
+        )
+
+
+def episodes(
+    settings: StudySettings, condition: Condition, seeds: Sequence[int]
+) -> Iterator[EpisodeTask]:
+    """Yield policies × doors × seeds under one condition, the seed slowest."""
+    doors = named_doors(settings.doors, start=settings.start)
+    teacher = noisy_teacher(condition.teacher_noise)
+    for seed, policy, door in itertools.product(seeds, settings.policies, doors):
+        yield episode_task(
+            door,
+            doors[door],
+            policy=policy,
+            policy_source=source_of(chosen(policy)),
+            seed=seed,
+            demonstrations_per_door=condition.demonstrations_per_door,
+            teacher=teacher,
+            randomization=condition.randomization,
+            disturbance=condition.disturbance,
+            start=condition.start,
+        )
+
+
+def learning_tests(settings: StudySettings, seed: int) -> Iterator[SkillTask]:
+    """Yield the tests of what is learned, of policies that learn."""
+    for number, noise, policy, left_out in itertools.product(
+        settings.demonstrations_per_door,
+        settings.teacher_noise,
+        settings.policies,
+        HELD_OUT,
+    ):
+        if chosen(policy).method is not None:
+            yield SkillTask(
+                policy=policy,
+                policy_source=source_of(chosen(policy)),
+                seed=seed,
+                demonstrations_per_door=number,
+                teacher=noisy_teacher(noise),
+                held_out=left_out,
+            )
+
+
+def recorded_tasks(
+    policies: Sequence[str], recordings: Sequence[Demonstration]
+) -> tuple[RecordedTask, ...]:
+    """Return the tests of methods on recordings, each of which is left out in turn.
+
+    Args:
+        policies: Names; "table-1" stands for those of the paper's Table 1.
+        recordings: What is learned from.
+
+    Raises:
+        ValueError: A policy is unknown, given twice, or learns no movement.
+    """
+    names = _policies(policies)
+    _check_list("policies", names)
+    for name in names:
+        if chosen(name).method is None:
+            raise ValueError(
+                f"policy {name!r} learns no movement, so that there is nothing to "
+                "judge; `gplfd list` says which do"
+            )
+    identity = hash_of(recordings)
+    return tuple(
+        RecordedTask(
+            policy=name,
+            policy_source=source_of(chosen(name)),
+            seed=number,
+            recordings=identity,
+        )
+        for number, name in itertools.product(range(len(recordings)), names)
+    )
+
+
+def tasks(settings: StudySettings) -> tuple[Task, ...]:
+    """Return all tasks of a study; seed after seed, so that any part compares all.
+
+    Learning tests use demonstrations of furniture doors. A study without such a door
+    has none.
+    """
+    furniture = DoorConfig().kind
+    doors = named_doors(settings.doors, start=settings.start).values()
+    tested = settings.skill and any(door.kind == furniture for door in doors)
+
+    def each() -> Iterator[Task]:
+        for seed in range(settings.seeds):
+            for condition in conditions(settings):
+                yield from episodes(settings, condition, [seed])
+            if tested:
+                yield from learning_tests(settings, seed)
+
+    return tuple(each())
+
+
+def noisy_teacher(level: float) -> dict[str, float]:
+    """Return the standard teacher with its noise multiplied by a level."""
+    teacher = standard_teacher()
+    return teacher | {name: level * teacher[name] for name in _NOISY}

@@ -1,0 +1,140 @@
+"""What a result file must hold to be complete, by the version of its format.
+
+A result says its version. It is complete if it has every metric that belongs to that
+version. A metric that a later version adds is missing in older results, which stay
+readable and complete. Whoever adds a metric adds a version to `EPISODE_METRICS`.
+"""
+
+import typing
+from collections.abc import Mapping
+from typing import Any, Final
+
+from gplfd_env.config import door_config
+from gplfd_experiments.episodes.metrics import EpisodeMetrics
+from gplfd_experiments.episodes.task import EpisodeTask, Task
+from gplfd_experiments.files.plain_data import check_stamp, entry, stamp
+from gplfd_experiments.studies.tasks import RecordedTask
+
+KIND: Final = "gplfd result"
+VERSION: Final = 1
+"""Version of result files: of their layout and of the metrics that they must have."""
+STAMP: Final[Mapping[str, Any]] = stamp(KIND, VERSION)
+"""Entries with which a result file begins."""
+
+POLICY_ERROR: Final = "policy_error"
+"""Failure of an episode in which the policy raised an error, in learning or acting."""
+
+_FIRST: Final = frozenset(
+    {
+        *("policy", "door", "radius", "seed", "success", "failure", "duration"),
+        *("final_angle_deg", "time_to_15_deg", "time_to_30_deg", "time_to_60_deg"),
+        *("force_tangential_peak", "force_tangential_p95", "force_handle_peak"),
+        *("force_radial_peak", "force_radial_p95", "work", "slip_max_mm"),
+        *("prediction_error_position", "prediction_error_rotation"),
+        *("log_dimensionless_jerk", "stiffness_min", "stiffness_max"),
+        *("stability_margin_translation", "stability_margin_rotation"),
+        *("governed_share", "forecast_progress", "forecast_error_mm"),
+        *("door_acceleration_peak", "door_smoothness", "time_to_move"),
+        *("person_force_peak", "person_force_sustained", "person_energy"),
+        *("stop_force_peak", "stop_force_sustained", "push_displacement_mm"),
+        *("release_speed", "recovery_time", "latency_median_ms", "latency_p95_ms"),
+    }
+)
+
+EPISODE_METRICS: Final[Mapping[int, frozenset[str]]] = {
+    0: _FIRST,
+    1: _FIRST
+    | {"reason", "capability", "stage"}
+    | {"latency_wall_median_ms", "latency_wall_p95_ms"},
+}
+"""Metrics that a complete episode has, by version; 0 is before files said theirs."""
+
+LEARNING_METRICS: Final = frozenset(
+    {
+        *("rmse_position_m", "rmse_rotation_rad", "nlpd"),
+        *("coverage_50", "coverage_90", "coverage_95", "log_dimensionless_jerk"),
+        *("via_error_position_m", "via_far_change"),
+        *("cpu_fit_s", "cpu_predict_s", "cpu_adapt_s"),
+    }
+)
+"""Metrics that a complete learning test has, in every version."""
+
+FORECAST_METRICS: Final = frozenset(
+    f"forecast_{share}_{what}"
+    for share in (10, 25, 50)
+    for what in ("position_m", "rotation_rad", "nlpd", "coverage_95")
+)
+"""Metrics that a complete test on a recording has besides, in every version."""
+
+_LARGEST: Final = 1e9
+"""No metric is larger; what is computed from any of them stays finite."""
+_NUMBER: Final[Any] = float | None
+_BY_OUTPUTS: Final[Any] = dict[str, float | None]
+_OUTPUTS: Final = frozenset({"outputs_cpu_s", "outputs_nlpd"})
+# The runner writes None for what is not finite.
+_EPISODE_KINDS: Final[Mapping[str, Any]] = {
+    name: _NUMBER if kind is float else kind
+    for name, kind in typing.get_type_hints(EpisodeMetrics).items()
+} | {"radius": float}
+
+
+def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
+    """Return the metrics of a result; none if it is an error.
+
+    Args:
+        record: What the file holds.
+        task: Of which it is the result.
+
+    Raises:
+        NewerFormatError: A later version of this package wrote it.
+        ValueError: It is incomplete: it lacks a metric of its version, or holds
+            something that cannot be computed with.
+    """
+    version = check_stamp(record, KIND, VERSION)
+    if "error" in record:
+        entry(record, "error", str)
+        return {}
+    metrics: dict[str, Any] = entry(record, "metrics", dict[str, Any])
+    if isinstance(task, EpisodeTask):
+        needed = EPISODE_METRICS[version]
+        kinds = {
+            name: kind
+            for name, kind in _EPISODE_KINDS.items()
+            if name in needed or name in metrics
+        }
+    else:
+        needed = LEARNING_METRICS
+        if isinstance(task, RecordedTask):
+            needed |= FORECAST_METRICS
+        kinds = dict.fromkeys((*metrics, *sorted(needed)), _NUMBER)
+        kinds |= {name: _BY_OUTPUTS for name in _OUTPUTS & kinds.keys()}
+    for name, kind in kinds.items():
+        _check_metric(name, entry(metrics, name, kind))
+    if isinstance(task, EpisodeTask):
+        door_config(dict(task.door_config)).replaced({"radius": metrics["radius"]})
+        if len(metrics["forecast_progress"]) != len(metrics["forecast_error_mm"]):
+            raise ValueError("forecast_progress and forecast_error_mm differ in length")
+    return metrics
+
+
+def lost(record: Mapping[str, Any]) -> bool:
+    """Tell whether an error is the machine's, not the policy's.
+
+    In results without a version, those without a traceback are: no worker came back.
+    """
+    if "error" not in record:
+        return False
+    if "format_version" in record:
+        return bool(record.get("lost", False))
+    return record.get("traceback") == ""
+
+
+def _check_metric(name: str, value: Any) -> None:
+    """Raise ValueError unless a metric is a plausible measurement."""
+    if name == "seed":
+        return
+    low = 0.0 if name.startswith("prediction_error") else -_LARGEST
+    parts = value.values() if isinstance(value, Mapping) else value
+    for part in parts if isinstance(value, Mapping | tuple) else [value]:
+        if isinstance(part, int | float) and not low <= part <= _LARGEST:
+            raise ValueError(f"{name} = {part:g} is no plausible measurement")

@@ -1,0 +1,95 @@
+"""The settings of a study as a TOML file, to read, keep and run again."""
+
+import dataclasses
+import json
+import typing
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from gplfd_env.named import nearest_name
+from gplfd_experiments.files.plain_data import (
+    check_stamp,
+    entry,
+    naming,
+    read_toml,
+    refuse_newer,
+    stamp,
+)
+from gplfd_experiments.studies.settings import PRESETS, StudySettings
+from gplfd_policies.arrays.storage import complete_or_absent
+
+KIND: Final = "gplfd study settings"
+VERSION: Final = 1
+"""Version of the file: of its keys and what they mean."""
+_STAMP: Final = stamp(KIND, VERSION)
+
+
+def settings_named(name: str) -> StudySettings:
+    """Return the settings of a preset, or those in a file.
+
+    Raises:
+        ValueError: There is neither, or as of `read_settings`.
+        OSError: It cannot be read.
+    """
+    if name in PRESETS:
+        return PRESETS[name]
+    path = Path(name)
+    if not path.is_file():
+        raise ValueError(
+            f"--config {name}: there is no such file and no such study"
+            f"{nearest_name(name, PRESETS)}; studies: {', '.join(PRESETS)}; or give a "
+            "study.toml"
+        )
+    return read_settings(path)
+
+
+def read_settings(path: Path) -> StudySettings:
+    """Read settings; what the file does not say is as in `StudySettings`.
+
+    Raises:
+        NewerFormatError: A later version of this package wrote the file.
+        ValueError: The file is not TOML, has an unknown key or a value of the wrong
+            type.
+        OSError: It cannot be read.
+    """
+    entries = read_toml(path)
+    with naming(path):
+        check_stamp(entries, KIND, VERSION)
+        values = {name: entries[name] for name in entries if name not in _STAMP}
+        return _settings(values)
+
+
+def write_settings(path: Path, settings: StudySettings) -> None:
+    """Write all settings, complete or not at all.
+
+    Raises:
+        NewerFormatError: A later version of this package wrote the file that is there.
+        OSError: The file cannot be written.
+    """
+    refuse_newer(read_settings, path)
+    lines = [f"# gplfd benchmark --config {path.name}"]
+    for name, value in (_STAMP | dataclasses.asdict(settings)).items():
+        # JSON's way of writing texts, numbers, lists and truth values is TOML's, too;
+        # but a character that TOML wants escaped and JSON does not.
+        text = json.dumps(value, allow_nan=False, ensure_ascii=False)
+        text = text.replace("\x7f", "\\u007f")
+        lines.append(f"{name} = {text}")
+    with complete_or_absent(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _settings(entries: Mapping[str, Any]) -> StudySettings:
+    kinds = typing.get_type_hints(StudySettings)
+    for name in entries:
+        if name not in kinds:
+            raise ValueError(
+                f"unknown key {name!r:.80}{nearest_name(name, kinds)}; keys: "
+                f"{', '.join(kinds)}"
+            )
+    # In a file, a radius need not be written as a text.
+    kinds["doors"] = tuple[str | float, ...]
+    values = {name: entry(entries, name, kinds[name]) for name in entries}
+    if "doors" in values:
+        values["doors"] = tuple(map(str, values["doors"]))
+    return StudySettings(**values)

@@ -1,0 +1,135 @@
+"""Where policies come from that are not this project's, and how they reach workers.
+
+A policy of the user's is a file. What is kept of it is its name and the hash of its
+content and of what it imports beside it, which is part of a task; the file alone goes
+with the jobs, for workers on machines that lack it.
+"""
+
+import functools
+import hashlib
+import tempfile
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from gplfd_experiments.episodes.task import PolicySource, Task
+from gplfd_policies.arrays.storage import complete_or_absent
+from gplfd_policies.registry.catalogue import policy_named
+from gplfd_policies.registry.policy import Policy
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PolicyFile:
+    """A file of the user's that a policy comes from."""
+
+    stem: str
+    """Its name without the ending."""
+    content: bytes
+    """What stood in it when the study was planned."""
+
+
+Files = Mapping[str, PolicyFile]
+"""Files by the name of their policy."""
+
+NO_FILES: Final[Files] = MappingProxyType({})
+"""Where every policy is on this machine."""
+
+
+def chosen(name: str) -> Policy:
+    """Return a policy as it was when this process first looked.
+
+    Raises:
+        ValueError: There is no such policy, or it cannot be used.
+    """
+    return _chosen(name, Path.cwd())
+
+
+_chosen = functools.cache(policy_named)
+
+
+def source_of(policy: Policy) -> PolicySource | None:
+    """Return what names a policy's content, for files; None for a built-in one."""
+    origin = policy.origin
+    if origin is None or origin.kind == "built-in":
+        return None
+    said = {
+        "kind": origin.kind,
+        "distribution": origin.distribution,
+        "version": origin.version,
+        "file": Path(origin.file).name,
+        "sha256": origin.sha256,
+    }
+    return {name: text for name, text in said.items() if text}
+
+
+def files_of(study: Iterable[Task]) -> Files:
+    """Read the files of the user's that tasks were planned with.
+
+    Raises:
+        ValueError: One has changed since.
+        OSError: One cannot be read any more.
+    """
+    files = {}
+    for name, source in {task.policy: task.policy_source for task in study}.items():
+        if source is None or source["kind"] != "module" or "sha256" not in source:
+            continue
+        origin = chosen(name).origin
+        content = Path(origin.file).read_bytes() if origin is not None else b""
+        policy_named(name)  # which it is not, if a file has changed meanwhile
+        files[name] = PolicyFile(stem=Path(source["file"]).stem, content=content)
+    return files
+
+
+def policy_of(task: Task, files: Files) -> Policy:
+    """Find the policy of a task in this process, which may be another machine's.
+
+    Raises:
+        ValueError: It is neither here nor among the files, or it is another one.
+    """
+    try:
+        return _found_here(task)
+    except ValueError:
+        if task.policy not in files:
+            raise
+        unpacked = _unpacked(task.policy, files[task.policy])
+        here, planned = source_of(unpacked) or {}, task.policy_source or {}
+        if here.get("sha256") != planned.get("sha256"):
+            raise  # It imports what lay beside it, and got something else.
+        return unpacked
+
+
+def _found_here(task: Task) -> Policy:
+    policy = policy_named(task.policy)
+    if (here := source_of(policy)) != task.policy_source:
+        raise ValueError(
+            f"policy {task.policy!r} is not the one that the task was planned with: "
+            f"that was {task.policy_source}, here is {here}"
+        )
+    return policy
+
+
+def _unpacked(name: str, given: PolicyFile) -> Policy:
+    """Write a policy's file and import it, as a module that is named by its content.
+
+    A worker may live longer than a version of the file.
+    """
+    digest = hashlib.sha256(given.content).hexdigest()
+    _, _, attribute = name.rpartition(":")
+    file = Path(_folder().name) / f"{given.stem}_{digest[:12]}.py"
+    with complete_or_absent(file) as temporary:
+        temporary.write_bytes(given.content)
+    try:
+        return policy_named(f"{file}:{attribute}")
+    except ValueError as error:
+        raise ValueError(
+            f"{error}. On other machines a policy is a single file; install there what "
+            "it imports"
+        ) from error
+
+
+@functools.cache
+def _folder() -> tempfile.TemporaryDirectory[str]:
+    """Folder of unpacked files, which goes with this process."""
+    return tempfile.TemporaryDirectory(prefix="gplfd-")

@@ -1,0 +1,348 @@
+"""Protocol v2: which trials there are, who takes part, and what is decided how.
+
+Frozen under its version: a change of a door, a draw, a demonstration, a measure or a
+policy that takes part makes another version. The criteria were settled before the
+trials were run.
+
+Every trial is run with `SEEDS` seeds. All that is drawn for a seed, demonstrations,
+doors and disturbances, is the same for all policies, so policies are compared seed by
+seed: a policy's number is its mean over the doors and levels of a seed, and of the
+differences of two policies the Hodges-Lehmann estimate is given with its exact 95 %
+interval (signed ranks). An idea shows in a contrast if the interval of the difference
+leaves zero out on the side of the policy that has the idea.
+
+With 20 seeds an effect as large as 0.67 of the differences' standard deviation is found
+in 79 of 100 repetitions, one as large as 0.8 in 91 (1,500 simulated each).
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final, Literal
+
+from gplfd_experiments.data.teacher import MESSY
+from gplfd_experiments.studies.trials.records import Contrast, Level, Side, Trial
+from gplfd_policies.registry.built_in import TABLE_1
+from gplfd_policies.registry.tuning_spaces import tuned_settings
+
+VERSION: Final = 2
+"""Of the protocol."""
+
+SEEDS: Final = 20
+"""Seeds of every trial: 0, 1, ..."""
+
+REFERENCES: Final = ("hinge-fit", "reflex", "chord", "compliant-pull", "oracle")
+"""Policies that learn nothing from a demonstration; the line to be measured against."""
+
+EVERYWHERE: Final = (*TABLE_1, "tp-gmm", *REFERENCES)
+"""Policies that take part in every trial."""
+
+TUNED: Final = tuple(f"{name}-tuned" for name in tuned_settings())
+"""Methods with the settings that `gplfd tune` found, in the whole protocol's trials in
+which what is learned decides; the controller, which decides the others, is in no space
+that is searched."""
+
+Part = Literal["whole", "ideas", "small"]
+"""Of the protocol."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PartPlan:
+    """What is run of the protocol."""
+
+    seeds: int
+    """Number of seeds."""
+    everywhere: tuple[str, ...]
+    """Policies of every trial."""
+    variants: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Variants of `gp` that lack an idea, by trial; a trial that is not listed has all
+    of its own."""
+
+
+PARTS: Final[Mapping[Part, PartPlan]] = MappingProxyType(
+    {
+        "whole": PartPlan(seeds=SEEDS, everywhere=EVERYWHERE),
+        "ideas": PartPlan(seeds=SEEDS, everywhere=("gp", "hinge-fit")),
+        "small": PartPlan(
+            seeds=6,
+            everywhere=("gp", "hinge-fit"),
+            variants={
+                "radius": ("gp-fixed",),
+                "turned": ("gp-clock", "gp-position-only"),
+                "person": ("gp-constant-500", "gp-carried-load"),
+                "locked": ("gp-constant-330", "gp-carried-load"),
+                "heavy": ("gp-constant-100", "gp-carried-load"),
+            },
+        ),
+    }
+)
+"""The parts by name. The ideas are decided as in the whole. The small part is a first
+look at the strongest contrasts of docs/results/trials-v2.json, with the fewest seeds
+that give an interval; it decides nothing."""
+
+CONSTANT: Final = tuple(f"gp-constant-{k}" for k in (100, 200, 330, 500))
+"""`gp` at constant stiffnesses."""
+
+_ALL: Final = ("small", "medium", "large")
+_MEDIUM: Final = ("medium",)
+_NOISE: Final = {"pose_noise": (0.0005, 0.002), "wrench_noise": (0.3, 0.02)}
+"""Of `mild` sensors."""
+
+
+def _without(
+    idea: str, measure: str, *lacking: str, level: str = ""
+) -> tuple[Contrast, ...]:
+    return tuple(
+        Contrast(
+            idea=idea,
+            measure=measure,
+            having=Side(policy="gp", level=level),
+            lacking=Side(policy=policy, level=level),
+        )
+        for policy in lacking
+    )
+
+
+def _noise(factor: float) -> dict[str, tuple[float, float]]:
+    return {name: (factor * a, factor * b) for name, (a, b) in _NOISE.items()}
+
+
+def _pushed(low: float, high: float) -> Level:
+    push = {"start_angle": (low, high)}
+    return Level(doors=_MEDIUM, disturbance={"preset": "push", "push": push})
+
+
+TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
+    {
+        "radius": Trial(
+            question="Who opens doors of a radius that nobody demonstrated, between "
+            "the demonstrated ones and beyond them?",
+            claims=("via-points", "prediction uncertainty"),
+            measures=("force_radial_peak", "success"),
+            levels={
+                "between": Level(doors=("0.42", "0.58")),
+                "beyond": Level(
+                    doors=("0.3", "0.65"), demonstrated_radii=(0.42, 0.5, 0.58)
+                ),
+            },
+            contrasts=(
+                *_without("via-points", "force_radial_peak", "gp-fixed"),
+                *_without(
+                    "shared phase error", "force_radial_peak", "gp-independent-phase"
+                ),
+            ),
+            also=("gp-fixed", "gp-independent-phase"),
+            tuned=True,
+        ),
+        "further": Trial(
+            question="Demonstrations end at 45°: who opens the door to 60°?",
+            claims=("prediction uncertainty", "prior information"),
+            measures=("final_angle_deg", "success"),
+            levels={
+                "nothing else": Level(
+                    doors=_ALL, teacher={"angle_mean": math.radians(45.0)}
+                ),
+                "prior mean": Level(
+                    doors=_ALL,
+                    teacher={"angle_mean": math.radians(45.0)},
+                    prior_radius=0.5,
+                ),
+            },
+            contrasts=(
+                *_without(
+                    "progress beyond the demonstrations",
+                    "final_angle_deg",
+                    "gp-within-demonstrations",
+                    level="nothing else",
+                ),
+                Contrast(
+                    idea="prior mean",
+                    measure="force_radial_peak",
+                    having=Side(policy="gp", level="prior mean"),
+                    lacking=Side(policy="gp", level="nothing else"),
+                ),
+            ),
+            also=("gp-within-demonstrations",),
+        ),
+        "few": Trial(
+            question="What do one demonstration per door do, or two of a single door, "
+            "and then a prior mean?",
+            claims=("prior information",),
+            measures=("force_radial_peak", "success"),
+            levels={
+                "one per door": Level(doors=_ALL, demonstrations_per_door=1),
+                "two of the small door": Level(doors=_ALL, demonstrated_radii=(0.35,)),
+                "two and a prior mean": Level(
+                    doors=_ALL, demonstrated_radii=(0.35,), prior_radius=0.5
+                ),
+            },
+            contrasts=(
+                Contrast(
+                    idea="prior mean",
+                    measure="force_radial_peak",
+                    having=Side(policy="gp", level="two and a prior mean"),
+                    lacking=Side(policy="gp", level="two of the small door"),
+                ),
+            ),
+        ),
+        "messy": Trial(
+            question="Who learns from a person who pauses, hurries, goes back, stops "
+            "early, and from recordings with gaps and outliers?",
+            claims=("alignment", "task variability"),
+            measures=("force_radial_peak", "success"),
+            levels={"messy": Level(doors=_ALL, habits=dataclasses.asdict(MESSY))},
+            contrasts=(
+                *_without("alignment", "force_radial_peak", "gp-dtw-euclidean"),
+                *_without("task variability", "force_radial_peak", "gp-homoscedastic"),
+            ),
+            also=("gp-dtw-euclidean", "gp-homoscedastic"),
+            tuned=True,
+        ),
+        "rests": Trial(
+            question="Recordings begin with up to two seconds of rest and pause for as "
+            "long: who learns from them?",
+            claims=("alignment", "rests left out"),
+            measures=("force_radial_peak", "success"),
+            levels={
+                "rests": Level(
+                    doors=_ALL,
+                    habits={"longest_rest": 2.0, "pauses": 1, "longest_pause": 2.0},
+                )
+            },
+            contrasts=_without("rests left out", "force_radial_peak", "gp-untrimmed"),
+            also=("gp-untrimmed",),
+        ),
+        "turned": Trial(
+            question="Who opens doors that the robot faces up to 5° askew, held off "
+            "the middle of the bar?",
+            claims=("path phase", "rotations"),
+            measures=("success", "final_angle_deg", "force_radial_peak"),
+            levels={
+                "± 5°": Level(
+                    doors=_ALL,
+                    randomization={
+                        "base_yaw": math.radians(5.0),
+                        "grasp_height": 0.04,
+                        "grasp_depth": 0.004,
+                    },
+                )
+            },
+            contrasts=(
+                *_without("path phase", "final_angle_deg", "gp-clock"),
+                *_without(
+                    "heading as a nuisance", "force_radial_peak", "gp-heading-trusting"
+                ),
+                *_without("rotations", "force_radial_peak", "gp-position-only"),
+            ),
+            also=("gp-clock", "gp-heading-trusting", "gp-position-only", "gp-fixed"),
+            tuned=True,
+        ),
+        "person": Trial(
+            question="Somebody holds the hand, or has a hand in the door's way: how "
+            "much do they feel?",
+            claims=("variable stiffness",),
+            measures=("person_force_peak", "person_energy", "success", "release_speed"),
+            levels={
+                "holds the hand": Level(doors=_MEDIUM, disturbance="person"),
+                "in the way": Level(doors=_MEDIUM, disturbance="person-behind"),
+            },
+            contrasts=(
+                *_without("variable stiffness", "person_force_peak", *CONSTANT),
+                *_without("learned load", "person_force_peak", "gp-carried-load"),
+            ),
+            also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
+        ),
+        "push": Trial(
+            question="The hand is pushed for 0.3 s: how far does it go?",
+            claims=("variable stiffness",),
+            measures=("push_displacement_mm", "success", "recovery_time"),
+            levels={
+                "where demonstrations agree": _pushed(0.1, 0.25),
+                "where they differ": _pushed(0.75, 0.9),
+            },
+            contrasts=_without("variable stiffness", "push_displacement_mm", *CONSTANT),
+            also=(*CONSTANT, "gp-fixed"),
+        ),
+        "stop": Trial(
+            question="The door is blocked for 2.5 s and then freed: is it opened?",
+            claims=("variable stiffness",),
+            measures=("success", "stop_force_sustained", "release_speed"),
+            levels={"stop": Level(doors=_MEDIUM, disturbance="stop")},
+            contrasts=(
+                *_without("variable stiffness", "success", *CONSTANT),
+                *_without("variable stiffness", "stop_force_sustained", *CONSTANT),
+                *_without("learned load", "stop_force_sustained", "gp-carried-load"),
+            ),
+            also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
+        ),
+        "locked": Trial(
+            question="The door is locked: is the handle kept, and how gently?",
+            claims=("variable stiffness",),
+            measures=("stop_force_sustained", "grasp_kept"),
+            levels={"locked": Level(doors=_MEDIUM, disturbance="locked")},
+            contrasts=(
+                *_without("variable stiffness", "stop_force_sustained", *CONSTANT),
+                *_without("learned load", "stop_force_sustained", "gp-carried-load"),
+            ),
+            also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
+        ),
+        "heavy": Trial(
+            question="Who opens doors that are heavier than any demonstrated?",
+            claims=("variable stiffness",),
+            measures=("final_angle_deg", "success"),
+            levels={
+                "14 N": Level(doors=("heavy",)),
+                "24 N": Level(doors=("heavy",), door={"closer_preload": 10.0}),
+            },
+            contrasts=(
+                *_without("variable stiffness", "final_angle_deg", *CONSTANT),
+                *_without("learned load", "final_angle_deg", "gp-carried-load"),
+            ),
+            also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
+        ),
+        "breakaway": Trial(
+            question="The hinge sticks at the start and a seal holds the leaf: is the "
+            "door opened gently all the same?",
+            claims=("variable stiffness",),
+            measures=("success", "release_speed", "force_handle_peak"),
+            levels={"breakaway": Level(doors=_MEDIUM, disturbance="breakaway")},
+            contrasts=_without("variable stiffness", "force_handle_peak", *CONSTANT),
+            also=CONSTANT,
+        ),
+        "delay": Trial(
+            question="Commands take effect up to three control periods later: who "
+            "stays stable in contact?",
+            claims=("contact stability",),
+            measures=("success", "force_handle_peak"),
+            levels={
+                f"{10 * delay} ms": Level(
+                    doors=_MEDIUM,
+                    randomization={"shortest_delay": delay, "longest_delay": delay},
+                )
+                for delay in (1, 2, 3)
+            },
+            contrasts=_without(
+                "damping for contact", "force_handle_peak", "gp-undamped"
+            ),
+            also=("gp-undamped", "gp-impedance", "gp-fixed", "gp-constant-100"),
+        ),
+        "noise": Trial(
+            question="Sensors one, two and four times as noisy as those of a careful "
+            "laboratory: who is misled?",
+            claims=("heteroscedastic noise",),
+            measures=("force_radial_peak", "success"),
+            levels={
+                f"× {factor}": Level(doors=_MEDIUM, randomization=_noise(factor))
+                for factor in (1, 2, 4)
+            },
+            contrasts=_without(
+                "heteroscedastic noise", "force_radial_peak", "gp-homoscedastic"
+            ),
+            also=("gp-homoscedastic",),
+            tuned=True,
+        ),
+    }
+)
+"""Every trial by its name."""

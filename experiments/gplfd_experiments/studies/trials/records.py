@@ -1,0 +1,110 @@
+"""What a trial is: a question, the doors that answer it, and what decides."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
+from gplfd_experiments.studies.result_format import POLICY_ERROR
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Level:
+    """One setting of a trial: what is shown, which doors, and what happens."""
+
+    doors: tuple[str, ...]
+    """Names of doors, or radii [m] as text."""
+    door: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of every door's configuration that differ from its preset."""
+    randomization: str | Mapping[str, Any] = "none"
+    """What `gplfd_env.randomization.door_randomization` takes."""
+    disturbance: str | Mapping[str, Any] = "none"
+    """What `gplfd_env.disturbance.disturbance_named` takes."""
+    demonstrated_radii: tuple[float, ...] = DEMONSTRATED_RADII
+    """Doors that the teacher opens [m]."""
+    demonstrations_per_door: int = 2
+    """How often it opens each."""
+    teacher: Mapping[str, float] = field(default_factory=dict)
+    """Fields of the teacher that differ from the standard one."""
+    habits: Mapping[str, Any] | None = None
+    """Fields of `gplfd_experiments.data.teacher.Habits`; None for a tidy teacher."""
+    prior_radius: float | None = None
+    """Radius of the arc that methods are given as a prior mean [m]; those alone that
+    take one take part."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Side:
+    """A policy at a level of a trial; at all levels together by default."""
+
+    policy: str
+    """Name of the policy."""
+    level: str = ""
+    """Name of the level; "" for all."""
+
+    def __str__(self) -> str:
+        return f"{self.policy}, {self.level}" if self.level else self.policy
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Contrast:
+    """An idea, measured by what is lost without it."""
+
+    idea: str
+    """What the idea is."""
+    measure: str
+    """Metric of an episode by which it must show."""
+    having: Side
+    """Who has it."""
+    lacking: Side
+    """Who lacks it, and nothing else."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Trial:
+    """A question that episodes answer."""
+
+    question: str
+    """What is asked, in a sentence."""
+    claims: tuple[str, ...]
+    """Rows of the paper's Table 1, or design ideas, that it tests."""
+    measures: tuple[str, ...]
+    """Metrics of episodes that answer it, the deciding one first."""
+    levels: Mapping[str, Level]
+    """Settings by name, in the order in which they are shown."""
+    contrasts: tuple[Contrast, ...] = ()
+    """Ideas that must show here."""
+    also: tuple[str, ...] = ()
+    """Policies that take part beside those of every trial."""
+    tuned: bool = False
+    """Whether the methods take part as tuned, too: where what is learned decides."""
+
+
+Better = Literal["less", "more"]
+
+MEASURES: Mapping[str, tuple[str, Better]] = {
+    "success": ("doors opened and held, share", "more"),
+    "final_angle_deg": ("final angle [°]", "more"),
+    "force_radial_peak": ("peak radial force [N]", "less"),
+    "force_handle_peak": ("peak force at the handle [N]", "less"),
+    "grasp_kept": ("grasps kept, share", "more"),
+    "person_force_peak": ("peak force on the person [N]", "less"),
+    "person_force_sustained": ("force on the person for 0.5 s [N]", "less"),
+    "person_energy": ("work on the person [J]", "less"),
+    "stop_force_sustained": ("force on the stop for 0.5 s [N]", "less"),
+    "push_displacement_mm": ("displacement by the push [mm]", "less"),
+    "release_speed": ("speed after release [rad/s]", "less"),
+    "recovery_time": ("time to recover [s]", "less"),
+}
+"""Title of each measure of a trial, and which way is better."""
+
+
+def value_of(metrics: Mapping[str, Any], measure: str) -> float | None:
+    """Return a measure of an episode as a number; None where it has none.
+
+    A policy that raised an error did not keep the grasp.
+    """
+    if measure == "grasp_kept":
+        return float(metrics["failure"] not in ("grasp_lost", POLICY_ERROR))
+    value = metrics.get(measure)
+    return None if value is None else float(value)

@@ -1,1 +1,0 @@
-"""Studies: policies × doors × seeds as tasks, run on any engine, resumable."""

@@ -1,0 +1,370 @@
+"""A run: learn once, open some doors, and keep numbers and recordings in a folder."""
+
+import contextlib
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from logging import DEBUG
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from gplfd_env.config import DoorConfig
+from gplfd_env.scene import build_scene
+from gplfd_env.task import Start
+from gplfd_experiments.console.arguments import (
+    check_circumstances,
+    check_folder,
+    check_least,
+)
+from gplfd_experiments.console.progress import LOG, progress_bar
+from gplfd_experiments.data.npz import (
+    FILE,
+    LabelledDemonstrations,
+    demonstrations_file,
+    load_demonstrations,
+    save_demonstrations,
+)
+from gplfd_experiments.episodes.agents import PolicyError, reported_errors
+from gplfd_experiments.episodes.build import (
+    demonstrations_of,
+    learned_agents,
+    make_environment,
+)
+from gplfd_experiments.episodes.doors import named_doors
+from gplfd_experiments.episodes.metrics import (
+    EpisodeMetrics,
+    FailedEpisode,
+    episode_metrics,
+    why_closed,
+)
+from gplfd_experiments.episodes.rollout import Progress, rollout
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task
+from gplfd_experiments.files.plain_data import entry, read_json, write_json
+from gplfd_experiments.files.provenance import content_hash, provenance
+from gplfd_experiments.recording import record_episode
+from gplfd_experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
+from gplfd_experiments.recording.video import check_video, video_paths, write_video
+from gplfd_experiments.studies.sources import source_of
+from gplfd_experiments.workflows.skills import skill_method
+from gplfd_policies.agents.agent import Agent
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.skill import load_skill
+from gplfd_policies.registry.catalogue import policy_named
+from gplfd_policies.registry.policy import Policy
+
+CONFIGURATION: Final = "run.json"
+METRICS: Final = "metrics.json"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Door:
+    """A door of a run, and the agent that has learned to open it."""
+
+    task: EpisodeTask
+    agent: Agent
+    shown: LabelledDemonstrations
+    """What the agent learned from."""
+    file: str
+    """Name under which the run keeps these demonstrations."""
+
+
+def open_doors(
+    doors: Sequence[str],
+    folder: Path,
+    *,
+    policy: str,
+    seed: int,
+    demonstrations: Path | int,
+    skill: Path | None,
+    randomization: str,
+    disturbance: str,
+    start: Start,
+    looks: Literal["primitives", "tiago"],
+    options: Mapping[str, Any],
+    video: Path | None = None,
+) -> tuple[EpisodeMetrics | FailedEpisode, ...]:
+    """Learn, open each door once, and write everything.
+
+    Doors of several kinds are opened by several agents: each learns from demonstrations
+    of its own kind. Where the policy raises an error in acting, the door counts as not
+    opened and the others are opened all the same. Nothing is written before everything
+    is checked and the policy has learned; then what an earlier run left in the folder
+    is removed.
+
+    Args:
+        doors: Names of doors, or radii [m] as text.
+        folder: Where to write.
+        policy: Name of the policy.
+        seed: Seed of teacher, policy and environment.
+        demonstrations: A file to learn from, or how often the synthetic human opens
+            each of the three demonstrated doors of a kind.
+        skill: A file of a skill to follow instead of learning, or None.
+        randomization: Name of what the environment draws anew.
+        disturbance: Name of what happens from outside.
+        start: What episodes begin with. Before the handle, reaching for it is learned
+            from the same demonstrations.
+        looks: How recordings draw the robot.
+        options: The command's, for the record; JSON-able.
+        video: File of the video, see `gplfd_experiments.recording.video`; None for no
+            videos.
+
+    Raises:
+        ValueError: An argument or a file is wrong, or the user's policy failed.
+        OSError: A file cannot be read or written, or was deleted meanwhile.
+        ModuleNotFoundError: The meshes that are to be drawn, or the encoder of videos,
+            are not installed.
+    """
+    check_least("--seed", seed, 0)
+    check_circumstances(randomization, disturbance)
+    chosen = policy_named(policy)
+    per_door = 2 if isinstance(demonstrations, Path) else demonstrations
+    check_least("--demonstrations-per-door", per_door, 1)
+    tasks = [
+        episode_task(
+            door,
+            config,
+            policy=policy,
+            policy_source=source_of(chosen),
+            seed=seed,
+            demonstrations_per_door=per_door,
+            randomization=randomization,
+            disturbance=disturbance,
+            start=start,
+        )
+        for door, config in named_doors(doors, start=start).items()
+    ]
+    videos = {} if video is None else video_paths(video, [one.door for one in tasks])
+    if videos:
+        check_video()
+    check_folder(folder)
+    earlier = _files_of_earlier_run(folder)
+    drawn = _looks(looks)
+    if skill is not None and start == "approach":
+        raise ValueError(
+            "--skill is of opening alone: leave it out to learn reaching, too, or "
+            "leave out --start approach"
+        )
+    if skill is not None or isinstance(demonstrations, Path):
+        _check_one_kind(tasks, "--skill" if skill is not None else "--demonstrations")
+    started = time.perf_counter()
+    with reported_errors(policy, chosen):
+        ready = _learn(tasks, chosen, demonstrations, skill)
+    LOG.info("ready to act (%.1f s)", time.perf_counter() - started)
+    for file in earlier:
+        file.unlink(missing_ok=True)
+    _write_inputs(folder, ready, demonstrations, skill, options)
+    metrics: list[EpisodeMetrics | FailedEpisode] = []
+    for door in ready:
+        video_file = videos.get(door.task.door)
+        try:
+            metrics.append(_open(door, chosen, folder, drawn, video_file))
+        except PolicyError as error:
+            LOG.error("%s: %s", door.task.door, error, exc_info=LOG.isEnabledFor(DEBUG))
+            failed = FailedEpisode(
+                policy=policy,
+                door=door.task.door,
+                radius=door.task.door_config["radius"],
+                seed=seed,
+                error=str(error),
+            )
+            metrics.append(failed)
+        write_json(folder / METRICS, [one.as_json() for one in metrics])
+    opened = [one.door for one in metrics if isinstance(one, EpisodeMetrics)]
+    names = {CONFIGURATION, METRICS, *(door.file for door in ready)}
+    names |= {f"{door}{end}" for door in opened for end in (".npz", ".rrd")}
+    if gone := sorted(name for name in names if not (folder / name).is_file()):
+        raise FileNotFoundError(
+            f"files of this run were deleted from {folder} while it went on: "
+            f"{', '.join(gone)}; run it again"
+        )
+    return tuple(metrics)
+
+
+def _files_of_earlier_run(folder: Path) -> list[Path]:
+    """Return what an earlier run wrote to the folder.
+
+    Raises:
+        ValueError: Its configuration does not say which doors it opened.
+    """
+    configuration = folder / CONFIGURATION
+    if not configuration.exists():
+        return []
+    try:
+        config = entry(read_json(configuration), "config", dict[str, Any])
+        doors = entry(config, "door_configs", dict[str, Any])
+    except ValueError as error:
+        raise ValueError(
+            f"{configuration} does not say what was written beside it ({error}); "
+            "choose another --out"
+        ) from error
+    names = [f"{door}{end}" for door in doors for end in (".npz", ".rrd")]
+    names += [_kept_demonstrations(door) for door in doors]
+    # A name that leads elsewhere is not one that a run wrote.
+    own = [name for name in names if Path(name).name == name]
+    return [folder / name for name in (METRICS, *own)]
+
+
+def _kept_demonstrations(door: str) -> str:
+    """Return the file of the demonstrations of one of several kinds of doors."""
+    return f"{Path(FILE).stem}-{door}.npz"
+
+
+def _looks(looks: Literal["primitives", "tiago"]) -> TiagoLooks | None:
+    if looks == "primitives":
+        return None
+    robot = build_scene(DoorConfig())
+    return tiago_looks([robot.body(index).name for index in range(robot.nbody)])
+
+
+def _check_one_kind(tasks: Sequence[EpisodeTask], option: str) -> None:
+    """Refuse doors of several kinds where there is only one thing to learn from."""
+    first, *others = ((one.door, DoorConfig(**one.door_config).kind) for one in tasks)
+    for door, kind in others:
+        if differ := [name for name in kind if kind[name] != first[1][name]]:
+            raise ValueError(
+                f"doors {first[0]} and {door} are of two kinds (they differ in "
+                f"{', '.join(differ)}), and {option} holds one; give them to two runs, "
+                f"or leave out {option}"
+            )
+
+
+def _learn(
+    tasks: Sequence[EpisodeTask],
+    policy: Policy,
+    demonstrations: Path | int,
+    skill: Path | None,
+) -> list[_Door]:
+    """Learn once per kind of doors; return the doors in their order."""
+    kinds = dict.fromkeys(task.shown for task in tasks)
+    learned: dict[str, tuple[LabelledDemonstrations, Callable[[], Agent], str]] = {}
+    for shown in kinds:
+        first = next(task for task in tasks if task.shown == shown)
+        file = FILE if len(kinds) == 1 else _kept_demonstrations(first.door)
+        if skill is not None:
+            learned[shown] = (*_load(first.policy, skill), file)
+            continue
+        if isinstance(demonstrations, Path):
+            given = load_demonstrations(demonstrations)
+        else:
+            given = demonstrations_of(first)
+        if policy.kind != "reference":
+            doors = [task.door for task in tasks if task.shown == shown]
+            LOG.info(
+                "learning from %d demonstrations for %s",
+                len(given.demonstrations),
+                ", ".join(doors),
+            )
+        learned[shown] = (given, learned_agents(first, policy, given), file)
+    return [
+        _Door(task=task, agent=make(), shown=given, file=file)
+        for task in tasks
+        for given, make, file in [learned[task.shown]]
+    ]
+
+
+def _load(
+    policy: str, file: Path
+) -> tuple[LabelledDemonstrations, Callable[[], Agent]]:
+    method, skill = skill_method(policy), load_skill(file)
+    if (method.beyond > 0.0) != (skill.aligned.end < 1.0):
+        goes = "goes on where demonstrations end"
+        raise ValueError(
+            f"policy {policy!r} {goes if method.beyond > 0.0 else 'ends there'}, and "
+            f"the skill in {file} was learned by one that does not; learn it again "
+            f"with  gplfd learn --policy {policy}"
+        )
+    aligned = skill.aligned.demonstrated
+    times = aligned.duration * aligned.times
+    shown = [Demonstration(times=times, poses=poses) for poses in aligned.poses]
+    return (
+        LabelledDemonstrations(
+            demonstrations=tuple(shown), radii=tuple(None for _ in shown)
+        ),
+        lambda: method.follow(skill),
+    )
+
+
+def _write_inputs(
+    folder: Path,
+    doors: Sequence[_Door],
+    demonstrations: Path | int,
+    skill: Path | None,
+    options: Mapping[str, Any],
+) -> None:
+    """Write what was learned from, and what the run is."""
+    LOG.info("writing to %s", folder)
+    learned_from: dict[str, str] = {}
+    for file, shown in {door.file: door.shown for door in doors}.items():
+        kept = folder / file
+        save_demonstrations(
+            kept,
+            shown.demonstrations,
+            shown.radii,
+            frame=shown.frame,
+            signals=shown.signals,
+        )
+        learned_from[file] = content_hash(
+            demonstrations_file(demonstrations)
+            if isinstance(demonstrations, Path)
+            else kept
+        )
+    record = {
+        **options,
+        "policy_source": doors[0].task.policy_source,
+        "demonstrations_sha256": learned_from,
+        "demonstrations_of": {door.task.door: door.file for door in doors},
+        "skill_sha256": None if skill is None else content_hash(skill),
+        "door_configs": {door.task.door: door.task.door_config for door in doors},
+    }
+    write_json(folder / CONFIGURATION, provenance(record))
+
+
+def _open(
+    door: _Door,
+    policy: Policy,
+    folder: Path,
+    looks: TiagoLooks | None,
+    video: Path | None,
+) -> EpisodeMetrics:
+    """Open a door, write its log, recording and video, and return its metrics."""
+    started = time.perf_counter()
+    task, name = door.task, door.task.door
+    LOG.debug("%s: opening it with %s", name, task.policy)
+    env = make_environment(task, door.agent.control)
+    with (
+        contextlib.closing(env),
+        progress_bar(desc=name, unit=" s simulated") as bar,
+        reported_errors(task.policy, policy),
+    ):
+
+        def show(progress: Progress) -> None:
+            angle = math.degrees(progress.door_angle)
+            bar.set_postfix_str(f"door at {angle:.0f} deg", refresh=False)
+            bar.update(progress.time - bar.n)
+
+        log = rollout(
+            env,
+            door.agent,
+            policy=task.policy,
+            door=name,
+            seed=task.reset_seed,
+            on_step=show,
+        )
+        model = env.unwrapped.model  # type: ignore[attr-defined]
+    log.save(folder / f"{name}.npz")
+    record_episode(folder / f"{name}.rrd", log, model, door.shown.demonstrations, looks)
+    if video is not None:
+        write_video(video, log, model)
+    metrics = episode_metrics(log)
+    LOG.info(
+        "%s: %s, %.1f deg in %.1f s (%.1f s)",
+        name,
+        "opened"
+        if metrics.success
+        else f"not opened ({why_closed(metrics.failure, metrics.reason)})",
+        round(metrics.final_angle_deg, 1) + 0.0,  # not -0.0
+        metrics.duration,
+        time.perf_counter() - started,
+    )
+    return metrics

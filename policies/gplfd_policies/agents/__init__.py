@@ -1,0 +1,1 @@
+"""What acts in an episode: alone, in lockstep, reaching first, or from a model."""

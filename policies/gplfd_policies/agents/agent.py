@@ -1,0 +1,226 @@
+"""One agent: what acts in an episode, and the one that the paper describes.
+
+The paper is Arduengo et al., *Gaussian-Process-based Robot Learning from
+Demonstration*, arXiv:2002.09979; `gplfd_policies.control.compliance` is what its agent
+does.
+"""
+
+import textwrap
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol, get_args, runtime_checkable
+
+import numpy as np
+
+from gplfd_env.geometry import DoorGeometry
+from gplfd_env.task import Control
+from gplfd_policies.adaptation.gridded import GriddedMovement
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
+from gplfd_policies.control.steps import AgentStep, Observation
+from gplfd_policies.handles.adapter import controller_of
+from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.phase.phase_rule import PhaseRule
+
+
+@runtime_checkable
+class Agent(Protocol):
+    """What acts in one episode; `as_agent` makes one of anything that can act."""
+
+    @property
+    def control(self) -> Control:
+        """What it commands, and with it the environment: poses, or stiffness, too."""
+
+    def inform(self, door: DoorGeometry) -> None:
+        """Take in which door the next episode has; for an oracle, else ignored."""
+
+    def reset(self, observation: Observation) -> None:
+        """Begin an episode at the closed, grasped door."""
+
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command for the next control period."""
+
+    def forecast(self) -> GaussianTrajectory | None:
+        """Return what the agent now expects of the whole task, or None."""
+
+
+def as_agent(candidate: object) -> Agent:
+    """Make an agent of an object that can act.
+
+    Args:
+        candidate: Has ``act(observation)``, which returns the commanded pose (6,)
+            [m, rad] or an `AgentStep`; ``inform(door)``, ``reset(observation)`` and
+            ``forecast()`` are called if it has them. With an attribute ``control =
+            "impedance"`` it also commands how stiff the arm is: ``act`` returns pose
+            and stiffness (12,) [m, rad, N/m, N m/rad], or a step with both.
+
+    Returns:
+        An agent that checks what the object returns, step by step.
+
+    Raises:
+        ValueError: If the object cannot act, or its ``control`` is unknown.
+    """
+    if isinstance(candidate, CompliantAgent | CheckedAgent):
+        return candidate
+    given = f"an object of {type(candidate)}"
+    if isinstance(candidate, type):
+        given = f"{candidate} itself, no object of it,"
+    elif callable(getattr(candidate, "act", None)):
+        return CheckedAgent(candidate)
+    raise ValueError(
+        f"{given} is no agent: an agent is an object with a method act(observation) "
+        "that returns the commanded pose, six numbers [m, rad]"
+    )
+
+
+class CheckedAgent:
+    """An agent of one's own: what it leaves out is filled in, what it does checked.
+
+    Args:
+        candidate: What acts; see `as_agent`.
+    """
+
+    def __init__(self, candidate: Any) -> None:
+        self._candidate = candidate
+        self._step = 0
+        control: Any = getattr(candidate, "control", "pose")
+        if control not in get_args(Control):
+            raise ValueError(
+                f"{type(candidate).__name__}.control is {control!r}; it must be "
+                "'pose', or 'impedance' for an agent that also commands stiffness"
+            )
+        self.control: Control = control
+
+    @one_thread
+    def inform(self, door: DoorGeometry) -> None:
+        """Pass on which door the next episode has."""
+        if hasattr(self._candidate, "inform"):
+            self._candidate.inform(door)
+
+    @one_thread
+    def reset(self, observation: Observation) -> None:
+        """Begin an episode."""
+        self._step = 0
+        if hasattr(self._candidate, "reset"):
+            self._candidate.reset(observation)
+
+    @one_thread
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command for the next control period.
+
+        Raises:
+            ValueError: If it is not what its control says; the message says what it
+                is, and when.
+        """
+        self._step += 1
+        given = self._candidate.act(observation)
+        step = _as_step(given, self.control)
+        if step is not None:
+            return step
+        raise ValueError(
+            f"{type(self._candidate).__name__}.act returned "
+            f"{textwrap.shorten(repr(given), 100, placeholder=' ...')} at step "
+            f"{self._step} of an episode; it must return {_WANTED[self.control]}"
+        )
+
+    @one_thread
+    def forecast(self) -> GaussianTrajectory | None:
+        """Return what the agent now expects of the whole task, or None.
+
+        Raises:
+            ValueError: If it is something else.
+        """
+        if not hasattr(self._candidate, "forecast"):
+            return None
+        forecast = self._candidate.forecast()
+        if forecast is None or isinstance(forecast, GaussianTrajectory):
+            return forecast
+        raise ValueError(
+            f"{type(self._candidate).__name__}.forecast returned {type(forecast)}; it "
+            "must return a gplfd_policies.GaussianTrajectory over the whole task, or "
+            "None"
+        )
+
+
+_WANTED: Final = {
+    "pose": "the commanded pose, six finite numbers (x, y, z, θu_x, θu_y, θu_z) "
+    "[m, rad], or an AgentStep with such an action; to command the arm's stiffness, "
+    "too, give the agent an attribute control = 'impedance'",
+    "impedance": "the commanded pose and stiffness, twelve finite numbers (six [m, "
+    "rad], then six [N/m, N m/rad] on the same axes), or an AgentStep with such an "
+    "action and stiffness; to command poses alone, leave its attribute control out",
+}
+
+
+def _as_step(given: Any, control: Control) -> AgentStep | None:
+    """Return a command or a step as a step; None if it is neither, or not finite."""
+    try:
+        numbers = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        step = given
+    else:
+        step = _parted(numbers, control)
+    if not isinstance(step, AgentStep) or step.action.shape != (6,):
+        return None
+    return step if np.isfinite(step.command(control)).all() else None
+
+
+def _parted(command: np.ndarray, control: Control) -> AgentStep | None:
+    """Return a command as a step; None if it has another shape."""
+    if control == "pose" and command.shape == (6,):
+        return AgentStep(action=command)
+    if control == "impedance" and command.shape == (12,):
+        return AgentStep(action=command[:6], stiffness=command[6:])
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class CompliantAgent:
+    """Follows a learned movement with variable-stiffness admittance control.
+
+    The command phase runs by the clock, at the demonstrations' mean speed, unless the
+    load rule makes it wait. `gplfd_policies.agents.lockstep` lets many of them act
+    together.
+
+    Attributes:
+        movement: The movement on a grid of phases, adapted in place.
+        phases: Tells where along the task an observed pose lies.
+        config: Stiffness, load, timing and via-points.
+    """
+
+    movement: GriddedMovement
+    phases: PhaseRule
+    config: ComplianceConfig = field(default_factory=ComplianceConfig)
+    _controller: ComplianceController = field(init=False, repr=False, compare=False)
+
+    @one_thread
+    def __post_init__(self) -> None:
+        controller = controller_of(self.movement, self.phases, self.config)
+        object.__setattr__(self, "_controller", controller)
+
+    @property
+    def control(self) -> Control:
+        """What renders its stiffness."""
+        return self.config.rendering.control
+
+    def inform(self, door: DoorGeometry) -> None:
+        """Ignore it: what it knows of doors it has learned and will observe."""
+
+    @one_thread
+    def reset(self, observation: Observation) -> None:
+        """Forget the last door and begin at the closed one."""
+        self._controller.reset()
+
+    @one_thread
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command for the next control period.
+
+        Args:
+            observation: ``ee_pose`` (6,) [m, rad] and ``wrench`` (6,) [N, N m] on the
+                hand, both in the task frame.
+        """
+        return self._controller.decide(observation["ee_pose"], observation["wrench"])
+
+    @one_thread
+    def forecast(self) -> GaussianTrajectory:
+        """Return the movement as it stands, over the whole task."""
+        return self.movement.trajectory()

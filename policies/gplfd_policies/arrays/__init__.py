@@ -1,0 +1,1 @@
+"""Immutable records of arrays, rows of a batch, one-thread linear algebra, archives."""

@@ -1,0 +1,1 @@
+"""Stiffness from uncertainty, its stability, the load, and the admittance."""

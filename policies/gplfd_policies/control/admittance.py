@@ -1,0 +1,79 @@
+"""The virtual spring-mass-damper that turns forces into displacements."""
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_policies.arrays.members import EVERY_MEMBER, Members
+from gplfd_policies.control.stiffness import VirtualDynamics
+
+
+class Admittance:
+    """Integrates M ë + D ė + K e = F, Eq. (22), implicitly at the control rate.
+
+    e is the displacement of the commanded from the desired pose and F the force and
+    torque that the environment exerts on the hand, both in the task frame: a door that
+    holds the hand back pulls the command towards itself. e[3:] is a rotation vector in
+    the axes of the task frame; the commanded rotation is exp(e[3:]) exp(desired[3:]).
+
+    Implicit Euler, v' = (m v + h(F - K e))/(m + h D + h² K), e' = e + h v', is stable
+    for every step h and only adds damping. Semi-implicit Euler with the published gains
+    is unstable at 50 ms: `test_eq22_is_stable_where_semi_implicit_euler_diverges`.
+
+    Args:
+        dynamics: Virtual mass and damping ratio; the damping follows the stiffness.
+        shape: Leading axes of all arrays: () for one hand, (N,) for N hands, each
+            displaced on its own.
+    """
+
+    def __init__(self, dynamics: VirtualDynamics, shape: tuple[int, ...] = ()) -> None:
+        self._dynamics = dynamics
+        self._displacement = np.zeros((*shape, 6))
+        self._velocity = np.zeros((*shape, 6))
+
+    @property
+    def displacement(self) -> Float[np.ndarray, "*N 6"]:
+        """e: commanded minus desired pose [m, rad]."""
+        return self._displacement.copy()
+
+    @property
+    def velocity(self) -> Float[np.ndarray, "*N 6"]:
+        """Rate of e [m/s, rad/s]."""
+        return self._velocity.copy()
+
+    def reset(self, members: Members = EVERY_MEMBER) -> None:
+        """Return to rest at the desired pose."""
+        self._displacement[members] = 0.0
+        self._velocity[members] = 0.0
+
+    def step(
+        self,
+        stiffness: Float[np.ndarray, "*N 6"],
+        wrench: Float[np.ndarray, "*N 6"],
+        dt: float,
+        members: Members = EVERY_MEMBER,
+    ) -> Float[np.ndarray, "*N 6"]:
+        """Advance by one control period.
+
+        Args:
+            stiffness: k_p of these members on each axis [N/m, N m/rad].
+            wrench: Force and torque on their hands, task frame [N, N m].
+            dt: Control period h [s].
+            members: Whose they are.
+
+        Returns:
+            The displacement e at its end [m, rad], (*N, 6); yours to change.
+
+        Raises:
+            ValueError: If `dt` is not positive.
+        """
+        if not dt > 0.0:
+            raise ValueError(f"dt must be positive [s], got {dt}")
+        mass, before = self._dynamics.mass, self._displacement[members]
+        damping = self._dynamics.damping(stiffness)
+        impulse = dt * (wrench - stiffness * before)
+        inertia = mass + dt * (damping + dt * stiffness)
+        velocity = (mass * self._velocity[members] + impulse) / inertia
+        displacement = before + dt * velocity
+        self._velocity[members] = velocity
+        self._displacement[members] = displacement
+        return np.asarray(displacement)

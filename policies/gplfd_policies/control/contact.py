@@ -1,0 +1,127 @@
+"""Stability of the admittance while something rigid holds the hand.
+
+The conditions of `gplfd_policies.control.stability` are those of the virtual
+dynamics alone, Eq. (22) with F = 0. A hand that is held closes another loop: the
+displacement e of the command stretches the servo, whose force comes back as F after a
+delay τ,
+
+    m ë(t) + d ė(t) + k e(t) = F(t) = -k_s e(t - τ),
+
+k_s the stiffness of the servo in series with what holds the hand. At a control period h
+and integrated as `gplfd_policies.control.admittance.Admittance` does it, this is
+
+    M (e' - 2e + e⁻) + D (e' - e) + k e' = -k_s e_q,    M = m/h²,  D = d/h,
+
+e⁻, e, e' three displacements in succession and e_q that of q = τ/h periods before e.
+docs/method.md derives what follows from it.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_env.task import CONTROL_PERIOD
+from gplfd_policies.arrays.records import freeze
+
+Axes = Float[np.ndarray, "*N 6"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ContactLoop:
+    """Admittance, delay, servo and a rigidly held hand, axis by axis; read-only.
+
+    Raises:
+        ValueError: If the stiffness is not (6,), finite and positive, the delay
+            negative or infinite, or the period not positive and finite.
+    """
+
+    stiffness: Float[np.ndarray, " 6"]
+    """k_s: force per displacement of the command [N/m, N m/rad]."""
+    delay: float
+    """τ: longest time from a command to its effect on the measured force, beyond the
+    period for which it is given [s]."""
+    period: float = CONTROL_PERIOD
+    """h: time between two commands [s]."""
+
+    def __post_init__(self) -> None:
+        freeze(self, "stiffness")
+        held = self.stiffness
+        if held.shape != (6,) or not (np.isfinite(held) & (held > 0.0)).all():
+            raise ValueError(
+                "ContactLoop.stiffness must be six positive finite numbers [N/m, "
+                f"N m/rad], got {held}"
+            )
+        if not 0.0 <= self.delay < math.inf:
+            raise ValueError(
+                f"ContactLoop.delay must be finite and >= 0 [s], got {self.delay}"
+            )
+        if not 0.0 < self.period < math.inf:
+            raise ValueError(
+                f"ContactLoop.period must be positive and finite [s], got {self.period}"
+            )
+
+    @property
+    def sufficient_damping(self) -> Float[np.ndarray, " 6"]:
+        """k_s τ: damping with which the loop is stable for every m > 0 and k > 0.
+
+        For whole periods of delay; without any delay it asks for
+        4m/h² + 2d/h + k > k_s besides. No smaller damping will do for every mass.
+        """
+        return np.asarray(self.stiffness * self.delay)
+
+    def tolerated_delay(
+        self, stiffness: Axes, damping: Axes, mass: Float[np.ndarray, " 6"]
+    ) -> Axes:
+        """Return the delay up to which the loop is stable [s].
+
+        Where k < k_s it is unstable at every longer one. The gain of the loop is one
+        at the frequency θ/h where p = sin²(θ/2) solves
+
+            (k - A p)² + B² p (1 - p) = k_s²,    A = 4M + 2D + 2k,  B = 2(D + k),
+
+        and its phase reaches -180° there with a delay of
+        h/θ arctan2(B √(p(1 - p)), A p - k). Infinite where the gain is below one at
+        every frequency, zero where it is above.
+
+        Args:
+            stiffness: k of the admittance [N/m, N m/rad].
+            damping: d with which it is rendered [N s/m, N m s/rad].
+            mass: m [kg, kg m²].
+        """
+        inertia = mass / (self.period * self.period)
+        resistance = damping / self.period + stiffness
+        total = inertia + resistance
+        real, imaginary = 2.0 * (total + inertia), 2.0 * resistance
+        square = 32.0 * inertia * total  # twice A² - B²
+        linear = imaginary * imaginary - 2.0 * stiffness * real
+        excess = (self.stiffness - stiffness) * (self.stiffness + stiffness)
+        discriminant = linear * linear + 2.0 * square * excess
+        root = np.sqrt(np.maximum(discriminant, 0.0)) - linear
+        crosses = (discriminant >= 0.0) & (root > 0.0)
+        share = np.where(crosses, np.minimum(root / square, 1.0), 0.5)
+        height = imaginary * np.sqrt(share * (1.0 - share))
+        lead = np.arctan2(height, real * share - stiffness)
+        delay = self.period * lead / (2.0 * np.arcsin(np.sqrt(share)))
+        return np.where(crosses, delay, np.inf)
+
+    def margin(
+        self, stiffness: Axes, damping: Axes, mass: Float[np.ndarray, " 6"]
+    ) -> Axes:
+        """Return how much more delay than `delay` the loop tolerates [s].
+
+        Negative: a held hand begins to oscillate. Arguments as in `tolerated_delay`.
+        """
+        return self.tolerated_delay(stiffness, damping, mass) - self.delay
+
+
+SERVO_LAG: Final = 0.005
+"""Delay of servo, contact and wrist sensor [s]: 4.6 ms are the most that
+benchmarks/contact_loop.py finds where the friction grasp holds a locked door."""
+
+HELD_HAND: Final = ContactLoop(
+    stiffness=np.repeat([2000.0, 100.0], 3), delay=3.0 * CONTROL_PERIOD + SERVO_LAG
+)
+"""The servo of `gplfd_env.robot` with the longest delay that ``"hard"`` draws."""

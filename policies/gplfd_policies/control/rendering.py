@@ -1,0 +1,221 @@
+"""How a stiffness is rendered at the hand: by virtual dynamics, or by the arm itself.
+
+Both ways are given the same: the desired pose, the stiffness, the force to yield to and
+the force to carry. What they differ in is who is soft. Virtual dynamics move the
+set-point of a stiff arm by the measured force, Eq. (22) of Arduengo et al.,
+*Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979. A
+commanded stiffness makes the arm soft, and what displaces the hand needs no measuring.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar, Final, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_env.se3 import compose_rotvecs
+from gplfd_env.task import Control
+from gplfd_policies.arrays.members import EVERY_MEMBER, Members
+from gplfd_policies.control.admittance import Admittance
+from gplfd_policies.control.contact import HELD_HAND
+from gplfd_policies.control.stiffness import VirtualDynamics
+
+Axes = Float[np.ndarray, "*N 6"]
+Vectors = Float[np.ndarray, "*N 3"]
+
+ARM_DYNAMICS: Final = VirtualDynamics(mass=np.repeat([4.0, 0.15], 3), damping_ratio=1.0)
+"""What the arm of `gplfd_env` shows at the hand when it renders a stiffness itself."""
+
+Range = tuple[tuple[float, float], tuple[float, float]]
+
+
+@runtime_checkable
+class Renderer(Protocol):
+    """Turns decisions of one hand, or of many, into set-points."""
+
+    def reset(self, members: Members = EVERY_MEMBER) -> None:
+        """Begin at rest at the desired pose."""
+
+    def displacement(self, hands: Vectors, members: Members = EVERY_MEMBER) -> Vectors:
+        """Return how far hands have been displaced from their desired positions [m].
+
+        Args:
+            hands: Where these members' hands are, task frame [m].
+            members: Whose they are.
+        """
+
+    def contact_margin(self, stiffness: Axes) -> Axes:
+        """Return the delay that a held hand tolerates beyond the longest expected [s].
+
+        Args:
+            stiffness: What is rendered [N/m, N m/rad].
+        """
+
+    def step(
+        self,
+        desired: Axes,
+        velocity: Vectors,
+        stiffness: Axes,
+        *,
+        yielded: Axes,
+        carried: Vectors,
+        members: Members = EVERY_MEMBER,
+    ) -> Axes:
+        """Return the set-points of these members for the next control period.
+
+        Args:
+            desired: Where the policy wants the hand, task frame [m, rad].
+            velocity: How fast its position moves along the path [m/s].
+            stiffness: How stiffly [N/m, N m/rad].
+            yielded: What of the wrench on the hand is to displace it [N, N m].
+            carried: Force that the hand is to exert without being displaced [N].
+            members: Whose they are.
+        """
+
+
+@runtime_checkable
+class Rendering(Protocol):
+    """A way to render stiffness: settings, of which a `Renderer` is made."""
+
+    @property
+    def control(self) -> Control:
+        """What commands the arm; each is an environment of its own."""
+
+    @property
+    def stiffness_range(self) -> Range:
+        """What can be rendered: translation [N/m], rotation [N m/rad]."""
+
+    def renderer(
+        self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
+    ) -> Renderer:
+        """Return what renders for one hand (``()``) or for N hands (``(N,)``)."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class VirtualRendering:
+    """Virtual dynamics displace the set-point of the arm, which is always stiff."""
+
+    control: ClassVar[Control] = "pose"
+    stiffness_range: ClassVar[Range] = ((0.0, math.inf), (0.0, math.inf))
+
+    def renderer(
+        self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
+    ) -> Renderer:
+        """Return an `Admittance` around the desired pose."""
+        return _Displaced(dynamics, period, shape)
+
+
+class _Displaced:
+    def __init__(
+        self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
+    ) -> None:
+        self._admittance = Admittance(dynamics, shape)
+        self._dynamics, self._period = dynamics, period
+        self._held = replace(HELD_HAND, period=period)
+
+    def reset(self, members: Members = EVERY_MEMBER) -> None:
+        self._admittance.reset(members)
+
+    def displacement(self, hands: Vectors, members: Members = EVERY_MEMBER) -> Vectors:
+        """Return e of Eq. (22)."""
+        return self._admittance.displacement[members][..., :3]
+
+    def contact_margin(self, stiffness: Axes) -> Axes:
+        """Return the margin of the loop that admittance and held hand close."""
+        damping = self._dynamics.damping(stiffness)
+        return self._held.margin(stiffness, damping, self._dynamics.mass)
+
+    def step(
+        self,
+        desired: Axes,
+        velocity: Vectors,
+        stiffness: Axes,
+        *,
+        yielded: Axes,
+        carried: Vectors,
+        members: Members = EVERY_MEMBER,
+    ) -> Axes:
+        """Displace by what is to be yielded to; the stiff arm carries the rest."""
+        offset = self._admittance.step(stiffness, yielded, self._period, members)
+        action: Axes = desired + offset
+        action[..., 3:] = compose_rotvecs(offset[..., 3:], desired[..., 3:])
+        return action
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ArmRendering:
+    """The arm's servo is commanded the stiffness; the set-point is the desired pose.
+
+    But for two leads, without which a soft arm would lag behind the policy:
+
+    * A force f that is to be carried would stretch a spring k by f/k. The set-point
+      leads by f (1/k - 1/K), K the greatest stiffness of the arm: a hand that lags by x
+      pulls along its load with K x, as the stiff arm of the other rendering does. Of a
+      held hand's force the share 1 - k/K < 1 comes back as carried load, so that it
+      settles at every delay. The loop of `gplfd_policies.control.contact` does not
+      exist.
+    * The servo's damper brakes the hand's own motion, that of the virtual dynamics its
+      deviation. The set-point leads by d v/k where it moves at v, smoothed: load sets
+      the clock's pace, and with it v, which sets the load.
+    """
+
+    control: ClassVar[Control] = "impedance"
+    stiffness_range: ClassVar[Range] = ((20.0, 2000.0), (1.0, 100.0))
+
+    def renderer(
+        self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
+    ) -> Renderer:
+        """Return what leads the desired pose."""
+        return _Led(dynamics, period / (period + _SMOOTHING), shape)
+
+
+class _Led:
+    def __init__(
+        self, dynamics: VirtualDynamics, share: float, shape: tuple[int, ...]
+    ) -> None:
+        self._dynamics, self._share = dynamics, share
+        self._velocity = np.zeros((*shape, 3))
+        self._rest = np.zeros((*shape, 3))
+
+    def reset(self, members: Members = EVERY_MEMBER) -> None:
+        self._velocity[members] = 0.0
+        self._rest[members] = 0.0
+
+    def displacement(self, hands: Vectors, members: Members = EVERY_MEMBER) -> Vectors:
+        """Return how far hands are from where they would be under the load alone."""
+        return np.asarray(hands - self._rest[members])
+
+    def contact_margin(self, stiffness: Axes) -> Axes:
+        """Return infinity: there is no loop that a held hand could close."""
+        return np.full(stiffness.shape, np.inf)
+
+    def step(
+        self,
+        desired: Axes,
+        velocity: Vectors,
+        stiffness: Axes,
+        *,
+        yielded: Axes,
+        carried: Vectors,
+        members: Members = EVERY_MEMBER,
+    ) -> Axes:
+        """Lead by load and damper; what is to be yielded to displaces by itself."""
+        before = self._velocity[members]
+        smooth = before + self._share * (velocity - before)
+        self._velocity[members] = smooth
+        damping = self._dynamics.damping(stiffness)[..., :3]
+        pull = carried + damping * smooth
+        rest = desired[..., :3] - carried / _STIFFEST
+        self._rest[members] = rest
+        action = desired.copy()
+        action[..., :3] = rest + pull / stiffness[..., :3]
+        return action
+
+
+_SMOOTHING: Final = 0.2
+"""Time constant of the velocity by which the set-point leads [s]. As the load comes to
+its limit, the pace falls by 0.16 per newton, and at 0.2 m/s with it the force of the
+lead by 2.7 N per newton: unsmoothed, it would alternate from period to period."""
+
+_STIFFEST: Final = ArmRendering.stiffness_range[0][1]

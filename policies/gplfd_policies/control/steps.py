@@ -1,0 +1,154 @@
+"""What agents decide in one control step: the record between policy and robot."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Final, SupportsIndex
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from gplfd_env.task import Control
+from gplfd_policies.arrays.members import Members, Numbers
+
+Observation = Mapping[str, Float[np.ndarray, "..."]]
+"""What the robot measures, by name; of a batch, one row per member."""
+
+Poses = Float[np.ndarray, "*N 6"]
+Phases = Float[Numbers, "*N"]
+
+_NAN: Final[Any] = math.nan
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class AgentStep:
+    """What an agent decided in one control step, and why; read-only.
+
+    The steps of N agents are one record whose arrays have a leading axis N. Everything
+    but `action` may be left out: what an agent has no notion of is NaN.
+
+    Raises:
+        ValueError: If an array has another shape than the action asks for.
+    """
+
+    action: Poses
+    """Commanded hand pose, task frame [m, rad]."""
+    desired: Poses = _NAN
+    """The movement's mean at the command phase [m, rad]."""
+    std: Poses = _NAN
+    """Its standard deviation there, and `give` along the path: what sets the stiffness
+    [m, rad]."""
+    std_rate: Poses = _NAN
+    """Rate of the σ the controller really used, jumps included [m/s, rad/s]."""
+    stiffness: Poses = _NAN
+    """Rendered stiffness, after the governor [N/m, N m/rad]; commanded to the arm by
+    agents whose control is ``"impedance"``."""
+    stiffness_rate: Poses = _NAN
+    """Its rate over this step [N/(m s), N m/(rad s)]."""
+    stability_margin: Poses = _NAN
+    """Pointwise stability bound minus `stiffness_rate` [N/(m s), N m/(rad s)]."""
+    contact_margin: Poses = _NAN
+    """Delay that a held hand tolerates beyond the longest expected [s], see
+    `gplfd_policies.control.contact`."""
+    carried_load: Phases | float = _NAN
+    """Resistance along the path that the hand carries without yielding [N]."""
+    give: Phases | float = _NAN
+    """How far the hand is held off along the path; part of `std` [m]."""
+    phase: Phases | float = _NAN
+    """Command phase: where along the task the set-point is, 0..1."""
+    observed_phase: Phases | float = _NAN
+    """Where along the task the hand is, 0..1."""
+    phase_misfit: Phases | float = _NAN
+    """How far the hand is from anything demonstrated near `observed_phase`: root mean
+    square of the errors of distance, direction and rotation over their standard
+    deviations. About 1 or less where all is as expected; from 3 on, the phase is looked
+    for along the whole task."""
+    predicted_mean: Poses = _NAN
+    """Mean at `observed_phase`, before this observation adapted the movement; the phase
+    itself was found with it [m, rad]."""
+    predicted_std: Poses = _NAN
+    """Standard deviation there [m, rad]."""
+    via_point: Bool[np.ndarray | np.bool_, "*N"] | bool = False
+    """Whether this observation was taken as a via-point."""
+
+    def __post_init__(self) -> None:
+        leading = np.shape(self.action)[:-1]
+        for name, shape in STEP_SHAPES.items():
+            dtype = np.bool_ if name == "via_point" else np.float64
+            array: np.ndarray = np.array(getattr(self, name), dtype=dtype)
+            expected = leading + shape
+            if array.shape != expected:
+                if array.shape or name == "action":
+                    raise ValueError(
+                        f"AgentStep.{name} must have shape {expected}, got "
+                        f"{array.shape}"
+                    )
+                array = np.full(expected, array)
+            array.setflags(write=False)
+            # The empty index: arrays without axes become numbers of NumPy.
+            object.__setattr__(self, name, array[()])
+
+    def command(self, control: Control) -> Float[np.ndarray, "*N A"]:
+        """Return the environment's action, (6,) or (12,) for each agent.
+
+        Args:
+            control: ``"pose"`` for the pose alone, ``"impedance"`` for pose and
+                stiffness.
+        """
+        if control == "pose":
+            return self.action
+        return np.concatenate([self.action, self.stiffness], axis=-1)
+
+    def row(self, member: SupportsIndex) -> AgentStep:
+        """Return what one of N agents decided."""
+        return AgentStep(**{name: getattr(self, name)[member] for name in STEP_SHAPES})
+
+    @classmethod
+    def stacked(cls, steps: Sequence[AgentStep]) -> AgentStep:
+        """Return the decisions of single agents as one record."""
+        if not steps:
+            return cls(action=np.empty((0, 6)))
+        return cls(
+            **{
+                name: np.stack([getattr(step, name) for step in steps])
+                for name in STEP_SHAPES
+            }
+        )
+
+    def among(self, members: Members, last_actions: Poses) -> AgentStep:
+        """Return the steps of a whole batch of which only these members acted.
+
+        Args:
+            members: Numbers of the rows of this record within the batch.
+            last_actions: What every member of the batch last did, (N, 6). A member that
+                did not act keeps it; all else of it is NaN.
+        """
+        if isinstance(members, tuple):
+            return self
+        everyone = AgentStep(action=last_actions)
+        fields = {name: getattr(everyone, name).copy() for name in STEP_SHAPES}
+        for name, array in fields.items():
+            array[members] = getattr(self, name)
+        return AgentStep(**fields)
+
+
+_NUMBERS: Final = (
+    "carried_load",
+    "give",
+    "phase",
+    "observed_phase",
+    "phase_misfit",
+    "via_point",
+)
+
+STEP_SHAPES: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
+    {
+        field.name: () if field.name in _NUMBERS else (6,)
+        for field in dataclasses.fields(AgentStep)
+    }
+)
+"""The fields of `AgentStep` with the shape that each has for one agent."""

@@ -1,0 +1,1 @@
+"""Demonstrations, and how they are trimmed, aligned and continued."""

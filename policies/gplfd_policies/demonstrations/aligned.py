@@ -1,0 +1,104 @@
+"""Demonstrations on one clock: what alignment returns and learning takes."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from gplfd_policies.arrays.records import freeze, short_repr
+from gplfd_policies.demonstrations.rests import Rest
+
+FINEST = 1e-6
+"""No pose is known, scaled or predicted more finely than to a micrometre or a
+microradian."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class AlignedDemonstrations:
+    """Demonstrations sampled at common phases; read-only.
+
+    Raises:
+        ValueError: If a shape is wrong, an entry is not finite, the phases do not
+            increase strictly within [0, 1], or the duration is not positive.
+    """
+
+    times: Float[np.ndarray, " M"]
+    """Phases within [0, 1], strictly increasing."""
+    poses: Float[np.ndarray, "K M 6"]
+    """Poses [m, rad] of K demonstrations, rotation vectors on one branch."""
+    duration: float = 1.0
+    """Nominal duration [s] of phases 0 to 1, without what was left out."""
+    rests: tuple[tuple[Rest, ...], ...] = field(default=(), repr=False)
+    """What was left out of each demonstration because nothing moved; empty if nothing
+    was looked for."""
+    end: float = 1.0
+    """Phase at which the demonstrations end; what follows is their continuation, see
+    `gplfd_policies.demonstrations.continuation`."""
+    drift: Float[np.ndarray, " 6"] = field(default_factory=lambda: np.zeros(6))
+    """Standard deviation that the continuation gains per phase [m, rad]."""
+    clocks: Float[np.ndarray, "K M"] | None = None
+    """When each demonstration was there, as a share of its own duration; None where
+    that is not known."""
+
+    __repr__ = short_repr
+
+    @property
+    def demonstrated(self) -> "AlignedDemonstrations":
+        """Without the continuation: what was shown, on phases of its own."""
+        if self.end == 1.0:
+            return self
+        shown = self.times <= self.end
+        return replace(
+            self,
+            times=self.times[shown] / self.end,
+            poses=self.poses[:, shown],
+            duration=self.duration * self.end,
+            clocks=None if self.clocks is None else self.clocks[:, shown] / self.end,
+            end=1.0,
+            drift=np.zeros(6),
+        )
+
+    def __post_init__(self) -> None:
+        freeze(self, "times", "poses", "drift")
+        if self.clocks is not None:
+            freeze(self, "clocks")
+        times, poses = self.times, self.poses
+        if times.ndim != 1 or poses.ndim != 3 or poses.shape[1:] != (times.size, 6):
+            raise ValueError(
+                "times must have shape (M,) and poses (K, M, 6), got "
+                f"{times.shape} and {poses.shape}"
+            )
+        if len(poses) < 1 or len(times) < 2:
+            raise ValueError(
+                "at least one demonstration and two phases are needed, got "
+                f"{len(poses)} and {len(times)}"
+            )
+        if not (np.isfinite(poses).all() and np.isfinite(times).all()):
+            raise ValueError("times and poses must be finite; drop NaN and inf first")
+        clocks = self.clocks
+        if clocks is not None and not (
+            clocks.shape == poses.shape[:2] and (np.abs(clocks - 0.5) <= 0.5).all()
+        ):
+            raise ValueError(
+                "clocks must be None, or of shape (K, M) and within [0, 1], a share of "
+                f"the duration for every pose; got shape {clocks.shape} for poses of "
+                f"{poses.shape}"
+            )
+        if times[0] < 0.0 or times[-1] > 1.0 or np.any(np.diff(times) <= 0):
+            raise ValueError(
+                "times are phases: they must increase strictly within [0, 1], got "
+                f"{times[0]} ... {times[-1]}; divide seconds by the duration"
+            )
+        if not 0.0 < self.end <= 1.0:
+            raise ValueError(f"end must be a phase in (0, 1], got {self.end}")
+        if self.drift.shape != (6,) or not np.all(self.drift >= 0.0):
+            raise ValueError(f"drift must be six numbers >= 0, got {self.drift}")
+        if not 0.0 < self.duration < np.inf:
+            raise ValueError(
+                f"duration must be positive and finite [s], got {self.duration}"
+            )
+
+
+def thinned(size: int, most: int) -> Int[np.ndarray, " N"]:
+    """Return at most ``most`` of ``size`` indices, evenly spread, with both ends."""
+    return np.unique(np.linspace(0, size - 1, most).round().astype(int))

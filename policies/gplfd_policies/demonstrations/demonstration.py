@@ -1,0 +1,163 @@
+"""One recorded motion of the hand."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_env.rotation_paths import rotvecs_from_quaternions, unwrap_rotvecs
+from gplfd_env.se3 import relative_poses
+from gplfd_policies.arrays.records import freeze, short_repr
+
+_REST = 1e-9
+"""A motion within this of its first pose [m, rad] is no motion."""
+
+_SAME_ROTVEC = 1e-6
+"""Unwrapping changes a component by less than this [rad] where nothing jumps."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Demonstration:
+    """A validated, read-only recording of hand poses.
+
+    Raises:
+        ValueError: If the shapes are wrong, there are fewer than two samples, an entry
+            is not finite, the times do not increase, the rotation vectors jump, or the
+            hand never moves. The message says which sample and what to do.
+    """
+
+    times: Float[np.ndarray, " N"]
+    """Time stamps [s], strictly increasing; the first need not be zero."""
+    poses: Float[np.ndarray, "N 6"]
+    """Hand poses (x, y, z, θu_x, θu_y, θu_z) [m, rad] in the task frame; the rotation
+    vectors are continuous in time."""
+
+    __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        freeze(self, "times", "poses")
+        _check_shapes(self.times, self.poses)
+        _check_times(self.times)
+        _check_poses(self.poses)
+
+    @classmethod
+    def from_quaternions(
+        cls,
+        times: Float[np.ndarray, "..."],
+        positions: Float[np.ndarray, "..."],
+        quaternions: Float[np.ndarray, "..."],
+        order: Literal["wxyz", "xyzw"] = "wxyz",
+    ) -> "Demonstration":
+        """Build a demonstration from positions and quaternions.
+
+        Args:
+            times: Time stamps [s], (N,).
+            positions: Hand positions [m], (N, 3).
+            quaternions: Hand orientations, (N, 4); their signs may flip and their
+                norms may be slightly off.
+            order: Where the scalar part stands: first ("wxyz") or last ("xyzw").
+
+        Returns:
+            The demonstration, its rotation vectors unwrapped along the path.
+
+        Raises:
+            ValueError: As the class, and for what is wrong with the quaternions.
+        """
+        positions = np.asarray(positions, dtype=np.float64)
+        rotvecs = rotvecs_from_quaternions(quaternions, order=order)
+        if positions.shape != rotvecs.shape:
+            raise ValueError(
+                f"positions must have shape (N, 3) with one row per quaternion, got "
+                f"{positions.shape} for {len(rotvecs)} quaternions"
+            )
+        return cls(times=times, poses=np.hstack([positions, rotvecs]))
+
+    @classmethod
+    def from_positions(
+        cls, times: Float[np.ndarray, "..."], positions: Float[np.ndarray, "..."]
+    ) -> "Demonstration":
+        """Build a demonstration of a point that has no orientation.
+
+        Args:
+            times: Time stamps [s], (N,).
+            positions: Positions [m], (N, 3), or (N, 2) in the plane z = 0.
+
+        Returns:
+            The demonstration; its rotation vectors are zero.
+
+        Raises:
+            ValueError: As the class.
+        """
+        positions = np.asarray(positions, dtype=np.float64)
+        if positions.ndim != 2 or positions.shape[1] not in (2, 3):
+            raise ValueError(
+                f"positions must have shape (N, 3) or (N, 2), got {positions.shape}"
+            )
+        missing = ((0, 0), (0, 6 - positions.shape[1]))
+        return cls(times=times, poses=np.pad(positions, missing))
+
+    def relative_to_first(self) -> "Demonstration":
+        """Return the motion relative to its first pose, T_0⁻¹ T.
+
+        The first pose becomes zero: the origin and the axes of the result are those of
+        the hand at the start.
+        """
+        poses = relative_poses(self.poses, self.poses[0])
+        return Demonstration(times=self.times, poses=poses)
+
+
+def _check_shapes(
+    times: Float[np.ndarray, "..."], poses: Float[np.ndarray, "..."]
+) -> None:
+    """Raise unless times are (N,) and poses (N, 6) with at least two samples."""
+    if times.ndim != 1 or poses.shape != (*times.shape, 6):
+        raise ValueError(
+            "times must have shape (N,) and poses (N, 6) with columns x, y, z, θu_x, "
+            f"θu_y, θu_z, got {times.shape} and {poses.shape}"
+        )
+    if times.size == 0:
+        raise ValueError("the demonstration is empty; it needs at least two samples")
+    if times.size == 1:
+        raise ValueError("the demonstration has one sample; it needs at least two")
+
+
+def _check_times(times: Float[np.ndarray, " N"]) -> None:
+    """Raise unless the times are finite and strictly increasing."""
+    bad = np.flatnonzero(~np.isfinite(times))
+    if bad.size:
+        raise ValueError(f"times[{bad[0]}] = {times[bad[0]]} is not finite")
+    stalled = np.flatnonzero(np.diff(times) <= 0)
+    if stalled.size:
+        index = int(stalled[0]) + 1
+        what = "repeats" if times[index] == times[index - 1] else "is earlier than"
+        raise ValueError(
+            f"times must increase strictly, but times[{index}] = {times[index]} {what} "
+            f"times[{index - 1}] = {times[index - 1]}; sort the samples and drop "
+            "repeated ones"
+        )
+
+
+def _check_poses(poses: Float[np.ndarray, "N 6"]) -> None:
+    """Raise unless the poses are finite, continuous in rotation, and move."""
+    bad = np.flatnonzero(~np.isfinite(poses).all(axis=1))
+    if bad.size:
+        raise ValueError(
+            f"poses[{bad[0]}] = {poses[bad[0]]} is not finite; drop or interpolate the "
+            "sample first"
+        )
+    rotvecs = poses[:, 3:]
+    moved = np.abs(unwrap_rotvecs(rotvecs) - rotvecs).max(axis=1) > _SAME_ROTVEC
+    if moved.any():
+        index = int(np.argmax(moved))
+        raise ValueError(
+            f"the rotation vectors jump at sample {index}, from {rotvecs[index - 1]} "
+            f"to {rotvecs[index]}: an equivalent vector is nearer; build the "
+            "demonstration with Demonstration.from_quaternions, or pass the rotation "
+            "vectors through gplfd_env.rotation_paths.unwrap_rotvecs first"
+        )
+    if np.abs(poses - poses[0]).max() <= _REST:
+        raise ValueError(
+            "the demonstration never moves: all poses are equal, so no progress can "
+            "be measured; check the recording and its units (metres, radians)"
+        )

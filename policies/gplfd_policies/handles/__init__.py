@@ -1,0 +1,1 @@
+"""Adapters for doors whose handle turns."""

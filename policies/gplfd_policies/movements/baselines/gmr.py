@@ -1,0 +1,224 @@
+"""Gaussian mixture regression: a joint density of phase and pose, conditioned on phase.
+
+The GMM-GMR of Table 1 in Arduengo et al., *Gaussian-Process-based Robot Learning from
+Demonstration*, arXiv:2002.09979, and the reference of
+`gplfd_policies.movements.baselines.kmp` and
+`gplfd_policies.movements.baselines.gmm_gp`. Equation numbers refer to Jaquier,
+Ginsbourger, Calinon, *Learning from demonstration with model-based Gaussian process*,
+CoRL 2019, Section 2.1.
+
+Outputs are standardised per axis before the mixture is fitted, because its
+regularisation is an absolute number: 1e-4 is a tenth of a millimetre squared for
+outputs in centimetres and a whole centimetre squared for outputs in metres. Fitted this
+way, the result does not depend on units (``test_result_does_not_depend_on_units``).
+"""
+
+import warnings
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import softmax
+
+from gplfd_env.fields import check_quantities, quantity
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.movements.baselines.moments import MomentMovement, Moments
+from gplfd_policies.movements.baselines.standardisation import Standardisation
+from gplfd_policies.movements.trajectory import white_covariance
+
+if TYPE_CHECKING:
+    from sklearn.mixture import GaussianMixture
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GMRConfig:
+    """How the mixture is fitted.
+
+    There is no seed: expectation maximisation starts from equal bins of time, as the
+    published codes do, and nothing is drawn at random. The same demonstrations give
+    the same mixture, bit for bit on one machine.
+
+    Raises:
+        ValueError: if a value is outside its range.
+    """
+
+    components: int = quantity(10, low=1)
+    """Number of Gaussians C, at most the number of phases of the demonstrations."""
+    regularisation: float = quantity(4e-6, above=0.0)
+    """Added to the diagonal of every covariance, in squared phase and squared
+    standardised output. Published is 1e-4 for letters written over 2 s, whose outputs
+    vary by 25 cm²: 4e-6 of that variance, and 2.5e-5 in squared phase."""
+    tolerance: float = quantity(1e-4, above=0.0)
+    """Expectation maximisation stops when the mean log-likelihood of a sample gains
+    less than this; as published."""
+    max_iterations: int = quantity(300, low=1)
+    """It warns if it has not stopped by then."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    def check_phases(self, count: int) -> None:
+        """Raise a ValueError if demonstrations have fewer phases than components."""
+        if self.components > count:
+            raise ValueError(
+                f"{self.components} components need as many phases, and the "
+                f"demonstrations have {count}; ask for fewer components or align with "
+                f"more samples."
+            )
+
+
+def warn_of_early_stop(config: GMRConfig, stacklevel: int) -> None:
+    """Warn the caller of a fit that expectation maximisation did not converge.
+
+    Args:
+        config: Of the fit.
+        stacklevel: See `warnings.warn`; 1 is this function, and every decorator
+            between it and the caller counts as well.
+    """
+    warnings.warn(
+        f"Expectation maximisation did not converge in {config.max_iterations} "
+        f"iterations; raise max_iterations or tolerance, or ask for fewer components.",
+        UserWarning,
+        stacklevel=stacklevel,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class GaussianMixtureRegression(MomentMovement):
+    """A learned movement without via-points; made by `fit_gmr`, immutable.
+
+    The mixture holds phase and standardised pose, in this order. It takes samples for
+    independent given their phase: it says how widely poses spread, not how one
+    deviation lasts, so the covariance over time is diagonal and sampled trajectories
+    are white around the mean. Outside the demonstrated range one component goes on
+    along its straight line.
+    """
+
+    standardisation: Standardisation
+    """Between poses and what the mixture holds."""
+    weights: Float[np.ndarray, " C"]
+    """Prior π_l of every component."""
+    means: Float[np.ndarray, "C 7"]
+    """μ_l."""
+    covariances: Float[np.ndarray, "C 7 7"]
+    """Σ_l."""
+
+    @cached_property
+    def slopes(self) -> Float[np.ndarray, "C 6"]:
+        """Σ_l^{yt} / Σ_l^{tt}: rate of every component's mean, standardised."""
+        return np.asarray(self.covariances[:, 1:, 0] / self.covariances[:, :1, 0])
+
+    @cached_property
+    def conditional_covariances(self) -> Float[np.ndarray, "C 6 6"]:
+        """Σ̂_l, Eq. (3): covariance of a component given the phase, standardised."""
+        across = self.covariances[:, 0, 1:]
+        explained = self.slopes[:, :, None] * across[:, None, :]
+        return np.asarray(self.covariances[:, 1:, 1:] - explained)
+
+    def responsibilities(
+        self, times: Float[np.ndarray, " M"]
+    ) -> Float[np.ndarray, "M C"]:
+        """h_l(t), the share of every component at a phase; rows sum to one.
+
+        Normalised in logarithms: far outside the demonstrations, where every density
+        underflows, the widest component takes all.
+        """
+        variance = self.covariances[:, 0, 0]
+        squared = np.subtract.outer(times, self.means[:, 0]) ** 2 / variance
+        log_density = np.log(self.weights) - 0.5 * (squared + np.log(variance))
+        return np.asarray(softmax(log_density, axis=1))
+
+    def standardised_moments(
+        self, times: Float[np.ndarray, " M"]
+    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6 6"]]:
+        """Mean and covariance between outputs at every phase, Eqs. (2)–(3)."""
+        shares = self.responsibilities(times)
+        steps = np.subtract.outer(times, self.means[:, 0])
+        centres = self.means[:, 1:] + steps[:, :, None] * self.slopes
+        mean = np.einsum("mc,mcd->md", shares, centres)
+        within = np.tensordot(shares, self.conditional_covariances, axes=1)
+        # About the mean: the difference of second moments cancels digits.
+        apart = centres - mean[:, None, :]
+        between = np.einsum("mc,mcd,mce->mde", shares, apart, apart)
+        return mean, within + between
+
+    def moments(
+        self, times: Float[np.ndarray, " M"]
+    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6 6"]]:
+        """Mean pose and covariance between outputs at every phase [m, rad]."""
+        mean, covariance = self.standardised_moments(times)
+        scale = self.standardisation.scale
+        return self.standardisation.undo(mean), scale[:, None] * covariance * scale
+
+    def _moments(self, times: Float[np.ndarray, " M"]) -> Moments:
+        mean, covariance = self.moments(times)
+        return mean, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+
+    def _covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "6 M M"]:
+        _, covariance = self.moments(times)
+        return white_covariance(np.diagonal(covariance, axis1=1, axis2=2))
+
+
+@one_thread
+def fit_gmr(
+    aligned: AlignedDemonstrations, config: GMRConfig | None = None
+) -> GaussianMixtureRegression:
+    """Fit the mixture by expectation maximisation from equal bins of time.
+
+    Args:
+        aligned: demonstrations on common phases.
+        config: how; the defaults of `GMRConfig` if None.
+
+    Raises:
+        ValueError: if there are more components than phases.
+
+    Warns:
+        UserWarning: if expectation maximisation did not converge.
+    """
+    config = GMRConfig() if config is None else config
+    config.check_phases(len(aligned.times))
+    standardisation = Standardisation.of(aligned.poses)
+    count = len(aligned.poses)
+    phases = np.broadcast_to(aligned.times[:, None], (count, len(aligned.times), 1))
+    samples = np.concatenate([phases, standardisation.apply(aligned.poses)], axis=2)
+    mixture = _fitted_mixture(samples, config)
+    if not mixture.converged_:
+        warn_of_early_stop(config, stacklevel=4)
+    return GaussianMixtureRegression(
+        aligned=aligned,
+        standardisation=standardisation,
+        weights=mixture.weights_,
+        means=mixture.means_,
+        covariances=mixture.covariances_,
+    )
+
+
+def _fitted_mixture(
+    samples: Float[np.ndarray, "K M 7"], config: GMRConfig
+) -> "GaussianMixture":
+    """A mixture fitted from one component for each of C equal bins of time."""
+    # Half a second to import, which only those who fit a mixture should pay.
+    from sklearn.mixture import GaussianMixture
+
+    bins = [
+        part.reshape(-1, 7)
+        for part in np.array_split(samples, config.components, axis=1)
+    ]
+    floor = config.regularisation * np.eye(7)
+    precisions = [np.linalg.inv(np.cov(part.T, bias=True) + floor) for part in bins]
+    mixture = GaussianMixture(
+        config.components,
+        tol=config.tolerance,
+        reg_covar=config.regularisation,
+        max_iter=config.max_iterations,
+        weights_init=np.array([len(part) for part in bins]) / samples[..., 0].size,
+        means_init=np.array([part.mean(axis=0) for part in bins]),
+        precisions_init=np.array([0.5 * (each + each.T) for each in precisions]),
+    )
+    with warnings.catch_warnings():
+        # Its advice speaks of settings that are not ours.
+        warnings.filterwarnings("ignore", "Best performing init")
+        return mixture.fit(samples.reshape(-1, 7))

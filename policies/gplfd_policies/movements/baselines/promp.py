@@ -1,0 +1,257 @@
+"""Probabilistic movement primitives, the second method of Table 1.
+
+Papers: Paraschos et al., *Probabilistic Movement Primitives*, NeurIPS 2013, and *Using
+Probabilistic Movement Primitives in Robotics*, Autonomous Robots 42, 2018.
+
+Notation:
+    φ(t)    Gaussian basis functions at phase t, normalised to sum 1, (B,)
+    w       weights of one movement, (6 B,), output by output: y_d(t) = φ(t)ᵀ w_d
+    μ, Σ    mean and covariance of the weights over the demonstrations
+    R       variance of the observation noise, one per output, (6,)
+    H       rows of the via-points' demands in weight space, H w being what is demanded
+
+A movement is y(t) = φ(t)ᵀ w + ε with w ~ N(μ, Σ) and ε ~ N(0, R). Σ is a full matrix
+over all outputs: where x is known, z is known better.
+
+Few demonstrations. The covariance of D weight vectors has rank D - 1, at most five for
+six demonstrations and 6 B weights. Via-points outside the span of the demonstrations
+then leave only bad choices: the mean misses a demand whose standard deviation is not
+small against what `shrinkage` adds, and a stronger demand is met by bending the rest of
+the movement (``test_few_demonstrations_span_few_movements``). That is the method as
+published; raise `ProMPConfig.shrinkage` for a covariance of full rank.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import cho_factor, cho_solve, pinvh
+from scipy.special import softmax
+
+from gplfd_env.fields import check_quantities, quantity
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.movements.movement import LearnedMovement
+from gplfd_policies.movements.trajectory import (
+    GaussianTrajectory,
+    ViaPoint,
+    checked_times,
+)
+
+_SINGULAR = 1e-9
+"""Share of a demand's whole variance that must be its own tolerance, so that rounding
+leaves the demands' covariance positive definite."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ProMPConfig:
+    """Constants of a probabilistic movement primitive.
+
+    Raises:
+        ValueError: if a field is outside its range.
+    """
+
+    n_basis: int = quantity(20, low=2)
+    """Basis functions per output B; centres evenly over phases 0 to 1."""
+    overlap: float = quantity(0.7, above=0.0, below=1.0)
+    """Height of a basis function at the distance 1/(2 B) from its centre."""
+    ridge: float = quantity(1e-8, above=0.0)
+    """Penalty on the squared weights of a demonstration: it decides only what the data
+    leave open."""
+    shrinkage: float = quantity(1e-6, low=0.0, high=1.0)
+    """λ in Σ = (1 - λ) S + λ diag(S), with S the sample covariance. The default only
+    makes Σ invertible: a floor of a thousandth of the spread. At 1, weights are
+    independent."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ProbabilisticMovementPrimitive(LearnedMovement):
+    """A Gaussian distribution over movements; made by `fit_promp`, immutable."""
+
+    config: ProMPConfig
+    """Constants of the primitive."""
+    weight_mean: Float[np.ndarray, " W"]
+    """μ, with W = 6 B."""
+    weight_covariance: Float[np.ndarray, "W W"]
+    """Σ, across all outputs."""
+    noise_variance: Float[np.ndarray, " 6"]
+    """R, what the basis functions do not explain [m², rad²]."""
+
+    @one_thread
+    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
+        """The distribution of the pose at ``times``, observation noise included.
+
+        Args:
+            times: phases, shape (M,). Outside 0 to 1 the distribution soon stands
+                still, at that of the first or last weight.
+
+        Raises:
+            ValueError: if there are no times, or one is not finite.
+        """
+        times = checked_times(times)
+        basis, slope = _basis(times, self.config), _basis_rate(times, self.config)
+        mean = self.weight_mean.reshape(6, -1)
+        blocks = self._output_covariances()
+        spread = np.einsum("mi,dij->dmj", basis, blocks)
+        variance = np.einsum("dmj,mj->md", spread, basis)
+        half_rate = np.einsum("dmj,mj->md", spread, slope)
+        std = np.sqrt(np.maximum(variance, 0.0) + self.noise_variance)
+        moving = std > 0.0  # an output that never varies has no rate either
+        return GaussianTrajectory(
+            times=times,
+            mean=basis @ mean.T,
+            std=std,
+            mean_rate=slope @ mean.T,
+            std_rate=np.divide(half_rate, std, out=np.zeros_like(std), where=moving),
+            covariance_function=partial(self._covariance, spread, basis),
+        )
+
+    def _covariance(
+        self, spread: Float[np.ndarray, "6 M B"], basis: Float[np.ndarray, "M B"]
+    ) -> Float[np.ndarray, "6 M M"]:
+        """Covariance over time; ``spread`` is that of movement and weights."""
+        noise = self.noise_variance[:, None, None] * np.eye(len(basis))
+        between: np.ndarray = np.einsum("dmj,nj->dmn", spread, basis)
+        return between + noise
+
+    @one_thread
+    def adapt(self, via_points: Sequence[ViaPoint]) -> "ProbabilisticMovementPrimitive":
+        """The movement conditioned on ``via_points``, all of them at once.
+
+        With y_v the demanded numbers, V their covariance (own variances, and the error
+        that the outputs of a via-point share) and K the gain,
+
+            K = Σ Hᵀ (H Σ Hᵀ + V)⁻¹,  μ' = μ + K (y_v - H μ),  Σ' = (I - K H) Σ.
+
+        A demand is on the movement φᵀ w itself, without observation noise. Demands
+        that contradict each other without any tolerance are met in the least-squares
+        sense.
+
+        Args:
+            via_points: poses to be reached, in any order. Outputs with NaN in the pose
+                or infinite std are free; the covariance with the others moves them.
+        """
+        phases = np.array([float(point.phase) for point in via_points])
+        variances = np.array([point.own_variance for point in via_points])
+        which, outputs = np.nonzero(np.isfinite(variances.reshape(-1, 6)))
+        if which.size == 0:
+            return self
+        along = np.array([point.along for point in via_points])[which, outputs]
+        together = which[:, None] == which
+        variance = np.diag(variances[which, outputs])
+        variance += np.where(together, np.outer(along, along), 0.0)
+        demanded = np.array([point.pose for point in via_points])[which, outputs]
+        rows = np.zeros((which.size, 6, self.config.n_basis))
+        rows[np.arange(which.size), outputs] = _basis(phases, self.config)[which]
+        demand = rows.reshape(which.size, -1)
+        cross = self.weight_covariance @ demand.T
+        gain = _divided(cross, demand @ cross, variance)
+        mean = self.weight_mean + gain @ (demanded - demand @ self.weight_mean)
+        keep = np.eye(len(mean)) - gain @ demand
+        # Joseph's form: never negative, however strong the demand.
+        covariance = keep @ self.weight_covariance @ keep.T
+        covariance += gain @ variance @ gain.T
+        return replace(
+            self,
+            weight_mean=mean,
+            weight_covariance=covariance,
+        )
+
+    def _output_covariances(self) -> Float[np.ndarray, "6 B B"]:
+        """Covariance of the weights of every output by itself."""
+        size = self.config.n_basis
+        blocks = self.weight_covariance.reshape(6, size, 6, size)
+        return np.asarray(np.einsum("didj->dij", blocks))
+
+
+@one_thread
+def fit_promp(
+    aligned: AlignedDemonstrations, config: ProMPConfig | None = None
+) -> ProbabilisticMovementPrimitive:
+    """Learn a probabilistic movement primitive from aligned demonstrations.
+
+    Every demonstration is fitted by ridge regression; μ and S are mean and sample
+    covariance (divisor D - 1) of the weights, and R is the mean squared residual per
+    degree of freedom that the fits leave.
+
+    Args:
+        aligned: two demonstrations or more on common phases, more phases than basis
+            functions.
+        config: constants; default `ProMPConfig`.
+
+    Raises:
+        ValueError: for a single demonstration, or too few phases.
+    """
+    config = ProMPConfig() if config is None else config
+    count, n_phases, _ = aligned.poses.shape
+    if count < 2:
+        raise ValueError(
+            "A probabilistic movement primitive learns how repetitions differ, which "
+            f"needs at least 2 demonstrations, got {count}."
+        )
+    if n_phases <= config.n_basis:
+        raise ValueError(
+            f"{config.n_basis} basis functions need more than {config.n_basis} phases, "
+            f"got {n_phases}: align with more samples, or lower n_basis."
+        )
+    basis = _basis(aligned.times, config)
+    gram = basis.T @ basis
+    regression = np.linalg.solve(gram + config.ridge * np.eye(len(gram)), basis.T)
+    weights = np.einsum("bm,kmd->kdb", regression, aligned.poses)
+    residuals = aligned.poses - np.einsum("mb,kdb->kmd", basis, weights)
+    freedom = count * (n_phases - np.trace(regression @ basis))
+    weights = weights.reshape(count, -1)
+    sample = np.cov(weights, rowvar=False)
+    diagonal = np.diag(np.diag(sample))
+    return ProbabilisticMovementPrimitive(
+        aligned=aligned,
+        config=config,
+        weight_mean=weights.mean(axis=0),
+        weight_covariance=(1.0 - config.shrinkage) * sample
+        + config.shrinkage * diagonal,
+        noise_variance=np.sum(residuals**2, axis=(0, 1)) / freedom,
+    )
+
+
+def _exponents(
+    times: Float[np.ndarray, " M"], config: ProMPConfig
+) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithms of the Gaussians and their derivatives by phase, each (M, B)."""
+    sharpness = -4.0 * config.n_basis**2 * np.log(config.overlap)
+    distance = times[:, None] - np.linspace(0.0, 1.0, config.n_basis)
+    return -sharpness * distance**2, -2.0 * sharpness * distance
+
+
+def _basis(times: Float[np.ndarray, " M"], config: ProMPConfig) -> np.ndarray:
+    """φ(t), (M, B)."""
+    logarithms, _ = _exponents(times, config)
+    return np.asarray(softmax(logarithms, axis=1))
+
+
+def _basis_rate(times: Float[np.ndarray, " M"], config: ProMPConfig) -> np.ndarray:
+    """Derivative of φ(t) by phase, (M, B)."""
+    basis, (_, slopes) = _basis(times, config), _exponents(times, config)
+    mean_slope = np.sum(basis * slopes, axis=1, keepdims=True)
+    return np.asarray(basis * (slopes - mean_slope))
+
+
+def _divided(
+    cross: Float[np.ndarray, "W V"],
+    covariance: Float[np.ndarray, "V V"],
+    noise: Float[np.ndarray, "V V"],
+) -> np.ndarray:
+    """C (P + V)⁻¹, by the pseudo-inverse where V leaves the sum singular.
+
+    Demands are scaled first, so that the choice of units changes nothing.
+    """
+    scale = np.sqrt(np.diag(covariance) + np.diag(noise))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    matrix = (covariance + noise) / np.outer(scale, scale)
+    if np.all(np.diag(noise) > _SINGULAR * scale**2):
+        return np.asarray(cho_solve(cho_factor(matrix), (cross / scale).T).T / scale)
+    return np.asarray(cross / scale @ pinvh(matrix) / scale)

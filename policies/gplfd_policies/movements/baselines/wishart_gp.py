@@ -1,0 +1,175 @@
+"""Gaussian processes for the mean and a Wishart process for the variability.
+
+The method of Umlauft, Fanger and Hirche (*Bayesian Uncertainty Modeling for Programming
+by Demonstration*, ICRA 2017). The uncertainty of the mean and the variation of the
+demonstrations are learned separately: the former is the variance of a Gaussian process,
+the latter a covariance matrix of all outputs that changes with time, inferred as a
+generalised Wishart process (`gplfd_policies.movements.baselines.wishart_process`).
+
+This is a **reconstruction**: it was written without access to the original, from its
+abstract and how others describe it. Assumed here:
+
+* The mean of every output is a Gaussian process over the phase, Eqs. (10)–(11), with
+  one noise variance by maximum likelihood. The original is said to drive a dynamic
+  movement primitive by such a process. That is again a Gaussian process over poses,
+  its kernel filtered by a linear system, and while the goal stays it predicts nearly
+  the same movement. But it learns from accelerations: six demonstrations with 2 cm of
+  white noise, differenced twice, left errors of 25 cm where this mean errs by 3 mm.
+* The Wishart process learns from the deviations of the demonstrations from their
+  average, at some of the phases, as if they were independent in time. Its scale L is
+  fixed so that the prior mean is their covariance over all phases. Length-scale and
+  degrees of freedom are given, not learned.
+* The posterior is sampled by elliptical slice sampling, and its mean is what is used.
+* Rotations are rotation vectors; a repetition's deviations are white in time.
+
+The method has no via-points.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_env.fields import check_quantities, quantity
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.demonstrations.aligned import FINEST, AlignedDemonstrations, thinned
+from gplfd_policies.gp.multi_output import MultiOutputGP
+from gplfd_policies.gp.noise import HomoscedasticNoise
+from gplfd_policies.movements.baselines.moments import MomentMovement, Moments
+from gplfd_policies.movements.baselines.wishart_process import (
+    WishartLikelihood,
+    WishartPosterior,
+    WishartPrior,
+    sample_posterior,
+)
+
+_SHRINKAGE = 1e-6
+"""Share of independence in the pooled correlations: outputs may be proportional."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WishartGPConfig:
+    """Prior of the variability and effort of its inference.
+
+    Raises:
+        ValueError: if a value is outside its range.
+    """
+
+    degrees: int = quantity(7, low=6)
+    """Degrees of freedom ν of the Wishart process, at least as many as outputs."""
+    length_scale: float = quantity(0.15, low=0.02, high=10.0)
+    """Length-scale of the variability, in phase."""
+    floor: float = quantity(1e-3, low=1e-8, below=1.0)
+    """Share of the pooled covariance below which the variability never falls."""
+    times: int = quantity(50, low=2)
+    """Number of phases whose deviations are learned from; all of them if the
+    demonstrations have fewer."""
+    steps: int = quantity(1500, low=1)
+    """Steps of the elliptical slice sampler."""
+    discarded: int = quantity(500, low=0)
+    """Steps at the beginning that are left out, fewer than ``steps``."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        if self.discarded >= self.steps:
+            raise ValueError(
+                f"discarded must be less than steps, got {self.discarded} and "
+                f"{self.steps}."
+            )
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class WishartProcessMovement(MomentMovement):
+    """A movement with Wishart variability; made by `fit_wishart_gp`, immutable.
+
+    The variance is that of the mean plus the diagonal of `aleatoric`. Outside the
+    demonstrated range the mean returns to its prior mean and its uncertainty grows.
+    """
+
+    processes: MultiOutputGP
+    """The mean, and how uncertain it is."""
+    variability: WishartPosterior
+    """How repetitions of the task vary."""
+
+    def aleatoric(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6 6"]:
+        """Covariance of the outputs between repetitions, shape (M, 6, 6).
+
+        Outside the demonstrated range it keeps the value of the nearer end: a spread
+        that was never demonstrated must not shrink.
+        """
+        return self.variability.covariance(times)
+
+    def _moments(self, times: Float[np.ndarray, " M"]) -> Moments:
+        moments = self.processes.moments(times)
+        return moments.mean, np.sqrt(moments.latent + self._spread(times))
+
+    def _spread(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6"]:
+        return np.diagonal(self.aleatoric(times), axis1=1, axis2=2)
+
+    def _covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "6 M M"]:
+        """Covariance over time: of the mean, and white between repetitions."""
+        total = self.processes.latent_covariance(times)
+        diagonal = np.arange(len(times))
+        total[:, diagonal, diagonal] += self._spread(times).T
+        return total
+
+
+@one_thread
+def fit_wishart_gp(
+    aligned: AlignedDemonstrations,
+    config: WishartGPConfig,
+    seed: int,
+    *,
+    centred: bool = True,
+) -> WishartProcessMovement:
+    """Learn mean and variability from aligned demonstrations.
+
+    Args:
+        aligned: D ≥ 2 demonstrations on common phases.
+        config: prior and sampler.
+        seed: of the sampler; the same seed gives the same movement.
+        centred: whether the prior mean is the demonstrations' average, or zero.
+
+    Raises:
+        ValueError: for a single demonstration.
+    """
+    times, poses = aligned.times, aligned.poses
+    if len(poses) < 2:
+        raise ValueError(
+            "The variability of a task needs at least 2 demonstrations, got 1. Give "
+            "more, or choose a policy without a spread."
+        )
+    deviations = poses - poses.mean(axis=0)
+    kept = thinned(len(times), config.times)
+    processes = MultiOutputGP.fit(times, poses, HomoscedasticNoise(), centred=centred)
+    prior = WishartPrior.over(
+        (float(times[0]), float(times[-1])),
+        config.length_scale,
+        _pooled_covariance(deviations),
+        config.degrees,
+        config.floor,
+    )
+    variability = sample_posterior(
+        WishartLikelihood.of(prior, times[kept], deviations[:, kept]),
+        config.steps,
+        config.discarded,
+        np.random.default_rng(seed),
+    )
+    return WishartProcessMovement(
+        aligned=aligned, processes=processes, variability=variability
+    )
+
+
+def _pooled_covariance(
+    deviations: Float[np.ndarray, "D M 6"],
+) -> Float[np.ndarray, "6 6"]:
+    """Covariance of deviations from the average, over all phases; positive definite."""
+    free = (len(deviations) - 1) * deviations.shape[1]
+    std = np.sqrt(np.sum(deviations**2, axis=(0, 1)) / free)
+    std = np.maximum(std, FINEST)
+    scaled = (deviations / std).reshape(-1, 6)
+    correlation = scaled.T @ scaled / free
+    correlation *= 1.0 - _SHRINKAGE
+    # 1 where the output varies; also where it does not.
+    np.fill_diagonal(correlation, 1.0)
+    return np.asarray(correlation * np.outer(std, std))

@@ -1,0 +1,246 @@
+"""The generalised Wishart process: a covariance matrix that changes with time.
+
+Wilson and Ghahramani, *Generalised Wishart processes*, UAI 2011. With ν·d independent
+Gaussian processes u_kd(t) of covariance κ(t, t'), κ(t, t) = 1,
+
+    Σ(t) = L [(1 − ε) U(t) U(t)ᵀ + ε ν I] Lᵀ,   U(t) = (u_1(t), …, u_ν(t)),
+
+is Wishart distributed at every t, except for the floor ε that keeps it positive
+definite, and E Σ(t) = ν L Lᵀ (``test_prior_draws_average_to_nu_l_lt``).
+
+================  ===========  =====================================================
+symbol            shape        meaning
+================  ===========  =====================================================
+d, ν              numbers      outputs; degrees of freedom, ν ≥ d
+L                 (d, d)       `WishartPrior.lower`, scale of the covariance
+φ(t)              (M, R)       `WishartPrior.features`, κ(t, t') = φ(t) · φ(t')
+w                 (ν, d, R)    weights, standard normal a priori; u_kd(t) = φ(t) · w_kd
+S_t               (d, d)       Σ_i e_i(t) e_i(t)ᵀ, scatter of D curves about their
+                               average at time t, with D − 1 degrees of freedom
+================  ===========  =====================================================
+
+Curves are assumed to deviate independently from time to time, e_i(t) ~ N(0, Σ(t)).
+With the average taken out, the likelihood is that of D − 1 deviations:
+
+    log p = −½ Σ_t [(D − 1) log |Σ(t)| + tr(Σ(t)⁻¹ S_t)] + constant.
+
+Everything is computed in coordinates where L is the identity.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve_triangular
+from scipy.optimize import minimize
+
+from gplfd_policies.gp.kernels import RBF
+from gplfd_policies.gp.legendre import LegendreBasis
+from gplfd_policies.gp.spectral import square_root
+from gplfd_policies.movements.baselines.elliptical_slice import elliptical_slice_chain
+
+_MODE_ITERATIONS = 50
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WishartPrior:
+    """The prior of Σ(t) over an interval; made by `over`."""
+
+    degrees: int
+    """Degrees of freedom ν ≥ d: more of them vary less."""
+    lower: Float[np.ndarray, "d d"]
+    """The scale L, lower triangular."""
+    floor: float
+    """ε in (0, 1), the part of E Σ(t) that does not vary."""
+    basis: LegendreBasis
+    """Basis of the processes u over the interval."""
+    root: Float[np.ndarray, "Q R"]
+    """Coefficients of φ in the basis."""
+
+    @classmethod
+    def over(
+        cls,
+        interval: tuple[float, float],
+        length_scale: float,
+        mean: Float[np.ndarray, "d d"],
+        degrees: int,
+        floor: float,
+    ) -> "WishartPrior":
+        """The prior with a radial basis function κ and the mean ν L Lᵀ = ``mean``.
+
+        Args:
+            interval: first and last time.
+            length_scale: of κ, in the unit of time.
+            mean: E Σ(t), positive definite, shape (d, d).
+            degrees: ν.
+            floor: ε.
+
+        Raises:
+            ValueError: if the length-scale is too short for any basis, or there are
+                fewer degrees of freedom than outputs.
+        """
+        if degrees < len(mean):
+            raise ValueError(
+                f"A Wishart process of {len(mean)} outputs needs at least as many "
+                f"degrees of freedom, got {degrees}."
+            )
+        basis = LegendreBasis.for_length_scale(*interval, length_scale)
+        if basis is None:
+            raise ValueError(
+                f"The length-scale {length_scale} is too short for an interval of "
+                f"{interval[1] - interval[0]}: use at least 0.02 of it."
+            )
+        kernel = RBF(length_scale=length_scale, signal_std=1.0)
+        return cls(
+            degrees=degrees,
+            lower=np.linalg.cholesky(mean / degrees),
+            floor=floor,
+            basis=basis,
+            root=square_root(basis.kernel_matrix(kernel)),
+        )
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Shape of the weights, (ν, d, R)."""
+        return self.degrees, len(self.lower), self.root.shape[1]
+
+    def features(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M R"]:
+        """φ(t); outside the interval that of its nearer end."""
+        inside = np.clip(times, self.basis.start, self.basis.stop)
+        return np.asarray(self.basis.matrix(inside) @ self.root)
+
+    def scaled(self, unit: Float[np.ndarray, "M d d"]) -> Float[np.ndarray, "M d d"]:
+        """Σ(t) of U(t) U(t)ᵀ."""
+        inner = (1.0 - self.floor) * unit
+        inner += self.floor * self.degrees * np.eye(len(self.lower))
+        return np.asarray(self.lower @ inner @ self.lower.T)
+
+    def covariance(
+        self, weights: Float[np.ndarray, "nu d R"], times: Float[np.ndarray, " M"]
+    ) -> Float[np.ndarray, "M d d"]:
+        """Σ(t) of the weights."""
+        unit = np.einsum("kdr,mr->mdk", weights, self.features(times))
+        return self.scaled(unit @ unit.swapaxes(1, 2))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WishartLikelihood:
+    """log p of deviations given the weights, where L is the identity."""
+
+    features: Float[np.ndarray, "T R"]
+    """φ at the times of the deviations."""
+    scatter: Float[np.ndarray, "T d d"]
+    """L⁻¹ S_t L⁻ᵀ."""
+    free: int
+    """Degrees of freedom of the scatter, D − 1."""
+    prior: WishartPrior
+    """The prior of the weights."""
+
+    @classmethod
+    def of(
+        cls,
+        prior: WishartPrior,
+        times: Float[np.ndarray, " T"],
+        deviations: Float[np.ndarray, "D T d"],
+    ) -> "WishartLikelihood":
+        """The likelihood of D curves' deviations from their average."""
+        columns = deviations.reshape(-1, len(prior.lower)).T
+        white = solve_triangular(prior.lower, columns, lower=True).T
+        white = white.reshape(deviations.shape)
+        return cls(
+            features=prior.features(times),
+            scatter=np.einsum("kti,ktj->tij", white, white),
+            free=len(deviations) - 1,
+            prior=prior,
+        )
+
+    def _processes(self, flat: Float[np.ndarray, " N"]) -> Float[np.ndarray, "T d nu"]:
+        outputs = self.scatter.shape[1]
+        rows = flat.reshape(-1, self.features.shape[1])
+        values = self.features @ rows.T
+        return np.asarray(
+            values.reshape(-1, self.prior.degrees, outputs).swapaxes(1, 2)
+        )
+
+    def _covariance(
+        self, unit: Float[np.ndarray, "T d nu"]
+    ) -> Float[np.ndarray, "T d d"]:
+        covariance: np.ndarray = (1.0 - self.prior.floor) * (unit @ unit.swapaxes(1, 2))
+        diagonal = np.arange(covariance.shape[1])
+        covariance[:, diagonal, diagonal] += self.prior.floor * self.prior.degrees
+        return covariance
+
+    def __call__(self, flat: Float[np.ndarray, " N"]) -> float:
+        """Value at weights of shape (ν·d·R,), without its constant."""
+        covariance = self._covariance(self._processes(flat))
+        lower = np.linalg.cholesky(covariance)
+        log_root = float(np.sum(np.log(np.diagonal(lower, axis1=1, axis2=2))))
+        solved = np.linalg.solve(covariance, self.scatter)
+        return -self.free * log_root - 0.5 * float(np.einsum("tii->", solved))
+
+    def gradient(self, flat: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
+        """Derivatives of the value: ½ tr((Σ⁻¹ S Σ⁻¹ − (D − 1) Σ⁻¹) dΣ)."""
+        unit = self._processes(flat)
+        inverse = np.linalg.inv(self._covariance(unit))
+        sensitivity = inverse @ self.scatter @ inverse - self.free * inverse
+        by_process = (1.0 - self.prior.floor) * (sensitivity @ unit)
+        gradient: np.ndarray = np.einsum("tdk,tr->kdr", by_process, self.features)
+        return gradient.ravel()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WishartPosterior:
+    """The posterior mean of Σ(t), made by `sample_posterior`."""
+
+    prior: WishartPrior
+    """The prior of Σ(t)."""
+    moment: Float[np.ndarray, "dR dR"]
+    """Average of Σ_k w_k w_kᵀ over the samples, with w_k = (w_k1, …, w_kd)."""
+
+    def covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M d d"]:
+        """E[Σ(t)]; outside the interval that of its nearer end."""
+        _, outputs, rank = self.prior.shape
+        tensor = self.moment.reshape(outputs, rank, outputs, rank)
+        features = self.prior.features(times)
+        half = np.einsum("mr,dres->mdes", features, tensor)
+        return self.prior.scaled(np.einsum("mdes,ms->mde", half, features))
+
+
+def sample_posterior(
+    likelihood: WishartLikelihood,
+    steps: int,
+    discarded: int,
+    rng: np.random.Generator,
+) -> WishartPosterior:
+    """Average over an elliptical slice chain that starts at a mode of the posterior.
+
+    From a draw of the prior the chain would still be on its way after 5000 steps: the
+    likelihood of hundreds of weights is narrow, so steps are short. At a mode the
+    likelihood is about what it is in the long run.
+
+    Args:
+        likelihood: of the deviations.
+        steps: length of the chain.
+        discarded: steps at its beginning that are left out of the average.
+        rng: source of randomness.
+    """
+
+    def objective(flat: np.ndarray) -> tuple[float, np.ndarray]:
+        value = 0.5 * float(flat @ flat) - likelihood(flat)
+        return value, flat - likelihood.gradient(flat)
+
+    prior = likelihood.prior
+    degrees, outputs, rank = prior.shape
+    mode = minimize(
+        objective,
+        rng.standard_normal(degrees * outputs * rank),
+        jac=True,
+        method="L-BFGS-B",
+        options={"maxiter": _MODE_ITERATIONS},
+    ).x
+    moment = np.zeros((outputs * rank, outputs * rank))
+    for step, flat in enumerate(elliptical_slice_chain(likelihood, mode, steps, rng)):
+        if step >= discarded:
+            weights = flat.reshape(degrees, -1)
+            moment += weights.T @ weights
+    return WishartPosterior(prior=prior, moment=moment / (steps - discarded))

@@ -1,0 +1,317 @@
+"""What a policy predicts, and what may be asked of it: distributions and via-points."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.special import ndtri, stdtrit
+
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.records import freeze, read_only, short_repr
+from gplfd_policies.demonstrations.aligned import FINEST
+from gplfd_policies.movements.trajectory_csv import write_csv
+
+
+def checked_times(times: np.ndarray) -> Float[np.ndarray, " M"]:
+    """Return the phases of a prediction as floats.
+
+    Raises:
+        ValueError: if there are none, or one is not finite.
+    """
+    times = np.asarray(times, dtype=np.float64)
+    if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
+        raise ValueError(
+            f"predict needs a list of finite times, at least one; got {times}."
+        )
+    return times
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaussianTrajectory:
+    """A Gaussian distribution over poses at M times, outputs independent.
+
+    Units: times in phase, poses in metres and radians (task frame), rates per unit
+    phase.
+    """
+
+    times: Float[np.ndarray, " M"]
+    """Phase, shape (M,)."""
+    mean: Float[np.ndarray, "M 6"]
+    """Mean pose, shape (M, 6)."""
+    std: Float[np.ndarray, "M 6"]
+    """Standard deviation of a repetition of the task: the uncertainty of the mean and
+    the spread r(t) of the demonstrations together (Eq. 11 of arXiv:2002.09979)."""
+    mean_rate: Float[np.ndarray, "M 6"]
+    """Derivative of the mean, shape (M, 6)."""
+    std_rate: Float[np.ndarray, "M 6"]
+    """Derivative of the standard deviation, shape (M, 6)."""
+    covariance_function: Callable[[], np.ndarray] = field(repr=False)
+    """Computes `covariance`, which few callers need."""
+    degrees_of_freedom: float | None = None
+    """Degrees of freedom behind `std`, for Student-t quantiles; None means normal."""
+
+    __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        freeze(self, *_ARRAYS)
+
+    @classmethod
+    def from_moments(
+        cls,
+        times: Float[np.ndarray, " M"],
+        mean: Float[np.ndarray, "M 6"],
+        std: Float[np.ndarray, "M 6"],
+        covariance_function: Callable[[], np.ndarray],
+    ) -> "GaussianTrajectory":
+        """A distribution whose rates are central differences of its moments.
+
+        For methods that state no derivatives. A single time has rate zero.
+
+        Args:
+            times: phases, strictly increasing, shape (M,).
+            mean: mean pose, shape (M, 6).
+            std: standard deviations, shape (M, 6); NaN for a method without any.
+            covariance_function: computes the covariance over time, (6, M, M).
+
+        Raises:
+            ValueError: if the phases do not increase strictly.
+        """
+        if (np.diff(times) <= 0.0).any():
+            raise ValueError(
+                f"rates are differences, which need strictly increasing phases; got "
+                f"{times}."
+            )
+
+        def rate(curve: np.ndarray) -> np.ndarray:
+            if len(times) < 2:
+                return np.zeros_like(curve)
+            gradient: np.ndarray = np.gradient(curve, times, axis=0)
+            return gradient
+
+        return cls(
+            times=times,
+            mean=mean,
+            std=std,
+            mean_rate=rate(mean),
+            std_rate=rate(std),
+            covariance_function=covariance_function,
+        )
+
+    @cached_property
+    @one_thread
+    def covariance(self) -> Float[np.ndarray, "6 M M"]:
+        """Covariance over time of every output, shape (6, M, M); on first use."""
+        return read_only(self.covariance_function())
+
+    def __getitem__(
+        self, rows: slice | Int[np.ndarray, " N"] | Bool[np.ndarray, " M"]
+    ) -> "GaussianTrajectory":
+        """The same distribution at some of its times."""
+        return replace(
+            self,
+            **{name: getattr(self, name)[rows] for name in _ARRAYS},
+            covariance_function=partial(_covariance_between, self, rows),
+        )
+
+    def interval(
+        self, level: float = 0.95
+    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
+        """Lower and upper bound of the central interval that holds ``level``.
+
+        Uses Student-t quantiles where `degrees_of_freedom` is given: with few
+        demonstrations the spread itself is uncertain.
+
+        Raises:
+            ValueError: if ``level`` is not in (0, 1).
+        """
+        width = self._quantile(level) * self.std
+        return self.mean - width, self.mean + width
+
+    def inside(
+        self,
+        poses: Float[np.ndarray, "*K M 6"],
+        level: float = 0.95,
+        *,
+        normal: bool = False,
+    ) -> Bool[np.ndarray, "*K M 6"]:
+        """Which numbers of ``poses`` are inside their central intervals.
+
+        Args:
+            poses: observed at `times`, shape (..., M, 6).
+            level: share of repetitions that an interval is to hold.
+            normal: whether the quantiles are those of a normal distribution, for every
+                method alike, or those of `interval`, which know of few demonstrations.
+
+        Returns:
+            One truth value per number; false where the standard deviation is NaN.
+
+        Raises:
+            ValueError: if ``level`` is not in (0, 1).
+        """
+        width = self._quantile(level, normal) * np.maximum(self.std, FINEST)
+        return np.asarray(np.abs(poses - self.mean) <= width)
+
+    def coverage(
+        self,
+        poses: Float[np.ndarray, "*K M 6"],
+        level: float = 0.95,
+        *,
+        normal: bool = False,
+    ) -> float:
+        """Share of the numbers of ``poses`` that are `inside`; arguments as there.
+
+        It is ``level`` if the distribution is right, and NaN for a method without
+        standard deviations. A number that is NaN is not asked for.
+        """
+        if np.isnan(self.std).any():
+            return np.nan
+        return float(
+            np.mean(self.inside(poses, level, normal=normal)[~np.isnan(poses)])
+        )
+
+    def nlpd(self, poses: Float[np.ndarray, "*K M 6"]) -> float:
+        """Negative log predictive density per number: less is better.
+
+        Mean of ½ log 2π + log σ + ½ ((y − μ)/σ)² over all numbers y of ``poses``, each
+        by itself and as of a normal distribution, in metres and radians. NaN for a
+        method without standard deviations.
+
+        Args:
+            poses: observed at `times`, shape (..., M, 6). A number that is NaN is not
+                asked for.
+        """
+        std = np.maximum(self.std, FINEST)
+        error = (poses - self.mean) / std
+        terms = 0.5 * np.log(2.0 * np.pi) + np.log(std) + 0.5 * error**2
+        return float(np.mean(terms[~np.isnan(poses)]))
+
+    def _quantile(self, level: float, normal: bool = False) -> float:
+        """Half the width of an interval, in standard deviations."""
+        if not 0.0 < level < 1.0:
+            raise ValueError(f"level must be in (0, 1), got {level}.")
+        upper = 0.5 * (1.0 + level)
+        if normal or self.degrees_of_freedom is None:
+            return float(ndtri(upper))
+        return float(stdtrit(self.degrees_of_freedom, upper))
+
+    @one_thread
+    def samples(
+        self, count: int, rng: np.random.Generator
+    ) -> Float[np.ndarray, "S M 6"]:
+        """Draw ``count`` trajectories, shape (count, M, 6)."""
+        draws = np.empty((count, *self.mean.shape))
+        for output, covariance in enumerate(self.covariance):
+            # Smooth trajectories have singular covariances: eigenvalues, not Cholesky.
+            values, vectors = np.linalg.eigh(covariance)
+            root = vectors * np.sqrt(np.maximum(values, 0.0))
+            normal = rng.standard_normal((count, len(values)))
+            draws[:, :, output] = self.mean[:, output] + normal @ root.T
+        return draws
+
+    def to_csv(self, path: str | Path, *, duration: float) -> None:
+        """Write the trajectory as a table for a robot, complete or not at all.
+
+        Columns with their units: time, position, quaternion (scalar last, continuous
+        sign), and the standard deviations; `gplfd_policies.movements.trajectory_csv`
+        says in which frame. One row per time of this trajectory, so predict at those
+        that the robot needs::
+
+            times = np.arange(0.0, duration, 0.01)
+            skill.predict(times / duration).to_csv("opening.csv", duration=duration)
+
+        Args:
+            path: file to write; an existing one is replaced.
+            duration: time that phases 0 to 1 take [s], such as ``skill.duration``.
+
+        Raises:
+            ValueError: if the duration is not positive and finite, the times do not
+                increase, or a pose is not finite.
+            OSError: if the file cannot be written.
+        """
+        if not 0.0 < duration < np.inf:
+            raise ValueError(
+                f"duration must be positive and finite [s], got {duration}."
+            )
+        write_csv(path, duration * self.times, self.mean, self.std)
+
+
+_ARRAYS = ("times", "mean", "std", "mean_rate", "std_rate")
+
+
+def _covariance_between(
+    trajectory: GaussianTrajectory, rows: slice | np.ndarray
+) -> Float[np.ndarray, "6 N N"]:
+    """Covariance between some of the times of a trajectory."""
+    between: np.ndarray = trajectory.covariance[:, rows][:, :, rows]
+    return between
+
+
+def white_covariance(
+    variance: Float[np.ndarray, "M 6"],
+) -> Float[np.ndarray, "6 M M"]:
+    """Covariance over time of poses that deviate independently from time to time."""
+    diagonal: np.ndarray = variance.T[:, :, None] * np.eye(len(variance))
+    return diagonal
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ViaPoint:
+    """A pose to be reached at a phase, with its strength.
+
+    Raises:
+        ValueError: if the phase or the pose is infinite, or a noise is negative.
+    """
+
+    phase: float
+    """When; the task runs from 0 to 1."""
+    pose: Float[np.ndarray, "6"]
+    """Where, (x, y, z, θu_x, θu_y, θu_z) in the task frame [m, rad]. NaN leaves an
+    output free."""
+    std: float | Float[np.ndarray, "6"] = 1e-3
+    """Standard deviation of the demand [m, rad], one number or one per output: small is
+    strong. Infinity leaves an output free."""
+    along: float | Float[np.ndarray, "6"] = 0.0
+    """One more error, which all outputs share: what one standard deviation of it adds
+    to each of them [m, rad], with signs. Where the phase of an observation is uncertain
+    by σ_s, it is dμ/ds σ_s: the pose may lie further along the path."""
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.phase):
+            raise ValueError(f"The phase of a via-point must be finite: {self.phase}.")
+        pose = read_only(self.pose)
+        if pose.shape != (6,):
+            raise ValueError(
+                "A via-point pose has six entries (x, y, z, θu_x, θu_y, θu_z), NaN for "
+                f"outputs left free; got shape {pose.shape}."
+            )
+        if np.isinf(pose).any():
+            raise ValueError(
+                f"A via-point pose must be finite, or NaN for outputs left free; got "
+                f"{pose}."
+            )
+        std = read_only(np.broadcast_to(np.asarray(self.std), (6,)))
+        if not (std >= 0.0).all():
+            raise ValueError(f"Via-point standard deviations must be >= 0, got {std}.")
+        along = read_only(np.broadcast_to(np.asarray(self.along), (6,)))
+        if not np.isfinite(along).all():
+            raise ValueError(
+                f"A via-point's error along the path must be finite, got {along}."
+            )
+        object.__setattr__(self, "pose", pose)
+        object.__setattr__(self, "std", std)
+        object.__setattr__(self, "along", along)
+
+    @property
+    def own_variance(self) -> Float[np.ndarray, "6"]:
+        """σ_v² of every output; infinite where the output is left free."""
+        std = np.asarray(self.std)
+        variance: np.ndarray = np.where(np.isnan(self.pose), np.inf, std) ** 2
+        return variance
+
+    @property
+    def noise_variance(self) -> Float[np.ndarray, "6"]:
+        """Whole variance of every output's error, for methods that take each alone."""
+        return np.asarray(self.own_variance + np.asarray(self.along) ** 2)

@@ -1,0 +1,1 @@
+"""Which phase of the task an observed pose belongs to."""

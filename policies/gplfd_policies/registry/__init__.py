@@ -1,0 +1,1 @@
+"""Policies by name: built-in ones, the user's, and their tuning spaces."""

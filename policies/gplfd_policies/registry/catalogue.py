@@ -1,0 +1,140 @@
+"""Every policy by name, and how an agent is made from demonstrations."""
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from gplfd_policies.agents.agent import Agent, as_agent
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.prior_mean import PriorMean
+from gplfd_policies.registry.built_in import AS_PUBLISHED
+from gplfd_policies.registry.method import TrainingInput
+from gplfd_policies.registry.policy import Policy, PolicyOrigin
+from gplfd_policies.registry.tuning_spaces import SPACES, Values, tuned_settings
+from gplfd_policies.registry.user_policies import (
+    module_policy,
+    packaged_names,
+    packaged_policy,
+)
+
+
+@one_thread
+def make_agent(
+    name: str,
+    demonstrations: Sequence[Demonstration],
+    *,
+    seed: int = 0,
+    prior_mean: PriorMean | None = None,
+) -> Agent:
+    """Learn a policy by name and return an agent that follows it.
+
+    Args:
+        name: What `policy_named` takes: a key of `POLICIES`, a package's policy, or
+            ``module:function`` for one of your own.
+        demonstrations: What to learn from, task frame.
+        seed: Seeds whatever is random in the learning.
+        prior_mean: What is expected where nothing was demonstrated.
+
+    Raises:
+        TypeError: Something else than a sequence of demonstrations.
+        ValueError: An unknown name, no demonstrations, a prior mean for a method that
+            cannot be given one, or a policy of one's own whose agent cannot act.
+    """
+    training = TrainingInput(
+        demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
+    )
+    policy = policy_named(name)
+    if prior_mean is not None and name in POLICIES and not _takes_prior_mean(policy):
+        takers = [
+            other
+            for other, one in AS_PUBLISHED.items()
+            if one.kind == "method" and _takes_prior_mean(one)
+        ]
+        raise ValueError(
+            f"{name} has no prior mean that could be given; leave it out, or choose "
+            f"one of {', '.join(sorted(takers))}"
+        )
+    return as_agent(policy.make(training))
+
+
+def _takes_prior_mean(policy: Policy) -> bool:
+    return policy.method is not None and policy.method.accepts_prior_mean
+
+
+def policy_named(name: str, folder: str | Path | None = None) -> Policy:
+    """Find a policy.
+
+    Args:
+        name: A key of `POLICIES`; a name that an installed package offers in the
+            entry-point group ``gplfd_policies``; or ``module:attribute`` or
+            ``path/to/file.py:attribute``, see `gplfd_policies.registry.user_policies`.
+        folder: Where modules and files are looked for first; the working folder by
+            default.
+
+    Raises:
+        ValueError: An unknown name (the message lists what exists), or a module or
+            package whose policy cannot be used.
+    """
+    if name in POLICIES:
+        return replace(POLICIES[name], origin=PolicyOrigin(name=name))
+    if ":" in name:
+        return module_policy(name, Path(folder or "").absolute())
+    if name.endswith(".py"):
+        raise ValueError(f"policy {name!r}: name a function in it, as in {name}:make")
+    packaged = packaged_policy(name)
+    if packaged is not None:
+        return packaged
+    known = sorted({*POLICIES, *packaged_names()})
+    near = difflib.get_close_matches(name, known, n=1)
+    hint = f" (did you mean {near[0]!r}?)" if near else ""
+    raise ValueError(
+        f"unknown policy {name!r}{hint}; policies: {', '.join(known)}; or give one of "
+        "your own as module:function"
+    )
+
+
+def load_policy(origin: PolicyOrigin) -> Policy:
+    """Find a policy again: in another process, or on another day.
+
+    Raises:
+        ValueError: It is not there any more, or not the same.
+    """
+    policy = policy_named(origin.name, origin.folder or None)
+    found = policy.origin
+    if found is None or found.content != origin.content:
+        raise ValueError(
+            f"policy {origin.name!r} is not the one that was chosen: that was "
+            f"{origin}, this is {found}"
+        )
+    return policy
+
+
+def tuned(name: str, values: Values) -> Policy:
+    """Return a policy of `SPACES` in ``tuning_spaces`` with other settings.
+
+    Raises:
+        ValueError: The settings are outside the method's space.
+    """
+    method = AS_PUBLISHED[name].method
+    assert method is not None, "spaces are those of methods"
+    text = ", ".join(f"{setting} {value}" for setting, value in values.items())
+    return Policy(
+        summary=f"{name}, tuned: {text.replace('_', ' ')}",
+        make=SPACES[name].method(method, values),
+    )
+
+
+POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
+    {
+        **AS_PUBLISHED,
+        **{
+            f"{name}-tuned": tuned(name, values)
+            for name, values in tuned_settings().items()
+        },
+    }
+)
+"""The built-in policies: as published, and as `gplfd tune` found them."""

@@ -1,0 +1,217 @@
+"""A method: how a movement is learned from demonstrations, adapted and followed."""
+
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_policies.adaptation.gridded import GriddedMovement
+from gplfd_policies.agents.agent import CompliantAgent
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.control.compliance import ComplianceConfig
+from gplfd_policies.control.stiffness import (
+    DEFAULT_PROFILE,
+    StiffnessProfile,
+    spread_profile,
+)
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.continuation import continued
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.empirical import EmpiricalDistribution
+from gplfd_policies.movements.movement import AdaptationForm, Movement
+from gplfd_policies.movements.prior_mean import PriorMean, Stretched
+from gplfd_policies.movements.residual import fit_residual
+from gplfd_policies.phase.path_phase import PathPhase
+from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise, PhaseRule
+
+_GRID: Final = 100
+"""Phases at which an agent knows its movement."""
+_START_TOLERANCE: Final = (0.05, 0.2)
+"""How far from the closed handle a demonstration may start [m, rad]."""
+_RESOLUTION: Final = (1e-3, 3e-2)
+"""What of a pose is still open when it has been observed for long [m, rad]."""
+_LARGEST_REACH: Final = 3.0
+"""How far from it a demonstration may ever be [m]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrainingInput:
+    """What a policy may learn from.
+
+    Raises:
+        TypeError: If the demonstrations are not a sequence of demonstrations.
+    """
+
+    demonstrations: Sequence[Demonstration]
+    """At least one; in the task frame where doors are to be opened."""
+    seed: int = 0
+    """Seeds whatever is random in the learning."""
+    prior_mean: PriorMean | None = None
+    """What is expected where nothing was demonstrated, or None; some methods only."""
+
+    def __post_init__(self) -> None:
+        given = self.demonstrations
+        several = tuple(given) if isinstance(given, Iterable) else (None,)
+        if not all(isinstance(one, Demonstration) for one in several):
+            raise TypeError(
+                "demonstrations must be a sequence of gplfd_policies.Demonstration, "
+                f"got {textwrap.shorten(repr(given), 80, placeholder=' ...')}; put a "
+                "single one into a list: [demonstration]"
+            )
+        object.__setattr__(self, "demonstrations", several)
+
+
+def path_phase(movement: Movement) -> PhaseRule:
+    """Find the phase of a pose on the path, by the movement's own mean and spread."""
+    return PathPhase(movement, movement.aligned)
+
+
+def heading_trusting_phase(movement: Movement) -> PhaseRule:
+    """Find it on the path by a robot that is sure to stand straight to the door."""
+    noise = PhaseNoise(heading=0.0)
+    return PathPhase(movement, movement.aligned, noise=noise)
+
+
+def demonstrated_phase(movement: Movement) -> PhaseRule:
+    """Find it by the demonstrations' mean and spread: for movements without any."""
+    return PathPhase(EmpiricalDistribution(movement.aligned), movement.aligned)
+
+
+def clock_phase(movement: Movement) -> PhaseRule:
+    """Take the phase of the command: the paper's time."""
+    return ClockPhase()
+
+
+def profile_of_spread(aligned: AlignedDemonstrations) -> StiffnessProfile:
+    """Let the demonstrations say what is much and what is little uncertainty.
+
+    `spread_profile` of their spread over the demonstrated task (root mean square), and
+    of what observation leaves; `DEFAULT_PROFILE` where a single one has no spread.
+    """
+    poses = aligned.demonstrated.poses
+    if len(poses) < 2:
+        return DEFAULT_PROFILE
+    spread = np.sqrt(poses.var(axis=0, ddof=1).mean(axis=0))
+    return spread_profile(spread, np.repeat(_RESOLUTION, 3))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FixedProfile:
+    """One stiffness law for every task."""
+
+    profile: StiffnessProfile
+    """The law."""
+
+    def __call__(self, aligned: AlignedDemonstrations) -> StiffnessProfile:
+        """Return it."""
+        return self.profile
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Method:
+    """Everything that makes a method what it is; called, it learns and follows.
+
+    A method can be pickled if its functions can: make variants with
+    `dataclasses.replace` and `functools.partial`.
+    """
+
+    fit: Callable[..., Movement]
+    """Learns a movement from `AlignedDemonstrations`."""
+    seeded: bool = False
+    """Whether learning draws random numbers: `fit` then also takes ``seed=``."""
+    accepts_prior_mean: bool = False
+    """Whether it can learn around a prior mean: `fit` then also takes
+    ``centred=False``, for a prior mean of zero."""
+    align: Callable[[Sequence[Demonstration]], AlignedDemonstrations] = align
+    """Brings demonstrations onto common phases."""
+    beyond: float = 0.0
+    """Share of the demonstrated path by which the motion goes on where demonstrations
+    end, ever less certain; 0 for none."""
+    adaptation: AdaptationForm | None = None
+    """In which form via-points adapt the movement; None for a method without."""
+    phases: Callable[[Movement], PhaseRule] = path_phase
+    """How an agent finds where along the task the hand is."""
+    profile: Callable[[AlignedDemonstrations], StiffnessProfile] = profile_of_spread
+    """Which stiffness has which uncertainty; it takes the place of the config's."""
+    config: ComplianceConfig = field(default_factory=ComplianceConfig)
+    """How it follows the movement otherwise: load, timing, via-points."""
+
+    def __post_init__(self) -> None:
+        if self.config.profile is not DEFAULT_PROFILE:
+            raise ValueError(
+                "Method.config has a profile, which Method.profile would replace; give "
+                "it as Method(profile=FixedProfile(profile=...))"
+            )
+
+    @one_thread
+    def learn(self, training: TrainingInput) -> Movement:
+        """Learn a movement, around the prior mean if one is given.
+
+        The demonstrations may be of any task and in any frame that they share.
+
+        Raises:
+            ValueError: There is no demonstration, or the method takes no prior mean
+                and one is given.
+        """
+        prior_mean = training.prior_mean
+        if prior_mean is not None and not self.accepts_prior_mean:
+            raise ValueError("this method has no prior mean that could be given")
+        if not training.demonstrations:
+            raise ValueError(
+                "no demonstrations were given; a policy needs at least one"
+            )
+        shown = self.align(training.demonstrations)
+        aligned = continued(shown, self.beyond)
+        fit = partial(self.fit, seed=training.seed) if self.seeded else self.fit
+        if prior_mean is None:
+            return fit(aligned)
+        longer = Stretched(of=prior_mean, factor=1.0 / aligned.end)
+        return fit_residual(aligned, longer, partial(fit, centred=False))
+
+    @one_thread
+    def follow(self, movement: Movement) -> CompliantAgent:
+        """Return an agent that follows a movement on doors; any number from one.
+
+        Raises:
+            ValueError: The demonstrations that it was learned from do not begin at the
+                closed handle, or are not in metres.
+        """
+        _check_starts(movement.aligned.demonstrated.poses)
+        return CompliantAgent(
+            GriddedMovement(movement, self.adaptation, _GRID),
+            phases=self.phases(movement),
+            config=replace(self.config, profile=self.profile(movement.aligned)),
+        )
+
+    def __call__(self, training: TrainingInput) -> CompliantAgent:
+        """Learn a movement and follow it on doors; raises what both do."""
+        _check_starts(one.poses for one in training.demonstrations)
+        return self.follow(self.learn(training))
+
+
+def _check_starts(demonstrated: Iterable[Float[np.ndarray, "_ 6"]]) -> None:
+    """Raise unless demonstrations begin at the closed handle of a door, in metres.
+
+    Only who acts on a door needs this; motions of any task can be learned.
+    """
+    for number, poses in enumerate(demonstrated):
+        start, reach = poses[0], np.abs(poses[:, :3]).max()
+        if reach > _LARGEST_REACH:
+            raise ValueError(
+                f"demonstration {number} reaches {reach:.3g} m from the closed handle; "
+                "are its positions in metres, in the task frame?"
+            )
+        distance, turn = np.linalg.norm(start[:3]), np.linalg.norm(start[3:])
+        if distance > _START_TOLERANCE[0] or turn > _START_TOLERANCE[1]:
+            raise ValueError(
+                f"demonstration {number} starts {distance:.3g} m and {turn:.3g} rad "
+                "away from the closed handle, which is the origin of the task frame (x "
+                "pull, y up); demonstration.relative_to_first() gives the motion in "
+                "the axes of its first pose, which must then be these; `gplfd demos "
+                "import --frame hinge` finds them from the motion"
+            )

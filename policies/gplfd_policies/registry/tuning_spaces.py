@@ -1,0 +1,292 @@
+"""What may be set in each method, and how: the spaces that `gplfd tune` searches.
+
+A method must not win by its settings. For each there is a space of what its authors
+would tune, with the limits within which they would; the controller, the same for all,
+is in none of them. The best of a space, found as `gplfd_experiments.studies.tuning`
+says, is in ``tuned.json`` and registered as ``<name>-tuned``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+from gplfd_policies.adaptation import ProcessAdaptation
+from gplfd_policies.gp.kersting import KerstingNoise
+from gplfd_policies.gp.noise import MapNoise
+from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
+from gplfd_policies.movements.baselines.gmm_gp import GMMGPConfig, fit_gmm_gp
+from gplfd_policies.movements.baselines.gmr import GMRConfig
+from gplfd_policies.movements.baselines.kmp import KMPConfig, fit_kmp
+from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
+from gplfd_policies.movements.baselines.mixture_kernel import LengthScaleConfig
+from gplfd_policies.movements.baselines.promp import ProMPConfig, fit_promp
+from gplfd_policies.movements.baselines.wishart_gp import (
+    WishartGPConfig,
+    fit_wishart_gp,
+)
+from gplfd_policies.movements.skill import fit_skill
+from gplfd_policies.registry.method import Method
+
+TUNED_FILE: Final = Path(__file__).with_name("tuned.json")
+"""What tuning found, and how."""
+
+Value = bool | int | float
+Values = Mapping[str, Value]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Setting:
+    """One number or choice of a method; its type is that of its values."""
+
+    published: Value
+    """As in the row that has the method's plain name."""
+    low: Value
+    """Least value that is tried."""
+    high: Value
+    """Greatest value that is tried."""
+    logarithmic: bool = False
+    """Whether ratios of it are what matters, not differences."""
+
+    def at(self, share: float) -> Value:
+        """Return the value at a share in [0, 1] of the way from low to high.
+
+        Floats have three digits, enough to be told apart and few enough to be read.
+        """
+        if isinstance(self.published, bool | int):
+            count = int(self.high) - int(self.low) + 1
+            whole = int(self.low) + min(int(share * count), count - 1)
+            return type(self.published)(whole)
+        if self.logarithmic:
+            return float(f"{self.low * (self.high / self.low) ** share:.3g}")
+        return float(f"{self.low + share * (self.high - self.low):.3g}")
+
+    def __contains__(self, value: object) -> bool:
+        return type(value) is type(self.published) and self.low <= value <= self.high
+
+
+def _log(published: float, low: float, high: float) -> Setting:
+    return Setting(published=published, low=low, high=high, logarithmic=True)
+
+
+def _linear(published: Value, low: Value, high: Value) -> Setting:
+    return Setting(published=published, low=low, high=high)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Space:
+    """What may be set in a method."""
+
+    settings: Mapping[str, Setting]
+    """By name."""
+    change: Callable[..., Method]
+    """Takes the registered method and a value per setting."""
+
+    @property
+    def published(self) -> Values:
+        """The settings with which the method is registered."""
+        return {name: one.published for name, one in self.settings.items()}
+
+    def at(self, point: Sequence[float]) -> Values:
+        """Return the settings at a point of the unit cube."""
+        pairs = zip(self.settings.items(), point, strict=True)
+        return {name: setting.at(share) for (name, setting), share in pairs}
+
+    def method(self, registered: Method, values: Values) -> Method:
+        """Return a method with other settings.
+
+        Raises:
+            ValueError: A setting is missing, unknown or outside the space.
+        """
+        if values.keys() != self.settings.keys():
+            raise ValueError(
+                f"the settings are {', '.join(self.settings)}, got {', '.join(values)}"
+            )
+        for name, setting in self.settings.items():
+            if values[name] not in setting:
+                raise ValueError(
+                    f"{name} = {values[name]!r} must be "
+                    f"{type(setting.published).__name__} from {setting.low} to "
+                    f"{setting.high}"
+                )
+        return self.change(registered, **values)
+
+
+def _via(method: Method, factor: float) -> Method:
+    """Take via-points for more or less exact than the agents do."""
+    position, rotation = method.config.via_std
+    std = (factor * position, factor * rotation)
+    return replace(method, config=replace(method.config, via_std=std))
+
+
+def _dmp(method: Method, **values: Any) -> Method:
+    return replace(method, fit=partial(fit_dmp, config=DMPConfig(**values)))
+
+
+def _promp(method: Method, via_std_factor: float, **values: Any) -> Method:
+    fit = partial(fit_promp, config=ProMPConfig(**values))
+    return _via(replace(method, fit=fit), via_std_factor)
+
+
+def _mixture(method: Method, **values: Any) -> Method:
+    return replace(method, fit=partial(method.fit, config=GMRConfig(**values)))
+
+
+def _tp_gmm(method: Method, via_std_factor: float, **values: Any) -> Method:
+    return _via(_mixture(method, **values), via_std_factor)
+
+
+def _local_gp(method: Method, **values: Any) -> Method:
+    return replace(method, fit=partial(fit_local_gp, config=LocalGPConfig(**values)))
+
+
+def _wishart_gp(method: Method, **values: Any) -> Method:
+    config = WishartGPConfig(**values)
+    return replace(method, fit=partial(fit_wishart_gp, config=config))
+
+
+def _kmp(
+    method: Method, components: int, via_std_factor: float, **values: Any
+) -> Method:
+    config = KMPConfig(mixture=GMRConfig(components=components), **values)
+    return _via(replace(method, fit=partial(fit_kmp, config=config)), via_std_factor)
+
+
+def _gmm_gp(
+    method: Method,
+    components: int,
+    weight_power: float,
+    shortest_length_scale: float,
+    via_std_factor: float,
+) -> Method:
+    scales = LengthScaleConfig()
+    scales = replace(
+        scales, length_scale_range=(shortest_length_scale, scales.length_scale_range[1])
+    )
+    config = GMMGPConfig(
+        mixture=GMRConfig(components=components),
+        length_scales=scales,
+        weight_power=weight_power,
+    )
+    fit = partial(fit_gmm_gp, config=config)
+    return _via(replace(method, fit=fit), via_std_factor)
+
+
+def _gp_paper(method: Method, via_std_factor: float, **values: Any) -> Method:
+    fit = partial(fit_skill, noise=KerstingNoise(**values))
+    return _via(replace(method, fit=fit), via_std_factor)
+
+
+def _gp(
+    method: Method, shortest_scale: float, empirical_share: float, via_std_factor: float
+) -> Method:
+    noise = MapNoise(shortest_scale=shortest_scale)
+    changed = replace(
+        method,
+        fit=partial(fit_skill, noise=noise),
+        adaptation=partial(ProcessAdaptation, empirical_share=empirical_share),
+    )
+    return _via(changed, via_std_factor)
+
+
+_VIA_STD_FACTOR: Final = _log(1.0, 0.2, 10.0)
+"""Of every method with via-points: how much less exact they are than 1 mm, 0.03 rad."""
+
+SPACES: Final[Mapping[str, Space]] = MappingProxyType(
+    {
+        "dmp": Space(
+            change=_dmp,
+            settings={
+                "n_basis": _linear(30, 10, 60),
+                "alpha": _log(25.0, 10.0, 60.0),
+                "spread": _linear(False, False, True),
+            },
+        ),
+        "promp": Space(
+            change=_promp,
+            settings={
+                "n_basis": _linear(20, 8, 40),
+                "overlap": _linear(0.7, 0.3, 0.95),
+                "shrinkage": _log(1e-6, 1e-8, 0.5),
+                "via_std_factor": _VIA_STD_FACTOR,
+            },
+        ),
+        "gmr": Space(
+            change=_mixture,
+            settings={
+                "components": _linear(10, 3, 20),
+                "regularisation": _log(4e-6, 1e-7, 1e-2),
+            },
+        ),
+        "tp-gmm": Space(
+            change=_tp_gmm,
+            settings={
+                "components": _linear(10, 3, 20),
+                "regularisation": _log(4e-6, 1e-7, 1e-2),
+                "via_std_factor": _VIA_STD_FACTOR,
+            },
+        ),
+        "local-gp": Space(
+            change=_local_gp,
+            settings={
+                "clusters": _linear(8, 2, 16),
+                "width": _log(0.35, 0.15, 2.0),
+            },
+        ),
+        "wishart-gp": Space(
+            change=_wishart_gp,
+            settings={
+                "degrees": _linear(7, 6, 20),
+                "length_scale": _log(0.15, 0.05, 1.0),
+                "floor": _log(1e-3, 1e-4, 0.1),
+            },
+        ),
+        "kmp": Space(
+            change=_kmp,
+            settings={
+                "components": _linear(8, 4, 15),
+                "length_scale": _log(0.144, 0.05, 0.6),
+                "mean_regularisation": _log(1.0, 0.05, 50.0),
+                "covariance_regularisation": _log(400.0, 20.0, 3000.0),
+                "via_std_factor": _VIA_STD_FACTOR,
+            },
+        ),
+        "gmm-gp": Space(
+            change=_gmm_gp,
+            settings={
+                "components": _linear(6, 3, 12),
+                "weight_power": _linear(1.0, 0.4, 1.0),
+                "shortest_length_scale": _log(0.005, 0.005, 1.0),
+                "via_std_factor": _VIA_STD_FACTOR,
+            },
+        ),
+        "gp-paper": Space(
+            change=_gp_paper,
+            settings={
+                "n_iterations": _linear(10, 2, 30),
+                "shortest_scale": _log(0.15, 0.1, 0.6),
+                "via_std_factor": _VIA_STD_FACTOR,
+            },
+        ),
+        "gp": Space(
+            change=_gp,
+            settings={
+                "shortest_scale": _log(0.15, 0.1, 0.6),
+                "empirical_share": _linear(0.3, 0.0, 0.9),
+                "via_std_factor": _VIA_STD_FACTOR,
+            },
+        ),
+    }
+)
+"""The space of every method of Table 1, and of TP-GMM, by the name of its policy."""
+
+
+def tuned_settings(file: Path = TUNED_FILE) -> Mapping[str, Values]:
+    """Return the settings that tuning found, by the name of the tuned policy."""
+    found = json.loads(file.read_text(encoding="utf-8"))["policies"]
+    return {name: found[name]["tuned"]["settings"] for name in SPACES if name in found}

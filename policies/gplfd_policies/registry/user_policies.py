@@ -1,0 +1,297 @@
+"""Policies from outside: a module of the user's, or an installed package.
+
+* ``module:attribute`` or ``path/to/file.py:attribute`` names something in a file of the
+  user's. Its folder comes first on Python's path while the module is imported, as if
+  the file were run as a script, and not longer.
+* A package offers policies by name in the entry-point group ``gplfd_policies``.
+
+Either way the attribute is a function from `gplfd_policies.TrainingInput` to an agent,
+a `gplfd_policies.Method` or a `gplfd_policies.Policy`.
+"""
+
+import contextlib
+import dataclasses
+import importlib
+import inspect
+import operator
+import os
+import sys
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Final
+
+from gplfd_policies.registry.module_files import (
+    content_hash,
+    module_file,
+    module_files,
+    place_in,
+)
+from gplfd_policies.registry.policy import Policy, PolicyOrigin
+
+GROUP: Final = "gplfd_policies"
+"""The entry-point group of packages."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PackagedPolicy:
+    """What an installed package offers under a name."""
+
+    name: str
+    """The name."""
+    package: str
+    """Package and version."""
+    policy: Policy | None
+    """The policy, or None if it cannot be used."""
+    problem: str = ""
+    """Why it cannot."""
+
+
+def module_policy(name: str, folder: Path) -> Policy:
+    """Import a policy from a module of the user's.
+
+    Args:
+        name: ``module:attribute`` or ``path/to/file.py:attribute``.
+        folder: Where relative paths begin, and where modules are looked for first.
+
+    Raises:
+        ValueError: If there is no such file, module or attribute, the module cannot be
+            imported, or the attribute is no policy.
+    """
+    module_name, first, attribute = _place(name, folder)
+    if not module_name:
+        raise ValueError(
+            f"policy {name!r} names no module; give module:function or "
+            "path/to/file.py:function"
+        )
+    file = first / f"{module_name}.py"
+    if name.endswith(f".py:{attribute}") and not file.is_file():
+        raise ValueError(f"policy {name!r}: there is no file {file}")
+    try:
+        module = _imported(module_name, first)
+        policy = _policy(module, attribute)
+        source = _source(module, module_files(module_name, first), first)
+    except ValueError as error:
+        raise ValueError(f"policy {name!r}: {error}") from error
+    origin = PolicyOrigin(name=name, kind="module", folder=str(folder), **source)
+    return dataclasses.replace(policy, origin=origin)
+
+
+def source_files(origin: PolicyOrigin) -> tuple[str, ...]:
+    """Return the files of a policy's module and of those beside it that it imports."""
+    beside: tuple[Path, ...] = ()
+    if origin.kind == "module":
+        module, folder, _ = _place(origin.name, Path(origin.folder))
+        beside = module_files(module, folder)
+    return tuple(map(str, beside)) or (origin.file,)
+
+
+def packaged_names() -> tuple[str, ...]:
+    """Return the names that installed packages offer, without importing anything."""
+    return tuple(sorted({offer.name for offer in _offers()}))
+
+
+def packaged_policy(name: str) -> Policy | None:
+    """Import the policy that an installed package offers under a name, if one does.
+
+    Raises:
+        ValueError: If it cannot be used, or several packages offer the name.
+    """
+    offers = [offer for offer in _offers() if offer.name == name]
+    if not offers:
+        return None
+    if len(offers) > 1:
+        packages = " and ".join(sorted(offer.package for offer in offers))
+        raise ValueError(f"policy {name!r} is offered by {packages}; uninstall one")
+    try:
+        return _loaded(offers[0])
+    except ValueError as error:
+        raise ValueError(f"policy {name!r} of {offers[0].package}: {error}") from error
+
+
+def packaged_policies(taken: Collection[str]) -> tuple[PackagedPolicy, ...]:
+    """Import all that installed packages offer; what is broken is among it.
+
+    Args:
+        taken: Names that packages cannot use.
+    """
+    listed = []
+    for offer in sorted(_offers(), key=lambda offer: offer.name):
+        policy, problem = None, "a built-in policy has this name"
+        if offer.name not in taken:
+            try:
+                policy, problem = packaged_policy(offer.name), ""
+            except ValueError as error:
+                problem = str(error)
+        listed.append(
+            PackagedPolicy(
+                name=offer.name, package=offer.package, policy=policy, problem=problem
+            )
+        )
+    return tuple(listed)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Offer:
+    """An entry point, whichever library read it."""
+
+    name: str
+    module: str
+    attribute: str
+    distribution: str
+    version: str
+
+    @property
+    def package(self) -> str:
+        return f"{self.distribution} {self.version}".strip() or "a package"
+
+
+def _offers() -> list[_Offer]:
+    # The class is not `importlib.metadata.EntryPoint` once something has imported the
+    # backport, as Dask does: that takes the finding over.
+    return [
+        _Offer(
+            name=entry.name,
+            module=entry.module,
+            attribute=entry.attr,
+            distribution=entry.dist.name if entry.dist else "",
+            version=entry.dist.version if entry.dist else "",
+        )
+        for entry in entry_points(group=GROUP)
+    ]
+
+
+def _loaded(offer: _Offer) -> Policy:
+    with _importing(offer.module):
+        module = importlib.import_module(offer.module)
+    policy = _policy(module, offer.attribute)
+    origin = PolicyOrigin(
+        name=offer.name,
+        kind="package",
+        distribution=offer.distribution,
+        version=offer.version,
+        **_source(module),
+    )
+    return dataclasses.replace(policy, origin=origin)
+
+
+def _place(name: str, folder: Path) -> tuple[str, Path, str]:
+    """Return a policy's module, where that is looked for first, and the attribute."""
+    where, _, attribute = name.rpartition(":")
+    if not where.endswith(".py"):
+        return where, folder, attribute
+    file = Path(os.path.abspath(folder / where))
+    return file.stem, file.parent, attribute
+
+
+def _imported(name: str, folder: Path) -> ModuleType:
+    """Import a module with a folder first on the path, for this import only."""
+    importlib.invalidate_caches()
+    sys.path.insert(0, str(folder))
+    try:
+        with _importing(name, folder):
+            module = importlib.import_module(name)
+    finally:
+        with contextlib.suppress(ValueError):  # the module may have removed it
+            sys.path.remove(str(folder))
+    expected = module_file(name, folder)
+    if expected is not None and expected.resolve() != Path(_file(module)).resolve():
+        raise ValueError(
+            f"module {name!r} is already {_file(module)}; rename {expected}"
+        )
+    return module
+
+
+@contextlib.contextmanager
+def _importing(name: str, folder: Path | None = None) -> Iterator[None]:
+    """Say in one sentence why a module, perhaps of a folder, cannot be imported.
+
+    Raises:
+        ValueError: Whatever went wrong.
+    """
+    try:
+        yield
+    # Anything: it is the user's code that runs here.
+    except (Exception, SystemExit) as error:
+        missing = error.name if isinstance(error, ModuleNotFoundError) else None
+        if missing is not None and f"{name}.".startswith(f"{missing}."):
+            raise ValueError(
+                f"there is no module {missing!r}, neither in the working folder nor on "
+                "Python's path; give module:function or path/to/file.py:function"
+            ) from error
+        files = module_files(name, folder) if folder is not None else ()
+        place = place_in([str(file) for file in files], error)
+        raise ValueError(
+            f"importing {name} failed with {type(error).__name__}: {error}"
+            + (f" ({place})" if place else "")
+        ) from error
+
+
+def _policy(module: ModuleType, attribute: str) -> Policy:
+    """Return what a module has under a name as a policy.
+
+    Raises:
+        ValueError: It has no such thing, or it is no policy.
+    """
+    where = f"{module.__name__} ({_file(module)})"
+    try:
+        found = operator.attrgetter(attribute)(module)
+    except AttributeError:
+        raise ValueError(
+            f"module {where} has no {attribute!r}; it has {_functions(module)}"
+        ) from None
+    if isinstance(found, Policy):
+        return found
+    if not callable(found):
+        raise ValueError(
+            f"{attribute} of {where} is a {type(found).__name__}; it must be a "
+            "function from TrainingInput to an agent, a Method or a Policy, all of "
+            "them of gplfd_policies"
+        )
+    try:
+        inspect.signature(found).bind("training input")
+    except TypeError:
+        raise ValueError(
+            f"{attribute}{inspect.signature(found)} of {where} cannot be called with "
+            "one argument, the TrainingInput that an agent is made from"
+        ) from None
+    except ValueError:
+        pass  # Written in C: it does not say what it takes.
+    named = inspect.isroutine(found) or inspect.isclass(found)
+    text = (inspect.getdoc(found) if named else None) or f"{attribute} of {where}"
+    return Policy(summary=text.splitlines()[0], make=found)
+
+
+def _file(module: ModuleType) -> str:
+    return getattr(module, "__file__", None) or "part of Python"
+
+
+def _functions(module: ModuleType) -> str:
+    own = [
+        name
+        for name, value in vars(module).items()
+        if callable(value) and getattr(value, "__module__", "") == module.__name__
+    ]
+    return ", ".join(sorted(own)) or "no functions"
+
+
+def _source(
+    module: ModuleType, files: Sequence[Path] = (), folder: Path | None = None
+) -> dict[str, str]:
+    """Return file and content hash of a module.
+
+    Args:
+        module: Imported.
+        files: What it consists of; by default its own file.
+        folder: Where they are.
+
+    Raises:
+        ValueError: If a file has changed since this process first looked.
+    """
+    file = Path(_file(module))
+    if not file.is_file():
+        return {}
+    sha256 = content_hash(files or (file,), folder or file.parent)
+    return {"file": str(file), "sha256": sha256}
