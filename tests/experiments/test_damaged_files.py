@@ -25,7 +25,7 @@ import h5py
 import numpy as np
 import pytest
 
-from gplfd import policies
+import gplfd_policies as policies
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_experiments.data.minari import Recorder, open_dataset, write_dataset
 from gplfd_experiments.data.minari.contents import contents

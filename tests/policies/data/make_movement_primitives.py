@@ -38,9 +38,10 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from gplfd.policies.alignment import align
 from movement_primitives.dmp import DMP
 from movement_primitives.promp import ProMP
+
+from gplfd_policies import align
 
 LIBRARY_VERSION = "0.9.1"
 FOLDER = Path(__file__).parent

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import gplfd_env
-from gplfd import policies
+import gplfd_policies
 from gplfd_env.config import DoorConfig
 from gplfd_experiments import episodes
 from gplfd_experiments.analysis.figures.material import Material
@@ -90,7 +90,7 @@ def _settings(seed: int) -> dict[str, Any]:
 def _source_digest() -> str:
     """Hash of the code that acts in a run: a changed policy makes old runs stale."""
     digest = hashlib.sha256()
-    for package in (gplfd_env, policies, teacher, episodes):
+    for package in (gplfd_env, gplfd_policies, teacher, episodes):
         for file in sorted(Path(package.__path__[0]).rglob("*.py")):
             digest.update(file.read_bytes())
     return digest.hexdigest()[:16]
