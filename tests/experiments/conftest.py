@@ -15,7 +15,7 @@ import pytest
 from gplfd_env.config import DoorConfig
 from gplfd_env.geometry import DoorGeometry
 from gplfd_env.task import handle_pose_on_arc
-from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics

@@ -23,7 +23,7 @@ from gplfd_env import (
 )
 from gplfd_env.config import DoorConfig
 from gplfd_env.stance import base_for
-from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.npz import load_demonstrations
 from gplfd_experiments.episodes.doors import named_doors
 from gplfd_experiments.episodes.log import EpisodeLog

@@ -13,7 +13,7 @@ import minari
 import numpy as np
 import pytest
 
-from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.data.minari.contents import title
 

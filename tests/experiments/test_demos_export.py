@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.camera import Camera
 from gplfd_env.se3 import rotation_distance
-from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.data.npz import save_demonstrations
 from gplfd_experiments.data.preparation.samples import usable

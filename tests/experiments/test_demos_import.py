@@ -14,7 +14,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.npz import FIRST_POSE, FRAME, load_demonstrations
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_policies.demonstrations.demonstration import Demonstration

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from gplfd_experiments.cli.main import doctor
-from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.cli import doctor
+from gplfd_experiments.cli import main as cli
 
 
 @pytest.fixture

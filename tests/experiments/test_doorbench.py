@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from gplfd_env.config import DoorConfig, door_config
-from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.doorbench import read_doorbench
 
 # Only what is read, with numbers of our own.

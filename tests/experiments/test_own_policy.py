@@ -14,7 +14,7 @@ import pytest
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.config import door_config
 from gplfd_experiments.analysis.report.recordings import recording_name
-from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.episodes.agents import reported_errors, where
 from gplfd_experiments.episodes.task import EpisodeTask

@@ -14,7 +14,7 @@ from gplfd_experiments.analysis.report.markdown import markdown_page
 from gplfd_experiments.analysis.report.page import report, write_report
 from gplfd_experiments.analysis.report.recordings import RANKS, recording_name
 from gplfd_experiments.analysis.results.reading import read_results
-from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.cli import main as cli
 
 ODD = (
     *(None, True, 0, -1, 0.5, 1e308, 10**400, float("nan"), float("inf")),

@@ -24,7 +24,7 @@ from gplfd_experiments.analysis.report.page import report, write_report
 from gplfd_experiments.analysis.results.measures import WALL_TIME
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import success_rate
-from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.cli import main as cli
 from gplfd_experiments.files.table import Table
 from gplfd_experiments.studies.learning_tests.criteria import CRITERIA
 

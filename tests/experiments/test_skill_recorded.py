@@ -12,7 +12,7 @@ from gplfd_env.task import handle_pose_on_arc
 from gplfd_experiments.analysis.report.recorded import _advice
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.records import RecordedResult
-from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.npz import (
     hash_of,
     load_demonstrations,

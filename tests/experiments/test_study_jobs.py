@@ -23,7 +23,7 @@ from gplfd_experiments.studies.store import stored_result
 from gplfd_experiments.studies.tasks import SkillTask, jobs_of
 from gplfd_policies.adaptation import ProcessAdaptation
 from gplfd_policies.movements.skill import fit_skill
-from gplfd_policies.registry.catalogue import catalogue as registry
+from gplfd_policies.registry import catalogue as registry
 from gplfd_policies.registry.method import Method, TrainingInput
 
 MakeLog = Callable[..., Any]

@@ -16,7 +16,7 @@ import pytest
 import yaml
 
 import gplfd_env  # noqa: F401  (registers the ids)
-from gplfd_experiments.cli.main import main as cli
+from gplfd_experiments.cli import main as cli
 from gplfd_experiments.studies.settings import StudySettings
 from gplfd_experiments.studies.settings_file import write_settings
 

@@ -15,12 +15,8 @@ import numpy as np
 import pytest
 
 from gplfd_policies import Demonstration, Method, make_agent, policy_named
-from gplfd_policies.registry.catalogue import (
-    POLICIES,
-    load_policy,
-    module_files,
-    user_policies,
-)
+from gplfd_policies.registry import module_files, user_policies
+from gplfd_policies.registry.catalogue import POLICIES, load_policy
 from gplfd_policies.registry.policy import PolicyOrigin
 from gplfd_policies.registry.user_policies import packaged_policies
 
