@@ -127,7 +127,7 @@ class Watch:
             return
         module = frame.f_globals.get("__name__", "")
         # Not gplfd_env: its matrices have the seven rows of the arm at most.
-        if module.startswith("gplfd."):
+        if module.startswith(("gplfd_policies.", "gplfd_experiments.")):
             alone = all(each.get_num_threads() == 1 for each in self.libraries)
             name = f"{module}.{frame.f_code.co_qualname}"
             (self.limited if alone else self.unlimited).add(name)

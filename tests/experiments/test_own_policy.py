@@ -429,7 +429,7 @@ def test_names_of_files_are_different_for_different_names() -> None:
 def test_list_says_where_packaged_policies_come_from(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from gplfd_experiments import catalogue
+    from gplfd_experiments.cli import catalogue
     from gplfd_policies.registry.user_policies import PackagedPolicy
 
     offered: list[Any] = [
