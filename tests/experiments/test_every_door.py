@@ -59,7 +59,10 @@ def test_a_run_of_several_kinds_learns_each_from_its_own(
 ) -> None:
     doors = ("small", "room-584", "0.42")
     out = tmp_path / "run"
+    other = ("--policy", "oracle", "--doors", "small")
+    assert gplfd("run", *other, "--out", str(out)) == 0
     assert gplfd("run", "--policy", "promp", "--doors", *doors, "--out", str(out)) == 0
+    assert not (out / "demonstrations.npz").exists()
     metrics = json.loads((out / "metrics.json").read_text())
     assert [(one["door"], one["success"]) for one in metrics] == [
         (door, True) for door in doors

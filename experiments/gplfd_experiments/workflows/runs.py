@@ -151,6 +151,8 @@ def open_doors(
     with reported_errors(policy, chosen):
         ready = _learn(tasks, chosen, demonstrations, skill)
     LOG.info("ready to act (%.1f s)", time.perf_counter() - started)
+    if FILE not in {door.file for door in ready}:
+        earlier.append(folder / FILE)  # of an earlier run with one kind of doors
     for file in earlier:
         file.unlink(missing_ok=True)
     _write_inputs(folder, ready, demonstrations, skill, options)
