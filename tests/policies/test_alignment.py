@@ -14,9 +14,11 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.spatial.se3 import canonical_rotvec, pose_distance
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
-from gplfd_policies.demonstrations.completion import task_completion_index
+from gplfd_policies.demonstrations.completion import (
+    denoised_steps,
+    task_completion_index,
+)
 from gplfd_policies.demonstrations.demonstration import Demonstration
-from gplfd_policies.demonstrations.denoising import denoised_steps
 from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 
 METHODS = ["interpolation", "directions", "dtw", "dtw-euclidean"]

@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gplfd_policies.arrays.records import freeze, short_repr
+from gplfd_policies.arrays.shapes import Pose, Times
 from gplfd_policies.demonstrations.rests import Rest
 
 FINEST = 1e-6
-"""No pose is known, scaled or predicted more finely than to a micrometre or a
-microradian."""
+"""Finest resolution of poses, scales and standard deviations: 1 µm and 1 µrad."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -22,29 +22,29 @@ class AlignedDemonstrations:
             increase strictly within [0, 1], or the duration is not positive.
     """
 
-    times: Float[np.ndarray, " M"]
+    times: Times
     """Phases within [0, 1], strictly increasing."""
     poses: Float[np.ndarray, "K M 6"]
     """Poses [m, rad] of K demonstrations, rotation vectors on one branch."""
     duration: float = 1.0
     """Nominal duration [s] of phases 0 to 1, without what was left out."""
     rests: tuple[tuple[Rest, ...], ...] = field(default=(), repr=False)
-    """What was left out of each demonstration because nothing moved; empty if nothing
-    was looked for."""
+    """Stretches without motion that were left out of each demonstration; empty if rests
+    were kept."""
     end: float = 1.0
-    """Phase at which the demonstrations end; what follows is their continuation, see
+    """Phase at which the demonstrations end and their continuation begins, see
     `gplfd_policies.demonstrations.continuation`."""
-    drift: Float[np.ndarray, " 6"] = field(default_factory=lambda: np.zeros(6))
+    drift: Pose = field(default_factory=lambda: np.zeros(6))
     """Standard deviation that the continuation gains per phase [m, rad]."""
     clocks: Float[np.ndarray, "K M"] | None = None
-    """When each demonstration was there, as a share of its own duration; None where
-    that is not known."""
+    """Own time of each demonstration at the phases, as a share of its duration; None if
+    unknown."""
 
     __repr__ = short_repr
 
     @property
     def demonstrated(self) -> "AlignedDemonstrations":
-        """Without the continuation: what was shown, on phases of its own."""
+        """The demonstrations without their continuation, on phases 0 to 1."""
         if self.end == 1.0:
             return self
         shown = self.times <= self.end

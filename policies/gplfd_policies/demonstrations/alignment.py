@@ -8,37 +8,73 @@ arXiv:2002.09979.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import pose_distance
+from gplfd_policies.arrays.shapes import Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.completion import measure_completion, warn_of_noise
 from gplfd_policies.demonstrations.demonstration import Demonstration
-from gplfd_policies.demonstrations.directions import corrected_completions
 from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 from gplfd_policies.demonstrations.rests import Rest, warn_of_rests, without_rests
 
-_TIME_SHARE = 1e-6
+_TIME_SHARE: Final = 1e-6
 """Share of normalised time mixed into the completion: it orders the samples of a rest,
 where completion stands still, and moves no other match by more than this."""
-
+_STEPS: Final = 100
+"""Equal steps of completion at which directions of motion are compared."""
+_HALF_CHORD: Final = 4
+"""Directions are those of chords over twice this many steps: above a sensor's noise."""
+_SLOWEST: Final = 0.1
+"""A chord shorter than this share of the median one, as at a reversal, counts less."""
+_TETHER: Final = 0.5
+"""Cost of a difference of completion by one; opposite directions cost two."""
+_BLUR: Final = 2.0
+"""Standard deviation, in steps, of the smoother of the correction's staircase."""
 
 AlignmentMethod = Literal["interpolation", "directions", "dtw", "dtw-euclidean"]
 """Ways to match demonstrations, see `align`."""
+
+Samples = Float[np.ndarray, " N"]
+"""One number per sample of a demonstration."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Course:
     """One demonstration on its own normalised clock, with its completion."""
 
-    clock: Float[np.ndarray, " N"]
+    clock: Samples
     """Time from 0 to 1."""
     poses: Float[np.ndarray, "N 6"]
-    completion: Float[np.ndarray, " N"]
+    completion: Samples
+
+    @property
+    def progress(self) -> Samples:
+        """The completion, rising also where nothing moves."""
+        return np.asarray(
+            (1.0 - _TIME_SHARE) * self.completion + _TIME_SHARE * self.clock
+        )
+
+    def at(self, clock: Times) -> Outputs:
+        """Return the poses at other times of the clock."""
+        last = len(self.clock) - 2
+        before = np.clip(np.searchsorted(self.clock, clock) - 1, 0, last)
+        start, step = self.clock[before], np.diff(self.clock)[before]
+        share = ((clock - start) / step)[:, None]
+        resampled: np.ndarray = (1.0 - share) * self.poses[before]
+        resampled += share * self.poses[before + 1]
+        return resampled
+
+
+Matched = tuple[Float[np.ndarray, "K M 6"], Float[np.ndarray, "K M"]]
+"""Poses of K courses at M phases, and their clocks there."""
+CostRow = Callable[[_Course, int, _Course], Samples]
+"""Costs of matching a sample of the first course with every sample of the second."""
 
 
 def align(
@@ -56,9 +92,8 @@ def align(
       a given completion is the mean over the demonstrations of their normalised times
       there, so that the common timing (starting and stopping gently) survives.
     * ``"directions"`` does the same after completion was corrected so that the hands
-      move in the same directions, see `gplfd_policies.demonstrations.directions`: for
-      demonstrations from different starts, with stretches done twice, or with parts of
-      other sizes.
+      move in the same directions, see `corrected_completions`: for demonstrations from
+      different starts, with stretches done twice, or with parts of other sizes.
     * ``"dtw"`` is the published method: dynamic time warping on |ζ_a - ζ_b| against the
       demonstration with the most samples, matches averaged per sample of it. Where ζ
       rises strictly, it finds the same matches to within half a sample, as a staircase.
@@ -87,8 +122,9 @@ def align(
         UserWarning: If sensor noise makes a path more than 1.1 times as long, or rests
             were left out.
     """
-    if method not in _METHODS:
-        raise ValueError(f"method must be one of {sorted(_METHODS)}, got {method!r}")
+    methods = get_args(AlignmentMethod)
+    if method not in methods:
+        raise ValueError(f"method must be one of {sorted(methods)}, got {method!r}")
     if n_samples < 2:
         raise ValueError(f"n_samples must be at least 2, got {n_samples}")
     if not demonstrations:
@@ -102,80 +138,56 @@ def align(
         measure_completion(demo, rotation_weight, denoise) for demo in demonstrations
     ]
     warn_of_noise(completions, denoise)
-    start = demonstrations[0].poses[0]
-    courses = [
-        _course(demo, completion.index, start)
-        for demo, completion in zip(demonstrations, completions, strict=True)
-    ]
+
+    # Normalise time, and unwrap the rotations from the first demonstration's branch.
+    courses = []
+    for demo, completion in zip(demonstrations, completions, strict=True):
+        times, poses = demo.times, demo.poses
+        branch = np.stack([demonstrations[0].poses[0, 3:], poses[0, 3:]])
+        first = unwrap_rotvecs(branch)[1]
+        if not np.array_equal(first, poses[0, 3:]):
+            # A demonstration is continuous: where its first sample stays, all do.
+            rotvecs = unwrap_rotvecs(np.vstack([first, poses[1:, 3:]]))
+            poses = np.hstack([poses[:, :3], rotvecs])
+        clock = (times - times[0]) / (times[-1] - times[0])
+        courses.append(_Course(clock=clock, poses=poses, completion=completion.index))
+
+    def completion_cost(reference: _Course, row: int, other: _Course) -> np.ndarray:
+        return np.asarray(np.abs(other.completion - reference.completion[row]))
+
+    def pose_cost(reference: _Course, row: int, other: _Course) -> np.ndarray:
+        return pose_distance(other.poses, reference.poses[row], rotation_weight)
+
     phases = np.linspace(0.0, 1.0, n_samples)
-    poses, clocks = _METHODS[method](courses, phases, rotation_weight)
+    if method == "dtw":
+        aligned, clocks = _warped(courses, phases, completion_cost)
+    elif method == "dtw-euclidean":
+        aligned, clocks = _warped(courses, phases, pose_cost)
+    else:
+        if method == "directions":
+            corrected = corrected_completions(
+                [course.progress for course in courses],
+                [course.poses for course in courses],
+                rotation_weight,
+            )
+            courses = [
+                replace(course, completion=completion)
+                for course, completion in zip(courses, corrected, strict=True)
+            ]
+        aligned, clocks = _interpolated(courses, phases)
     durations = [float(demo.times[-1] - demo.times[0]) for demo in demonstrations]
     return AlignedDemonstrations(
         times=phases,
-        poses=poses,
+        poses=aligned,
         duration=float(np.mean(durations)),
         rests=rests,
         clocks=clocks,
     )
 
 
-def _course(
-    demonstration: Demonstration,
-    completion: Float[np.ndarray, " N"],
-    start: Float[np.ndarray, " 6"],
-) -> _Course:
-    """Normalise time, and unwrap the rotations from the branch of `start`."""
-    times, poses = demonstration.times, demonstration.poses
-    clock = (times - times[0]) / (times[-1] - times[0])
-    first = unwrap_rotvecs(np.stack([start[3:], poses[0, 3:]]))[1]
-    if not np.array_equal(first, poses[0, 3:]):
-        # A demonstration is continuous: where its first sample stays, all do.
-        rotvecs = unwrap_rotvecs(np.vstack([first, poses[1:, 3:]]))
-        poses = np.hstack([poses[:, :3], rotvecs])
-    return _Course(clock=clock, poses=poses, completion=completion)
-
-
-Matched = tuple[Float[np.ndarray, "K M 6"], Float[np.ndarray, "K M"]]
-"""Poses of K courses at M phases, and their clocks there."""
-
-
-def _by_completion(
-    courses: Sequence[_Course], phases: Float[np.ndarray, " M"], rotation_weight: float
-) -> Matched:
-    """Match equal completion exactly, on the mean clock."""
-    del rotation_weight  # already in the completion
-    return _interpolated(courses, phases)
-
-
-def _by_direction(
-    courses: Sequence[_Course], phases: Float[np.ndarray, " M"], rotation_weight: float
-) -> Matched:
-    """Match completion that directions have corrected, on the mean clock."""
-    corrected = corrected_completions(
-        [_rising(course) for course in courses],
-        [course.poses for course in courses],
-        rotation_weight,
-    )
-    courses = [
-        replace(course, completion=completion)
-        for course, completion in zip(courses, corrected, strict=True)
-    ]
-    return _interpolated(courses, phases)
-
-
-def _rising(course: _Course) -> Float[np.ndarray, " N"]:
-    """Return the completion, rising also where nothing moves."""
-    rising: np.ndarray = (
-        1.0 - _TIME_SHARE
-    ) * course.completion + _TIME_SHARE * course.clock
-    return rising
-
-
-def _interpolated(
-    courses: Sequence[_Course], phases: Float[np.ndarray, " M"]
-) -> Matched:
-    """Return all courses where their completions are equal."""
-    progress = [_rising(course) for course in courses]
+def _interpolated(courses: Sequence[_Course], phases: Times) -> Matched:
+    """Match the courses where their completions are equal, on the mean clock."""
+    progress = [course.progress for course in courses]
     # Between these knots every clock is linear in progress, so their mean is too, and
     # inverting it by linear interpolation is exact.
     knots = np.unique(np.concatenate(progress))
@@ -191,37 +203,18 @@ def _interpolated(
         np.interp(wanted, rising, course.clock)
         for rising, course in zip(progress, courses, strict=True)
     ]
-    poses = [
-        _resampled(clock, course) for clock, course in zip(clocks, courses, strict=True)
-    ]
+    poses = [course.at(clock) for clock, course in zip(clocks, courses, strict=True)]
     return np.stack(poses), np.stack(clocks)
 
 
-def _resampled(
-    clock: Float[np.ndarray, " M"], course: _Course
-) -> Float[np.ndarray, "M 6"]:
-    """Return the poses of a course at other times of its clock."""
-    last = len(course.clock) - 2
-    before = np.clip(np.searchsorted(course.clock, clock) - 1, 0, last)
-    start, step = course.clock[before], np.diff(course.clock)[before]
-    share = ((clock - start) / step)[:, None]
-    resampled: np.ndarray = (1.0 - share) * course.poses[before]
-    resampled += share * course.poses[before + 1]
-    return resampled
-
-
-def _warped(
-    courses: Sequence[_Course],
-    phases: Float[np.ndarray, " M"],
-    cost_row: Callable[[_Course, int, _Course], Float[np.ndarray, " N"]],
-) -> Matched:
+def _warped(courses: Sequence[_Course], phases: Times, cost_row: CostRow) -> Matched:
     """Warp every course onto the one with the most samples; average its matches."""
     reference = max(courses, key=lambda course: len(course.clock))
     aligned, clocks = [], []
     for course in courses:
         if course is reference:
             # Matched with itself, every sample meets itself.
-            aligned.append(_resampled(phases, course))
+            aligned.append(course.at(phases))
             clocks.append(phases)
             continue
         path = dynamic_time_warping(
@@ -233,42 +226,67 @@ def _warped(
             np.bincount(path.rows, weights=column[path.columns]) / matches
             for column in (course.clock, *course.poses.T)
         ]
-        matched = _Course(
-            clock=reference.clock,
-            poses=np.column_stack(means[1:]),
-            completion=reference.completion,
-        )
-        aligned.append(_resampled(phases, matched))
+        matched = replace(reference, poses=np.column_stack(means[1:]))
+        aligned.append(matched.at(phases))
         clocks.append(np.interp(phases, reference.clock, means[0]))
     return np.stack(aligned), np.stack(clocks)
 
 
-def _warped_by_completion(
-    courses: Sequence[_Course], phases: Float[np.ndarray, " M"], rotation_weight: float
-) -> Matched:
-    """Warp with the cost |ζ_a - ζ_b|."""
-    del rotation_weight  # already in the completion
+def corrected_completions(
+    completions: Sequence[Float[np.ndarray, " _"]],
+    poses: Sequence[Float[np.ndarray, "_ 6"]],
+    rotation_weight: float,
+) -> list[Float[np.ndarray, " _"]]:
+    """Return completions at which demonstrations move in the same directions.
 
-    def cost_row(reference: _Course, row: int, other: _Course) -> np.ndarray:
-        return np.asarray(np.abs(other.completion - reference.completion[row]))
+    How much of its path a hand has covered tells how far it is in the task only if the
+    parts of the task are equally large shares of every path. They are not where a
+    demonstration came from farther away, did a part twice, or made one stroke longer
+    than the others. The direction of motion tells these apart: it depends neither on
+    where a path lies nor on how large its parts are.
 
-    return _warped(courses, phases, cost_row)
+    Each demonstration's directions at equal steps of completion are matched with their
+    mean over the demonstrations, by dynamic time warping with the cost
+    ``|u_a - u_b|² + (ζ_a - ζ_b)² / 4``; where the direction does not change, on a
+    straight line, completion alone decides. The resulting correction is smoothed.
 
+    Args:
+        completions: Strictly increasing from 0 to 1, (N,) each.
+        poses: Of the same samples [m, rad], (N, 6) each.
+        rotation_weight: ω₁ of Eq. (17), which weighs turning against moving.
 
-def _warped_by_pose(
-    courses: Sequence[_Course], phases: Float[np.ndarray, " M"], rotation_weight: float
-) -> Matched:
-    """Warp with the distance of poses, Eq. (17), as the cost."""
+    Returns:
+        Completions from 0 to 1, never falling, (N,) each.
+    """
+    steps = np.linspace(0.0, 1.0, _STEPS)
+    scale = np.repeat(np.sqrt([1.0 - rotation_weight, rotation_weight]), 3)
+    # Unit vectors along each path, shorter ones where it turns back.
+    directions = []
+    for index, recorded in zip(completions, poses, strict=True):
+        columns = [np.interp(steps, index, one) for one in recorded.T]
+        ends = ((_HALF_CHORD, _HALF_CHORD), (0, 0))
+        padded = np.pad(scale * np.column_stack(columns), ends, mode="edge")
+        chords = padded[2 * _HALF_CHORD :] - padded[: -2 * _HALF_CHORD]
+        lengths = np.linalg.norm(chords, axis=1)
+        least = max(_SLOWEST * float(np.median(lengths)), np.finfo(np.float64).tiny)
+        directions.append(chords / np.maximum(lengths, least)[:, None])
+    common = np.mean(directions, axis=0)
 
-    def cost_row(reference: _Course, row: int, other: _Course) -> np.ndarray:
-        return pose_distance(other.poses, reference.poses[row], rotation_weight)
+    corrected = []
+    for index, own in zip(completions, directions, strict=True):
 
-    return _warped(courses, phases, cost_row)
+        def cost_row(row: int, own: np.ndarray = own) -> np.ndarray:
+            apart = np.sum((common - own[row]) ** 2, axis=1)
+            return np.asarray(apart + (_TETHER * (steps - steps[row])) ** 2)
 
-
-_METHODS = {
-    "interpolation": _by_completion,
-    "directions": _by_direction,
-    "dtw": _warped_by_completion,
-    "dtw-euclidean": _warped_by_pose,
-}
+        path = dynamic_time_warping(cost_row, len(steps))
+        matches = np.bincount(path.rows)
+        stairs = np.bincount(path.rows, weights=steps[path.columns]) / matches
+        correction = scipy.ndimage.gaussian_filter1d(
+            stairs - steps, _BLUR, mode="nearest"
+        )
+        # Ends stay matched with ends.
+        correction -= (1.0 - steps) * correction[0] + steps * correction[-1]
+        rising = np.clip(np.maximum.accumulate(steps + correction), 0.0, 1.0)
+        corrected.append(np.interp(index, steps, rising))
+    return corrected

@@ -11,8 +11,7 @@ from gplfd_env.spatial.se3 import relative_poses
 from gplfd_policies.arrays.records import freeze, short_repr
 
 _REST = 1e-9
-"""A motion within this of its first pose [m, rad] is no motion."""
-
+"""A motion that stays within this distance of its first pose [m, rad] is at rest."""
 _SAME_ROTVEC = 1e-6
 """Unwrapping changes a component by less than this [rad] where nothing jumps."""
 
@@ -37,9 +36,52 @@ class Demonstration:
 
     def __post_init__(self) -> None:
         freeze(self, "times", "poses")
-        _check_shapes(self.times, self.poses)
-        _check_times(self.times)
-        _check_poses(self.poses)
+        times, poses = self.times, self.poses
+        if times.ndim != 1 or poses.shape != (*times.shape, 6):
+            raise ValueError(
+                "times must have shape (N,) and poses (N, 6) with columns x, y, z, "
+                f"θu_x, θu_y, θu_z, got {times.shape} and {poses.shape}"
+            )
+        if times.size == 0:
+            raise ValueError(
+                "the demonstration is empty; it needs at least two samples"
+            )
+        if times.size == 1:
+            raise ValueError("the demonstration has one sample; it needs at least two")
+        bad = np.flatnonzero(~np.isfinite(times))
+        if bad.size:
+            raise ValueError(f"times[{bad[0]}] = {times[bad[0]]} is not finite")
+        stalled = np.flatnonzero(np.diff(times) <= 0)
+        if stalled.size:
+            index = int(stalled[0]) + 1
+            what = "repeats" if times[index] == times[index - 1] else "is earlier than"
+            raise ValueError(
+                f"times must increase strictly, but times[{index}] = {times[index]} "
+                f"{what} times[{index - 1}] = {times[index - 1]}; sort the samples and "
+                "drop repeated ones"
+            )
+        bad = np.flatnonzero(~np.isfinite(poses).all(axis=1))
+        if bad.size:
+            raise ValueError(
+                f"poses[{bad[0]}] = {poses[bad[0]]} is not finite; drop or interpolate "
+                "the sample first"
+            )
+        rotvecs = poses[:, 3:]
+        moved = np.abs(unwrap_rotvecs(rotvecs) - rotvecs).max(axis=1) > _SAME_ROTVEC
+        if moved.any():
+            index = int(np.argmax(moved))
+            raise ValueError(
+                f"the rotation vectors jump at sample {index}, from "
+                f"{rotvecs[index - 1]} to {rotvecs[index]}: an equivalent vector is "
+                "nearer; build the demonstration with Demonstration.from_quaternions, "
+                "or pass the rotation vectors through "
+                "gplfd_env.spatial.rotation_paths.unwrap_rotvecs first"
+            )
+        if np.abs(poses - poses[0]).max() <= _REST:
+            raise ValueError(
+                "the demonstration never moves: all poses are equal, so no progress "
+                "can be measured; check the recording and its units (metres, radians)"
+            )
 
     @classmethod
     def from_quaternions(
@@ -105,59 +147,3 @@ class Demonstration:
         """
         poses = relative_poses(self.poses, self.poses[0])
         return Demonstration(times=self.times, poses=poses)
-
-
-def _check_shapes(
-    times: Float[np.ndarray, "..."], poses: Float[np.ndarray, "..."]
-) -> None:
-    """Raise unless times are (N,) and poses (N, 6) with at least two samples."""
-    if times.ndim != 1 or poses.shape != (*times.shape, 6):
-        raise ValueError(
-            "times must have shape (N,) and poses (N, 6) with columns x, y, z, θu_x, "
-            f"θu_y, θu_z, got {times.shape} and {poses.shape}"
-        )
-    if times.size == 0:
-        raise ValueError("the demonstration is empty; it needs at least two samples")
-    if times.size == 1:
-        raise ValueError("the demonstration has one sample; it needs at least two")
-
-
-def _check_times(times: Float[np.ndarray, " N"]) -> None:
-    """Raise unless the times are finite and strictly increasing."""
-    bad = np.flatnonzero(~np.isfinite(times))
-    if bad.size:
-        raise ValueError(f"times[{bad[0]}] = {times[bad[0]]} is not finite")
-    stalled = np.flatnonzero(np.diff(times) <= 0)
-    if stalled.size:
-        index = int(stalled[0]) + 1
-        what = "repeats" if times[index] == times[index - 1] else "is earlier than"
-        raise ValueError(
-            f"times must increase strictly, but times[{index}] = {times[index]} {what} "
-            f"times[{index - 1}] = {times[index - 1]}; sort the samples and drop "
-            "repeated ones"
-        )
-
-
-def _check_poses(poses: Float[np.ndarray, "N 6"]) -> None:
-    """Raise unless the poses are finite, continuous in rotation, and move."""
-    bad = np.flatnonzero(~np.isfinite(poses).all(axis=1))
-    if bad.size:
-        raise ValueError(
-            f"poses[{bad[0]}] = {poses[bad[0]]} is not finite; drop or interpolate the "
-            "sample first"
-        )
-    rotvecs = poses[:, 3:]
-    moved = np.abs(unwrap_rotvecs(rotvecs) - rotvecs).max(axis=1) > _SAME_ROTVEC
-    if moved.any():
-        index = int(np.argmax(moved))
-        raise ValueError(
-            f"the rotation vectors jump at sample {index}, from {rotvecs[index - 1]} "
-            f"to {rotvecs[index]}: an equivalent vector is nearer; build the "
-            "demonstration with Demonstration.from_quaternions, or pass the rotation "
-            "vectors through gplfd_env.spatial.rotation_paths.unwrap_rotvecs first"
-        )
-    if np.abs(poses - poses[0]).max() <= _REST:
-        raise ValueError(
-            "the demonstration never moves: all poses are equal, so no progress can "
-            "be measured; check the recording and its units (metres, radians)"
-        )

@@ -56,23 +56,16 @@ def dynamic_time_warping(
     choices = np.empty((n_rows, len(total)), dtype=np.int8)
     choices[0] = _LEFT
     for index in range(1, n_rows):
-        row = cost_row(index)
+        costs = cost_row(index)
         choice = choices[index, 1:]
         np.less(total[1:], total[:-1], out=choice.view(np.bool_))  # up or diagonal
         above[0] = total[0]
         np.minimum(total[1:], total[:-1], out=above[1:])
-        cumulated = row.cumsum()
-        total = cumulated + np.minimum.accumulate(above - (cumulated - row))
+        cumulated = costs.cumsum()
+        total = cumulated + np.minimum.accumulate(above - (cumulated - costs))
         choices[index, 0] = _UP
         np.copyto(choice, _LEFT, where=total[:-1] < above[1:])
-    rows, columns = _trace(choices)
-    return WarpingPath(cost=float(total[-1]), rows=rows, columns=columns)
-
-
-def _trace(
-    choices: np.ndarray,
-) -> tuple[Int[np.ndarray, " P"], Int[np.ndarray, " P"]]:
-    """Follow the choices from the last cell back to the first."""
+    # Follow the choices from the last cell back to the first.
     row, column = choices.shape[0] - 1, choices.shape[1] - 1
     path = [(row, column)]
     while row or column:
@@ -81,4 +74,4 @@ def _trace(
         column -= choice != _UP
         path.append((row, column))
     rows, columns = np.array(path[::-1], dtype=np.int64).T
-    return rows, columns
+    return WarpingPath(cost=float(total[-1]), rows=rows, columns=columns)

@@ -1,10 +1,9 @@
-"""The handle that a hand turns before it moves on: its axis, and the way about it.
+"""Geometry of a handle that is turned before its door opens.
 
-A lever is turned before its door opens. The hand, centimetres from the lever's axis,
-then goes along an arc that says nothing of the door, and that is as large before a
-small door as before a large one. What goes along the door's own circle, from its start
-and whatever the handle does, is the point of the hand that rests while the handle is
-turned.
+While a lever is turned, the hand moves on an arc about the lever's axis, centimetres
+away. That arc carries no information about the door. The point of the handle's axis
+rests meanwhile and then moves on the door's own circle, whatever the handle does. All
+poses are in the task frame.
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
@@ -27,55 +26,45 @@ Quaternion = tuple[float, float, float, float]
 Poses = Float[np.ndarray, "*N 6"]
 
 _FIRST_TURN: Final = 0.4
-"""What a hand turns by before a door has moved [rad]: less than handles ask for."""
-
+"""Turn of the hand before the door moves [rad]; handles need more to unlatch."""
 _LATER_TURN: Final = 0.2
-"""A later turn by less has no axis [rad]."""
-
+"""Below this angle a later turn has no well-defined axis [rad]."""
 _ANOTHER: Final = math.radians(45.0)
-"""Axes are two that are farther apart than this [rad]."""
-
+"""Two axes differ if the angle between them exceeds this [rad]."""
 _STILL: Final = 0.015
-"""What the point that rests moves by at most, root mean square [m]: a sensor beside the
-handle is a centimetre from where the hand holds it."""
-
+"""Largest root-mean-square motion of the resting point [m]: a sensor beside the handle
+is a centimetre from where the hand holds it."""
 _LEAST_ARM: Final = 0.03
-"""Who holds a handle nearer to its axis turns it by a moment, as a knob, and no force
-is along its way [m]."""
-
+"""Below this lever arm the handle is treated as a knob, which is turned by a moment and
+not by a force along the path [m]."""
 _MOVED: Final = 0.01
-"""An axis that has moved has moved by this much [m]."""
-
+"""Displacement of the axis from which on the door counts as moving [m]."""
 _FIRM: Final = 1e3
-"""Weight of the choice of a point along an axis, over that of a sample."""
+"""Weight of the choice of a point along the axis, relative to that of a sample."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TurnedHandle:
-    """An axis that is fixed to the hand, where and as it is at the start; task frame.
+    """The axis of a handle, fixed to the hand, as it is at the start.
 
-    A hand at p, turned by R, has the axis's point at p + (R - 1) s from its start. All
-    is computed in single numbers, so that one hand and many give the same bits.
+    With the hand at position p and rotation R, the axis's point is displaced by
+    p + (R - 1) s. Everything is computed in Python floats, so that one hand and many
+    give the same bits. Poses are lists (6,) [m, rad].
     """
 
     point: Vector
     """s: a point of the axis, from the hand [m]."""
     axis: Vector
-    """a: its direction, a unit vector; the handle is first turned about it by a
-    positive angle."""
+    """a: its direction, a unit vector; the first turn about it is positive."""
     travel: float = 0.0
-    """How far it was turned when it was shown: the mean of the greatest turns [rad]."""
+    """Mean of the largest demonstrated turns [rad]."""
     opens: float = 0.0
-    """Phase from which on its axis moves, and with it the door."""
+    """Phase from which on its axis, and with it the door, moves."""
 
     def held(self, pose: list[float], turn: float) -> list[float]:
-        """Return the pose of a hand that turns the handle by another angle.
+        """Return the hand pose with the handle turned by another angle [rad].
 
-        The leaf, and with it the handle's axis, stays where the hand has it.
-
-        Args:
-            pose: Of the hand, (6,) [m, rad].
-            turn: The angle [rad].
+        The leaf, and with it the handle's axis, keeps its pose.
         """
         leaf, _ = self.turns(pose[3:])
         ax, ay, az = self.axis
@@ -87,15 +76,14 @@ class TurnedHandle:
         return [x + sx - rx, y + sy - ry, z + sz - rz, *rotation]
 
     def told(self, pose: list[float], mean: list[float]) -> list[float]:
-        """Return what a hand's pose tells of the door, beside what was expected.
+        """Return the hand pose with the handle's own motion removed.
 
-        It is the pose with the handle turned as expected, and moved along the way about
-        its axis to where the hand was expected: there it goes as the handle's spring
-        has it.
+        The handle is turned as expected, and the hand is moved along the handle's path
+        to where it was expected: along it, the handle's spring decides.
 
         Args:
-            pose: Of the hand, (6,) [m, rad].
-            mean: Expected, (6,) [m, rad].
+            pose: Observed pose of the hand.
+            mean: Expected pose of the hand.
         """
         _, turn = self.turns(mean[3:])
         x, y, z, *rotation = self.held(pose, turn)
@@ -106,57 +94,49 @@ class TurnedHandle:
         return [x + lag * wx, y + lag * wy, z + lag * wz, *rotation]
 
     def place(self, pose: list[float]) -> Vector:
-        """Return where the axis's point is, from its start [m].
-
-        Args:
-            pose: Of the hand, (6,) [m, rad].
-        """
+        """Return the displacement of the axis's point from its start [m]."""
         x, y, z, *rotation = pose
         sx, sy, sz = self.point
         rx, ry, rz = _turned(self.point, rotation)
         return x + (rx - sx), y + (ry - sy), z + (rz - sz)
 
     def way(self, pose: list[float]) -> Vector:
-        """Return where the hand goes while the handle turns: R (s × a), of length one.
+        """Return the hand's unit direction of motion while the handle turns, R (s × a).
 
         Zero for a knob.
         """
-        (sx, sy, sz), (ax, ay, az) = self.point, self.axis
-        x, y, z = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
-        arm = math.sqrt(x * x + y * y + z * z)
+        lever, arm = self._lever()
         if arm < _LEAST_ARM:
             return 0.0, 0.0, 0.0
+        x, y, z = lever
         return _turned((x / arm, y / arm, z / arm), pose[3:])
 
     def turned(self, pose: list[float]) -> float:
-        """Return by how much a closed door's handle is turned [rad].
+        """Return the turn of a closed door's handle [rad].
 
-        The hand may turn on a lever. So it counts where the hand is along its way: the
-        place of an axis that rests is zero.
-
-        Args:
-            pose: Of the hand, (6,) [m, rad].
+        The hand may turn on a lever. So its displacement along the handle's path counts
+        as well: an axis that rests contributes nothing.
         """
         _, turn = self.turns(pose[3:])
-        (sx, sy, sz), (ax, ay, az) = self.point, self.axis
-        x, y, z = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
-        arm = math.sqrt(x * x + y * y + z * z)
+        _, arm = self._lever()
         if arm < _LEAST_ARM:
             return turn
         px, py, pz = self.place(pose)
         wx, wy, wz = self.way(pose)
         return turn + (px * wx + py * wy + pz * wz) / arm
 
+    def _lever(self) -> tuple[Vector, float]:
+        """Return s × a and its length, the lever arm [m]."""
+        (sx, sy, sz), (ax, ay, az) = self.point, self.axis
+        x, y, z = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
+        return (x, y, z), math.sqrt(x * x + y * y + z * z)
+
     def turns(self, rotation: list[float]) -> tuple[Vector, float]:
-        """Return the leaf's turn and the handle's: hand = leaf ∘ handle.
-
-        The handle's is the twist about its axis, the leaf's the swing that is left.
-
-        Args:
-            rotation: Of the hand, a rotation vector (3,) [rad].
+        """Split the hand's rotation vector into leaf and handle: hand = leaf ∘ handle.
 
         Returns:
-            A rotation vector across the axis, and an angle [rad].
+            The leaf's swing, a rotation vector across the axis, and the handle's twist
+            about the axis, an angle [rad].
         """
         w, x, y, z = _quaternion(rotation)
         ax, ay, az = self.axis
@@ -167,7 +147,7 @@ class TurnedHandle:
         return _rotvec(_product((w, x, y, z), back)), 2.0 * half
 
     def places(self, poses: Poses) -> Poses:
-        """Return poses (*N, 6) with the point's places instead of the hand's."""
+        """Return poses (*N, 6) with the position of the axis's point."""
         moved = poses.copy()
         for row in moved.reshape(-1, 6):
             row[:3] = self.place(row.tolist())
@@ -175,17 +155,17 @@ class TurnedHandle:
 
 
 def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
-    """Return the handle that demonstrations turn first.
+    """Find the handle that demonstrations turn first.
 
-    A hand that turns about one axis first, by `_FIRST_TURN`, and is turned about
-    another in the end, turns a handle if a point rests meanwhile that is fixed to it:
+    The hand must turn about one axis first, end turned about another, and have a point
+    s fixed to it that rests during the first turn,
 
         p + (R - 1) s = 0,
 
     by least squares over positions p and rotations R of all demonstrations.
 
     Returns:
-        The handle; None of a bar, or where no point rests.
+        The handle; None for a bar, or where no point rests.
     """
     firsts, lasts, rows, sides = [], [], [], []
     for poses in aligned.demonstrated.poses:
@@ -195,7 +175,9 @@ def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
             return None
         firsts.append(poses[turned, 3:] / angles[turned])
         lasts.append(poses[-1, 3:] / angles[-1])
-        rotations = Rotation.from_rotvec(poses[: turned + 1, 3:].copy())
+        rotations = scipy.spatial.transform.Rotation.from_rotvec(
+            poses[: turned + 1, 3:].copy()
+        )
         rows.append(
             rotations.as_matrix().reshape(-1, 3) - np.tile(np.eye(3), (turned + 1, 1))
         )
@@ -205,7 +187,7 @@ def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
     if abs(float(first @ np.mean(lasts, axis=0))) > math.cos(_ANOTHER):
         return None
     matrix, side = np.vstack(rows), np.concatenate(sides)
-    # Along the axis any point would do: the nearest is taken.
+    # Every point along the axis is a solution: the nearest one is taken.
     firm = np.vstack([matrix, _FIRM * np.outer(first, first)])
     point, *_ = np.linalg.lstsq(firm, np.concatenate([side, np.zeros(3)]))
     left = matrix @ point - side
@@ -230,7 +212,7 @@ def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
 def seen_at(
     aligned: AlignedDemonstrations, handle: TurnedHandle
 ) -> AlignedDemonstrations:
-    """Return the demonstrations of a handle's axis instead of the hand's."""
+    """Return the demonstrations with the handle's axis in place of the hand."""
     return replace(aligned, poses=handle.places(aligned.poses))
 
 
@@ -261,7 +243,7 @@ def _product(first: Quaternion, second: Quaternion) -> Quaternion:
 
 
 def _turned(vector: Vector, rotation: Sequence[float]) -> Vector:
-    """Return a vector, turned by a rotation vector: Rodrigues' formula."""
+    """Rotate a vector by a rotation vector: Rodrigues' formula."""
     a, b, c = rotation
     x, y, z = vector
     angle = math.sqrt(a * a + b * b + c * c)

@@ -1,0 +1,26 @@
+"""Shapes of arrays, stated once for all signatures.
+
+M is the number of phases and D that of demonstrations; the six outputs are those of a
+pose, (x, y, z, θu_x, θu_y, θu_z) [m, rad]. Within one call, equal letters are equal
+numbers.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+Times = Float[np.ndarray, " M"]
+"""Phases of the task, or other times."""
+Curve = Float[np.ndarray, " M"]
+"""One number at each of them."""
+Curves = Float[np.ndarray, "D M"]
+"""The same of every demonstration."""
+Gram = Float[np.ndarray, "M M"]
+"""Covariance of one output between them."""
+Pose = Float[np.ndarray, "6"]
+"""The six outputs at one phase."""
+Outputs = Float[np.ndarray, "M 6"]
+"""The six outputs, their standard deviations, or their rates at M phases."""
+OutputCurves = Float[np.ndarray, "D M 6"]
+"""The same of every demonstration."""
+Covariances = Float[np.ndarray, "6 M M"]
+"""Covariance over time of every output."""
