@@ -5,7 +5,7 @@ python benchmarks/model_worth.py
 Forecasts of `unseen_doors.py` after one, two, four and eight demonstrations of each of
 three doors, with a model that is worth fewer and more independent deviations than
 `gplfd_policies.gp.deviations.MODEL_WORTH`, and with the share that forecasts left-out
-demonstrations best (`gplfd_policies.gp.left_out.forecast_score`).
+demonstrations best (`gplfd_policies.gp.deviations.forecast_score`).
 """
 
 from collections.abc import Mapping
@@ -20,8 +20,7 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.report import Measurement, measure_all
 from gplfd_policies.adaptation import ProcessAdaptation
-from gplfd_policies.gp.deviations import MODEL_WORTH
-from gplfd_policies.gp.left_out import forecast_score
+from gplfd_policies.gp.deviations import MODEL_WORTH, forecast_score
 from gplfd_policies.movements.movement import AdaptationForm
 from gplfd_policies.movements.skill import Skill
 

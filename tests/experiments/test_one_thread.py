@@ -42,7 +42,7 @@ from gplfd_policies.movements.movement import Movement
 
 WATCHED = {
     "gplfd_policies.adaptation.conditioning.ConditionedProcess.update",
-    "gplfd_policies.movements.baselines.mixture_of_views._maximised",
+    "gplfd_policies.movements.baselines.tp_gmm._maximised",
 }
 """Some of the functions whose linear algebra must run on one thread."""
 PHASES = np.linspace(0.0, 1.0, 150)

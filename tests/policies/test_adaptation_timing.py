@@ -14,12 +14,11 @@ from gplfd_policies.adaptation.conditioning import (
     Repetition,
     leading_curves,
 )
-from gplfd_policies.adaptation.own_clock import delayed
+from gplfd_policies.adaptation.own_clock import delayed, timing_covariance
 from gplfd_policies.adaptation.process import demonstrated_repetition
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis
-from gplfd_policies.gp.timing import timing_covariance
-from gplfd_policies.movements.residual import fit_residual
+from gplfd_policies.movements.prior_mean import fit_residual
 
 TIMES = np.linspace(0.0, 1.0, 60)
 PATH = RBF(length_scale=0.3, signal_std=0.05)

@@ -16,7 +16,7 @@ from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
 from gplfd_policies.control.stability import rate_bound
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
-from gplfd_policies.movements.empirical import EmpiricalDistribution
+from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.phase.path_phase import PathPhase
 from gplfd_policies.phase.phase_rule import POSE_ERROR, ClockPhase, PhaseEstimate

@@ -12,16 +12,14 @@ from gplfd_policies.adaptation import OwnAdaptation
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.movements.baselines.gmm_gp import (
+    Evidence,
     GMMGaussianProcess,
     GMMGPConfig,
+    LengthScaleConfig,
+    MixtureKernel,
     fit_gmm_gp,
 )
 from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
-from gplfd_policies.movements.baselines.mixture_kernel import (
-    Evidence,
-    LengthScaleConfig,
-    MixtureKernel,
-)
 from gplfd_policies.movements.movement import Adaptable
 from gplfd_policies.movements.trajectory import ViaPoint
 

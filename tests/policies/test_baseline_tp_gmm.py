@@ -13,17 +13,16 @@ from gplfd_policies.adaptation import OwnAdaptation
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
-from gplfd_policies.movements.baselines.mixture_of_views import fit_mixture_of_views
-from gplfd_policies.movements.baselines.task_frames import (
+from gplfd_policies.movements.baselines.tp_gmm import (
     HANDLE,
     Circle,
     Frame,
-    fit_circle,
-    hinge_frame,
-)
-from gplfd_policies.movements.baselines.tp_gmm import (
     TaskParameterisedMixture,
+    fit_circle,
+    fit_mixture_of_views,
     fit_tp_gmm,
+    hinge_frame,
+    hinge_uncertainty,
     product_of_gaussians,
 )
 from gplfd_policies.movements.movement import Adaptable
@@ -262,7 +261,7 @@ def test_an_uncertain_hinge_spreads_the_path_as_sampled_hinges_do(mixture):
     middle, std = at_hinge(mixture, 0.5), 0.01
     covariance = np.diag([std**2, std**2, 0.0])
     uncertain = replace(middle, circle=replace(middle.circle, covariance=covariance))
-    added = uncertain._hinge_uncertainty(uncertain.circle)
+    added = hinge_uncertainty(uncertain.means[1], uncertain.circle)
     frames = [
         hinge_frame(np.array([0.0, -0.5]) + step)
         for step in std * np.vstack([np.eye(2), -np.eye(2)])

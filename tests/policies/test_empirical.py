@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.movements.empirical import EmpiricalDistribution
+from gplfd_policies.movements.movement import EmpiricalDistribution
 
 
 def test_moments_are_those_of_the_samples(skill):

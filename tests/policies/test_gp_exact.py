@@ -8,8 +8,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF as SklearnRBF
 from sklearn.gaussian_process.kernels import ConstantKernel
 
-from gplfd_policies.gp.exact import ExactGP
-from gplfd_policies.gp.factorisation import factorise
+from gplfd_policies.gp.exact import ExactGP, factorise
 from gplfd_policies.gp.kernels import RBF
 
 KERNEL = RBF(length_scale=0.2, signal_std=1.3)

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from scipy.special import digamma, polygamma
 
-from gplfd_policies.gp.kersting import KerstingNoise
-from gplfd_policies.gp.noise import HomoscedasticNoise, MapNoise
-from gplfd_policies.gp.noise_profile import NoiseProfile
+from gplfd_policies.gp.noise import (
+    HomoscedasticNoise,
+    KerstingNoise,
+    MapNoise,
+    NoiseProfile,
+)
 
 TIMES = np.linspace(0.0, 1.0, 120)
 TRUE = 0.05**2 * np.exp(2.0 * np.sin(5.0 * TIMES))

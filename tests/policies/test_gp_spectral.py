@@ -3,13 +3,16 @@
 import numpy as np
 import pytest
 
-from gplfd_policies.gp.evidence import DenseEvidence, SpectralEvidence
 from gplfd_policies.gp.exact import ExactGP
-from gplfd_policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
+from gplfd_policies.gp.hyperparameters import (
+    DenseEvidence,
+    fit_kernel,
+    fit_kernel_and_noise,
+)
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import SIZES, LegendreBasis
 from gplfd_policies.gp.replicates import Replicates
-from gplfd_policies.gp.spectral import SpectralPosterior
+from gplfd_policies.gp.spectral import SpectralEvidence, SpectralPosterior
 
 KERNEL = RBF(length_scale=0.2, signal_std=1.0)
 

@@ -15,7 +15,7 @@ from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
 from gplfd_policies.handles.compensation import Handles
 from gplfd_policies.handles.load import HandleAndDoor
-from gplfd_policies.movements.empirical import EmpiricalDistribution
+from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.phase.path_phase import PathPhase
 
 LEVER = DoorConfig(radius=0.65, handle="lever", latch="spring")

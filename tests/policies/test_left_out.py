@@ -7,8 +7,13 @@ import pytest
 from scipy.stats import invwishart
 from scipy.stats import t as student
 
-from gplfd_policies.gp.deviations import MODEL_WORTH, DeviationProcess, conjugate_share
-from gplfd_policies.gp.left_out import forecast_score, wobbling
+from gplfd_policies.gp.deviations import (
+    MODEL_WORTH,
+    DeviationProcess,
+    conjugate_share,
+    forecast_score,
+    wobbling,
+)
 
 TIMES = np.linspace(0.0, 1.0, 30)
 PROCESS = DeviationProcess(

@@ -18,7 +18,7 @@ from gplfd_policies.arrays.members import EVERY_MEMBER
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import YieldToAll
 from gplfd_policies.control.steps import AgentStep
-from gplfd_policies.gp.kersting import KerstingNoise
+from gplfd_policies.gp.noise import KerstingNoise
 
 RADII = (0.38, 0.50, 0.62)
 WAYS_TO_FOLLOW = {

@@ -5,7 +5,7 @@ import pytest
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies.demonstrations.alignment import align
-from gplfd_policies.movements.empirical import EmpiricalDistribution
+from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.phase.heading import Heading, directions

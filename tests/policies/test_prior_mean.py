@@ -30,7 +30,7 @@ from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
     fit_wishart_gp,
 )
-from gplfd_policies.movements.residual import ResidualMovement, fit_residual
+from gplfd_policies.movements.prior_mean import ResidualMovement, fit_residual
 from gplfd_policies.movements.trajectory import ViaPoint
 from gplfd_policies.registry.method import TrainingInput
 

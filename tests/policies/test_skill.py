@@ -12,8 +12,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from gplfd_policies.adaptation import adapt, begin_adaptation, forms
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.exact import ExactGP
-from gplfd_policies.gp.kersting import KerstingNoise
-from gplfd_policies.gp.multi_output import MultiOutputGP
+from gplfd_policies.gp.heteroscedastic import MultiOutputGP
+from gplfd_policies.gp.noise import KerstingNoise
 from gplfd_policies.movements.skill import Skill, fit_skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 

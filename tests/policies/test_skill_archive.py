@@ -9,8 +9,8 @@ import pytest
 from gplfd_policies import PosePath, ViaPoint, align, fit_skill, load_skill
 from gplfd_policies.adaptation import ADAPTATIONS
 from gplfd_policies.demonstrations.continuation import continued
-from gplfd_policies.gp.kersting import KerstingNoise
-from gplfd_policies.movements.residual import fit_residual
+from gplfd_policies.gp.noise import KerstingNoise
+from gplfd_policies.movements.prior_mean import fit_residual
 
 PHASES = np.linspace(-0.05, 1.05, 45)
 VIA_POINT = ViaPoint(phase=0.4, pose=np.array([0.2, 0.0, -0.05, 0.0, 0.4, np.nan]))

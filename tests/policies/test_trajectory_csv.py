@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gplfd_policies.movements.trajectory_csv import COLUMNS
+from gplfd_policies.movements.trajectory import CSV_COLUMNS
 
 TIMES = np.linspace(0.0, 1.0, 40)
 
@@ -15,7 +15,7 @@ TIMES = np.linspace(0.0, 1.0, 40)
 def table(path):
     with path.open(encoding="utf-8") as file:
         rows = list(csv.reader(line for line in file if not line.startswith("#")))
-    assert ",".join(rows[0]) == COLUMNS
+    assert ",".join(rows[0]) == CSV_COLUMNS
     return np.array(rows[1:], dtype=np.float64)
 
 

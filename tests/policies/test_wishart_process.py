@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import kstest, multivariate_normal
 
-from gplfd_policies.movements.baselines.elliptical_slice import elliptical_slice_chain
 from gplfd_policies.movements.baselines.wishart_process import (
     WishartLikelihood,
     WishartPosterior,
     WishartPrior,
+    elliptical_slice_chain,
     sample_posterior,
 )
 

@@ -8,7 +8,6 @@ rest of the motion. "own-clock" is "process" where timing is unknown, too. Other
 movements are conditioned by their own ``adapt``.
 """
 
-from gplfd_policies.adaptation.exact import ExactAdaptation
 from gplfd_policies.adaptation.forms import (
     ADAPTATIONS,
     AdaptedMovement,
@@ -19,6 +18,7 @@ from gplfd_policies.adaptation.forms import (
 )
 from gplfd_policies.adaptation.own_clock import OwnClockAdaptation
 from gplfd_policies.adaptation.process import (
+    ExactAdaptation,
     IndependentPhaseAdaptation,
     ProcessAdaptation,
 )

@@ -23,27 +23,25 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.linalg.blas import dgemm
-from scipy.linalg.lapack import dtrtri
 
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose, Times
 from gplfd_policies.gp.legendre import LegendreBasis
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 _STRONGEST = 1e-8
-"""Least via-point variance, relative to the largest variance of the output. A via-point
-is never trusted beyond 1e-4 of the demonstrated spread, so that σ_v = 0, repeated and
-contradicting via-points have an answer: the average."""
+"""Least via-point variance, relative to the largest variance of the output: 1e-4 of the
+demonstrated spread, so that σ_v = 0, repeated and contradicting via-points have a
+solution, the average."""
 _LEFT_OUT = 1e-7
 """Directions of a smooth covariance with less than this share of its largest are left
-out: no via-point could see them."""
+out: no via-point can observe them."""
 
 
 def basis_for_grid(
-    times: Float[np.ndarray, " N"],
-    grid: Float[np.ndarray, " M"],
-    shortest_scale: float,
+    times: Float[np.ndarray, " N"], grid: Times, shortest_scale: float
 ) -> LegendreBasis:
     """A basis that covers the demonstrations and the grid.
 
@@ -66,7 +64,7 @@ def basis_for_grid(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Repetition:
-    """What is believed of a repetition before any via-point, in a basis."""
+    """The prior of a repetition, before any via-point, in a basis."""
 
     basis: LegendreBasis
     """Basis of all coefficients."""
@@ -149,9 +147,9 @@ def leading_curves(
 class Local:
     """A repetition at one phase, before any via-point."""
 
-    mean: Float[np.ndarray, "6"]
+    mean: Pose
     """m_i there."""
-    white: Float[np.ndarray, "6"]
+    white: Pose
     """The white variance there."""
     curves: Float[np.ndarray, "6 S"]
     """φ_i and ṁ_i ψ there."""
@@ -159,11 +157,11 @@ class Local:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Surprise:
-    """How a pose compares to what was expected of it; zeros for what was left free."""
+    """Innovation statistics of an observed pose; zeros for outputs left free."""
 
-    observed: Float[np.ndarray, "6"]
+    observed: Pose
     """1 where an output was observed, else 0."""
-    given_others: Float[np.ndarray, "6"]
+    given_others: Pose
     """Squared distance over its variance of each output from what was expected *given
     the other five*."""
     joint: float
@@ -180,11 +178,11 @@ class ConditionedProcess:
     """Six curves on a grid, updated in place.
 
     Args:
-        prior: what is believed before any via-point.
-        grid: phases at which mean and variance are reported, shape (M,).
+        prior: the repetition before any via-point.
+        grid: phases at which mean and variance are reported.
     """
 
-    def __init__(self, prior: Repetition, grid: Float[np.ndarray, " M"]) -> None:
+    def __init__(self, prior: Repetition, grid: Times) -> None:
         self.grid = grid
         self._prior, self._table = prior, prior.table
         self._rows = prior.basis.matrix(grid) @ self._table
@@ -202,18 +200,18 @@ class ConditionedProcess:
         self._design = np.zeros((6, own + shared))
 
     @property
-    def mean(self) -> Float[np.ndarray, "M 6"]:
+    def mean(self) -> Outputs:
         """Current mean on the grid, a read-only view."""
         view: np.ndarray = self._mean.view()
         view.setflags(write=False)
         return view
 
-    def variance(self) -> Float[np.ndarray, "M 6"]:
+    def variance(self) -> Outputs:
         """Current variance on the grid, white part included."""
         return np.asarray(np.maximum(self._variance, 0.0) + self._white)
 
     def at(self, phase: float) -> Local:
-        """What was believed at a phase before any via-point.
+        """The prior at a phase.
 
         Raises:
             ValueError: if the phase is outside demonstrations and grid.
@@ -235,9 +233,9 @@ class ConditionedProcess:
     def update(
         self,
         here: Local,
-        pose: Float[np.ndarray, "6"],
-        noise_variance: Float[np.ndarray, "6"],
-        along: Float[np.ndarray, "6"],
+        pose: Pose,
+        noise_variance: Pose,
+        along: Pose,
     ) -> Surprise:
         """Condition on a pose.
 
@@ -246,9 +244,6 @@ class ConditionedProcess:
             pose: observed pose; ignored where its noise is infinite.
             noise_variance: variance of every output's own noise.
             along: the error that outputs share, see `ViaPoint.along`.
-
-        Returns:
-            How it compares to what was expected.
         """
         observed = np.isfinite(noise_variance)
         curves = here.curves * observed[:, None]
@@ -261,11 +256,11 @@ class ConditionedProcess:
         covariance = design @ gain + np.multiply.outer(error, error)
         covariance[_DIAGONAL] += np.where(observed, own, 1.0)
         root = np.linalg.cholesky(covariance)
-        inverse_root, _ = dtrtri(root, lower=1)
+        inverse_root, _ = scipy.linalg.lapack.dtrtri(root, lower=1)
         half = gain @ inverse_root.T
         whitened = inverse_root @ innovation
         self._state += half @ whitened
-        self._covariance = dgemm(
+        self._covariance = scipy.linalg.blas.dgemm(
             -1.0, half, half, trans_b=1, beta=1.0, c=self._covariance, overwrite_c=1
         )
         on_grid = self._curves @ half[self._places]
@@ -282,7 +277,7 @@ class ConditionedProcess:
 
     @one_thread
     def distribution(
-        self, stretch: Float[np.ndarray, "6"], degrees_of_freedom: float | None
+        self, stretch: Pose, degrees_of_freedom: float | None
     ) -> GaussianTrajectory:
         """The current distribution; later updates do not change it.
 
@@ -314,9 +309,9 @@ class ConditionedProcess:
 def _covariance_on_grid(
     curves: Float[np.ndarray, "6 M S"],
     covariance: Float[np.ndarray, "6 S S"],
-    variance: Float[np.ndarray, "M 6"],
-    stretch: Float[np.ndarray, "6"],
-) -> Float[np.ndarray, "6 M M"]:
+    variance: Outputs,
+    stretch: Pose,
+) -> Covariances:
     """Covariance over time of smooth and white part together."""
     full: np.ndarray = curves @ covariance @ np.swapaxes(curves, 1, 2)
     diagonal = np.arange(full.shape[1])

@@ -5,14 +5,11 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-import numpy as np
-from jaxtyping import Float
-
-from gplfd_policies.adaptation.exact import ExactAdaptation
 from gplfd_policies.adaptation.own_clock import OwnClockAdaptation
-from gplfd_policies.adaptation.process import ProcessAdaptation
+from gplfd_policies.adaptation.process import ExactAdaptation, ProcessAdaptation
 from gplfd_policies.adaptation.product import ProductAdaptation
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.shapes import Outputs, Times
 from gplfd_policies.movements.movement import (
     Adaptable,
     Adaptation,
@@ -20,7 +17,7 @@ from gplfd_policies.movements.movement import (
     Movement,
     Predictor,
 )
-from gplfd_policies.movements.residual import ResidualAdaptation, ResidualMovement
+from gplfd_policies.movements.prior_mean import ResidualAdaptation, ResidualMovement
 from gplfd_policies.movements.skill import Skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
@@ -40,14 +37,14 @@ class AdaptedMovement:
     """A movement conditioned on via-points; made by `adapt`."""
 
     movement: Movement
-    """What was learned."""
+    """The learned movement."""
     via_points: tuple[ViaPoint, ...]
-    """What it was conditioned on."""
+    """Its via-points."""
     form: AdaptationForm
-    """In which form."""
+    """The form of adaptation."""
 
     @one_thread
-    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
+    def predict(self, times: Times) -> GaussianTrajectory:
         """The conditioned distribution at ``times``.
 
         For the product these are also the phases it multiplies at, so they matter.
@@ -69,7 +66,7 @@ def adapt(
     """Condition a movement on via-points.
 
     Args:
-        movement: What was learned.
+        movement: The learned movement.
         via_points: Poses to be reached, in any order: they are taken in the order of
             their phases. Without any, the movement is predicted as it was learned.
         form: Of a skill, "own-clock" (its default where the demonstrations' clocks are
@@ -86,26 +83,51 @@ def adapt(
     Raises:
         ValueError: if the movement cannot adapt, or not in this form.
     """
-    chosen = _form(movement, form) if form is None or isinstance(form, str) else form
-    # How surprising a via-point is, and so the scale of σ, depends on those before it.
+    if form is None or isinstance(form, str):
+        learned = movement
+        if isinstance(movement, ResidualMovement):
+            learned = movement.residual
+        kind = type(learned).__name__
+        if isinstance(learned, Skill):
+            if form is None:
+                form = "process" if learned.aligned.clocks is None else "own-clock"
+            if form not in ADAPTATIONS:
+                raise ValueError(
+                    f"Unknown adaptation form {form!r}; choose from "
+                    f"{sorted(ADAPTATIONS)}."
+                )
+            form = ADAPTATIONS[form]
+        elif not isinstance(learned, Adaptable):
+            raise ValueError(
+                f"{kind} has no via-points: it is neither a Skill nor has it a method "
+                "adapt(via_points), so what it learned cannot be conditioned"
+            )
+        elif form is not None:
+            raise ValueError(
+                f"{kind} adapts in a form of its own: leave form={form!r} out, which "
+                "is for a Skill"
+            )
+        else:
+            form = OwnAdaptation
+    # The scale of σ depends on how surprising each via-point is after those before it.
     ordered = sorted(via_points, key=lambda one: (one.phase, tuple(one.pose)))
     return AdaptedMovement(
         movement=movement,
         via_points=tuple(ordered),
-        form=chosen if ordered else NoAdaptation,
+        form=form if ordered else NoAdaptation,
     )
 
 
 @one_thread
 def begin_adaptation(
-    movement: Movement, form: AdaptationForm | None, grid: Float[np.ndarray, " M"]
+    movement: Movement, form: AdaptationForm | None, grid: Times
 ) -> Adaptation:
     """Start the adaptation of a movement, around its prior mean if it has one.
 
     Args:
-        movement: What was learned.
+        movement: The learned movement.
         form: Adapts a movement without prior mean; None for one without via-points.
-        grid: Phases at which the distribution is reported, shape (M,).
+        grid: Phases at which the distribution is reported.
     """
     if form is None:
         return NoAdaptation(movement, grid)
@@ -118,20 +140,20 @@ class NoAdaptation:
     """The movement as demonstrated: via-points change nothing.
 
     Args:
-        movement: What was learned.
-        grid: Phases (M,).
+        movement: The learned movement.
+        grid: Phases.
     """
 
-    def __init__(self, movement: Predictor, grid: Float[np.ndarray, " M"]) -> None:
+    def __init__(self, movement: Predictor, grid: Times) -> None:
         self._trajectory = movement.predict(grid)
 
     @property
-    def mean(self) -> Float[np.ndarray, "M 6"]:
+    def mean(self) -> Outputs:
         """The demonstrations' mean, (M, 6) [m, rad]."""
         return self._trajectory.mean
 
     @property
-    def std(self) -> Float[np.ndarray, "M 6"]:
+    def std(self) -> Outputs:
         """The demonstrations' standard deviation, (M, 6) [m, rad]."""
         return self._trajectory.std
 
@@ -146,15 +168,15 @@ class NoAdaptation:
 class OwnAdaptation:
     """Adapts a movement by its own ``adapt``, which takes all via-points at once.
 
-    Every new via-point conditions the movement anew on all that were seen. The
-    distribution on the grid is computed when it is next asked for.
+    Every new via-point conditions the movement anew on all via-points so far. The
+    distribution on the grid is computed when it is next needed.
 
     Args:
-        movement: What was learned.
-        grid: Phases at which the distribution is reported, shape (M,).
+        movement: The learned movement.
+        grid: Phases at which the distribution is reported.
     """
 
-    def __init__(self, movement: Adaptable, grid: Float[np.ndarray, " M"]) -> None:
+    def __init__(self, movement: Adaptable, grid: Times) -> None:
         self._movement = movement
         self._grid = grid
         self._via_points: list[ViaPoint] = []
@@ -166,12 +188,12 @@ class OwnAdaptation:
         self._trajectory = None
 
     @property
-    def mean(self) -> Float[np.ndarray, "M 6"]:
+    def mean(self) -> Outputs:
         """Current mean on the grid [m, rad]."""
         return self.trajectory().mean
 
     @property
-    def std(self) -> Float[np.ndarray, "M 6"]:
+    def std(self) -> Outputs:
         """Current standard deviation on the grid [m, rad]."""
         return self.trajectory().std
 
@@ -182,28 +204,3 @@ class OwnAdaptation:
             adapted = self._movement.adapt(seen) if seen else self._movement
             self._trajectory = adapted.predict(self._grid)
         return self._trajectory
-
-
-def _form(movement: Movement, name: str | None) -> AdaptationForm:
-    """The form of this name; by default that of the movement."""
-    learned = movement.residual if isinstance(movement, ResidualMovement) else movement
-    if isinstance(learned, Skill):
-        if name is None:
-            name = "process" if learned.aligned.clocks is None else "own-clock"
-        if name in ADAPTATIONS:
-            return ADAPTATIONS[name]
-        raise ValueError(
-            f"Unknown adaptation form {name!r}; choose from {sorted(ADAPTATIONS)}."
-        )
-    kind = type(learned).__name__
-    if not isinstance(learned, Adaptable):
-        raise ValueError(
-            f"{kind} has no via-points: it is neither a Skill nor has it a method "
-            "adapt(via_points), so what it learned cannot be conditioned"
-        )
-    if name is not None:
-        raise ValueError(
-            f"{kind} adapts in a form of its own: leave form={name!r} out, which is "
-            "for a Skill"
-        )
-    return OwnAdaptation

@@ -1,4 +1,4 @@
-"""A movement on a grid of phases: cheap to ask at any phase, adapted in place."""
+"""A movement on a grid of phases: fast look-up at any phase, adapted in place."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,13 +8,11 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
-from gplfd_policies.adaptation import Adaptation, AdaptationForm, begin_adaptation
+from gplfd_policies.adaptation.forms import begin_adaptation
 from gplfd_policies.arrays.members import EVERY_MEMBER, Members, Numbers
-from gplfd_policies.movements.movement import Movement
+from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose
+from gplfd_policies.movements.movement import Adaptation, AdaptationForm, Movement
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
-
-Pose = Float[np.ndarray, " 6"]
-
 
 LOOK_AHEAD: Final = 0.05
 """Stretch of the path, in phase, whose chord is its direction."""
@@ -23,11 +21,11 @@ LOOK_AHEAD: Final = 0.05
 def look_ahead(
     phases: Float[Numbers, "*N"], start: Float[Numbers, "*N"]
 ) -> Float[np.ndarray, "*S"]:
-    """Return phases, and the ends of a chord of the path ahead of others.
+    """Return phases, and the ends of chords of the path that begin at other phases.
 
     Args:
         phases: Phases in [0, 1].
-        start: Where the chords begin at the earliest.
+        start: Begin of each chord, or earlier at the end of the task.
     """
     end = np.minimum(start + LOOK_AHEAD, 1.0)
     return np.array([phases, end - LOOK_AHEAD, end])
@@ -50,10 +48,7 @@ class GriddedMovement:
     """
 
     def __init__(
-        self,
-        movement: Movement,
-        form: AdaptationForm | None,
-        n_grid: int,
+        self, movement: Movement, form: AdaptationForm | None, n_grid: int
     ) -> None:
         if n_grid < 2:
             raise ValueError(f"n_grid must be at least 2, got {n_grid}")
@@ -112,10 +107,10 @@ class GriddedMovement:
         )
 
     @property
-    def drift(self) -> Float[np.ndarray, "M 6"]:
-        """What a continuation beyond demonstrations adds to σ on the grid [m, rad].
+    def drift(self) -> Outputs:
+        """Error of the continuation, added to σ on the grid [m, rad].
 
-        Nothing up to where they end, or to where the hand has seen the path since.
+        Zero up to where the demonstrations end, or up to the last via-point.
         """
         aligned = self._learned.aligned
         grid = np.linspace(0.0, 1.0, self._n_grid)
@@ -123,10 +118,8 @@ class GriddedMovement:
         return np.asarray(unseen[:, None] * aligned.drift)
 
 
-def _drifting(
-    known: GaussianTrajectory, drift: Float[np.ndarray, "M 6"]
-) -> Float[np.ndarray, "6 M M"]:
-    """Add what goes on growing to a covariance: one error at all phases."""
+def _drifting(known: GaussianTrajectory, drift: Outputs) -> Covariances:
+    """Covariance with a drift, one error at all phases."""
     return np.asarray(known.covariance + np.einsum("mi,ni->imn", drift, drift))
 
 
@@ -143,7 +136,7 @@ class GriddedMovements:
 
     def __init__(self, movements: GriddedMovement | Sequence[GriddedMovement]) -> None:
         alone = isinstance(movements, GriddedMovement)
-        self._movements = _listed(movements)
+        self._movements = (movements,) if alone else tuple(movements)
         self._n_grid, count = self._movements[0].n_grid, len(self._movements)
         shape = () if alone else (count,)
         durations = [movement.learned.duration for movement in self._movements]
@@ -220,7 +213,7 @@ class GriddedMovements:
     def hand_poses(
         self, poses: Float[np.ndarray, "*N 6"], members: Members = EVERY_MEMBER
     ) -> Float[np.ndarray, "*N 6"]:
-        """Return the poses of hands that follow poses of the movements: the same."""
+        """Return the hand poses for poses of the movements: the same."""
         return poses
 
     @staticmethod
@@ -238,9 +231,3 @@ class GriddedMovements:
         part[:-1, :6] = distribution.mean
         part[:-1, 6:] = np.sqrt(distribution.std**2 + drift**2)
         part[-1] = part[-2]
-
-
-def _listed(
-    movements: GriddedMovement | Sequence[GriddedMovement],
-) -> tuple[GriddedMovement, ...]:
-    return (movements,) if isinstance(movements, GriddedMovement) else tuple(movements)

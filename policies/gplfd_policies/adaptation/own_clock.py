@@ -1,21 +1,30 @@
-"""Via-points by the task's own clock: when is unknown, too.
+"""Adaptation to via-points by the task's own clock, where timing is unknown, too.
 
-This form is ours. A repetition runs early or late (`gplfd_policies.gp.timing`), and
-that one error moves all outputs together along the path:
+This form is ours. A repetition runs early or late: demonstration k reaches phase t at
+its own clock_k(t), which the alignment found, so δτ_k(t) = clock_k(t) − t. The paper's
+alignment drops the clocks. A repetition's δτ is a process of zero mean with the
+covariance
+
+    K_τ(t, t') = (1 + 1/D) [(1 − _STATIONARY) S(t, t') + _STATIONARY s s' k(t, t'; ℓ)],
+
+S the covariance of the demonstrations' own, s² its diagonal and k a unit RBF: a few
+clocks span only a few shapes, and the next may take another of the same size
+(``test_timing_covariance_has_the_size_of_the_clocks``). This one error moves all
+outputs together along the path:
 
     y_i(t) = m_i(t) + e_i(t) + λ ṁ_i(t) δτ(t),   δτ ~ N(0, K_τ).
 
 δτ is one more block of coefficients that every via-point observes. The path bends
 within the time by which a repetition may be late, so that y is not m + ṁ δτ: mean and
 slope are the best linear ones over N(0, K_τ(t, t)), E m(t + δτ) and E ṁ(t + δτ), and
-what they leave over joins the deviations (``test_timing_of_a_bend_has_its_moments``).
-Whether the clock is
-the repetition's own (λ = 1) or the phases are registered after all (λ = 0) is told by
-the evidence of the via-points: both are conditioned, and weighed by it.
+their residual joins the deviations (``test_timing_of_a_bend_has_its_moments``). Whether
+the clock is the repetition's own (λ = 1) or the phases are registered after all (λ = 0)
+is decided by the evidence of the via-points: both are conditioned, and weighed by it.
 """
 
 from dataclasses import replace
 from functools import partial
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
@@ -24,17 +33,42 @@ from numpy.polynomial.hermite_e import hermegauss
 from gplfd_policies.adaptation.conditioning import Repetition, leading_curves
 from gplfd_policies.adaptation.process import StudentProcess, demonstrated_repetition
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.gp.timing import timing_covariance
+from gplfd_policies.arrays.shapes import Covariances, Curves, Outputs, Times
+from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.movements.skill import Skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
-_NEGLIGIBLE = 1e-4
+_STATIONARY: Final = 0.5
+"""Share of the timing's variance that may take any smooth shape."""
+_SCALE: Final = 0.25
+"""Length-scale ℓ of these shapes, as a share of the task."""
+_NEGLIGIBLE: Final = 1e-4
 """Directions of K_τ with less than this share of its largest are left out: a hundredth
 of the timing's spread is less than the hand's wobble."""
-
-
-_POINTS = 7
+_POINTS: Final = 7
 """Quadrature points of an average over N(0, K_τ(t, t))."""
+
+
+def timing_covariance(
+    times: Times,
+    clocks: Curves,
+    phases: Float[np.ndarray, " N"],
+) -> Float[np.ndarray, "N N"]:
+    """K_τ at any phases.
+
+    Args:
+        times: common phases.
+        clocks: own clock of D ≥ 2 demonstrations there.
+        phases: where K_τ is evaluated; beyond the ends as at the ends.
+    """
+    count = len(clocks)
+    late = np.stack([np.interp(phases, times, clock - times) for clock in clocks])
+    sample = late.T @ late / (count - 1)
+    std = np.sqrt(np.diag(sample))
+    kernel = RBF(length_scale=_SCALE * float(times[-1] - times[0]), signal_std=1.0)
+    smooth = std[:, None] * kernel(phases, phases) * std
+    covariance: np.ndarray = (1.0 - _STATIONARY) * sample + _STATIONARY * smooth
+    return (1.0 + 1.0 / count) * covariance
 
 
 class OwnClockAdaptation:
@@ -44,12 +78,12 @@ class OwnClockAdaptation:
     """
 
     @one_thread
-    def __init__(self, skill: Skill, grid: Float[np.ndarray, " M"]) -> None:
+    def __init__(self, skill: Skill, grid: Times) -> None:
         """Start from the demonstrations and their clocks.
 
         Args:
             skill: the demonstrated skill, from at least two demonstrations.
-            grid: phases at which the distribution is reported, shape (M,).
+            grid: phases at which the distribution is reported.
 
         Raises:
             ValueError: if the demonstrations' clocks are not known, and as
@@ -83,7 +117,7 @@ class OwnClockAdaptation:
         return float(1.0 / (1.0 + np.exp(min(odds, 700.0))))
 
     @property
-    def mean(self) -> Float[np.ndarray, "M 6"]:
+    def mean(self) -> Outputs:
         """Current mean on the grid, read-only."""
         share = self.timed
         mean: np.ndarray = share * self._timed.mean
@@ -92,7 +126,7 @@ class OwnClockAdaptation:
         return mean
 
     @property
-    def std(self) -> Float[np.ndarray, "M 6"]:
+    def std(self) -> Outputs:
         """Current standard deviation on the grid."""
         share = self.timed
         apart = self._timed.mean - self._registered.mean
@@ -106,21 +140,27 @@ class OwnClockAdaptation:
     @one_thread
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""
-        return _mixture(
-            self.timed, self._timed.trajectory(), self._registered.trajectory()
+        share, rest = self.timed, 1.0 - self.timed
+        first, second = self._timed.trajectory(), self._registered.trajectory()
+        apart = first.mean - second.mean
+        variance = share * first.std**2 + rest * second.std**2
+        rate = share * first.std * first.std_rate + rest * second.std * second.std_rate
+        rate += share * rest * apart * (first.mean_rate - second.mean_rate)
+        std = np.sqrt(variance + share * rest * apart**2)
+        return replace(
+            first,
+            mean=share * first.mean + rest * second.mean,
+            std=std,
+            mean_rate=share * first.mean_rate + rest * second.mean_rate,
+            std_rate=rate / std,
+            covariance_function=partial(_mixed_covariance, share, first, second),
         )
 
 
 def delayed(
     skill: Skill, registered: Repetition, timing: Float[np.ndarray, "Q Q"]
 ) -> Repetition:
-    """A repetition whose timing is unknown.
-
-    Args:
-        skill: the demonstrated skill.
-        registered: the repetition on its own phases.
-        timing: K_τ at the nodes of its basis.
-    """
+    """A repetition whose timing is unknown, with K_τ at the nodes of its basis."""
     basis, std = registered.basis, np.sqrt(np.diag(timing))
     points, weights = hermegauss(_POINTS)
     weights /= weights.sum()
@@ -144,29 +184,9 @@ def delayed(
     )
 
 
-def _mixture(
-    share: float, first: GaussianTrajectory, second: GaussianTrajectory
-) -> GaussianTrajectory:
-    """Mean and covariance of the mixture of two distributions."""
-    rest, apart = 1.0 - share, first.mean - second.mean
-    variance = share * first.std**2 + rest * second.std**2
-    rate = share * first.std * first.std_rate + rest * second.std * second.std_rate
-    rate += share * rest * apart * (first.mean_rate - second.mean_rate)
-    std = np.sqrt(variance + share * rest * apart**2)
-
-    return replace(
-        first,
-        mean=share * first.mean + rest * second.mean,
-        std=std,
-        mean_rate=share * first.mean_rate + rest * second.mean_rate,
-        std_rate=rate / std,
-        covariance_function=partial(_mixed_covariance, share, first, second),
-    )
-
-
 def _mixed_covariance(
     share: float, first: GaussianTrajectory, second: GaussianTrajectory
-) -> Float[np.ndarray, "6 M M"]:
+) -> Covariances:
     rest, apart = 1.0 - share, first.mean - second.mean
     covariance: np.ndarray = share * first.covariance
     covariance += rest * second.covariance

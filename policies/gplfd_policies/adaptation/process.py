@@ -1,15 +1,15 @@
-"""Conditioning the demonstrated process, whose deviations are smooth.
+"""Exact Gaussian conditioning on via-points, in two forms.
 
-This form is ours; the paper's is `gplfd_policies.adaptation.product`. A repetition of
-the task deviates from the mean as the demonstrations did
-(`gplfd_policies.gp.deviations`): where the door's radius is once known, it is known for
-the rest of the motion.
+`ProcessAdaptation` is ours: a repetition of the task deviates from the mean as the
+demonstrations did (`gplfd_policies.gp.deviations`), so that once the door's radius is
+known, it is known for the rest of the motion. `ExactAdaptation` conditions the paper's
+model, whose deviations are white. The paper's own approximation of the latter is
+`gplfd_policies.adaptation.product`.
 """
 
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.adaptation.conditioning import (
     ConditionedProcess,
@@ -17,13 +17,15 @@ from gplfd_policies.adaptation.conditioning import (
     basis_for_grid,
 )
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.shapes import Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import thinned
-from gplfd_policies.gp.deviations import DeviationProcess, conjugate_share
-from gplfd_policies.gp.factorisation import factorise
+from gplfd_policies.gp.deviations import conjugate_share
+from gplfd_policies.gp.exact import factorise
 from gplfd_policies.movements.skill import Skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 _SMOOTHING_GRID = 60
+"""Samples of a demonstration from which its smooth curve is computed."""
 
 
 class StudentProcess(ConditionedProcess):
@@ -35,17 +37,15 @@ class StudentProcess(ConditionedProcess):
     that an error along the path surprises none of them. The scale is never taken below
     one: matching via-points with a generous σ_v must not make the robot over-confident,
     or stiff. Intervals keep ν degrees of freedom: the via-points of one repetition all
-    look at the same wobble, and say little of how far others wander.
+    observe the same wobble, and say little about how far others wander.
 
     Args:
-        prior: what is believed before any via-point.
+        prior: the process before any via-point.
         free: ν.
-        grid: phases at which the distribution is reported, shape (M,).
+        grid: phases at which the distribution is reported.
     """
 
-    def __init__(
-        self, prior: Repetition, free: float, grid: Float[np.ndarray, " M"]
-    ) -> None:
+    def __init__(self, prior: Repetition, free: float, grid: Times) -> None:
         super().__init__(prior, grid)
         self._free = free
         self._observed, self._distance = np.zeros(6), np.zeros(6)
@@ -75,11 +75,11 @@ class StudentProcess(ConditionedProcess):
         return -0.5 * self._log_variance - power * float(surprise)
 
     @property
-    def std(self) -> Float[np.ndarray, "M 6"]:
+    def std(self) -> Outputs:
         """Current standard deviation on the grid."""
         return np.asarray(np.sqrt(self.stretched_variance()))
 
-    def stretched_variance(self) -> Float[np.ndarray, "M 6"]:
+    def stretched_variance(self) -> Outputs:
         """Its square."""
         return np.asarray(self._scale() * self.variance())
 
@@ -87,7 +87,7 @@ class StudentProcess(ConditionedProcess):
         """The current distribution on the grid, with rates and covariance."""
         return self.distribution(np.sqrt(self._scale()), self._free)
 
-    def _scale(self) -> Float[np.ndarray, "6"]:
+    def _scale(self) -> Pose:
         """Factor on the variances from how surprising the via-points were."""
         scale = (self._free + self._distance) / (self._free + self._observed)
         return np.asarray(np.maximum(scale, 1.0))
@@ -105,25 +105,25 @@ class ProcessAdaptation(StudentProcess):
       the via-points. Where they share an error along the path, the scale of the
       covariance depends on their order; `gplfd_policies.adapt` takes them by phase.
 
-    Phases are those of the alignment, as where they are told from the path. For
-    via-points by a clock see `gplfd_policies.adaptation.own_clock`.
+    Phases are those of the alignment, as estimated from the path. For via-points by a
+    clock see `gplfd_policies.adaptation.own_clock`.
     """
 
     @one_thread
     def __init__(
         self,
         skill: Skill,
-        grid: Float[np.ndarray, " M"],
+        grid: Times,
         empirical_share: float | None = None,
     ) -> None:
         """Start from the demonstrations.
 
         Args:
             skill: the demonstrated skill, from at least two demonstrations.
-            grid: phases at which the distribution is reported, shape (M,).
+            grid: phases at which the distribution is reported.
             empirical_share: share of the deviations' covariance taken from the
-                demonstrations' own curves, within [0, 1]; without, what their number
-                says (`gplfd_policies.gp.deviations.conjugate_share`).
+                demonstrations' own curves, within [0, 1]; by default it follows from
+                their number (`gplfd_policies.gp.deviations.conjugate_share`).
 
         Raises:
             ValueError: for a share outside [0, 1], a single demonstration, or a grid
@@ -136,8 +136,8 @@ class ProcessAdaptation(StudentProcess):
 class IndependentPhaseAdaptation(ProcessAdaptation):
     """The same, with the error along the path as noise of each output's own.
 
-    An error of the phase then weakens every output as if the six were wrong by chance.
-    For comparison: a via-point says less across the path than it could
+    An error of the phase then weakens every output as if the six errors were
+    independent. For comparison: a via-point says less across the path than it could
     (``test_shared_error_leaves_what_is_across_the_path_certain``).
     """
 
@@ -148,12 +148,58 @@ class IndependentPhaseAdaptation(ProcessAdaptation):
         super().observe(replace(via_point, std=std, along=0.0))
 
 
+class ExactAdaptation(ConditionedProcess):
+    """p(f | D ∪ V): the via-points join the demonstrations as data, Eqs. (10)–(11).
+
+    This is what Eq. (19) of Arduengo et al., arXiv:2002.09979, approximates by a
+    product. The spread r(t) stays white, so a via-point only corrects what is unknown
+    about the *mean*: it bends the policy nearby and says nothing about the rest, and
+    the uncertainty there does not fall. Independent of the grid
+    (``test_exact_equals_gp_on_demonstrations_and_via_points``).
+    """
+
+    @one_thread
+    def __init__(self, skill: Skill, grid: Times) -> None:
+        """Start from the demonstrations; arguments as of `ProcessAdaptation`."""
+        processes, times = skill.processes, skill.aligned.times
+        basis = basis_for_grid(times, grid, processes.shortest_length_scale)
+        moments = processes.moments(basis.nodes)
+        root = basis.root_weights[:, None]
+        prior = Repetition.from_covariance(
+            basis,
+            mean=root * moments.mean,
+            covariance=basis.weigh(processes.latent_covariance(basis.nodes)),
+            log_white=root * np.log(moments.noise),
+        )
+        super().__init__(prior, grid)
+        self._degrees_of_freedom = skill.degrees_of_freedom
+
+    @one_thread
+    def observe(self, via_point: ViaPoint) -> None:
+        """Condition on one more via-point, in place, in O(n² + M n)."""
+        here, along = self.at(via_point.phase), np.asarray(via_point.along)
+        self.update(here, via_point.pose, via_point.own_variance, along)
+
+    @property
+    def std(self) -> Outputs:
+        """Current standard deviation on the grid, spread r(t) included."""
+        return np.asarray(np.sqrt(self.variance()))
+
+    def trajectory(self) -> GaussianTrajectory:
+        """The current distribution on the grid, with rates and covariance."""
+        return self.distribution(np.ones(6), self._degrees_of_freedom)
+
+
 def demonstrated_repetition(
-    skill: Skill,
-    grid: Float[np.ndarray, " M"],
-    empirical_share: float | None = None,
+    skill: Skill, grid: Times, empirical_share: float | None = None
 ) -> Repetition:
-    """What the demonstrations say of a repetition; arguments as above."""
+    """The prior of a repetition; arguments as of `ProcessAdaptation`.
+
+    Both the repetition and the mean of D demonstrations deviate, so the variance is
+    that of `Skill.predict`: r + r/D, or more outside the demonstrations. The smooth
+    covariance is that of the model, mixed with that of the demonstrations' own curves,
+    which the model first frees of white noise.
+    """
     if empirical_share is None:
         empirical_share = conjugate_share(skill.count)
     if not 0.0 <= empirical_share <= 1.0:
@@ -166,64 +212,36 @@ def demonstrated_repetition(
         *(deviation.short_scale for deviation in skill.deviations),
     )
     basis = basis_for_grid(times, grid, shortest)
-    mean, covariance, white = _prior(skill, basis.nodes, empirical_share)
-    root = basis.root_weights[:, None]
-    return Repetition.from_covariance(
-        basis,
-        mean=root * mean,
-        covariance=basis.weigh(covariance),
-        log_white=root * np.log(white),
-    )
-
-
-def _prior(
-    skill: Skill, nodes: Float[np.ndarray, " Q"], empirical_share: float
-) -> tuple[
-    Float[np.ndarray, "Q 6"], Float[np.ndarray, "6 Q Q"], Float[np.ndarray, "Q 6"]
-]:
-    """Mean, smooth covariance and white variance of a repetition, at the nodes.
-
-    Both the repetition and the mean of D demonstrations deviate, so the variance is
-    that of `Skill.predict`: r + r/D, or more outside the demonstrations.
-    """
+    nodes, size = basis.nodes, basis.size
     prediction = skill.predict(nodes)
-    noise = skill.processes.moments(nodes).noise
-    covariance = np.empty((6, len(nodes), len(nodes)))
-    white = np.empty((len(nodes), 6))
+    noise = processes.moments(nodes).noise
+    thin = thinned(len(times), _SMOOTHING_GRID)
+    together = np.concatenate([nodes, times[thin]])
+    noise_together = processes.moments(together).noise
+    covariance, white = np.empty((6, size, size)), np.empty((size, 6))
     for output, deviation in enumerate(skill.deviations):
+        # Model covariance between the nodes and the samples of the demonstrations.
+        spread = noise_together[:, output]
+        joint = deviation.smooth_covariance(together, spread)
+        observed = joint[size:, size:] + np.diag(
+            deviation.white_variance(spread[size:]) + 1e-6 * spread[size:]
+        )
+        poses = skill.aligned.poses[:, :, output]
+        curves = (poses - poses.mean(axis=0))[:, thin]
+        smoothed = joint[:size, size:] @ factorise(observed).solve(curves.T)
+        empirical = smoothed @ smoothed.T / (len(poses) - 1)
+        smooth = (1.0 - empirical_share) * joint[:size, :size]
+        smooth += empirical_share * empirical
+        # Smooth and white part together have the predicted variance.
         total = prediction.std[:, output] ** 2
         share = deviation.white_variance(noise[:, output]) / noise[:, output]
         white[:, output] = total * share
-        smooth = _mixed_covariance(skill, output, deviation, nodes, empirical_share)
         stretch = np.sqrt(total * (1.0 - share) / np.diag(smooth))
         covariance[output] = stretch[:, None] * smooth * stretch
-    return prediction.mean, covariance, white
-
-
-def _mixed_covariance(
-    skill: Skill,
-    output: int,
-    deviation: DeviationProcess,
-    nodes: Float[np.ndarray, " Q"],
-    empirical_share: float,
-) -> Float[np.ndarray, "Q Q"]:
-    """Model covariance at the nodes, mixed with that of the demonstrations' own curves.
-
-    The curves are first freed of white noise by the model itself.
-    """
-    times, poses = skill.aligned.times, skill.aligned.poses[:, :, output]
-    thin = thinned(len(times), _SMOOTHING_GRID)
-    sampled = times[thin]
-    together = np.concatenate([nodes, sampled])
-    noise = skill.processes.moments(together).noise[:, output]
-    joint = deviation.smooth_covariance(together, noise)
-    size = len(nodes)
-    observed = joint[size:, size:] + np.diag(
-        deviation.white_variance(noise[size:]) + 1e-6 * noise[size:]
+    root = basis.root_weights[:, None]
+    return Repetition.from_covariance(
+        basis,
+        mean=root * prediction.mean,
+        covariance=basis.weigh(covariance),
+        log_white=root * np.log(white),
     )
-    curves = (poses - poses.mean(axis=0))[:, thin]
-    smoothed = joint[:size, size:] @ factorise(observed).solve(curves.T)
-    empirical = smoothed @ smoothed.T / (len(poses) - 1)
-    mixed: np.ndarray = (1.0 - empirical_share) * joint[:size, :size]
-    mixed += empirical_share * empirical
-    return mixed

@@ -4,11 +4,10 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.gp.exact import ExactGP
-from gplfd_policies.gp.factorisation import factorise
+from gplfd_policies.arrays.shapes import Curve, Gram, Outputs, Times
+from gplfd_policies.gp.exact import ExactGP, factorise
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.movements.skill import Skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
@@ -19,11 +18,11 @@ via-points keep the via-point process's covariance invertible."""
 
 
 def product_of_gaussians(
-    mean_d: Float[np.ndarray, " M"],
-    covariance_d: Float[np.ndarray, "M M"],
-    mean_v: Float[np.ndarray, " M"],
-    covariance_v: Float[np.ndarray, "M M"],
-) -> tuple[Float[np.ndarray, " M"], Float[np.ndarray, "M M"]]:
+    mean_d: Curve,
+    covariance_d: Gram,
+    mean_v: Curve,
+    covariance_v: Gram,
+) -> tuple[Curve, Gram]:
     """μ** and Σ** of Eqs. (20)–(21), in a symmetric form.
 
     With L Lᵀ = Σ^d + Σ^v and A = L⁻¹ Σ^d,
@@ -46,11 +45,11 @@ def product_of_gaussians(
 class ProductAdaptation:
     """p(f | D) p(f | V) on the grid, Eqs. (19)–(21), O(M³) per via-point.
 
-    Shipped as printed, for fidelity. Two properties to know before using it:
+    Implemented as printed. Two properties matter for its use:
 
-    * The answer depends on the number M of predicted phases: every one of them counts
-      as one more independent observation, so σ falls as the grid is refined although
-      nothing was learned (``test_product_depends_on_the_grid``).
+    * The result depends on the number M of predicted phases: each counts as one more
+      independent observation, so σ falls as the grid is refined although nothing was
+      learned (``test_product_depends_on_the_grid``).
     * Away from its via-points the via-point process returns to its prior mean. With
       the paper's zero mean (``prior_mean="zero"``) that *pulls the policy to zero*; the
       default here, the demonstrations' mean, does not
@@ -61,7 +60,7 @@ class ProductAdaptation:
     def __init__(
         self,
         skill: Skill,
-        grid: Float[np.ndarray, " M"],
+        grid: Times,
         prior_mean: Literal["demonstration", "zero"] = "demonstration",
     ) -> None:
         """Start from the demonstrations.
@@ -92,25 +91,52 @@ class ProductAdaptation:
     def observe(self, via_point: ViaPoint) -> None:
         """Take one more via-point: refit the via-point process, multiply again."""
         self._via_points.append(via_point)
+        demonstrated, grid = self._demonstrated, self._demonstrated.times
         for output in range(6):
-            if np.isfinite(via_point.noise_variance[output]):
-                mean, covariance = product_of_gaussians(
-                    self._demonstrated.mean[:, output],
-                    self._demonstrated.covariance[output],
-                    *self._via_prediction(output),
-                )
-                self._means[:, output] = mean
-                self._covariances[output] = covariance
+            if not np.isfinite(via_point.noise_variance[output]):
+                continue
+            # μ^v and Σ^v: Eqs. (10)–(11) on the via-points, without R at the grid.
+            seen = [
+                point
+                for point in self._via_points
+                if np.isfinite(point.noise_variance[output])
+            ]
+            process = self._skill.processes.outputs[output]
+            kernel = RBF(
+                length_scale=process.kernel.length_scale,
+                signal_std=process.kernel.signal_std * process.scale,
+            )
+            phases = np.array([point.phase for point in seen])
+            values = np.array([point.pose[output] for point in seen])
+            noise = np.array([point.noise_variance[output] for point in seen])
+            prior = np.zeros(len(grid))
+            if self._prior_mean == "demonstration":
+                prior = demonstrated.mean[:, output]
+                values = values - self._skill.predict(phases).mean[:, output]
+            via = ExactGP(
+                kernel=kernel,
+                times=phases,
+                values=values,
+                noise_variance=np.maximum(noise, _STRONGEST * kernel.variance),
+            )
+            mean, covariance = product_of_gaussians(
+                demonstrated.mean[:, output],
+                demonstrated.covariance[output],
+                prior + via.mean(grid),
+                via.covariance(grid),
+            )
+            self._means[:, output] = mean
+            self._covariances[output] = covariance
 
     @property
-    def mean(self) -> Float[np.ndarray, "M 6"]:
+    def mean(self) -> Outputs:
         """Current mean on the grid, a read-only view."""
         view = self._means.view()
         view.setflags(write=False)
         return view
 
     @property
-    def std(self) -> Float[np.ndarray, "M 6"]:
+    def std(self) -> Outputs:
         """Current standard deviation on the grid."""
         variances = np.diagonal(self._covariances, axis1=1, axis2=2)
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)).T)
@@ -139,33 +165,3 @@ class ProductAdaptation:
             covariance_function=partial(np.asarray, self._covariances.copy()),
             degrees_of_freedom=self._skill.degrees_of_freedom,
         )
-
-    def _via_prediction(
-        self, output: int
-    ) -> tuple[Float[np.ndarray, " M"], Float[np.ndarray, "M M"]]:
-        """μ^v and Σ^v of one output: Eqs. (10)–(11) on V, without R at the grid."""
-        seen = [
-            point
-            for point in self._via_points
-            if np.isfinite(point.noise_variance[output])
-        ]
-        process = self._skill.processes.outputs[output]
-        kernel = RBF(
-            length_scale=process.kernel.length_scale,
-            signal_std=process.kernel.signal_std * process.scale,
-        )
-        phases = np.array([point.phase for point in seen])
-        values = np.array([point.pose[output] for point in seen])
-        noise = np.array([point.noise_variance[output] for point in seen])
-        grid = self._demonstrated.times
-        prior = np.zeros(len(grid))
-        if self._prior_mean == "demonstration":
-            prior = self._demonstrated.mean[:, output]
-            values = values - self._skill.predict(phases).mean[:, output]
-        via = ExactGP(
-            kernel=kernel,
-            times=phases,
-            values=values,
-            noise_variance=np.maximum(noise, _STRONGEST * kernel.variance),
-        )
-        return prior + via.mean(grid), via.covariance(grid)

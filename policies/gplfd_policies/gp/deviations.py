@@ -18,18 +18,29 @@ to zero, which leaves D − 1 independent ones
 (``test_deviation_likelihood_counts_degrees_of_freedom``):
 
     log p = −½ [(D − 1) log |C| + tr(C⁻¹ Σ_k e_k e_kᵀ)] + const.
+
+Forecasts: the likelihood asks for the most probable covariance of whole curves, in
+which every sample after the first is told by its neighbours. It settles how curves
+wobble from sample to sample, and says little about how far they have wandered half a
+task later, which is what a forecast needs. So one number, a factor on the wobbles'
+variances c of all outputs, is chosen by `forecast_score`: every demonstration in turn
+is compared to the mean of the others, e_k D/(D − 1), its start is conditioned on, and
+the rest is scored by its Student-t density, ν = D − 1, sample by sample. The likelihood
+keeps the proportions of the wobbles and all else
+(``test_wobble_is_what_forecasts_left_out_demonstrations_best``).
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.optimize import minimize
-from scipy.special import expit
 
+from gplfd_policies.arrays.shapes import Curve, Curves, OutputCurves, Outputs, Times
 from gplfd_policies.demonstrations.aligned import thinned
-from gplfd_policies.gp.factorisation import factorise
+from gplfd_policies.gp.exact import factorise
 from gplfd_policies.gp.kernels import RBF
 
 _GRID = 60
@@ -52,6 +63,12 @@ demonstrations, both have an equal say. Forecasts hardly depend on it, see
 docs/method.md."""
 _RELATIVE_JITTER = 1e-6
 """White variance relative to r that keeps C positive definite."""
+_FACTORS = 2.0 ** np.arange(-2.0, 8.0)
+"""Factors on c among which is chosen; beyond them all or nothing of r is wobble."""
+_FORECAST_GRID = 30
+"""Samples of a demonstration used to score forecasts."""
+_STARTS = (0.2, 0.35, 0.5)
+"""Shares of the demonstration that are seen when the rest is forecast."""
 
 
 def conjugate_share(count: int) -> float:
@@ -130,9 +147,9 @@ class DeviationLikelihood:
     @classmethod
     def of(
         cls,
-        times: Float[np.ndarray, " M"],
-        deviations: Float[np.ndarray, "D M"],
-        noise: Float[np.ndarray, " M"],
+        times: Times,
+        deviations: Curves,
+        noise: Curve,
     ) -> "DeviationLikelihood":
         """The likelihood of D deviations e_k = y_k − ȳ, thinned."""
         kept = thinned(len(times), _GRID)
@@ -149,8 +166,8 @@ class DeviationLikelihood:
         """The covariance that θ stands for."""
         return DeviationProcess(
             wobble=float(np.exp(theta[0])),
-            white=float(expit(theta[1])),
-            varying=float(expit(theta[2])),
+            white=float(scipy.special.expit(theta[1])),
+            varying=float(scipy.special.expit(theta[2])),
             long_scale=float(np.exp(theta[3])),
             short_scale=float(np.exp(theta[4])),
         )
@@ -170,12 +187,7 @@ class DeviationLikelihood:
         )
         # d log p = ½ tr((C⁻¹ scatter C⁻¹ − (D − 1) C⁻¹) dC)
         sensitivity = 0.5 * (inverse @ self.scatter @ inverse - self.free * inverse)
-        return value, self._chain(process, sensitivity)
-
-    def _chain(
-        self, process: DeviationProcess, sensitivity: Float[np.ndarray, "N N"]
-    ) -> Float[np.ndarray, "5"]:
-        """tr(sensitivity · dC/dθ) for every parameter."""
+        # tr(sensitivity · dC/dθ) for every parameter.
         task, wobble = process.split(self.noise)
         squared = np.subtract.outer(self.times, self.times) ** 2
         long = np.exp(-0.5 * squared / process.long_scale**2)
@@ -195,20 +207,20 @@ class DeviationLikelihood:
         by_share = share * (1.0 - share) * np.sum(by_task * (long - 1.0))
         by_long = share * np.sum(by_task * long * squared) / process.long_scale**2
         by_short = np.sum(smooth_part * squared) / process.short_scale**2
-        return np.array([by_size, by_white, by_share, by_long, by_short])
+        return value, np.array([by_size, by_white, by_share, by_long, by_short])
 
 
 def fit_deviations(
-    times: Float[np.ndarray, " M"],
-    deviations: Float[np.ndarray, "D M"],
-    noise: Float[np.ndarray, " M"],
+    times: Times,
+    deviations: Curves,
+    noise: Curve,
 ) -> DeviationProcess:
     """The most likely covariance of one output's deviations.
 
     Args:
-        times: common times, shape (M,).
-        deviations: e_k = y_k − ȳ, shape (D, M), D ≥ 2.
-        noise: r(t) > 0, shape (M,).
+        times: common times.
+        deviations: e_k = y_k − ȳ of D ≥ 2 demonstrations.
+        noise: r(t) > 0.
     """
     likelihood = DeviationLikelihood.of(times, deviations, noise)
     average = float(np.mean(noise))
@@ -226,7 +238,7 @@ def fit_deviations(
         tuple(np.log(np.multiply(_SHORT, span))),
     ]
     results = [
-        minimize(
+        scipy.optimize.minimize(
             objective,
             np.array(
                 [np.log(size * average), -3.0, 0.0, np.log(span), np.log(0.2 * span)]
@@ -238,3 +250,89 @@ def fit_deviations(
         for size in (1e-3, 1e-1)
     ]
     return likelihood.process(min(results, key=lambda result: result.fun).x)
+
+
+def wobbling(
+    processes: Sequence[DeviationProcess],
+    times: Times,
+    deviations: OutputCurves,
+    noise: Outputs,
+) -> tuple[DeviationProcess, ...]:
+    """The processes with the wobble that forecasts left-out demonstrations best.
+
+    Args:
+        processes: the most likely one of every output.
+        times: common times.
+        deviations: e_k = y_k − ȳ. Two demonstrations have one deviation between them,
+            and none to leave out: nothing changes.
+        noise: r(t) > 0.
+    """
+    if len(deviations) < 3:
+        return tuple(processes)
+    thin = thinned(len(times), _FORECAST_GRID)
+    choices = [
+        tuple(replace(each, wobble=factor * each.wobble) for each in processes)
+        for factor in _FACTORS.tolist()
+    ]
+    share = conjugate_share(len(deviations))
+
+    def score(choice: Sequence[DeviationProcess]) -> float:
+        return sum(
+            forecast_score(
+                each.smooth_covariance(times[thin], spread),
+                each.white_variance(spread),
+                curves,
+                share,
+            )
+            for each, spread, curves in zip(
+                choice,
+                noise[thin].T,
+                np.moveaxis(deviations[:, thin], 2, 0),
+                strict=True,
+            )
+        )
+
+    return max(choices, key=score)
+
+
+def forecast_score(
+    smooth: Float[np.ndarray, "N N"],
+    white: Float[np.ndarray, " N"],
+    deviations: Float[np.ndarray, "D N"],
+    empirical_share: float,
+) -> float:
+    """Mean logarithm of the density of what follows, over demonstrations and starts.
+
+    Args:
+        smooth: covariance of a deviation at N phases.
+        white: its white part.
+        deviations: e_k = y_k − ȳ of D ≥ 3 demonstrations.
+        empirical_share: share of the smooth covariance that is replaced by that of the
+            other demonstrations' own curves.
+    """
+    count, size = deviations.shape
+    products = np.einsum("km,kn->kmn", deviations, deviations)
+    # Around the mean of the others: what is left of the scatter without e_k.
+    others = products.sum(axis=0) - products * count / (count - 1.0)
+    covariance = (1.0 - empirical_share) * smooth
+    covariance = covariance + empirical_share / (count - 2.0) * others
+    covariance *= count / (count - 1.0)
+    left_out = deviations * count / (count - 1.0)
+    diagonal = np.diagonal(covariance, axis1=1, axis2=2)
+    noise = white + _RELATIVE_JITTER * np.diagonal(smooth)
+    free = count - 1.0
+    gammaln = scipy.special.gammaln
+    constant = gammaln(0.5 * (free + 1.0)) - gammaln(0.5 * free)
+    scores = []
+    for start in _STARTS:
+        seen = max(round(start * size), 1)
+        gram = covariance[:, :seen, :seen] + np.diag(noise[:seen])
+        cross = covariance[:, :seen, seen:]
+        gain = np.linalg.solve(gram, cross)
+        error = left_out[:, seen:] - np.einsum("ks,ksr->kr", left_out[:, :seen], gain)
+        explained = np.einsum("ksr,ksr->kr", cross, gain)
+        variance = np.maximum(diagonal[:, seen:] - explained, 0.0) + noise[seen:]
+        density = constant - 0.5 * np.log(np.pi * free * variance)
+        density -= 0.5 * (free + 1.0) * np.log1p(error**2 / (free * variance))
+        scores.append(np.mean(density))
+    return float(np.mean(scores))

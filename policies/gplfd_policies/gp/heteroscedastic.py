@@ -1,6 +1,7 @@
-"""One output: a Gaussian process whose noise depends on time.
+"""Heteroscedastic Gaussian processes: of one output, and of all outputs together.
 
-Eqs. (10)–(11) and (15).
+Eqs. (10)–(13) and (15): outputs independent a priori, which is Eq. (6) with a diagonal
+B.
 """
 
 from dataclasses import dataclass
@@ -10,25 +11,22 @@ import numpy as np
 from jaxtyping import Float
 
 from gplfd_policies.arrays.records import short_repr
+from gplfd_policies.arrays.shapes import Curves, Times
 from gplfd_policies.demonstrations.aligned import FINEST
 from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.hyperparameters import fit_kernel
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis
-from gplfd_policies.gp.noise_profile import NoiseModel, NoiseProfile
+from gplfd_policies.gp.noise import NoiseModel, NoiseProfile
 from gplfd_policies.gp.replicates import Replicates
 from gplfd_policies.gp.spectral import SpectralPosterior
 
+Moment = Float[np.ndarray, "M d"]
+"""One number per time and output."""
 
-def offset_and_scale(
-    samples: Float[np.ndarray, "D M"], centred: bool
-) -> tuple[float, float]:
-    """Where an output is, and its size around that.
 
-    Args:
-        samples: the output in every demonstration, shape (D, M).
-        centred: whether it is where its average is, or at zero.
-    """
+def offset_and_scale(samples: Curves, centred: bool) -> tuple[float, float]:
+    """Average of an output, or zero if it is not centred, and its size around that."""
     if centred:
         offset, size = float(np.mean(samples)), float(np.std(samples))
     else:
@@ -40,11 +38,10 @@ def offset_and_scale(
 class HeteroscedasticGP:
     """Mean f(t) and noise variance r(t) of one output, learned from D demonstrations.
 
-    Inside, the output is centred and scaled to order one; `offset` and `scale` map
+    Internally the output is centred and scaled to order one; `offset` and `scale` map
     back. The prior mean is therefore the average of the demonstrations, where the
-    paper's is zero: it only matters outside the demonstrated interval. What is left
-    over by a prior mean (`gplfd_policies.movements.residual`) is not centred: its prior
-    mean is zero.
+    paper's is zero; this only matters outside the demonstrated interval. The residual
+    of a given prior mean (`gplfd_policies.movements.prior_mean`) is not centred.
     """
 
     offset: float
@@ -63,8 +60,8 @@ class HeteroscedasticGP:
     @classmethod
     def fit(
         cls,
-        times: Float[np.ndarray, " M"],
-        samples: Float[np.ndarray, "D M"],
+        times: Times,
+        samples: Curves,
         noise: NoiseModel,
         *,
         centred: bool = True,
@@ -72,8 +69,8 @@ class HeteroscedasticGP:
         """Learn one output from D curves on M common times.
 
         Args:
-            times: common times, strictly increasing, shape (M,).
-            samples: the output in every demonstration, shape (D, M).
+            times: common times, strictly increasing.
+            samples: the output in every demonstration.
             noise: how r(t) is estimated.
             centred: whether the prior mean is the output's average, or zero.
 
@@ -103,3 +100,133 @@ class HeteroscedasticGP:
         """Posterior of the scaled f in a basis that can represent its kernel."""
         noise = self.noise.variance(self.replicates.times)
         return self.replicates.condition_in(basis, self.kernel, noise)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class OutputMoments:
+    """Moments of the mean function f and of the noise at M times."""
+
+    mean: Moment
+    """Posterior mean of f, Eq. (10), in the unit of each output."""
+    mean_rate: Moment
+    """Time derivative of the mean."""
+    latent: Moment
+    """Variance of f given the demonstrations, Eq. (11) without R."""
+    latent_rate: Moment
+    """Time derivative of that variance."""
+    noise: Moment
+    """Noise variance r(t)."""
+    noise_rate: Moment
+    """Time derivative of r(t)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MultiOutputGP:
+    """Independent heteroscedastic processes on the same demonstrations."""
+
+    outputs: tuple[HeteroscedasticGP, ...]
+    """One process per output."""
+
+    __repr__ = short_repr
+
+    @classmethod
+    def fit(
+        cls,
+        times: Times,
+        poses: Float[np.ndarray, "D M d"],
+        noise: NoiseModel,
+        *,
+        centred: bool = True,
+    ) -> "MultiOutputGP":
+        """Learn every output by itself; arguments as of `HeteroscedasticGP.fit`."""
+        outputs = (
+            HeteroscedasticGP.fit(times, samples, noise, centred=centred)
+            for samples in np.moveaxis(poses, 2, 0)
+        )
+        return cls(outputs=tuple(outputs))
+
+    @property
+    def shortest_length_scale(self) -> float:
+        """Shortest length-scale of any mean function, in the unit of time."""
+        return min(output.kernel.length_scale for output in self.outputs)
+
+    @cached_property
+    def _basis(self) -> LegendreBasis | None:
+        """The common basis; None if some length-scale is too short for any."""
+        times = self.outputs[0].replicates.times
+        return LegendreBasis.for_length_scale(
+            float(times[0]), float(times[-1]), self.shortest_length_scale
+        )
+
+    @cached_property
+    def _posteriors(self) -> tuple[SpectralPosterior, ...]:
+        if self._basis is None:
+            raise ValueError("No basis represents these length-scales.")
+        return tuple(output.spectral(self._basis) for output in self.outputs)
+
+    @cached_property
+    def _tables(self) -> tuple[LegendreBasis, Float[np.ndarray, "Q C"]] | None:
+        """A basis, and every curve of every output in it; None without a basis.
+
+        One matrix product evaluates means, log-noises and latent variances of all
+        outputs, and then their slopes.
+        """
+        coarse = self._basis
+        if coarse is None:
+            return None
+        # A variance is a square: twice the degree of the posterior it comes from.
+        basis = LegendreBasis(
+            start=coarse.start, stop=coarse.stop, size=2 * coarse.size
+        )
+        nodes = basis.nodes
+        matrix = coarse.matrix(nodes)
+        curves = (
+            [matrix @ posterior.weights for posterior in self._posteriors]
+            + [output.noise.log_variance(nodes) for output in self.outputs]
+            + [np.sum((matrix @ p.factor) ** 2, axis=1) for p in self._posteriors]
+        )
+        coefficients = basis.root_weights[:, None] * np.stack(curves, axis=1)
+        slopes = basis.differentiate(coefficients)
+        return basis, np.concatenate([coefficients, slopes], axis=1)
+
+    def moments(self, times: Times) -> OutputMoments:
+        """Means, variances and their rates; inside the demonstrations in O(M)."""
+        if self._tables is not None and self._tables[0].covers(times):
+            basis, block = self._tables
+            parts = np.split(basis.matrix(times) @ block, 6, axis=1)
+            mean, log_noise, latent, mean_rate, log_noise_rate, latent_rate = parts
+            noise, latent = np.exp(log_noise), np.maximum(latent, 0.0)
+            noise_rate = noise * log_noise_rate
+        else:
+            dense = [output.latent for output in self.outputs]
+            profiles = [output.noise for output in self.outputs]
+            rates = [process.rates(times) for process in dense]
+            mean = np.stack([process.mean(times) for process in dense], axis=1)
+            latent = np.stack([process.variance(times) for process in dense], axis=1)
+            mean_rate = np.stack([rate for rate, _ in rates], axis=1)
+            latent_rate = np.stack([rate for _, rate in rates], axis=1)
+            noise = np.stack([profile.variance(times) for profile in profiles], axis=1)
+            slopes = [profile.log_variance_rate(times) for profile in profiles]
+            noise_rate = noise * np.stack(slopes, axis=1)
+        scale = np.array([output.scale for output in self.outputs])
+        offset = np.array([output.offset for output in self.outputs])
+        return OutputMoments(
+            mean=offset + scale * mean,
+            mean_rate=scale * mean_rate,
+            latent=scale**2 * latent,
+            latent_rate=scale**2 * latent_rate,
+            noise=scale**2 * noise,
+            noise_rate=scale**2 * noise_rate,
+        )
+
+    def latent_covariance(self, times: Times) -> Float[np.ndarray, "d M M"]:
+        """Covariance of f over time, per output, Eq. (11) without R."""
+        basis = self._basis
+        if basis is None or not basis.covers(times):
+            unscaled = [output.latent.covariance(times) for output in self.outputs]
+        else:
+            matrix = basis.matrix(times)
+            halves = [matrix @ posterior.factor for posterior in self._posteriors]
+            unscaled = [half @ half.T for half in halves]
+        scale = np.array([output.scale for output in self.outputs])
+        return np.asarray(scale[:, None, None] ** 2 * np.stack(unscaled))

@@ -7,15 +7,17 @@ starts.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
-from scipy.optimize import minimize
+import scipy
 
-from gplfd_policies.gp.evidence import DenseEvidence, Evidence, SpectralEvidence
+from gplfd_policies.arrays.shapes import Curve, Times
+from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import SIZES, LegendreBasis
 from gplfd_policies.gp.replicates import Replicates
+from gplfd_policies.gp.spectral import SpectralEvidence
 
 _LONGEST = 3.0
 """Longest length-scale, as a fraction of the time span."""
@@ -24,14 +26,39 @@ _SCREENED = (0.1, 0.2, 0.4)
 _LOG_SIGNAL = (np.log(1e-3), np.log(1e2))
 _LOG_SCALE = (np.log(1e-10), np.log(1e2))
 
+Evidence = Callable[[RBF, float], tuple[float, np.ndarray]]
+"""A log marginal likelihood log N(y | 0, K + c·N) of kernel and noise scale c: its
+value, and its derivatives by (log l, log σ_f, log c), (3,)."""
 Remainder = Callable[[float], tuple[float, float]]
 """scale c → the rest of the log-likelihood and its derivative in log c."""
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DenseEvidence:
+    """The evidence in O(M³), for few samples or short length-scales."""
+
+    times: Times
+    values: Curve
+    noise: Curve
+    """The fixed noise variances N."""
+
+    def __call__(self, kernel: RBF, scale: float) -> tuple[float, np.ndarray]:
+        """Value and derivatives, as `Evidence`."""
+        posterior = ExactGP(
+            kernel=kernel,
+            times=self.times,
+            values=self.values,
+            noise_variance=scale * self.noise,
+        )
+        kernel_part, noise_part = posterior.likelihood_gradient()
+        gradient = np.append(kernel_part, np.sum(noise_part))
+        return posterior.log_marginal_likelihood(), gradient
+
+
 def fit_kernel(
-    times: Float[np.ndarray, " M"],
-    values: Float[np.ndarray, " M"],
-    noise_variance: Float[np.ndarray, " M"],
+    times: Times,
+    values: Curve,
+    noise_variance: Curve,
     *,
     shortest: float = 0.05,
 ) -> RBF:
@@ -66,9 +93,9 @@ def fit_kernel_and_noise(
 
 
 def _search(
-    times: Float[np.ndarray, " M"],
-    values: Float[np.ndarray, " M"],
-    noise: Float[np.ndarray, " M"],
+    times: Times,
+    values: Curve,
+    noise: Curve,
     shortest: float,
     remainder: Remainder | None,
 ) -> tuple[RBF, float]:
@@ -115,7 +142,9 @@ def _maximise(
         for part in _SCREENED
     ]
     best = min(starts, key=lambda start: objective(start)[0])
-    result = minimize(objective, best, jac=True, method="L-BFGS-B", bounds=bounds)
+    result = scipy.optimize.minimize(
+        objective, best, jac=True, method="L-BFGS-B", bounds=bounds
+    )
     length, signal = np.exp(result.x[:2])
     kernel = RBF(length_scale=float(length), signal_std=float(signal))
     return kernel, 1.0 if remainder is None else float(np.exp(result.x[2]))

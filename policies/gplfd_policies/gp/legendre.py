@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial.legendre import leggauss, legvander
 
+from gplfd_policies.arrays.shapes import Times
 from gplfd_policies.gp.kernels import RBF
 
 SIZES = {48: 0.1, 96: 0.05, 192: 0.02}
@@ -106,7 +107,7 @@ class LegendreBasis:
         """√w_i; a smooth g is Σ_i a_i(t) · √w_i g(x_i)."""
         return _unit_tables(self.size).root_weights
 
-    def matrix(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M Q"]:
+    def matrix(self, times: Times) -> Float[np.ndarray, "M Q"]:
         """a_i(t) at ``times`` inside the interval, by barycentric interpolation.
 
         Raises:
@@ -141,7 +142,7 @@ class LegendreBasis:
         row /= np.add.reduce(row) * tables.root_weights
         return row
 
-    def shared_matrix(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M Q"]:
+    def shared_matrix(self, times: Times) -> Float[np.ndarray, "M Q"]:
         """`matrix`, remembered and read-only: all outputs ask for the same times."""
         return _remembered_matrix(self, times.tobytes())
 
@@ -152,7 +153,7 @@ class LegendreBasis:
         chain = 2.0 / (self.stop - self.start)
         return np.asarray(chain * (_unit_tables(self.size).slope @ coefficients))
 
-    def covers(self, times: Float[np.ndarray, " M"]) -> bool:
+    def covers(self, times: Times) -> bool:
         """Whether all ``times`` lie inside the interval."""
         return bool(np.min(times) >= self.start and np.max(times) <= self.stop)
 

@@ -1,8 +1,7 @@
-"""How the spread of the demonstrations, r(t), is estimated by default.
+"""The spread of the demonstrations r(t), Eqs. (10)–(11), and how it is estimated.
 
 The paper models z(t) = log r(t) with a second Gaussian process and takes its most
-likely value, Eq. (15). A noise model is an object with one method, ``fit``; the paper's
-own is in `gplfd_policies.gp.kersting`.
+likely value, Eq. (15). A noise model is an object with one method, ``fit``.
 
 Note:
     The logarithm of an empirical variance with k degrees of freedom is biased:
@@ -11,29 +10,101 @@ Note:
 """
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.special import digamma, polygamma
 
 from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_policies.arrays.records import short_repr
+from gplfd_policies.arrays.shapes import Curve, Curves, Times
 from gplfd_policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis
-from gplfd_policies.gp.noise_profile import (
-    LEAST_SCALE,
-    LEAST_VARIANCE,
-    SHORTEST_SCALE,
-    NoiseProfile,
-)
 from gplfd_policies.gp.replicates import Replicates
 from gplfd_policies.gp.spectral import square_root
 
+_LEAST_VARIANCE = 1e-10
+"""Smallest observation of exp z(t), relative to the variance of the output."""
+_SHORTEST_SCALE = 0.15
+"""Shortest length-scale of z(t) by default, as a share of the time span."""
+_LEAST_SCALE = 0.1
+"""Least value of it that the basis can express."""
+_BASIS_SIZE = 48
 LEAST_SPREAD = 3e-3
 """By default, the least standard deviation of repetitions, relative to that of the
 output over the task (docs/method.md has what it is on real recordings)."""
 _OFFSET_VARIANCE = 1e2
 """Prior variance of the level of z(t): vague, so that the data set it."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class NoiseProfile:
+    """A noise variance r(t) = exp z(t) + floor > 0, smooth in time.
+
+    Outside the interval of its basis it keeps the value of the nearer end, so that it
+    does not shrink where nothing was demonstrated.
+    """
+
+    level: float
+    """Constant part of z(t)."""
+    basis: LegendreBasis
+    """Basis of the varying part."""
+    coefficients: Float[np.ndarray, " Q"]
+    """Coefficients of the varying part of z(t)."""
+    floor: float = 0.0
+    """What is added to exp z(t)."""
+
+    __repr__ = short_repr
+
+    @staticmethod
+    def basis_over(times: Times) -> LegendreBasis:
+        """The basis of a profile over demonstrations at ``times``."""
+        return LegendreBasis(
+            start=float(times[0]), stop=float(times[-1]), size=_BASIS_SIZE
+        )
+
+    @classmethod
+    def constant(cls, times: Times, variance: float) -> "NoiseProfile":
+        """The same variance everywhere."""
+        basis = cls.basis_over(times)
+        return cls(
+            level=float(np.log(variance)),
+            basis=basis,
+            coefficients=np.zeros(basis.size),
+        )
+
+    def log_variance(self, times: Times) -> Curve:
+        """Its logarithm at ``times``."""
+        with np.errstate(divide="ignore"):
+            floor = np.log(self.floor)  # -inf for none
+        return np.asarray(np.logaddexp(self._varying(times), floor))
+
+    def _varying(self, times: Times) -> Curve:
+        """z(t) at ``times``."""
+        inside = np.clip(times, self.basis.start, self.basis.stop)
+        return np.asarray(self.level + self.basis.matrix(inside) @ self.coefficients)
+
+    def variance(self, times: Times) -> Curve:
+        """The noise variance r(t) at ``times``."""
+        return np.asarray(np.exp(self.log_variance(times)))
+
+    def log_variance_rate(self, times: Times) -> Curve:
+        """Its logarithm's derivative; zero outside the demonstrated interval."""
+        inside = np.clip(times, self.basis.start, self.basis.stop)
+        slope = self.basis.matrix(inside) @ self.basis.differentiate(self.coefficients)
+        share = np.exp(self._varying(times) - self.log_variance(times))
+        return np.where(inside == times, share * slope, 0.0)
+
+
+@runtime_checkable
+class NoiseModel(Protocol):
+    """A rule that turns aligned demonstrations of one output into r(t)."""
+
+    def fit(self, times: Times, samples: Curves) -> NoiseProfile:
+        """Estimate r(t) from D curves of order one on M common times."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -45,9 +116,7 @@ class HomoscedasticNoise:
     of its samples around a smooth curve: nothing is known about repetitions.
     """
 
-    def fit(
-        self, times: Float[np.ndarray, " M"], samples: Float[np.ndarray, "D M"]
-    ) -> NoiseProfile:
+    def fit(self, times: Times, samples: Curves) -> NoiseProfile:
         """Estimate σ_n² from D curves of order one on M common times."""
         _, variance = fit_kernel_and_noise(Replicates.from_samples(times, samples))
         return NoiseProfile.constant(times, variance)
@@ -64,12 +133,11 @@ class MapNoise:
     3. With these fixed, Newton's method for the mode of the exact likelihood of the
        sums of squares, SS_i ~ r_i χ²_k:
        Σ_i [k/2 z_i + ½ SS_i exp(−z_i)] + ½ (z − m)ᵀ K_z⁻¹ (z − m), which is convex.
-    4. r(t) = exp z(t) + `least_spread`²: where demonstrations happen to agree, the
-       next one need not, and nothing in them could tell
-       (``test_agreement_by_chance_does_not_ruin_the_likelihood``).
+    4. r(t) = exp z(t) + `least_spread`²: where demonstrations agree by chance, the
+       next one need not (``test_agreement_by_chance_does_not_ruin_the_likelihood``).
     """
 
-    shortest_scale: float = quantity(SHORTEST_SCALE, low=LEAST_SCALE, high=1.0)
+    shortest_scale: float = quantity(_SHORTEST_SCALE, low=_LEAST_SCALE, high=1.0)
     """Shortest length-scale of z(t), as a share of the time span."""
     least_spread: float = quantity(LEAST_SPREAD, low=0.0, high=1.0)
     """Least standard deviation of repetitions, relative to that of the output."""
@@ -77,9 +145,7 @@ class MapNoise:
     def __post_init__(self) -> None:
         check_quantities(self)
 
-    def fit(
-        self, times: Float[np.ndarray, " M"], samples: Float[np.ndarray, "D M"]
-    ) -> NoiseProfile:
+    def fit(self, times: Times, samples: Curves) -> NoiseProfile:
         """Estimate r(t) from D curves of order one on M common times.
 
         Raises:
@@ -94,11 +160,11 @@ class MapNoise:
                 "scatter of the samples around one smooth curve."
             )
         # All demonstrations start at the same pose: there the spread is exactly zero.
-        pooled = np.maximum(replicates.within / free, LEAST_VARIANCE)
+        pooled = np.maximum(replicates.within / free, _LEAST_VARIANCE)
         half = 0.5 * free
-        observed = np.log(pooled) - float(digamma(half)) + np.log(half)
+        observed = np.log(pooled) - float(scipy.special.digamma(half)) + np.log(half)
         level = float(np.mean(observed))
-        known = np.full(len(times), float(polygamma(1, half)))
+        known = np.full(len(times), float(scipy.special.polygamma(1, half)))
         kernel = fit_kernel(
             times, observed - level, known, shortest=self.shortest_scale
         )
@@ -115,9 +181,9 @@ class MapNoise:
 def _gamma_mode(
     basis: LegendreBasis,
     kernel: RBF,
-    times: Float[np.ndarray, " M"],
+    times: Times,
     free: int,
-    pooled: Float[np.ndarray, " M"],
+    pooled: Curve,
     level: float,
 ) -> Float[np.ndarray, " Q"]:
     """Coefficients of the mode of z(t) − level under the gamma likelihood."""
@@ -153,3 +219,61 @@ def _gamma_mode(
         position = position - length * step
         value, scaled = candidate, candidate_scaled
     return root @ position
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class KerstingNoise:
+    """The paper's estimate: Kersting's "most likely" iteration.
+
+    A homoscedastic process is fitted first; each observation then gives
+    z = log ½((y − μ)² + s²), with μ and s² the current prediction (the closed form of
+    Kersting's sampled expectation); a second process smooths z; and the loop repeats
+    with r = exp z.
+
+    Note:
+        The fixed point is biased, and more demonstrations do not help: the standard
+        deviation converges to about 0.81 of the truth. r can at most halve per pass,
+        so a result after few passes depends on when it was stopped.
+    """
+
+    n_iterations: int = quantity(10, low=1)
+    """Number of passes."""
+    shortest_scale: float = quantity(_SHORTEST_SCALE, low=_LEAST_SCALE, high=1.0)
+    """Shortest length-scale of z(t), as a share of the time span."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    def fit(self, times: Times, samples: Curves) -> NoiseProfile:
+        """Estimate r(t) from D curves of order one on M common times."""
+        replicates = Replicates.from_samples(times, samples)
+        kernel, constant = fit_kernel_and_noise(replicates)
+        profile = NoiseProfile.constant(times, constant)
+        for _ in range(self.n_iterations):
+            # Posterior mean and variance of f at the common times.
+            noise = profile.variance(times)
+            basis = LegendreBasis.for_length_scale(
+                times[0], times[-1], kernel.length_scale
+            )
+            if basis is None:
+                dense = replicates.condition(kernel, noise)
+                mean, variance = dense.mean(times), dense.variance(times)
+            else:
+                posterior = replicates.condition_in(basis, kernel, noise)
+                matrix = basis.matrix(times)
+                mean = matrix @ posterior.weights
+                variance = np.sum((matrix @ posterior.factor) ** 2, axis=1)
+            # A process through log-variances that are observed with unknown noise.
+            spread = 0.5 * ((samples - mean) ** 2 + variance + noise)
+            observed = np.log(np.maximum(spread, _LEAST_VARIANCE))
+            level = float(np.mean(observed))
+            logs = Replicates.from_samples(times, observed - level)
+            smooth, scatter = fit_kernel_and_noise(logs, shortest=self.shortest_scale)
+            basis = NoiseProfile.basis_over(times)
+            of_logs = logs.condition_in(basis, smooth, np.full(len(times), scatter))
+            profile = NoiseProfile(
+                level=level, basis=basis, coefficients=of_logs.weights
+            )
+            noise = profile.variance(times)
+            kernel = fit_kernel(times, replicates.mean, noise / replicates.count)
+        return profile

@@ -15,25 +15,24 @@ Gaussian process on ȳ with noise r/D. ``test_collapse_equals_naive_gp`` settles
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.arrays.records import short_repr
-from gplfd_policies.gp.evidence import SpectralEvidence
+from gplfd_policies.arrays.shapes import Curve, Curves, Times
 from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis
-from gplfd_policies.gp.spectral import SpectralPosterior
+from gplfd_policies.gp.spectral import SpectralEvidence, SpectralPosterior
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Replicates:
     """The sufficient statistics of D observations at each of M times."""
 
-    times: Float[np.ndarray, " M"]
+    times: Times
     """Common times, strictly increasing."""
-    mean: Float[np.ndarray, " M"]
+    mean: Curve
     """Average ȳ over the demonstrations."""
-    within: Float[np.ndarray, " M"]
+    within: Curve
     """Sum of squared deviations SS from the average."""
     count: int
     """Number of demonstrations D."""
@@ -41,15 +40,13 @@ class Replicates:
     __repr__ = short_repr
 
     @classmethod
-    def from_samples(
-        cls, times: Float[np.ndarray, " M"], samples: Float[np.ndarray, "D M"]
-    ) -> "Replicates":
+    def from_samples(cls, times: Times, samples: Curves) -> "Replicates":
         """Reduce D curves sampled at common times."""
         mean = samples.mean(axis=0)
         within = np.sum((samples - mean) ** 2, axis=0)
         return cls(times=times, mean=mean, within=within, count=len(samples))
 
-    def log_remainder(self, noise_variance: Float[np.ndarray, " M"]) -> float:
+    def log_remainder(self, noise_variance: Curve) -> float:
         """The part of log p(Y) that does not depend on the kernel."""
         free = self.count - 1
         terms = (
@@ -63,16 +60,14 @@ class Replicates:
         self,
         basis: LegendreBasis,
         kernel: RBF,
-        noise_variance: Float[np.ndarray, " M"],
+        noise_variance: Curve,
     ) -> SpectralPosterior:
         """`condition` in a basis that can represent the kernel."""
         noise = noise_variance / self.count
         evidence = SpectralEvidence.reduce(basis, self.times, self.mean, noise)
         return SpectralPosterior.condition(evidence, kernel)
 
-    def condition(
-        self, kernel: RBF, noise_variance: Float[np.ndarray, " M"]
-    ) -> ExactGP:
+    def condition(self, kernel: RBF, noise_variance: Curve) -> ExactGP:
         """Posterior of f given all D·M observations, Eqs. (10)–(11)."""
         return ExactGP(
             kernel=kernel,

@@ -1,28 +1,38 @@
-"""What every learned movement can be asked, whatever method learned it.
+"""The interface of learned movements, and what their implementations share.
 
 `gplfd_policies.movements.skill.Skill` and each baseline of Table 1 in Arduengo et al.,
-*Gaussian- Process-based Robot Learning from Demonstration*, arXiv:2002.09979, are
+*Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979, are
 movements: they predict a distribution over poses at any phase, and adapt to via-points
 if they can.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
 
+from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import freeze
+from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.movements.trajectory import (
+    GaussianTrajectory,
+    ViaPoint,
+    checked_times,
+)
+
+Moments = tuple[Outputs, Outputs]
+"""Mean and standard deviation at M phases, or mean and variance."""
 
 
 @runtime_checkable
 class Predictor(Protocol):
     """Something that predicts a distribution over poses."""
 
-    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
+    def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution at phases ``times``; NaN std for a method without any."""
         ...
 
@@ -44,7 +54,7 @@ class Movement(Predictor, Protocol):
 
 @runtime_checkable
 class Adaptable(Movement, Protocol):
-    """A movement that says itself how it is conditioned on via-points."""
+    """A movement with its own conditioning on via-points."""
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> Predictor:
         """The movement conditioned on ``via_points``, all of them at once."""
@@ -53,7 +63,7 @@ class Adaptable(Movement, Protocol):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class LearnedMovement:
-    """What movements of every method have from their demonstrations."""
+    """The demonstrations of a movement, whatever method learned it."""
 
     aligned: AlignedDemonstrations
     """The demonstrations it was learned from."""
@@ -68,13 +78,68 @@ class LearnedMovement:
         freeze(self, *(n for n in arrays if isinstance(getattr(self, n), np.ndarray)))
 
     def __repr__(self) -> str:
-        """Return the method and what it learned from, in one line."""
+        """Return the method and its demonstrations in one line."""
         count, phases, _ = self.aligned.poses.shape
         lasting = f"{self.duration * self.aligned.end:.3g} s"
         if self.aligned.end < 1.0:
             lasting += f", continued to {self.duration:.3g} s"
         return (
             f"{type(self).__name__}({count} demonstrations, {phases} phases, {lasting})"
+        )
+
+
+class MomentMovement(LearnedMovement, ABC):
+    """A movement whose rates are differences of its moments."""
+
+    @abstractmethod
+    def _moments(self, times: Times) -> Moments:
+        """Mean and standard deviation of a repetition of the task [m, rad]."""
+
+    @abstractmethod
+    def _covariance(self, times: Times) -> Covariances:
+        """Covariance over time of every output [m², rad²]."""
+
+    @one_thread
+    def predict(self, times: Times) -> GaussianTrajectory:
+        """The distribution of the pose at phases ``times``, strictly increasing.
+
+        Raises:
+            ValueError: if there are no times, one is not finite, or they do not
+                increase.
+        """
+        times = checked_times(times)
+        mean, std = self._moments(times)
+        covariance = partial(self._covariance, times)
+        return GaussianTrajectory.from_moments(times, mean, std, covariance)
+
+
+class EmpiricalDistribution:
+    """Sample mean and sample standard deviation of aligned demonstrations, by phase.
+
+    For methods that predict no uncertainty. Between the phases of the alignment the
+    demonstrations are interpolated linearly. The standard deviation of a single
+    demonstration is zero.
+    """
+
+    def __init__(self, aligned: AlignedDemonstrations) -> None:
+        self._aligned = aligned
+
+    def predict(self, times: Times) -> GaussianTrajectory:
+        """The distribution at phases ``times``; constant beyond the demonstrations."""
+        poses = self._aligned.poses
+        curves = np.stack(
+            [
+                [np.interp(times, self._aligned.times, output) for output in pose.T]
+                for pose in poses
+            ]
+        )
+        deviations = curves - curves.mean(axis=0)
+        root = deviations / np.sqrt(max(len(poses) - 1, 1))
+        return GaussianTrajectory.from_moments(
+            times=times,
+            mean=curves.mean(axis=0).T,
+            std=np.sqrt(np.sum(root**2, axis=0)).T,
+            covariance_function=partial(np.einsum, "kom,kon->omn", root, root),
         )
 
 
@@ -87,12 +152,12 @@ class Adaptation(Protocol):
         ...
 
     @property
-    def mean(self) -> Float[np.ndarray, "M 6"]:
+    def mean(self) -> Outputs:
         """Current mean on the grid [m, rad], read-only."""
         ...
 
     @property
-    def std(self) -> Float[np.ndarray, "M 6"]:
+    def std(self) -> Outputs:
         """Current standard deviation on the grid [m, rad]."""
         ...
 
@@ -102,4 +167,4 @@ class Adaptation(Protocol):
 
 
 AdaptationForm = Callable[[Any, np.ndarray], Adaptation]
-"""Starts the adaptation of a movement on a grid of phases, shape (M,)."""
+"""Starts the adaptation of a movement on a grid of phases (M,)."""

@@ -1,19 +1,32 @@
-"""What is known of a movement before any demonstration: a prior mean.
+"""Prior means of movements, and learning around them.
 
-The m(t) of Eq. (1) in Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979, where it is zero for want of knowledge.
-`gplfd_policies.movements.residual` learns around it.
+A Gaussian process with the prior mean m(t) of Eq. (1) in Arduengo et al.,
+*Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979, is m(t)
+plus a process of prior mean zero, learned from the residual y − m(t). Far from the
+demonstrations it returns to m(t); variances do not depend on m(t). Via-points are
+shifted likewise (``test_adaptation_is_that_of_the_residual_plus_the_prior_mean``). In
+the paper m(t) is zero.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.interpolate import PchipInterpolator
 
 from gplfd_policies.arrays.records import freeze, short_repr
+from gplfd_policies.arrays.shapes import Outputs, Times
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.movements.movement import (
+    AdaptationForm,
+    LearnedMovement,
+    Movement,
+)
+from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 
 @runtime_checkable
@@ -21,15 +34,15 @@ class PriorMean(Protocol):
     """Poses that are expected where nothing was demonstrated.
 
     Phases are those of the aligned demonstrations, 0 at their start and 1 at their end;
-    methods that go on beyond it (`gplfd_policies.registry.method.Method.beyond`) also
-    ask for later ones. Rotation vectors are on the same branch as theirs.
+    methods that continue beyond it (`gplfd_policies.registry.method.Method.beyond`)
+    also use later ones. Rotation vectors are on the same branch as theirs.
     """
 
-    def mean(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6"]:
+    def mean(self, times: Times) -> Outputs:
         """Poses [m, rad] at phases, task frame."""
         ...
 
-    def rate(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6"]:
+    def rate(self, times: Times) -> Outputs:
         """Their derivative, per unit phase."""
         ...
 
@@ -69,16 +82,16 @@ class PosePath:
             raise ValueError(f"phases of a path must increase strictly, got {phases}")
 
     @cached_property
-    def _curve(self) -> PchipInterpolator:
-        return PchipInterpolator(self.phases, self.poses, axis=0)
+    def _curve(self) -> Any:
+        return scipy.interpolate.PchipInterpolator(self.phases, self.poses, axis=0)
 
-    def mean(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6"]:
+    def mean(self, times: Times) -> Outputs:
         """Poses [m, rad] at phases."""
         within = np.clip(times, self.phases[0], self.phases[-1])
         poses: np.ndarray = self._curve(within)
         return poses
 
-    def rate(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6"]:
+    def rate(self, times: Times) -> Outputs:
         """Derivative of the poses, per unit phase; zero beyond the ends."""
         within = (times >= self.phases[0]) & (times <= self.phases[-1])
         rate: np.ndarray = np.where(within[:, None], self._curve(times, nu=1), 0.0)
@@ -92,12 +105,116 @@ class Stretched:
     of: PriorMean
     """The prior mean of the shorter task."""
     factor: float
-    """How much longer the task is, as durations are compared."""
+    """Ratio of the durations."""
 
-    def mean(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6"]:
+    def mean(self, times: Times) -> Outputs:
         """Poses [m, rad] at phases of the longer task."""
         return self.of.mean(self.factor * times)
 
-    def rate(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6"]:
+    def rate(self, times: Times) -> Outputs:
         """Derivative of the poses, per unit phase of the longer task."""
         return self.factor * self.of.rate(self.factor * times)
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ResidualMovement(LearnedMovement):
+    """A prior mean and a movement learned from the rest; made by `fit_residual`."""
+
+    prior_mean: PriorMean
+    """m(t)."""
+    residual: Movement
+    """Learned from the demonstrations less m(t), with a prior mean of zero."""
+
+    def save(self, path: str | Path) -> None:
+        """Refuse: a prior mean may be any code, which no file of arrays holds.
+
+        Raises:
+            ValueError: always.
+        """
+        raise ValueError(
+            f"a movement around a prior mean cannot be saved to {path}: the prior mean "
+            "may be any code. Save the demonstrations, and learn from them again"
+        )
+
+    def predict(self, times: Times) -> GaussianTrajectory:
+        """The distribution of the pose at phases ``times``.
+
+        Far outside the demonstrated range the mean is the prior mean.
+        """
+        return _raised(self.residual.predict(times), self.prior_mean)
+
+
+def fit_residual(
+    aligned: AlignedDemonstrations,
+    prior_mean: PriorMean,
+    fit: Callable[[AlignedDemonstrations], Movement],
+) -> ResidualMovement:
+    """Learn a movement around a prior mean.
+
+    Args:
+        aligned: D demonstrations on common phases.
+        prior_mean: m(t).
+        fit: learns the residual with a prior mean of zero, such as
+            ``partial(fit_skill, centred=False)``.
+
+    Raises:
+        ValueError: if the prior mean is not a finite pose at every phase.
+    """
+    expected = np.asarray(prior_mean.mean(aligned.times))
+    if expected.shape != aligned.poses.shape[1:] or not np.isfinite(expected).all():
+        raise ValueError(
+            f"a prior mean must give a finite pose at each of {len(aligned.times)} "
+            f"phases, an array of shape {aligned.poses.shape[1:]}; got {expected}"
+        )
+    # Phases are certain here: a repetition that runs late is late on m(t), too, which
+    # the residual cannot express.
+    rest = replace(aligned, poses=aligned.poses - expected, clocks=None)
+    return ResidualMovement(aligned=aligned, prior_mean=prior_mean, residual=fit(rest))
+
+
+class ResidualAdaptation:
+    """Online adaptation of a residual, reported with its prior mean.
+
+    Args:
+        form: adapts the residual.
+        movement: the learned movement.
+        grid: phases at which the distribution is reported.
+    """
+
+    def __init__(
+        self, form: AdaptationForm, movement: ResidualMovement, grid: Times
+    ) -> None:
+        self._prior_mean = movement.prior_mean
+        self._expected = movement.prior_mean.mean(grid)
+        self._residual = form(movement.residual, grid)
+
+    def observe(self, via_point: ViaPoint) -> None:
+        """Take one more via-point, in place."""
+        # Outputs left free stay so.
+        expected = self._prior_mean.mean(np.array([via_point.phase]))[0]
+        self._residual.observe(replace(via_point, pose=via_point.pose - expected))
+
+    @property
+    def mean(self) -> Outputs:
+        """Current mean on the grid [m, rad], read-only."""
+        mean: np.ndarray = self._expected + self._residual.mean
+        mean.setflags(write=False)
+        return mean
+
+    @property
+    def std(self) -> Outputs:
+        """Current standard deviation on the grid [m, rad]."""
+        return self._residual.std
+
+    def trajectory(self) -> GaussianTrajectory:
+        """The current distribution on the grid."""
+        return _raised(self._residual.trajectory(), self._prior_mean)
+
+
+def _raised(rest: GaussianTrajectory, prior_mean: PriorMean) -> GaussianTrajectory:
+    """Add the prior mean to the distribution of a residual."""
+    return replace(
+        rest,
+        mean=rest.mean + prior_mean.mean(rest.times),
+        mean_rate=rest.mean_rate + prior_mean.rate(rest.times),
+    )

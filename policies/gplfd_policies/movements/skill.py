@@ -6,23 +6,33 @@ priori, each with the kernel of Eq. (13) and its own noise r(t), Eq. (15).
 """
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.shapes import Covariances, Times
+from gplfd_policies.arrays.storage import Members, read_archive, write_archive
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.gp.deviations import DeviationProcess, fit_deviations
-from gplfd_policies.gp.kersting import KerstingNoise
-from gplfd_policies.gp.left_out import wobbling
-from gplfd_policies.gp.multi_output import MultiOutputGP, OutputMoments
-from gplfd_policies.gp.noise import HomoscedasticNoise, MapNoise
-from gplfd_policies.gp.noise_profile import NoiseModel
+from gplfd_policies.gp.deviations import DeviationProcess, fit_deviations, wobbling
+from gplfd_policies.gp.heteroscedastic import (
+    HeteroscedasticGP,
+    MultiOutputGP,
+    OutputMoments,
+)
+from gplfd_policies.gp.kernels import RBF
+from gplfd_policies.gp.noise import (
+    HomoscedasticNoise,
+    KerstingNoise,
+    MapNoise,
+    NoiseModel,
+    NoiseProfile,
+)
+from gplfd_policies.gp.replicates import Replicates
 from gplfd_policies.movements.movement import LearnedMovement
-from gplfd_policies.movements.skill_archive import read_skill, write_skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory, checked_times
 
 NOISE_MODELS: dict[str, NoiseModel] = {
@@ -32,11 +42,19 @@ NOISE_MODELS: dict[str, NoiseModel] = {
 }
 """Noise models by name: "map" is the default, "kersting" the paper's."""
 
-_FEW = 3
+_FEW: Final = 3
 """Up to this many demonstrations, `fit_skill` warns."""
-_WINDOW = 0.1
-"""Stretch of the task, as a share of it, over which the spread is taken as one number:
-the shortest length-scale that the noise models allow."""
+_WINDOW: Final = 0.1
+"""Share of the task over which the spread counts as one number: the shortest
+length-scale that the noise models allow."""
+
+_KIND: Final = "a gplfd skill"
+"""Content of the file of a skill."""
+_VERSION: Final = 3
+"""Version of its layout."""
+_NO_CLOCKS: Final = np.zeros((0, 0))
+"""In place of the clocks where they are unknown."""
+_DEVIATION: Final = tuple(field.name for field in fields(DeviationProcess))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -69,9 +87,9 @@ class Skill(LearnedMovement):
         """Degrees of freedom behind the spread; None for a single demonstration.
 
         Real demonstrations deviate smoothly: M samples of a deviation are not M
-        independent looks at the spread, and D − 1 is all there is. If they deviate
-        independently, every sample within `_WINDOW` is a look of its own. In between,
-        W samples of an autoregressive process count as W (1 − ρ²)/(1 + ρ²)
+        independent observations of the spread, which leaves D − 1. If they deviate
+        independently, every sample within `_WINDOW` counts. In between, W samples of an
+        autoregressive process count as W (1 − ρ²)/(1 + ρ²)
         (``test_degrees_of_freedom_count_independent_looks``).
         """
         if self.count < 2:
@@ -103,7 +121,7 @@ class Skill(LearnedMovement):
         return wobbling(likely, times, deviations, noise)
 
     @one_thread
-    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
+    def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution of the pose at ``times``, Eqs. (10)–(11).
 
         The variance is r(t) plus that of the mean. For the latter the model's own
@@ -112,9 +130,9 @@ class Skill(LearnedMovement):
         (``test_uncertainty_of_the_mean_is_at_least_its_share_of_the_spread``).
 
         Args:
-            times: phases, shape (M,). Outside the demonstrated range the mean returns
-                to the prior mean, the demonstrations' average or zero (see
-                `fit_skill`), and the uncertainty grows.
+            times: phases. Outside the demonstrated range the mean returns to the prior
+                mean, the demonstrations' average or zero (see `fit_skill`), and the
+                uncertainty grows.
 
         Raises:
             ValueError: if there are no times, or one is not finite.
@@ -140,9 +158,7 @@ class Skill(LearnedMovement):
             degrees_of_freedom=self.degrees_of_freedom,
         )
 
-    def _covariance(
-        self, times: Float[np.ndarray, " M"], moments: OutputMoments
-    ) -> Float[np.ndarray, "6 M M"]:
+    def _covariance(self, times: Times, moments: OutputMoments) -> Covariances:
         """Eq. (11), the posterior of f stretched to the variance of `predict`."""
         covariance = self.processes.latent_covariance(times)
         floor = self.smoothness / self.count * moments.noise
@@ -166,11 +182,38 @@ class Skill(LearnedMovement):
 
         Raises:
             ValueError: if a user's own noise model does not build on
-                `gplfd_policies.gp.noise_profile.NoiseProfile.basis_over`.
+                `gplfd_policies.gp.noise.NoiseProfile.basis_over`.
             OSError: if the file cannot be written.
         """
+        aligned, outputs = self.aligned, self.processes.outputs
+        basis = NoiseProfile.basis_over(aligned.times)
+        if any(output.noise.basis != basis for output in outputs):
+            raise ValueError(
+                "this skill cannot be saved: its noise model must return profiles on "
+                "NoiseProfile.basis_over(times)"
+            )
+        numbers: dict[str, Any] = {
+            "times": aligned.times,
+            "poses": aligned.poses,
+            "duration": aligned.duration,
+            "end": aligned.end,
+            "drift": aligned.drift,
+            "clocks": _NO_CLOCKS if aligned.clocks is None else aligned.clocks,
+            "offset": [output.offset for output in outputs],
+            "scale": [output.scale for output in outputs],
+            "length_scale": [output.kernel.length_scale for output in outputs],
+            "signal_std": [output.kernel.signal_std for output in outputs],
+            "noise_level": [output.noise.level for output in outputs],
+            "noise_floor": [output.noise.floor for output in outputs],
+            "noise_coefficients": [output.noise.coefficients for output in outputs],
+        }
         deviations = self.deviations if self.count > 1 else ()
-        write_skill(path, self.aligned, self.processes, deviations)
+        for name in _DEVIATION:
+            numbers[name] = [getattr(deviation, name) for deviation in deviations]
+        arrays = {
+            name: np.array(each, dtype=np.float64) for name, each in numbers.items()
+        }
+        write_archive(path, kind=_KIND, version=_VERSION, arrays=arrays)
 
 
 @one_thread
@@ -185,11 +228,75 @@ def load_skill(path: str | Path) -> Skill:
         ValueError: if the file is damaged, holds something else, or has the layout of
             another version.
     """
-    aligned, processes, deviations = read_skill(path)
-    skill = Skill(aligned=aligned, processes=processes)
+    return read_archive(path, kind=_KIND, version=_VERSION, build=_skill_of)
+
+
+def _skill_of(members: Members) -> Skill:
+    """Build a skill from the members of its archive; raise for any that is wrong."""
+
+    def finite(name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
+        array = members(name)
+        if array.dtype != np.float64 or not np.isfinite(array).all():
+            raise ValueError(f"{name!r} must be finite numbers of type float64")
+        if shape is not None and array.shape != shape:
+            raise ValueError(f"{name!r} must have shape {shape}, got {array.shape}")
+        return array
+
+    clocks = finite("clocks")
+    aligned = AlignedDemonstrations(
+        times=finite("times"),
+        poses=finite("poses"),
+        duration=float(finite("duration", ())),
+        end=float(finite("end", ())),
+        drift=finite("drift", (6,)),
+        clocks=None if clocks.shape == _NO_CLOCKS.shape else clocks,
+    )
+
+    basis = NoiseProfile.basis_over(aligned.times)
+    coefficients = finite("noise_coefficients", (6, basis.size))
+    offsets, scales = finite("offset", (6,)), finite("scale", (6,))
+    lengths, signals = finite("length_scale", (6,)), finite("signal_std", (6,))
+    levels, floors = finite("noise_level", (6,)), finite("noise_floor", (6,))
+    if not (scales > 0.0).all():
+        raise ValueError(f"'scale' must be positive, got {scales}")
+    if not (floors >= 0.0).all():
+        raise ValueError(f"'noise_floor' must not be negative, got {floors}")
+    outputs = []
+    for number in range(6):
+        offset, scale = float(offsets[number]), float(scales[number])
+        samples = (aligned.poses[:, :, number] - offset) / scale
+        output = HeteroscedasticGP(
+            offset=offset,
+            scale=scale,
+            replicates=Replicates.from_samples(aligned.times, samples),
+            kernel=RBF(
+                length_scale=float(lengths[number]), signal_std=float(signals[number])
+            ),
+            noise=NoiseProfile(
+                level=float(levels[number]),
+                basis=basis,
+                coefficients=coefficients[number],
+                floor=float(floors[number]),
+            ),
+        )
+        outputs.append(output)
+    skill = Skill(aligned=aligned, processes=MultiOutputGP(outputs=tuple(outputs)))
+
+    deviating = 6 if len(aligned.poses) > 1 else 0
+    columns = [finite(name, (deviating,)) for name in _DEVIATION]
+    deviations = []
+    for values in np.transpose(columns).tolist():
+        deviation = DeviationProcess(**dict(zip(_DEVIATION, values, strict=True)))
+        lengthy = (deviation.wobble, deviation.long_scale, deviation.short_scale)
+        shares = (deviation.varying, deviation.white)
+        if not (min(lengthy) > 0.0 and min(shares) >= 0.0 and max(shares) <= 1.0):
+            raise ValueError(
+                f"no process of deviations has these parameters: {deviation}"
+            )
+        deviations.append(deviation)
     if deviations:
-        # Learned when first asked for; of this skill they were learned before.
-        vars(skill)["deviations"] = deviations
+        # Learned on first use otherwise.
+        vars(skill)["deviations"] = tuple(deviations)
     return skill
 
 
@@ -207,7 +314,7 @@ def fit_skill(
         noise: how the spread r(t) is estimated: a name in `NOISE_MODELS` or a noise
             model object, such as ``KerstingNoise(n_iterations=30)``.
         centred: whether the prior mean is the demonstrations' average, or zero; for
-            any other see `gplfd_policies.movements.residual.fit_residual`.
+            any other see `gplfd_policies.movements.prior_mean.fit_residual`.
 
     Raises:
         TypeError: for anything else than aligned demonstrations.
@@ -235,21 +342,19 @@ def fit_skill(
         raise ValueError("Aligned demonstrations must be finite; found NaN or inf.")
     processes = MultiOutputGP.fit(times, poses, noise, centred=centred)
     if len(poses) <= _FEW:
-        # Level 2 is the decorator.
-        warnings.warn(_few_demonstrations(len(poses)), UserWarning, stacklevel=3)
-    return Skill(aligned=aligned, processes=processes)
-
-
-def _few_demonstrations(count: int) -> str:
-    if count == 1:
-        return (
+        said = (
             "One demonstration says nothing about how repetitions differ: the "
             "uncertainty is only the scatter of its samples around a smooth curve, "
             "and adaptation has no spread to work with. Give 4 or more."
         )
-    return (
-        f"{count} demonstrations leave {count - 1} degree(s) of freedom for the "
-        f"spread: where they happen to cross, the uncertainty is far too small, and "
-        f"the robot stiff there. Intervals use Student-t quantiles; the standard "
-        f"deviation itself stays uncertain. Give 4 or more."
-    )
+        if len(poses) > 1:
+            said = (
+                f"{len(poses)} demonstrations leave {len(poses) - 1} degree(s) of "
+                "freedom for the spread: where they happen to cross, the uncertainty "
+                "is far too small, and the robot stiff there. Intervals use Student-t "
+                "quantiles; the standard deviation itself stays uncertain. Give 4 or "
+                "more."
+            )
+        # Level 2 is the decorator.
+        warnings.warn(said, UserWarning, stacklevel=3)
+    return Skill(aligned=aligned, processes=processes)

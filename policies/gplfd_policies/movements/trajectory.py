@@ -1,21 +1,41 @@
-"""What a policy predicts, and what may be asked of it: distributions and via-points."""
+"""Distributions over poses along the task, and via-points."""
 
+import csv
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
+from typing import Final
 
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float, Int
-from scipy.special import ndtri, stdtrit
 
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import freeze, read_only, short_repr
+from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose, Times
+from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.demonstrations.aligned import FINEST
-from gplfd_policies.movements.trajectory_csv import write_csv
+
+CSV_COLUMNS: Final = (
+    "time [s],x [m],y [m],z [m],qx,qy,qz,qw,std_x [m],std_y [m],std_z [m],"
+    "std_rx [rad],std_ry [rad],std_rz [rad]"
+)
+"""First line of the table: quantities and their units."""
+
+_CSV_HEADER: Final = """\
+# A trajectory of the hand by gplfd, version 1.
+# Frame: as demonstrated. On doors: origin at the closed handle, x pulls, y up, z = x
+# cross y; orientations are relative to that of the hand at the closed door.
+# qx, qy, qz, qw is a unit quaternion, the scalar last, its sign continuous in time.
+# std_x to std_rz are standard deviations of a repetition of the task: of the position
+# and of the rotation vector; nan where the method has none.
+"""
+"""Lines before the table."""
 
 
-def checked_times(times: np.ndarray) -> Float[np.ndarray, " M"]:
+def checked_times(times: np.ndarray) -> Times:
     """Return the phases of a prediction as floats.
 
     Raises:
@@ -37,17 +57,17 @@ class GaussianTrajectory:
     phase.
     """
 
-    times: Float[np.ndarray, " M"]
-    """Phase, shape (M,)."""
-    mean: Float[np.ndarray, "M 6"]
-    """Mean pose, shape (M, 6)."""
-    std: Float[np.ndarray, "M 6"]
+    times: Times
+    """Phases."""
+    mean: Outputs
+    """Mean pose."""
+    std: Outputs
     """Standard deviation of a repetition of the task: the uncertainty of the mean and
     the spread r(t) of the demonstrations together (Eq. 11 of arXiv:2002.09979)."""
-    mean_rate: Float[np.ndarray, "M 6"]
-    """Derivative of the mean, shape (M, 6)."""
-    std_rate: Float[np.ndarray, "M 6"]
-    """Derivative of the standard deviation, shape (M, 6)."""
+    mean_rate: Outputs
+    """Derivative of the mean."""
+    std_rate: Outputs
+    """Derivative of the standard deviation."""
     covariance_function: Callable[[], np.ndarray] = field(repr=False)
     """Computes `covariance`, which few callers need."""
     degrees_of_freedom: float | None = None
@@ -61,9 +81,9 @@ class GaussianTrajectory:
     @classmethod
     def from_moments(
         cls,
-        times: Float[np.ndarray, " M"],
-        mean: Float[np.ndarray, "M 6"],
-        std: Float[np.ndarray, "M 6"],
+        times: Times,
+        mean: Outputs,
+        std: Outputs,
         covariance_function: Callable[[], np.ndarray],
     ) -> "GaussianTrajectory":
         """A distribution whose rates are central differences of its moments.
@@ -71,17 +91,17 @@ class GaussianTrajectory:
         For methods that state no derivatives. A single time has rate zero.
 
         Args:
-            times: phases, strictly increasing, shape (M,).
-            mean: mean pose, shape (M, 6).
-            std: standard deviations, shape (M, 6); NaN for a method without any.
-            covariance_function: computes the covariance over time, (6, M, M).
+            times: phases, strictly increasing.
+            mean: mean pose.
+            std: standard deviations; NaN for a method without any.
+            covariance_function: computes the covariance over time.
 
         Raises:
             ValueError: if the phases do not increase strictly.
         """
         if (np.diff(times) <= 0.0).any():
             raise ValueError(
-                f"rates are differences, which need strictly increasing phases; got "
+                "rates are differences, which need strictly increasing phases; got "
                 f"{times}."
             )
 
@@ -102,8 +122,8 @@ class GaussianTrajectory:
 
     @cached_property
     @one_thread
-    def covariance(self) -> Float[np.ndarray, "6 M M"]:
-        """Covariance over time of every output, shape (6, M, M); on first use."""
+    def covariance(self) -> Covariances:
+        """Covariance over time of every output; on first use."""
         return read_only(self.covariance_function())
 
     def __getitem__(
@@ -116,9 +136,7 @@ class GaussianTrajectory:
             covariance_function=partial(_covariance_between, self, rows),
         )
 
-    def interval(
-        self, level: float = 0.95
-    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"]]:
+    def interval(self, level: float = 0.95) -> tuple[Outputs, Outputs]:
         """Lower and upper bound of the central interval that holds ``level``.
 
         Uses Student-t quantiles where `degrees_of_freedom` is given: with few
@@ -142,8 +160,8 @@ class GaussianTrajectory:
         Args:
             poses: observed at `times`, shape (..., M, 6).
             level: share of repetitions that an interval is to hold.
-            normal: whether the quantiles are those of a normal distribution, for every
-                method alike, or those of `interval`, which know of few demonstrations.
+            normal: whether the quantiles are those of a normal distribution for every
+                method, or those of `interval`, which allow for few demonstrations.
 
         Returns:
             One truth value per number; false where the standard deviation is NaN.
@@ -164,7 +182,7 @@ class GaussianTrajectory:
         """Share of the numbers of ``poses`` that are `inside`; arguments as there.
 
         It is ``level`` if the distribution is right, and NaN for a method without
-        standard deviations. A number that is NaN is not asked for.
+        standard deviations. Numbers that are NaN do not count.
         """
         if np.isnan(self.std).any():
             return np.nan
@@ -180,8 +198,8 @@ class GaussianTrajectory:
         method without standard deviations.
 
         Args:
-            poses: observed at `times`, shape (..., M, 6). A number that is NaN is not
-                asked for.
+            poses: observed at `times`, shape (..., M, 6). Numbers that are NaN do not
+                count.
         """
         std = np.maximum(self.std, FINEST)
         error = (poses - self.mean) / std
@@ -194,8 +212,8 @@ class GaussianTrajectory:
             raise ValueError(f"level must be in (0, 1), got {level}.")
         upper = 0.5 * (1.0 + level)
         if normal or self.degrees_of_freedom is None:
-            return float(ndtri(upper))
-        return float(stdtrit(self.degrees_of_freedom, upper))
+            return float(scipy.special.ndtri(upper))
+        return float(scipy.special.stdtrit(self.degrees_of_freedom, upper))
 
     @one_thread
     def samples(
@@ -215,9 +233,8 @@ class GaussianTrajectory:
         """Write the trajectory as a table for a robot, complete or not at all.
 
         Columns with their units: time, position, quaternion (scalar last, continuous
-        sign), and the standard deviations; `gplfd_policies.movements.trajectory_csv`
-        says in which frame. One row per time of this trajectory, so predict at those
-        that the robot needs::
+        sign), and the standard deviations; the lines before the table state the frame.
+        One row per time of this trajectory, so predict at those that the robot needs::
 
             times = np.arange(0.0, duration, 0.01)
             skill.predict(times / duration).to_csv("opening.csv", duration=duration)
@@ -235,7 +252,26 @@ class GaussianTrajectory:
             raise ValueError(
                 f"duration must be positive and finite [s], got {duration}."
             )
-        write_csv(path, duration * self.times, self.mean, self.std)
+        times, poses = duration * self.times, self.mean
+        if not (np.diff(times) > 0.0).all():
+            raise ValueError(
+                f"the times of a table must increase strictly, got {times}"
+            )
+        if not np.isfinite(poses).all():
+            raise ValueError(
+                "the poses of a table must be finite; found NaN or infinity"
+            )
+        rotvecs = poses[:, 3:]
+        # Continuous as the rotation vectors are, whatever the neighbouring samples.
+        half = 0.5 * np.linalg.norm(rotvecs, axis=1, keepdims=True)
+        quaternions = np.hstack([0.5 * np.sinc(half / math.pi) * rotvecs, np.cos(half)])
+        table = np.hstack([times[:, None], poses[:, :3], quaternions, self.std])
+        with (
+            complete_or_absent(path) as temporary,
+            temporary.open("w", encoding="utf-8", newline="") as file,
+        ):
+            file.write(f"{_CSV_HEADER}{CSV_COLUMNS}\n")
+            csv.writer(file, lineterminator="\n").writerows(table.tolist())
 
 
 _ARRAYS = ("times", "mean", "std", "mean_rate", "std_rate")
@@ -250,8 +286,8 @@ def _covariance_between(
 
 
 def white_covariance(
-    variance: Float[np.ndarray, "M 6"],
-) -> Float[np.ndarray, "6 M M"]:
+    variance: Outputs,
+) -> Covariances:
     """Covariance over time of poses that deviate independently from time to time."""
     diagonal: np.ndarray = variance.T[:, :, None] * np.eye(len(variance))
     return diagonal
@@ -266,14 +302,14 @@ class ViaPoint:
     """
 
     phase: float
-    """When; the task runs from 0 to 1."""
-    pose: Float[np.ndarray, "6"]
-    """Where, (x, y, z, θu_x, θu_y, θu_z) in the task frame [m, rad]. NaN leaves an
-    output free."""
-    std: float | Float[np.ndarray, "6"] = 1e-3
-    """Standard deviation of the demand [m, rad], one number or one per output: small is
-    strong. Infinity leaves an output free."""
-    along: float | Float[np.ndarray, "6"] = 0.0
+    """Phase; the task runs from 0 to 1."""
+    pose: Pose
+    """Pose (x, y, z, θu_x, θu_y, θu_z) in the task frame [m, rad]. NaN leaves an output
+    free."""
+    std: float | Pose = 1e-3
+    """Standard deviation of the via-point [m, rad], one number or one per output: small
+    is strong. Infinity leaves an output free."""
+    along: float | Pose = 0.0
     """One more error, which all outputs share: what one standard deviation of it adds
     to each of them [m, rad], with signs. Where the phase of an observation is uncertain
     by σ_s, it is dμ/ds σ_s: the pose may lie further along the path."""
@@ -305,13 +341,13 @@ class ViaPoint:
         object.__setattr__(self, "along", along)
 
     @property
-    def own_variance(self) -> Float[np.ndarray, "6"]:
+    def own_variance(self) -> Pose:
         """σ_v² of every output; infinite where the output is left free."""
         std = np.asarray(self.std)
         variance: np.ndarray = np.where(np.isnan(self.pose), np.inf, std) ** 2
         return variance
 
     @property
-    def noise_variance(self) -> Float[np.ndarray, "6"]:
+    def noise_variance(self) -> Pose:
         """Whole variance of every output's error, for methods that take each alone."""
         return np.asarray(self.own_variance + np.asarray(self.along) ** 2)

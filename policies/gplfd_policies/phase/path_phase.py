@@ -80,7 +80,7 @@ class PathPhase:
 
     Args:
         demonstrated: Predicts μ and σ: the learned movement, or for a method without
-            uncertainty `gplfd_policies.movements.empirical.EmpiricalDistribution`.
+            uncertainty `gplfd_policies.movements.movement.EmpiricalDistribution`.
         aligned: The demonstrations, for û and ς.
         noise: Errors of the observed pose beyond the demonstrations' spread.
         window: How far the phase may move per observation: backward, forward.

@@ -22,10 +22,12 @@ from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.demonstrations.demonstration import Demonstration
-from gplfd_policies.movements.empirical import EmpiricalDistribution
-from gplfd_policies.movements.movement import AdaptationForm, Movement
-from gplfd_policies.movements.prior_mean import PriorMean, Stretched
-from gplfd_policies.movements.residual import fit_residual
+from gplfd_policies.movements.movement import (
+    AdaptationForm,
+    EmpiricalDistribution,
+    Movement,
+)
+from gplfd_policies.movements.prior_mean import PriorMean, Stretched, fit_residual
 from gplfd_policies.phase.path_phase import PathPhase
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise, PhaseRule
 

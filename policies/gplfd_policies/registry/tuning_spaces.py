@@ -17,14 +17,16 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from gplfd_policies.adaptation import ProcessAdaptation
-from gplfd_policies.gp.kersting import KerstingNoise
-from gplfd_policies.gp.noise import MapNoise
+from gplfd_policies.gp.noise import KerstingNoise, MapNoise
 from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
-from gplfd_policies.movements.baselines.gmm_gp import GMMGPConfig, fit_gmm_gp
+from gplfd_policies.movements.baselines.gmm_gp import (
+    GMMGPConfig,
+    LengthScaleConfig,
+    fit_gmm_gp,
+)
 from gplfd_policies.movements.baselines.gmr import GMRConfig
 from gplfd_policies.movements.baselines.kmp import KMPConfig, fit_kmp
 from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
-from gplfd_policies.movements.baselines.mixture_kernel import LengthScaleConfig
 from gplfd_policies.movements.baselines.promp import ProMPConfig, fit_promp
 from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,

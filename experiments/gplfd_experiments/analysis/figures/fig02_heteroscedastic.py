@@ -26,7 +26,7 @@ from gplfd_experiments.analysis.figures.pick_and_place import (
     true_spread,
 )
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.gp.noise_profile import NoiseModel, NoiseProfile
+from gplfd_policies.gp.noise import NoiseModel, NoiseProfile
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 

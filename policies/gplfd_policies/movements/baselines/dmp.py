@@ -38,18 +38,19 @@ of Pastor et al. takes its place, for position and orientation alike.
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.interpolate import CubicSpline
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.shapes import Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.movements.empirical import EmpiricalDistribution
-from gplfd_policies.movements.movement import LearnedMovement
+from gplfd_policies.movements.movement import EmpiricalDistribution, LearnedMovement
 from gplfd_policies.movements.trajectory import (
     GaussianTrajectory,
     checked_times,
@@ -80,8 +81,8 @@ class DMPConfig:
     overlap: float = quantity(0.8, above=0.0, below=1.0)
     """Height of a basis function at the centre of the next."""
     spread: bool = False
-    """Whether it goes by the demonstrations' own spread, for an uncertainty that the
-    method itself does not have."""
+    """Whether the demonstrations' own spread serves as an uncertainty, which the method
+    itself does not have."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -97,16 +98,16 @@ class DynamicMovementPrimitive(LearnedMovement):
 
     config: DMPConfig
     """Constants of the primitive."""
-    start: Float[np.ndarray, " 6"]
+    start: Pose
     """Pose at the first demonstrated phase [m, rad]."""
-    goal: Float[np.ndarray, " 6"]
+    goal: Pose
     """The pose that attracts [m, rad]."""
     start_error: Float[np.ndarray, " 3"]
     """e_0, the rotation vector from start to goal [rad]."""
     weights: Float[np.ndarray, "N 6"]
     """W, the weights of the forcing term."""
 
-    def with_goal(self, pose: Float[np.ndarray, " 6"]) -> "DynamicMovementPrimitive":
+    def with_goal(self, pose: Pose) -> "DynamicMovementPrimitive":
         """The movement to another goal.
 
         The forcing term stays. The change enters along the smooth step response h(t)
@@ -128,7 +129,7 @@ class DynamicMovementPrimitive(LearnedMovement):
         return replace(self, goal=pose, start_error=nearest)
 
     @one_thread
-    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
+    def predict(self, times: Times) -> GaussianTrajectory:
         """The rollout at ``times``; without a spread, std and covariance are NaN.
 
         Args:
@@ -139,27 +140,26 @@ class DynamicMovementPrimitive(LearnedMovement):
         Raises:
             ValueError: if there are no times, or one is not finite.
         """
-        rollout = self._unspread(checked_times(times))
-        if not self.config.spread:
-            return rollout
-        demonstrated = EmpiricalDistribution(self.aligned).predict(rollout.times)
-        return replace(demonstrated, mean=rollout.mean, mean_rate=rollout.mean_rate)
-
-    def _unspread(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
+        times = checked_times(times)
         within = np.clip(times, self._rollout.x[0], self._rollout.x[-1])
         moving = (within == times)[:, None]
+        mean = self._rollout(within)
+        mean_rate = np.where(moving, self._rollout(within, 1), 0.0)
+        if self.config.spread:
+            demonstrated = EmpiricalDistribution(self.aligned).predict(times)
+            return replace(demonstrated, mean=mean, mean_rate=mean_rate)
         unknown = np.full((times.size, 6), np.nan)
         return GaussianTrajectory(
             times=times,
-            mean=self._rollout(within),
+            mean=mean,
             std=unknown,
-            mean_rate=np.where(moving, self._rollout(within, 1), 0.0),
+            mean_rate=mean_rate,
             std_rate=unknown,
             covariance_function=partial(white_covariance, unknown),
         )
 
     @cached_property
-    def _rollout(self) -> CubicSpline:
+    def _rollout(self) -> Any:
         """Poses from the first demonstrated phase until the goal is reached."""
         config, phases = self.config, self.aligned.times
         slowest = min(config.alpha_x, 0.4 * config.alpha)  # (1 + αt/2) exp(-αt/2)
@@ -173,11 +173,23 @@ class DynamicMovementPrimitive(LearnedMovement):
             clock[:, None] <= 1.0, _basis(clock, config) @ self.weights, 0.0
         )
         drive = forcing + _pull(clock, state_0, state_g, config)
-        states = _oscillate(clock, drive, state_0, config.alpha)
-        states[-1] = state_g  # what is left of x has no say over the time after
+        # ξ̈ + α ξ̇ + α β ξ = drive, exactly for a drive linear between its samples.
+        dynamics = np.array([[0.0, 1.0], [-0.25 * config.alpha**2, -config.alpha]])
+        system = (
+            np.kron(dynamics, np.eye(6)),
+            np.kron([[0.0], [1.0]], np.eye(6)),
+            np.kron([[1.0, 0.0]], np.eye(6)),
+            np.zeros((6, 6)),
+        )
+        start = np.append(state_0, np.zeros(6))
+        _, solved, _ = scipy.signal.lsim(system, drive, clock, X0=start)
+        states = np.array(solved)
+        states[-1] = state_g  # the remainder of x does not count after the rollout
         rotvecs = compose_rotvecs(-states[:, 3:], self.goal[3:])
         rotvecs = unwrap_rotvecs(np.vstack([self.start[3:], rotvecs]))[1:]
-        return CubicSpline(phases[0] + tau * clock, np.hstack([states[:, :3], rotvecs]))
+        return scipy.interpolate.CubicSpline(
+            phases[0] + tau * clock, np.hstack([states[:, :3], rotvecs])
+        )
 
 
 @one_thread
@@ -202,7 +214,7 @@ def fit_dmp(
     # The error is zero at the end: from there it is followed back.
     states = np.hstack([mean[:, :3], unwrap_rotvecs(errors[::-1])[::-1]])
     clock = (phases - phases[0]) / (phases[-1] - phases[0])
-    path = CubicSpline(clock, states, bc_type="clamped")
+    path = scipy.interpolate.CubicSpline(clock, states, bc_type="clamped")
     target = (
         path(clock, 2)
         + config.alpha * path(clock, 1)
@@ -220,7 +232,7 @@ def fit_dmp(
     )
 
 
-def _basis(clock: Float[np.ndarray, " M"], config: DMPConfig) -> np.ndarray:
+def _basis(clock: Times, config: DMPConfig) -> np.ndarray:
     """Products x ψ_i(x) at times of the clock, 0 to 1 in τ, (M, n_basis)."""
     x = np.exp(-config.alpha_x * clock)
     centres = np.exp(-config.alpha_x * np.linspace(0.0, 1.0, config.n_basis))
@@ -233,32 +245,11 @@ def _basis(clock: Float[np.ndarray, " M"], config: DMPConfig) -> np.ndarray:
 
 
 def _pull(
-    clock: Float[np.ndarray, " M"],
-    start: Float[np.ndarray, " 6"],
-    goal: Float[np.ndarray, " 6"],
+    clock: Times,
+    start: Pose,
+    goal: Pose,
     config: DMPConfig,
-) -> Float[np.ndarray, "M 6"]:
+) -> Outputs:
     """α β (ξ_g - (ξ_g - ξ_0) x): what draws the state to the goal, starting gently."""
     x = np.exp(-config.alpha_x * clock)[:, None]
     return np.asarray(0.25 * config.alpha**2 * (goal - (goal - start) * x))
-
-
-def _oscillate(
-    clock: Float[np.ndarray, " M"],
-    drive: Float[np.ndarray, "M 6"],
-    start: Float[np.ndarray, " 6"],
-    alpha: float,
-) -> Float[np.ndarray, "M 6"]:
-    """Solve ξ̈ + α ξ̇ + α β ξ = drive, exactly for a drive linear between its samples."""
-    # Here, because importing it takes 0.5 s, as much as all the rest of the policies.
-    from scipy.signal import lsim
-
-    dynamics = np.array([[0.0, 1.0], [-0.25 * alpha**2, -alpha]])
-    system = (
-        np.kron(dynamics, np.eye(6)),
-        np.kron([[0.0], [1.0]], np.eye(6)),
-        np.kron([[1.0, 0.0]], np.eye(6)),
-        np.zeros((6, 6)),
-    )
-    _, states, _ = lsim(system, drive, clock, X0=np.append(start, np.zeros(6)))
-    return np.array(states)

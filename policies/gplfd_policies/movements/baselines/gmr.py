@@ -16,21 +16,18 @@ way, the result does not depend on units (``test_result_does_not_depend_on_units
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.special import softmax
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.movements.baselines.moments import MomentMovement, Moments
-from gplfd_policies.movements.baselines.standardisation import Standardisation
+from gplfd_policies.arrays.records import freeze
+from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose, Times
+from gplfd_policies.demonstrations.aligned import FINEST, AlignedDemonstrations
+from gplfd_policies.movements.movement import MomentMovement, Moments
 from gplfd_policies.movements.trajectory import white_covariance
-
-if TYPE_CHECKING:
-    from sklearn.mixture import GaussianMixture
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -86,6 +83,43 @@ def warn_of_early_stop(config: GMRConfig, stacklevel: int) -> None:
     )
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Standardisation:
+    """Outputs of order one: centred poses over their standard deviation."""
+
+    offset: Pose
+    """Average over demonstrations and phases [m, rad]."""
+    scale: Pose
+    """Standard deviation over both [m, rad]."""
+
+    def __post_init__(self) -> None:
+        freeze(self, "offset", "scale")
+
+    @classmethod
+    def of(cls, poses: Float[np.ndarray, "K M 6"]) -> "Standardisation":
+        """The standardisation of these demonstrations."""
+        scale = np.maximum(poses.std(axis=(0, 1)), FINEST)
+        return cls(offset=poses.mean(axis=(0, 1)), scale=scale)
+
+    def apply(self, poses: Float[np.ndarray, "... 6"]) -> Float[np.ndarray, "... 6"]:
+        """Poses in standard deviations from their average."""
+        return np.asarray((poses - self.offset) / self.scale)
+
+    def undo(
+        self, standardised: Float[np.ndarray, "... 6"]
+    ) -> Float[np.ndarray, "... 6"]:
+        """Poses [m, rad] of standardised ones."""
+        return np.asarray(self.offset + self.scale * standardised)
+
+    def moments(self, mean: Outputs, variance: Outputs) -> tuple[Outputs, Outputs]:
+        """Mean and standard deviation [m, rad] of standardised mean and variance."""
+        return self.undo(mean), self.scale * np.sqrt(variance)
+
+    def covariance(self, standardised: Covariances) -> Covariances:
+        """Covariance over time [m², rad²] of a standardised one."""
+        return np.asarray(self.scale[:, None, None] ** 2 * standardised)
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class GaussianMixtureRegression(MomentMovement):
     """A learned movement without via-points; made by `fit_gmr`, immutable.
@@ -118,9 +152,7 @@ class GaussianMixtureRegression(MomentMovement):
         explained = self.slopes[:, :, None] * across[:, None, :]
         return np.asarray(self.covariances[:, 1:, 1:] - explained)
 
-    def responsibilities(
-        self, times: Float[np.ndarray, " M"]
-    ) -> Float[np.ndarray, "M C"]:
+    def responsibilities(self, times: Times) -> Float[np.ndarray, "M C"]:
         """h_l(t), the share of every component at a phase; rows sum to one.
 
         Normalised in logarithms: far outside the demonstrations, where every density
@@ -129,11 +161,11 @@ class GaussianMixtureRegression(MomentMovement):
         variance = self.covariances[:, 0, 0]
         squared = np.subtract.outer(times, self.means[:, 0]) ** 2 / variance
         log_density = np.log(self.weights) - 0.5 * (squared + np.log(variance))
-        return np.asarray(softmax(log_density, axis=1))
+        return np.asarray(scipy.special.softmax(log_density, axis=1))
 
     def standardised_moments(
-        self, times: Float[np.ndarray, " M"]
-    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6 6"]]:
+        self, times: Times
+    ) -> tuple[Outputs, Float[np.ndarray, "M 6 6"]]:
         """Mean and covariance between outputs at every phase, Eqs. (2)–(3)."""
         shares = self.responsibilities(times)
         steps = np.subtract.outer(times, self.means[:, 0])
@@ -145,19 +177,17 @@ class GaussianMixtureRegression(MomentMovement):
         between = np.einsum("mc,mcd,mce->mde", shares, apart, apart)
         return mean, within + between
 
-    def moments(
-        self, times: Float[np.ndarray, " M"]
-    ) -> tuple[Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6 6"]]:
+    def moments(self, times: Times) -> tuple[Outputs, Float[np.ndarray, "M 6 6"]]:
         """Mean pose and covariance between outputs at every phase [m, rad]."""
         mean, covariance = self.standardised_moments(times)
         scale = self.standardisation.scale
         return self.standardisation.undo(mean), scale[:, None] * covariance * scale
 
-    def _moments(self, times: Float[np.ndarray, " M"]) -> Moments:
+    def _moments(self, times: Times) -> Moments:
         mean, covariance = self.moments(times)
         return mean, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
 
-    def _covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "6 M M"]:
+    def _covariance(self, times: Times) -> Covariances:
         _, covariance = self.moments(times)
         return white_covariance(np.diagonal(covariance, axis1=1, axis2=2))
 
@@ -184,25 +214,10 @@ def fit_gmr(
     count = len(aligned.poses)
     phases = np.broadcast_to(aligned.times[:, None], (count, len(aligned.times), 1))
     samples = np.concatenate([phases, standardisation.apply(aligned.poses)], axis=2)
-    mixture = _fitted_mixture(samples, config)
-    if not mixture.converged_:
-        warn_of_early_stop(config, stacklevel=4)
-    return GaussianMixtureRegression(
-        aligned=aligned,
-        standardisation=standardisation,
-        weights=mixture.weights_,
-        means=mixture.means_,
-        covariances=mixture.covariances_,
-    )
-
-
-def _fitted_mixture(
-    samples: Float[np.ndarray, "K M 7"], config: GMRConfig
-) -> "GaussianMixture":
-    """A mixture fitted from one component for each of C equal bins of time."""
     # Half a second to import, which only those who fit a mixture should pay.
     from sklearn.mixture import GaussianMixture
 
+    # Expectation maximisation from one component for each of C equal bins of time.
     bins = [
         part.reshape(-1, 7)
         for part in np.array_split(samples, config.components, axis=1)
@@ -221,4 +236,13 @@ def _fitted_mixture(
     with warnings.catch_warnings():
         # Its advice speaks of settings that are not ours.
         warnings.filterwarnings("ignore", "Best performing init")
-        return mixture.fit(samples.reshape(-1, 7))
+        mixture.fit(samples.reshape(-1, 7))
+    if not mixture.converged_:
+        warn_of_early_stop(config, stacklevel=4)
+    return GaussianMixtureRegression(
+        aligned=aligned,
+        standardisation=standardisation,
+        weights=mixture.weights_,
+        means=mixture.means_,
+        covariances=mixture.covariances_,
+    )

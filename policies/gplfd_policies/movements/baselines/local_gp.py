@@ -29,17 +29,18 @@ The method has no via-points.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.special import softmax
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
 from gplfd_policies.gp.hyperparameters import fit_kernel_and_noise
-from gplfd_policies.gp.noise_profile import NoiseProfile
+from gplfd_policies.gp.noise import NoiseProfile
 from gplfd_policies.gp.replicates import Replicates
-from gplfd_policies.movements.baselines.moments import MomentMovement, Moments
+from gplfd_policies.movements.movement import MomentMovement, Moments
 
 _FEWEST_SAMPLES = 4
 """A cluster needs more samples than its process has hyper-parameters."""
@@ -80,16 +81,14 @@ class LocalGaussianProcesses(MomentMovement):
     """Per cluster the six processes (x, y, z, θu_x, θu_y, θu_z), each with one noise
     variance."""
 
-    def weights(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "C M"]:
+    def weights(self, times: Times) -> Float[np.ndarray, "C M"]:
         """The weights w_k(t) of the clusters, which sum to one."""
         distance = np.subtract.outer(self.centres, times) / self.width
-        return np.asarray(softmax(-0.5 * distance**2, axis=0))
+        return np.asarray(scipy.special.softmax(-0.5 * distance**2, axis=0))
 
     def _product(
-        self, times: Float[np.ndarray, " M"]
-    ) -> tuple[
-        Float[np.ndarray, "M 6"], Float[np.ndarray, "M 6"], Float[np.ndarray, "C M 6"]
-    ]:
+        self, times: Times
+    ) -> tuple[Outputs, Outputs, Float[np.ndarray, "C M 6"]]:
         """The weighted product: μ, v, and √w_k v / v_k, how local errors add up."""
         means = np.empty((len(self.centres), len(times), 6))
         variances = np.empty_like(means)
@@ -107,11 +106,11 @@ class LocalGaussianProcesses(MomentMovement):
         mean = variance * np.sum(precisions * means, axis=0)
         return mean, variance, np.sqrt(weights) * variance / variances
 
-    def _moments(self, times: Float[np.ndarray, " M"]) -> Moments:
+    def _moments(self, times: Times) -> Moments:
         mean, variance, _ = self._product(times)
         return mean, np.sqrt(variance)
 
-    def _covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "6 M M"]:
+    def _covariance(self, times: Times) -> Covariances:
         """Covariance over time of the product.
 
         Its mean is Σ_k (w_k v/v_k) μ_k. Errors of the local predictions that are
@@ -138,8 +137,7 @@ def fit_local_gp(
 
     The replicates collapse exactly (`gplfd_policies.gp.replicates`), so the cost does
     not grow with the number of demonstrations. With a single one the noise is the
-    scatter
-    of its samples around smooth curves: nothing is known about repetitions.
+    scatter of its samples around smooth curves: nothing is known about repetitions.
 
     Args:
         aligned: D demonstrations on common phases.
@@ -151,59 +149,50 @@ def fit_local_gp(
         ValueError: if a cluster has too few samples for its processes.
     """
     times, poses = aligned.times, aligned.poses
-    labels = _cluster(times, config.clusters)
-    counts = np.bincount(labels, minlength=config.clusters)
-    if counts.min() < _FEWEST_SAMPLES:
-        raise ValueError(
-            f"{config.clusters} clusters of {len(times)} phases leave one with "
-            f"{counts.min()} samples, fewer than {_FEWEST_SAMPLES}. Choose fewer "
-            "clusters or align to more samples."
-        )
-    members = [labels == cluster for cluster in range(config.clusters)]
-    centres = np.array([times[member].mean() for member in members])
-    spacing = float(np.median(np.diff(centres))) if config.clusters > 1 else 1.0
-    processes = tuple(
-        tuple(
-            _local_process(times[member], poses[:, member, output], centred)
-            for output in range(6)
-        )
-        for member in members
-    )
-    return LocalGaussianProcesses(
-        aligned=aligned,
-        centres=centres,
-        width=config.width * spacing,
-        processes=processes,
-    )
-
-
-def _local_process(
-    times: Float[np.ndarray, " M"], samples: Float[np.ndarray, "D M"], centred: bool
-) -> HeteroscedasticGP:
-    """The process of one output in one cluster: (l, σ_f, σ_n) most likely together."""
-    offset, scale = offset_and_scale(samples, centred)
-    replicates = Replicates.from_samples(times, (samples - offset) / scale)
-    kernel, variance = fit_kernel_and_noise(replicates)
-    return HeteroscedasticGP(
-        offset=offset,
-        scale=scale,
-        replicates=replicates,
-        kernel=kernel,
-        noise=NoiseProfile.constant(times, variance),
-    )
-
-
-def _cluster(times: Float[np.ndarray, " M"], count: int) -> np.ndarray:
-    """Lloyd's k-means on sorted phases, from clusters of equally many: labels (M,)."""
+    # Lloyd's k-means on sorted phases, from clusters of equally many.
+    count = config.clusters
     labels = np.arange(len(times)) * count // len(times)
     for _ in range(len(times)):
         counts = np.bincount(labels, minlength=count)
         if not counts.all():
             break
-        centres = np.bincount(labels, weights=times, minlength=count) / counts
-        borders = 0.5 * (centres[1:] + centres[:-1])
+        means = np.bincount(labels, weights=times, minlength=count) / counts
+        borders = 0.5 * (means[1:] + means[:-1])
         nearest = np.searchsorted(borders, times)
         if np.array_equal(nearest, labels):
             break
         labels = nearest
-    return labels
+    counts = np.bincount(labels, minlength=count)
+    if counts.min() < _FEWEST_SAMPLES:
+        raise ValueError(
+            f"{count} clusters of {len(times)} phases leave one with "
+            f"{counts.min()} samples, fewer than {_FEWEST_SAMPLES}. Choose fewer "
+            "clusters or align to more samples."
+        )
+    members = [labels == cluster for cluster in range(count)]
+    centres = np.array([times[member].mean() for member in members])
+    spacing = float(np.median(np.diff(centres))) if count > 1 else 1.0
+
+    # One process per cluster and output: (l, σ_f, σ_n) most likely together.
+    processes = []
+    for member in members:
+        own, outputs = times[member], []
+        for samples in np.moveaxis(poses[:, member], 2, 0):
+            offset, scale = offset_and_scale(samples, centred)
+            replicates = Replicates.from_samples(own, (samples - offset) / scale)
+            kernel, variance = fit_kernel_and_noise(replicates)
+            process = HeteroscedasticGP(
+                offset=offset,
+                scale=scale,
+                replicates=replicates,
+                kernel=kernel,
+                noise=NoiseProfile.constant(own, variance),
+            )
+            outputs.append(process)
+        processes.append(tuple(outputs))
+    return LocalGaussianProcesses(
+        aligned=aligned,
+        centres=centres,
+        width=config.width * spacing,
+        processes=tuple(processes),
+    )

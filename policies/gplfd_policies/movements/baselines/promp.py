@@ -26,12 +26,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.linalg import cho_factor, cho_solve, pinvh
-from scipy.special import softmax
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.shapes import Covariances, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import LearnedMovement
 from gplfd_policies.movements.trajectory import (
@@ -79,11 +79,11 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
     """μ, with W = 6 B."""
     weight_covariance: Float[np.ndarray, "W W"]
     """Σ, across all outputs."""
-    noise_variance: Float[np.ndarray, " 6"]
+    noise_variance: Pose
     """R, what the basis functions do not explain [m², rad²]."""
 
     @one_thread
-    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
+    def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution of the pose at ``times``, observation noise included.
 
         Args:
@@ -94,9 +94,17 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
             ValueError: if there are no times, or one is not finite.
         """
         times = checked_times(times)
-        basis, slope = _basis(times, self.config), _basis_rate(times, self.config)
+        config, size = self.config, self.config.n_basis
+        basis = _basis(times, config)
+        # Derivatives of the Gaussians' logarithms, and of the basis.
+        sharpness = -4.0 * size**2 * np.log(config.overlap)
+        slopes = -2.0 * sharpness * (times[:, None] - np.linspace(0.0, 1.0, size))
+        slope = basis * (slopes - np.sum(basis * slopes, axis=1, keepdims=True))
         mean = self.weight_mean.reshape(6, -1)
-        blocks = self._output_covariances()
+        # Covariance of the weights of every output by itself.
+        blocks = np.einsum(
+            "didj->dij", self.weight_covariance.reshape(6, size, 6, size)
+        )
         spread = np.einsum("mi,dij->dmj", basis, blocks)
         variance = np.einsum("dmj,mj->md", spread, basis)
         half_rate = np.einsum("dmj,mj->md", spread, slope)
@@ -113,7 +121,7 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
 
     def _covariance(
         self, spread: Float[np.ndarray, "6 M B"], basis: Float[np.ndarray, "M B"]
-    ) -> Float[np.ndarray, "6 M M"]:
+    ) -> Covariances:
         """Covariance over time; ``spread`` is that of movement and weights."""
         noise = self.noise_variance[:, None, None] * np.eye(len(basis))
         between: np.ndarray = np.einsum("dmj,nj->dmn", spread, basis)
@@ -150,7 +158,17 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
         rows[np.arange(which.size), outputs] = _basis(phases, self.config)[which]
         demand = rows.reshape(which.size, -1)
         cross = self.weight_covariance @ demand.T
-        gain = _divided(cross, demand @ cross, variance)
+        # K, by the pseudo-inverse where V leaves the sum singular. Demands are scaled
+        # first, so that the choice of units changes nothing.
+        whole = demand @ cross
+        scale = np.sqrt(np.diag(whole) + np.diag(variance))
+        scale = np.where(scale > 0.0, scale, 1.0)
+        matrix = (whole + variance) / np.outer(scale, scale)
+        if np.all(np.diag(variance) > _SINGULAR * scale**2):
+            factor = scipy.linalg.cho_factor(matrix)
+            gain = scipy.linalg.cho_solve(factor, (cross / scale).T).T / scale
+        else:
+            gain = cross / scale @ scipy.linalg.pinvh(matrix) / scale
         mean = self.weight_mean + gain @ (demanded - demand @ self.weight_mean)
         keep = np.eye(len(mean)) - gain @ demand
         # Joseph's form: never negative, however strong the demand.
@@ -161,12 +179,6 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
             weight_mean=mean,
             weight_covariance=covariance,
         )
-
-    def _output_covariances(self) -> Float[np.ndarray, "6 B B"]:
-        """Covariance of the weights of every output by itself."""
-        size = self.config.n_basis
-        blocks = self.weight_covariance.reshape(6, size, 6, size)
-        return np.asarray(np.einsum("didj->dij", blocks))
 
 
 @one_thread
@@ -218,40 +230,8 @@ def fit_promp(
     )
 
 
-def _exponents(
-    times: Float[np.ndarray, " M"], config: ProMPConfig
-) -> tuple[np.ndarray, np.ndarray]:
-    """Logarithms of the Gaussians and their derivatives by phase, each (M, B)."""
+def _basis(times: Times, config: ProMPConfig) -> Float[np.ndarray, "M B"]:
+    """φ(t)."""
     sharpness = -4.0 * config.n_basis**2 * np.log(config.overlap)
     distance = times[:, None] - np.linspace(0.0, 1.0, config.n_basis)
-    return -sharpness * distance**2, -2.0 * sharpness * distance
-
-
-def _basis(times: Float[np.ndarray, " M"], config: ProMPConfig) -> np.ndarray:
-    """φ(t), (M, B)."""
-    logarithms, _ = _exponents(times, config)
-    return np.asarray(softmax(logarithms, axis=1))
-
-
-def _basis_rate(times: Float[np.ndarray, " M"], config: ProMPConfig) -> np.ndarray:
-    """Derivative of φ(t) by phase, (M, B)."""
-    basis, (_, slopes) = _basis(times, config), _exponents(times, config)
-    mean_slope = np.sum(basis * slopes, axis=1, keepdims=True)
-    return np.asarray(basis * (slopes - mean_slope))
-
-
-def _divided(
-    cross: Float[np.ndarray, "W V"],
-    covariance: Float[np.ndarray, "V V"],
-    noise: Float[np.ndarray, "V V"],
-) -> np.ndarray:
-    """C (P + V)⁻¹, by the pseudo-inverse where V leaves the sum singular.
-
-    Demands are scaled first, so that the choice of units changes nothing.
-    """
-    scale = np.sqrt(np.diag(covariance) + np.diag(noise))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    matrix = (covariance + noise) / np.outer(scale, scale)
-    if np.all(np.diag(noise) > _SINGULAR * scale**2):
-        return np.asarray(cho_solve(cho_factor(matrix), (cross / scale).T).T / scale)
-    return np.asarray(cross / scale @ pinvh(matrix) / scale)
+    return np.asarray(scipy.special.softmax(-sharpness * distance**2, axis=1))

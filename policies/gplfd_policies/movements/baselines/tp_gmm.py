@@ -39,21 +39,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import freeze
+from gplfd_policies.arrays.shapes import Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.movements.baselines.gmr import GaussianMixtureRegression, GMRConfig
-from gplfd_policies.movements.baselines.mixture_of_views import fit_mixture_of_views
-from gplfd_policies.movements.baselines.standardisation import Standardisation
-from gplfd_policies.movements.baselines.task_frames import (
-    HANDLE,
-    PLANE,
-    Circle,
-    Frame,
-    fit_circle,
-    hinge_frame,
+from gplfd_policies.movements.baselines.gmr import (
+    GaussianMixtureRegression,
+    GMRConfig,
+    Standardisation,
+    warn_of_early_stop,
 )
 from gplfd_policies.movements.movement import LearnedMovement
 from gplfd_policies.movements.trajectory import (
@@ -61,6 +58,101 @@ from gplfd_policies.movements.trajectory import (
     ViaPoint,
     checked_times,
 )
+
+PLANE = [0, 2]
+"""x and z, the plane in which a door turns."""
+_ROUNDNESS = 0.5
+"""A path is on a circle if it misses it by less than this share of what it misses the
+nearest straight line by, root mean square."""
+_STRONGEST = 1e-4
+"""Least standard deviation of a point of a circle [m], so that demands of zero, which
+contradict each other, have an answer."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Frame:
+    """A frame {A, b} in which a movement is expressed: ξ = A X + b."""
+
+    basis: Float[np.ndarray, "6 6"]
+    """A."""
+    origin: Pose
+    """b [m, rad]."""
+
+    def __post_init__(self) -> None:
+        freeze(self, "basis", "origin")
+
+    def seen(self, poses: Outputs) -> Outputs:
+        """X = A⁻¹ (ξ − b)."""
+        return np.linalg.solve(self.basis, (poses - self.origin).T).T
+
+    def pose(self, seen: Outputs) -> Outputs:
+        """ξ = A X + b."""
+        poses: np.ndarray = seen @ self.basis.T + self.origin
+        return poses
+
+
+HANDLE = Frame(basis=np.eye(6), origin=np.zeros(6))
+"""The task frame, at the closed handle."""
+
+
+def hinge_frame(hinge: Float[np.ndarray, " 2"]) -> Frame:
+    """The frame at a hinge (x, z) [m]: its third axis ends at the closed handle."""
+    x, z = hinge
+    basis, origin = np.eye(6), np.zeros(6)
+    basis[np.ix_(PLANE, PLANE)] = [[-z, -x], [x, -z]]
+    origin[PLANE] = hinge
+    return Frame(basis=basis, origin=origin)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Circle:
+    """A Gaussian over θ = (c_x, c_z, k) of the circle |p|² = 2 pᵀc + k; read-only."""
+
+    mean: Float[np.ndarray, " 3"]
+    """Mean of θ [m, m, m²]."""
+    covariance: Float[np.ndarray, "3 3"]
+    """Covariance of θ."""
+
+    def __post_init__(self) -> None:
+        freeze(self, "mean", "covariance")
+
+    def through(self, via_points: Sequence[ViaPoint]) -> "Circle":
+        """The circle conditioned on further points of it.
+
+        An error e of a point is one of 2 (p − c)ᵀe in its equation, zero along the
+        path. Via-points that leave x or z free are ignored.
+        """
+        poses = np.array([point.pose for point in via_points])[:, PLANE]
+        noise = np.array([point.noise_variance for point in via_points])[:, PLANE]
+        told = np.isfinite(noise).all(axis=1)
+        points, noise = poses[told], np.maximum(noise[told], _STRONGEST**2)
+        rows, squares = _equations(points)
+        lever = points - self.mean[:2]
+        variance = 4.0 * np.sum(lever**2 * noise, axis=1)
+        across = self.covariance @ rows.T
+        factor = scipy.linalg.cho_factor(rows @ across + np.diag(variance), lower=True)
+        gain = scipy.linalg.cho_solve(factor, across.T).T
+        return Circle(
+            mean=self.mean + gain @ (squares - rows @ self.mean),
+            covariance=self.covariance - gain @ across.T,
+        )
+
+
+def _equations(
+    points: Float[np.ndarray, "N 2"],
+) -> tuple[Float[np.ndarray, "N 3"], Float[np.ndarray, " N"]]:
+    """Rows (2 x, 2 z, 1) and right sides |p|² of a circle's linear equations."""
+    rows = np.column_stack([2.0 * points, np.ones(len(points))])
+    return rows, np.sum(points**2, axis=1)
+
+
+def fit_circle(points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, " 3"] | None:
+    """θ of the circle through points [m] after Kåsa; None if they are on none."""
+    theta: np.ndarray = np.linalg.lstsq(*_equations(points), rcond=None)[0]
+    radius = np.sqrt(max(theta @ (*theta[:2], 1.0), 0.0))
+    misses = np.linalg.norm(points - theta[:2], axis=1) - radius
+    across_line = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1]
+    return theta if np.linalg.norm(misses) < _ROUNDNESS * across_line else None
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -99,14 +191,17 @@ class TaskParameterisedMixture(LearnedMovement):
         slopes = self.covariances[:, :, 1:, 0] / variance[:, None]
         explained = slopes[..., None] * self.covariances[:, :, :1, 1:]
         spreads = self.covariances[:, :, 1:, 1:] - explained
-        # Where every component is in its middle, and where it goes from there.
+        # Every component's pose in its middle, and one phase later.
         middles, later = self.means[..., 1:].copy(), self.means[..., 1:] + slopes
-        for view, frame in enumerate(self._frames):
+        frames = [HANDLE]
+        if self.circle is not None:
+            frames.append(hinge_frame(self.circle.mean[:2]))
+        for view, frame in enumerate(frames):
             middles[view] = frame.pose(middles[view])
             later[view] = frame.pose(later[view])
             spreads[view] = frame.basis @ spreads[view] @ frame.basis.T
         if self.circle is not None:
-            spreads[1] += self._hinge_uncertainty(self.circle)
+            spreads[1] += hinge_uncertainty(self.means[1], self.circle)
         middle, spread = product_of_gaussians(middles, spreads)
         slope = product_of_gaussians(later, spreads)[0] - middle
         covariances = np.empty_like(self.covariances[0])
@@ -121,24 +216,8 @@ class TaskParameterisedMixture(LearnedMovement):
             covariances=covariances,
         )
 
-    @property
-    def _frames(self) -> tuple[Frame, ...]:
-        """The frames, where they are now."""
-        if self.circle is None:
-            return (HANDLE,)
-        return HANDLE, hinge_frame(self.circle.mean[:2])
-
-    def _hinge_uncertainty(self, circle: Circle) -> Float[np.ndarray, "C 6 6"]:
-        """G C Gᵀ of every component, with G = ∂(A μ + b)/∂c."""
-        x, z = self.means[1][:, 1], self.means[1][:, 3]
-        slope = np.zeros((len(x), 6, 2))
-        slope[:, 0, 0] = slope[:, 2, 1] = 1.0 - z
-        slope[:, 0, 1], slope[:, 2, 0] = -x, x
-        spread: np.ndarray = slope @ circle.covariance[:2, :2] @ slope.mT
-        return spread
-
     @one_thread
-    def predict(self, times: Float[np.ndarray, " M"]) -> GaussianTrajectory:
+    def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution of the pose at ``times``; samples are white around the mean.
 
         Args:
@@ -151,6 +230,18 @@ class TaskParameterisedMixture(LearnedMovement):
         return self.regression.predict(checked_times(times))
 
 
+def hinge_uncertainty(
+    means: Float[np.ndarray, "C 7"], circle: Circle
+) -> Float[np.ndarray, "C 6 6"]:
+    """G C Gᵀ of components in the hinge's frame, with G = ∂(A μ + b)/∂c."""
+    x, z = means[:, 1], means[:, 3]
+    slope = np.zeros((len(x), 6, 2))
+    slope[:, 0, 0] = slope[:, 2, 1] = 1.0 - z
+    slope[:, 0, 1], slope[:, 2, 0] = -x, x
+    spread: np.ndarray = slope @ circle.covariance[:2, :2] @ slope.mT
+    return spread
+
+
 def product_of_gaussians(
     means: Float[np.ndarray, "P C D"], covariances: Float[np.ndarray, "P C D D"]
 ) -> tuple[Float[np.ndarray, "C D"], Float[np.ndarray, "C D D"]]:
@@ -161,6 +252,80 @@ def product_of_gaussians(
     pull = np.einsum("pcde,pce->cd", precisions, means)
     mean: np.ndarray = np.einsum("cde,ce->cd", covariance, pull)
     return mean, covariance
+
+
+def fit_mixture_of_views(
+    times: Times,
+    views: Sequence[Float[np.ndarray, "K M 6"]],
+    config: GMRConfig,
+) -> tuple[
+    Float[np.ndarray, " C"], Float[np.ndarray, "P C 7"], Float[np.ndarray, "P C 7 7"]
+]:
+    """Fit C components of phase and pose by expectation maximisation.
+
+    It starts from equal bins of time. The views of a sample are independent given its
+    component; with one view it is that of `fit_gmr`
+    (``test_one_frame_is_gaussian_mixture_regression``).
+
+    Args:
+        times: common phases.
+        views: the poses as seen from each of P frames; standardised for the fit.
+        config: settings of the fit.
+
+    Returns:
+        Weights, and centres and covariances in the units of the views.
+
+    Warns:
+        UserWarning: if expectation maximisation did not converge.
+    """
+    standardisations = [Standardisation.of(view) for view in views]
+    standardised = [
+        each.apply(view).reshape(-1, 6)
+        for each, view in zip(standardisations, views, strict=True)
+    ]
+    phases = np.tile(times, len(views[0]))
+    samples = np.stack([np.column_stack([phases, view]) for view in standardised])
+    bins = np.array_split(np.arange(len(times)), config.components)
+    binned = np.concatenate([np.full(len(part), i) for i, part in enumerate(bins)])
+    shares = np.eye(config.components)[np.tile(binned, len(views[0]))]
+    bound = -np.inf
+    weights, means, covariances = _maximised(samples, shares, config)
+    for _ in range(config.max_iterations):
+        # Log π_i Π_j N(X_nj; μ_ij, Σ_ij), without its constant.
+        lower = np.linalg.cholesky(covariances)
+        white = np.linalg.solve(lower, (samples[:, None] - means[:, :, None]).mT)
+        log_root = np.log(np.diagonal(lower, axis1=2, axis2=3)).sum(axis=2)
+        each = log_root[:, :, None] + 0.5 * np.sum(white**2, axis=2)
+        densities = np.log(weights) + -each.sum(axis=0).T
+        totals = scipy.special.logsumexp(densities, axis=1, keepdims=True)
+        shares, previous, bound = np.exp(densities - totals), bound, totals.mean()
+        weights, means, covariances = _maximised(samples, shares, config)
+        if abs(bound - previous) < config.tolerance:
+            break
+    else:
+        # Points at the caller of `fit_tp_gmm`.
+        warn_of_early_stop(config, stacklevel=5)
+    scales = np.stack([np.append(1.0, each.scale) for each in standardisations])
+    offsets = np.stack([np.append(0.0, each.offset) for each in standardisations])
+    units = scales[:, None, :, None] * scales[:, None, None, :]
+    return weights, offsets[:, None] + scales[:, None] * means, units * covariances
+
+
+def _maximised(
+    samples: Float[np.ndarray, "P N 7"],
+    shares: Float[np.ndarray, "N C"],
+    config: GMRConfig,
+) -> tuple[
+    Float[np.ndarray, " C"], Float[np.ndarray, "P C 7"], Float[np.ndarray, "P C 7 7"]
+]:
+    """The most likely components for the samples' shares in them."""
+    # A component that has lost all its samples keeps a weight.
+    counts = shares.sum(axis=0) + 10.0 * np.finfo(np.float64).eps
+    means = shares.T @ samples / counts[:, None]
+    apart = samples[:, None] - means[:, :, None]
+    covariances = (apart * shares.T[:, :, None]).mT @ apart / counts[:, None, None]
+    covariances += config.regularisation * np.eye(samples.shape[2])
+    return counts / counts.sum(), means, covariances
 
 
 @one_thread

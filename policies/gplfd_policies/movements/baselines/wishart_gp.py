@@ -32,16 +32,17 @@ from jaxtyping import Float
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
 from gplfd_policies.demonstrations.aligned import FINEST, AlignedDemonstrations, thinned
-from gplfd_policies.gp.multi_output import MultiOutputGP
+from gplfd_policies.gp.heteroscedastic import MultiOutputGP
 from gplfd_policies.gp.noise import HomoscedasticNoise
-from gplfd_policies.movements.baselines.moments import MomentMovement, Moments
 from gplfd_policies.movements.baselines.wishart_process import (
     WishartLikelihood,
     WishartPosterior,
     WishartPrior,
     sample_posterior,
 )
+from gplfd_policies.movements.movement import MomentMovement, Moments
 
 _SHRINKAGE = 1e-6
 """Share of independence in the pooled correlations: outputs may be proportional."""
@@ -91,7 +92,7 @@ class WishartProcessMovement(MomentMovement):
     variability: WishartPosterior
     """How repetitions of the task vary."""
 
-    def aleatoric(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6 6"]:
+    def aleatoric(self, times: Times) -> Float[np.ndarray, "M 6 6"]:
         """Covariance of the outputs between repetitions, shape (M, 6, 6).
 
         Outside the demonstrated range it keeps the value of the nearer end: a spread
@@ -99,14 +100,14 @@ class WishartProcessMovement(MomentMovement):
         """
         return self.variability.covariance(times)
 
-    def _moments(self, times: Float[np.ndarray, " M"]) -> Moments:
+    def _moments(self, times: Times) -> Moments:
         moments = self.processes.moments(times)
         return moments.mean, np.sqrt(moments.latent + self._spread(times))
 
-    def _spread(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M 6"]:
+    def _spread(self, times: Times) -> Outputs:
         return np.diagonal(self.aleatoric(times), axis1=1, axis2=2)
 
-    def _covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "6 M M"]:
+    def _covariance(self, times: Times) -> Covariances:
         """Covariance over time: of the mean, and white between repetitions."""
         total = self.processes.latent_covariance(times)
         diagonal = np.arange(len(times))
@@ -140,15 +141,25 @@ def fit_wishart_gp(
             "more, or choose a policy without a spread."
         )
     deviations = poses - poses.mean(axis=0)
-    kept = thinned(len(times), config.times)
+    # Their covariance over all phases, positive definite.
+    free = (len(poses) - 1) * len(times)
+    std = np.sqrt(np.sum(deviations**2, axis=(0, 1)) / free)
+    std = np.maximum(std, FINEST)
+    scaled = (deviations / std).reshape(-1, 6)
+    correlation = scaled.T @ scaled / free
+    correlation *= 1.0 - _SHRINKAGE
+    # 1 where the output varies; also where it does not.
+    np.fill_diagonal(correlation, 1.0)
+    pooled = np.asarray(correlation * np.outer(std, std))
     processes = MultiOutputGP.fit(times, poses, HomoscedasticNoise(), centred=centred)
     prior = WishartPrior.over(
         (float(times[0]), float(times[-1])),
         config.length_scale,
-        _pooled_covariance(deviations),
+        pooled,
         config.degrees,
         config.floor,
     )
+    kept = thinned(len(times), config.times)
     variability = sample_posterior(
         WishartLikelihood.of(prior, times[kept], deviations[:, kept]),
         config.steps,
@@ -158,18 +169,3 @@ def fit_wishart_gp(
     return WishartProcessMovement(
         aligned=aligned, processes=processes, variability=variability
     )
-
-
-def _pooled_covariance(
-    deviations: Float[np.ndarray, "D M 6"],
-) -> Float[np.ndarray, "6 6"]:
-    """Covariance of deviations from the average, over all phases; positive definite."""
-    free = (len(deviations) - 1) * deviations.shape[1]
-    std = np.sqrt(np.sum(deviations**2, axis=(0, 1)) / free)
-    std = np.maximum(std, FINEST)
-    scaled = (deviations / std).reshape(-1, 6)
-    correlation = scaled.T @ scaled / free
-    correlation *= 1.0 - _SHRINKAGE
-    # 1 where the output varies; also where it does not.
-    np.fill_diagonal(correlation, 1.0)
-    return np.asarray(correlation * np.outer(std, std))

@@ -27,19 +27,23 @@ With the average taken out, the likelihood is that of D − 1 deviations:
 Everything is computed in coordinates where L is the identity.
 """
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.linalg import solve_triangular
-from scipy.optimize import minimize
 
+from gplfd_policies.arrays.shapes import Times
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis
 from gplfd_policies.gp.spectral import square_root
-from gplfd_policies.movements.baselines.elliptical_slice import elliptical_slice_chain
 
 _MODE_ITERATIONS = 50
+"""Iterations of the search for a mode, at most."""
+
+LogLikelihood = Callable[[np.ndarray], float]
+"""x (N,) → log p(y | x), minus infinity where it is impossible."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -104,7 +108,7 @@ class WishartPrior:
         """Shape of the weights, (ν, d, R)."""
         return self.degrees, len(self.lower), self.root.shape[1]
 
-    def features(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M R"]:
+    def features(self, times: Times) -> Float[np.ndarray, "M R"]:
         """φ(t); outside the interval that of its nearer end."""
         inside = np.clip(times, self.basis.start, self.basis.stop)
         return np.asarray(self.basis.matrix(inside) @ self.root)
@@ -116,7 +120,7 @@ class WishartPrior:
         return np.asarray(self.lower @ inner @ self.lower.T)
 
     def covariance(
-        self, weights: Float[np.ndarray, "nu d R"], times: Float[np.ndarray, " M"]
+        self, weights: Float[np.ndarray, "nu d R"], times: Times
     ) -> Float[np.ndarray, "M d d"]:
         """Σ(t) of the weights."""
         unit = np.einsum("kdr,mr->mdk", weights, self.features(times))
@@ -145,7 +149,7 @@ class WishartLikelihood:
     ) -> "WishartLikelihood":
         """The likelihood of D curves' deviations from their average."""
         columns = deviations.reshape(-1, len(prior.lower)).T
-        white = solve_triangular(prior.lower, columns, lower=True).T
+        white = scipy.linalg.solve_triangular(prior.lower, columns, lower=True).T
         white = white.reshape(deviations.shape)
         return cls(
             features=prior.features(times),
@@ -197,13 +201,62 @@ class WishartPosterior:
     moment: Float[np.ndarray, "dR dR"]
     """Average of Σ_k w_k w_kᵀ over the samples, with w_k = (w_k1, …, w_kd)."""
 
-    def covariance(self, times: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M d d"]:
+    def covariance(self, times: Times) -> Float[np.ndarray, "M d d"]:
         """E[Σ(t)]; outside the interval that of its nearer end."""
         _, outputs, rank = self.prior.shape
         tensor = self.moment.reshape(outputs, rank, outputs, rank)
         features = self.prior.features(times)
         half = np.einsum("mr,dres->mdes", features, tensor)
         return self.prior.scaled(np.einsum("mdes,ms->mde", half, features))
+
+
+def elliptical_slice_chain(
+    log_likelihood: LogLikelihood,
+    start: Float[np.ndarray, " N"],
+    steps: int,
+    rng: np.random.Generator,
+) -> Iterator[Float[np.ndarray, " N"]]:
+    """Sample posteriors of standard normal variables; yield the states after ``start``.
+
+    Murray, Adams and MacKay, *Elliptical slice sampling*, AISTATS 2010, their Figure 2.
+    For a prior N(0, I) and any likelihood p(y | x), a step moves x along an ellipse
+    through x and a draw from the prior, to a point that is uniform on the part of the
+    ellipse where the likelihood exceeds a random level below its present one. It leaves
+    the posterior invariant (``test_sampler_meets_a_gaussian_posterior``).
+
+    Args:
+        log_likelihood: x ↦ log p(y | x); the prior of x is N(0, I).
+        start: first state; not yielded.
+        steps: number of states.
+        rng: source of randomness.
+
+    Raises:
+        ValueError: if the likelihood of the start is zero or undefined.
+    """
+    state, value = start, log_likelihood(start)
+    if not np.isfinite(value):
+        raise ValueError(
+            f"A chain must start where the log-likelihood is finite, got {value}."
+        )
+    for _ in range(steps):
+        other = rng.standard_normal(state.shape)
+        level = value - rng.standard_exponential()
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        low, high = angle - 2.0 * np.pi, angle
+        while True:
+            candidate = np.cos(angle) * state + np.sin(angle) * other
+            value = log_likelihood(candidate)
+            # Equal counts too: rounding may leave the level where the state itself is.
+            if value >= level:
+                break
+            # Angle 0 is the state itself, which is always allowed: shrink towards it.
+            if angle < 0.0:
+                low = angle
+            else:
+                high = angle
+            angle = rng.uniform(low, high)
+        state = candidate
+        yield state
 
 
 def sample_posterior(
@@ -231,7 +284,7 @@ def sample_posterior(
 
     prior = likelihood.prior
     degrees, outputs, rank = prior.shape
-    mode = minimize(
+    mode = scipy.optimize.minimize(
         objective,
         rng.standard_normal(degrees * outputs * rank),
         jac=True,
