@@ -136,7 +136,8 @@ class GriddedMovements:
 
     def __init__(self, movements: GriddedMovement | Sequence[GriddedMovement]) -> None:
         alone = isinstance(movements, GriddedMovement)
-        self._movements = (movements,) if alone else tuple(movements)
+        each = (movements,) if isinstance(movements, GriddedMovement) else movements
+        self._movements = tuple(each)
         self._n_grid, count = self._movements[0].n_grid, len(self._movements)
         shape = () if alone else (count,)
         durations = [movement.learned.duration for movement in self._movements]

@@ -14,17 +14,13 @@ import os
 import threading
 from typing import Any
 
-# SciPy brings a BLAS of its own. It must be loaded before the libraries are listed.
-import scipy.linalg  # noqa: F401
-from threadpoolctl import ThreadpoolController
-
 
 class _OneThread(contextlib.ContextDecorator):
     """The limit of the process; entering it again takes about a microsecond.
 
     BLAS has one number of threads for the whole process. It is restored when the last
-    of all threads that compute has left. A forked child starts without the limit: the
-    threads that would leave it stay in the parent.
+    computing thread has left. A forked child starts without the limit: the threads that
+    would leave it stay in the parent.
     """
 
     def __init__(self) -> None:
@@ -70,6 +66,10 @@ class _OneThread(contextlib.ContextDecorator):
 @functools.cache
 def _libraries() -> list[Any]:
     """Return the BLAS libraries of NumPy and SciPy; finding them takes milliseconds."""
+    # SciPy has a BLAS of its own, which must be loaded before libraries are listed.
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import ThreadpoolController
+
     found: list[Any] = ThreadpoolController().select(user_api="blas").lib_controllers
     return found
 

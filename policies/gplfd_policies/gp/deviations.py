@@ -178,8 +178,9 @@ class DeviationLikelihood:
         """Its value at θ, and its gradient, (5,)."""
         process = self.process(theta)
         covariance = process.smooth_covariance(self.times, self.noise)
-        white = process.white_variance(self.noise) + _RELATIVE_JITTER * self.noise
-        covariance[np.diag_indices_from(covariance)] += white
+        covariance[np.diag_indices_from(covariance)] += (
+            process.white_variance(self.noise) + _RELATIVE_JITTER * self.noise
+        )
         factor = factorise(covariance)
         inverse = factor.solve(np.eye(len(self.times)))
         value = -0.5 * (

@@ -7,12 +7,18 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-import scipy.signal  # noqa: F401  (a method imports it late: not part of its learning)
+import scipy
 
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.prior_mean import PriorMean
 from gplfd_policies.registry.method import Method, TrainingInput
+
+_LOADED = (
+    *(scipy.fft, scipy.interpolate, scipy.linalg, scipy.ndimage, scipy.optimize),
+    *(scipy.signal, scipy.special),
+)
+"""Parts of SciPy that methods load on first use: no part of their learning."""
 
 
 def learn(
