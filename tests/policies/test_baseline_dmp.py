@@ -18,7 +18,6 @@ from gplfd_policies.movements.baselines.dmp import (
     DynamicMovementPrimitive,
     fit_dmp,
 )
-from gplfd_policies.movements.movement import Adaptable, Movement
 
 GRID = np.linspace(0.0, 1.0, 101)
 TURN = np.array([1.5, -1.0, 0.8])
@@ -79,20 +78,6 @@ def forcing(dmp: DynamicMovementPrimitive, clock: float) -> np.ndarray:
     gap = np.abs(np.diff(centres))
     heights = config.overlap ** ((x - centres) / np.append(gap, gap[-1])) ** 2
     return x * (heights / heights.sum()) @ dmp.weights
-
-
-def test_is_a_movement_without_via_points(dmp, aligned):
-    assert isinstance(dmp, Movement)
-    assert not isinstance(dmp, Adaptable)
-    assert dmp.duration == aligned.duration
-
-
-def test_it_knows_no_spread(dmp):
-    predicted = dmp.predict(GRID)
-    assert np.isnan(predicted.std).all()
-    assert np.isnan(predicted.std_rate).all()
-    assert predicted.covariance.shape == (6, 101, 101)
-    assert np.isnan(predicted.covariance).all()
 
 
 def test_it_reproduces_the_mean_of_the_demonstrations(dmp, aligned):
@@ -266,17 +251,6 @@ def test_turns_beyond_half_a_turn_stay_continuous():
     np.testing.assert_allclose(further.start_error, 1.1 * end[3:], atol=1e-12)
 
 
-@pytest.mark.parametrize("factor", [1e-2, 1e3])
-def test_other_units_give_the_same_movement(aligned, dmp, factor):
-    units = np.repeat([factor, 1.0], 3)
-    scaled = AlignedDemonstrations(times=aligned.times, poses=aligned.poses * units)
-    np.testing.assert_allclose(
-        fit_dmp(scaled).predict(GRID).mean,
-        dmp.predict(GRID).mean * units,
-        atol=1e-8 * max(factor, 1.0),
-    )
-
-
 @pytest.fixture(scope="module")
 def library() -> dict[str, np.ndarray]:
     """Results of movement_primitives; data/make_movement_primitives.py tells which."""
@@ -324,27 +298,6 @@ def test_reproduction_is_no_worse_than_the_library_s(as_in_the_library, library)
     library_error = np.sqrt(np.mean((library["dmp_reproduction"] - mean) ** 2))
     ours = as_in_the_library.predict(library["phases"]).mean[:, :3]
     assert np.sqrt(np.mean((ours - mean) ** 2)) < 0.3 * library_error
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "message"),
-    [
-        ("n_basis", 1, "n_basis = 1 must be a whole number from 2"),
-        ("alpha", 0.0, r"alpha = 0.0 is outside \(0, inf\)"),
-        ("alpha_x", np.inf, r"alpha_x = inf is outside \(0, inf\)"),
-        ("alpha_x", np.nan, r"alpha_x = nan is outside \(0, inf\)"),
-        ("overlap", 1.0, r"overlap = 1.0 is outside \(0, 1\)"),
-    ],
-)
-def test_impossible_constants_are_refused(field, value, message):
-    with pytest.raises(ValueError, match=message):
-        DMPConfig(**{field: value})
-
-
-@pytest.mark.parametrize("times", [[], [0.1, np.nan], [np.inf]])
-def test_predict_refuses_times_that_are_none(dmp, times):
-    with pytest.raises(ValueError, match="list of finite times, at least one"):
-        dmp.predict(np.array(times, dtype=np.float64))
 
 
 def test_a_goal_must_be_known_in_full(dmp):

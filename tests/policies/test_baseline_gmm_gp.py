@@ -8,7 +8,6 @@ from scipy.stats import multivariate_normal
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
-from gplfd_policies.adaptation import OwnAdaptation
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.movements.baselines.gmm_gp import (
@@ -20,7 +19,6 @@ from gplfd_policies.movements.baselines.gmm_gp import (
     fit_gmm_gp,
 )
 from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
-from gplfd_policies.movements.movement import Adaptable
 from gplfd_policies.movements.trajectory import ViaPoint
 
 GRID = np.linspace(0.0, 1.0, 41)
@@ -186,48 +184,6 @@ def test_far_from_a_via_point_nothing_changes(process):
     np.testing.assert_allclose(after.std[far], before.std[far], rtol=1e-4)
 
 
-def test_contradicting_demands_of_no_tolerance_are_averaged(process):
-    up, down = (shifted(process, 0.6, side, 0.0) for side in (1.0, -1.0))
-    here = process.adapt([up, down]).predict(np.array([0.6]))
-    prior = process.predict(np.array([0.6]))
-    assert (np.abs(here.mean - prior.mean) < 1e-2 * prior.std).all()
-
-
-@pytest.mark.parametrize("how", ["nan", "infinite"])
-def test_a_free_output_is_not_asked_for(process, how):
-    wanted = shifted(process, 0.5, 3.0, 1e-4)
-    free = (
-        replace(wanted, pose=np.full(6, np.nan))
-        if how == "nan"
-        else replace(wanted, std=np.inf)
-    )
-    other = shifted(process, 0.7, 1.0, 1e-3)
-    before = process.predict(GRID)
-    np.testing.assert_array_equal(process.adapt([free]).predict(GRID).mean, before.mean)
-    with_free = process.adapt([free, other]).predict(GRID)
-    without = process.adapt([other]).predict(GRID)
-    np.testing.assert_allclose(with_free.mean, without.mean, atol=1e-9)
-    np.testing.assert_allclose(with_free.std, without.std, rtol=1e-6)
-
-
-def test_order_and_grouping_of_via_points_do_not_matter(process):
-    points = [shifted(process, phase, 1.0, 1e-3) for phase in (0.2, 0.55, 0.6)]
-    together = process.adapt(points).predict(GRID)
-    reverse = process.adapt(points[::-1]).predict(GRID)
-    in_turn = process.adapt(points[:1]).adapt(points[1:]).predict(GRID)
-    np.testing.assert_allclose(reverse.mean, together.mean, atol=1e-9)
-    np.testing.assert_array_equal(in_turn.mean, together.mean)
-    assert process.via_points == ()
-
-
-def test_covariance_is_positive(process):
-    points = [shifted(process, phase, 1.0, 1e-3) for phase in (0.2, 0.55, 0.6)]
-    predicted = process.adapt(points).predict(np.linspace(-0.2, 1.2, 50))
-    for covariance in predicted.covariance:
-        assert np.linalg.eigvalsh(covariance)[0] > -1e-9 * covariance.max()
-    assert (predicted.std > 0.0).all()
-
-
 @pytest.mark.parametrize("weight_power", [1.0, 0.5])
 def test_likelihood_gradient_equals_finite_differences(process, weight_power):
     evidence = Evidence.of(process.regression, 15, weight_power)
@@ -286,71 +242,7 @@ def test_length_scales_are_the_most_likely_within_their_range(process):
     assert best < evidence.negative_log_likelihood(first)[0] - 10.0
 
 
-def test_result_does_not_depend_on_units(process, aligned):
-    factor = np.array([1e3, 1e2, 1.0, 57.3, 1e-3, 10.0])
-    shift = np.array([5.0, -2.0, 0.0, 1.0, 0.1, 100.0])
-    other = fit_gmm_gp(replace(aligned, poses=factor * aligned.poses + shift))
-    # The search amplifies rounding; the process itself does not.
-    other = replace(
-        other,
-        kernel=replace(other.kernel, length_scales=process.kernel.length_scales),
-    )
-    via_point = shifted(process, 0.61, 1.0, 2e-3)
-    moved = ViaPoint(
-        phase=0.61, pose=factor * via_point.pose + shift, std=factor * via_point.std
-    )
-    ours = process.adapt([via_point]).predict(GRID)
-    theirs = other.adapt([moved]).predict(GRID)
-    scale = factor * process.regression.standardisation.scale
-    expected = factor * ours.mean + shift
-    np.testing.assert_allclose(theirs.mean / scale, expected / scale, atol=1e-5)
-    np.testing.assert_allclose(theirs.std, factor * ours.std, rtol=1e-4)
-
-
-def test_same_demonstrations_same_numbers(process, aligned):
-    again, via_point = fit_gmm_gp(aligned), shifted(process, 0.5, 1.0, 1e-3)
-    ours = process.adapt([via_point]).predict(GRID)
-    theirs = again.adapt([via_point]).predict(GRID)
-    np.testing.assert_array_equal(theirs.mean, ours.mean)
-    np.testing.assert_array_equal(theirs.std, ours.std)
-
-
-def test_it_adapts_online(process):
-    assert isinstance(process, Adaptable)
-    assert process.duration == process.aligned.duration
-    online = OwnAdaptation(process, GRID)
-    via_points = [shifted(process, phase, 1.0, 1e-3) for phase in (0.3, 0.35, 0.4)]
-    for via_point in via_points:
-        online.observe(via_point)
-    expected = process.adapt(via_points).predict(GRID)
-    np.testing.assert_array_equal(online.mean, expected.mean)
-
-
 def test_prior_mean_is_that_of_the_same_regression(process, aligned):
     regression = fit_gmr(aligned, GMRConfig(components=6))
     expected = regression.predict(GRID).mean
     np.testing.assert_array_equal(process.predict(GRID).mean, expected)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"length_scale_range": (1.0, 0.1)}, "length_scale_range must be two"),
-        ({"noise_range": (0.0, 0.1)}, "noise_range must be two positive"),
-        ({"first_length_scale": 9.0}, r"within \(0.005, 5.0\), got 9.0"),
-        ({"phases": 1}, "phases = 1 must be a whole number from 2"),
-    ],
-)
-def test_settings_of_the_search_out_of_range_are_refused(settings, message):
-    with pytest.raises(ValueError, match=message):
-        LengthScaleConfig(**settings)
-
-
-def test_a_weight_power_out_of_range_is_refused():
-    with pytest.raises(ValueError, match=r"weight_power = 0.0 is outside \(0, inf\)"):
-        GMMGPConfig(weight_power=0.0)
-
-
-def test_phases_must_increase(process):
-    with pytest.raises(ValueError, match="strictly increasing phases"):
-        process.predict(np.array([0.2, 0.2]))

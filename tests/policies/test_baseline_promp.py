@@ -15,7 +15,6 @@ from gplfd_policies.movements.baselines.promp import (
     ProMPConfig,
     fit_promp,
 )
-from gplfd_policies.movements.movement import Adaptable
 from gplfd_policies.movements.trajectory import ViaPoint
 
 GRID = np.linspace(0.0, 1.0, 101)
@@ -77,12 +76,6 @@ def dense(config: ProMPConfig, phases: np.ndarray) -> np.ndarray:
     distance = (phases[:, None] - centres) * 2.0 * config.n_basis
     gaussians = config.overlap ** (distance**2)
     return np.kron(np.eye(6), gaussians / gaussians.sum(axis=1, keepdims=True))
-
-
-def test_is_an_adaptable_movement(promp, aligned):
-    assert isinstance(promp, Adaptable)
-    assert isinstance(promp.adapt([via_point()]), Adaptable)
-    assert promp.duration == aligned.duration
 
 
 def test_basis_functions_have_the_stated_overlap_and_sum_to_one(promp):
@@ -226,28 +219,6 @@ def test_order_of_via_points_and_of_adapting_is_irrelevant(spread_out, order, sp
     )
 
 
-def test_a_via_point_said_twice_counts_twice(promp):
-    twice = promp.adapt([via_point(std=2e-3), via_point(std=2e-3)])
-    once = promp.adapt([via_point(std=2e-3 / np.sqrt(2.0))])
-    np.testing.assert_allclose(twice.weight_mean, once.weight_mean, atol=1e-7)
-
-
-def test_contradicting_demands_without_tolerance_are_averaged(spread_out):
-    points = [via_point(shift=0.0, std=0.0), via_point(shift=0.02, std=0.0)]
-    met = spread_out.adapt(points).predict(np.array([0.4])).mean[0]
-    np.testing.assert_allclose(met, via_point(shift=0.01).pose, atol=1e-8)
-
-
-def test_free_outputs_are_not_demanded(promp):
-    free = promp.adapt([via_point(free=(1, 3))])
-    std = np.full(6, 1e-3)
-    std[[1, 3]] = np.inf
-    unlimited = promp.adapt([via_point(std=std)])
-    np.testing.assert_array_equal(free.weight_mean, unlimited.weight_mean)
-    assert promp.adapt([via_point(free=range(6))]) is promp
-    assert promp.adapt([]) is promp
-
-
 def test_adapting_reduces_the_spread_everywhere_and_keeps_a_covariance(promp):
     points = [via_point(0.1 * n, shift=0.002 * n, std=1e-6) for n in range(1, 9)]
     adapted = promp.adapt(points)
@@ -302,15 +273,6 @@ def test_outside_the_task_the_distribution_stands_still(promp):
     np.testing.assert_allclose(far.std_rate, 0.0)
 
 
-def test_std_includes_the_observation_noise_and_belongs_to_the_covariance(promp):
-    predicted = promp.predict(GRID)
-    diagonal = np.diagonal(predicted.covariance, axis1=1, axis2=2).T
-    np.testing.assert_allclose(predicted.std**2, diagonal, rtol=1e-10)
-    assert (promp.noise_variance > 0.0).all()
-    assert (predicted.std**2 >= promp.noise_variance).all()
-    assert min(np.linalg.eigvalsh(each)[0] for each in predicted.covariance) > 0.0
-
-
 def test_rates_equal_finite_differences(promp):
     step = 1e-6
     predicted = promp.adapt([via_point()]).predict(GRID)
@@ -330,8 +292,7 @@ def test_more_basis_functions_leave_a_smaller_residual(aligned):
     assert (np.diff(residuals) < 0.0).all()
 
 
-@pytest.mark.parametrize("std", [2e-3, 0.0])
-@pytest.mark.parametrize("factor", [1e-2, 1e3])
+@pytest.mark.parametrize(("factor", "std"), [(1e-2, 2e-3), (1e3, 0.0)])
 def test_other_units_give_the_same_movement(aligned, factor, std):
     units = np.repeat([factor, 1.0], 3)
     scaled = AlignedDemonstrations(times=aligned.times, poses=aligned.poses * units)
@@ -363,37 +324,3 @@ def test_demonstrations_without_noise_can_be_conditioned_exactly():
     # All outputs are known from one. Rounding leaves variances on both sides of zero.
     np.testing.assert_allclose(adapted.mean, 3.0, atol=1e-6)
     assert (adapted.std < 1e-6).all()
-
-
-def test_a_single_demonstration_is_refused(aligned):
-    single = AlignedDemonstrations(times=aligned.times, poses=aligned.poses[:1])
-    with pytest.raises(ValueError, match="at least 2 demonstrations, got 1"):
-        fit_promp(single)
-
-
-def test_too_few_phases_are_refused(aligned):
-    coarse = AlignedDemonstrations(times=GRID[:20], poses=aligned.poses[:, :20])
-    with pytest.raises(ValueError, match="more than 20 phases, got 20: align with"):
-        fit_promp(coarse)
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "message"),
-    [
-        ("n_basis", 1, "n_basis = 1 must be a whole number from 2"),
-        ("overlap", 1.0, r"overlap = 1.0 is outside \(0, 1\)"),
-        ("ridge", 0.0, r"ridge = 0.0 is outside \(0, inf\)"),
-        ("ridge", np.inf, r"ridge = inf is outside \(0, inf\)"),
-        ("shrinkage", 1.5, r"shrinkage = 1.5 is outside \[0, 1\]"),
-        ("shrinkage", np.nan, r"shrinkage = nan is outside \[0, 1\]"),
-    ],
-)
-def test_impossible_constants_are_refused(field, value, message):
-    with pytest.raises(ValueError, match=message):
-        ProMPConfig(**{field: value})
-
-
-@pytest.mark.parametrize("times", [[], [0.1, np.nan], [np.inf]])
-def test_predict_refuses_times_that_are_none(promp, times):
-    with pytest.raises(ValueError, match="list of finite times, at least one"):
-        promp.predict(np.array(times, dtype=np.float64))

@@ -9,7 +9,6 @@ from gplfd_policies.movements.baselines.wishart_gp import (
     WishartProcessMovement,
     fit_wishart_gp,
 )
-from gplfd_policies.movements.movement import Adaptable, Movement
 
 TIMES = np.linspace(0.0, 1.0, 40)
 STD = 0.02 * np.exp(1.2 * np.sin(5.0 * TIMES))
@@ -61,15 +60,6 @@ def test_prior_mean_is_the_pooled_covariance(movement):
     )
 
 
-def test_the_same_seed_draws_the_same():
-    first, second, other = (
-        fit_wishart_gp(demonstrations(), QUICK, seed).predict(TIMES).std
-        for seed in (3, 3, 4)
-    )
-    np.testing.assert_array_equal(first, second)
-    assert np.any(first != other)
-
-
 @pytest.mark.bits
 def test_mean_and_spread_are_the_demonstrated_ones():
     # So many that the prior, twenty times as wide at the end, hardly counts there.
@@ -83,7 +73,7 @@ def test_mean_and_spread_are_the_demonstrated_ones():
 
 def test_coverage_where_samples_deviate_independently():
     inside = []
-    for seed in range(3):
+    for seed in range(2):
         predicted = fit_wishart_gp(demonstrations(seed=seed), QUICK, seed)
         low, high = predicted.predict(TIMES).interval(0.95)
         held_out = demonstrations(50, seed=100 + seed).poses
@@ -111,16 +101,6 @@ def test_spread_outside_the_demonstrations_is_that_of_the_nearer_end(movement):
     assert np.isfinite(movement.predict(np.array([-0.3, 1.4])).std).all()
 
 
-def test_units_do_not_matter(movement):
-    """Powers of two are exact, so that the chain takes the same decisions."""
-    scale = 2.0 ** np.array([10.0, -3.0, 0.0, 5.0, -1.0, 2.0])
-    changed = AlignedDemonstrations(times=TIMES, poses=scale * movement.aligned.poses)
-    other = fit_wishart_gp(changed, QUICK, 0).predict(TIMES)
-    predicted = movement.predict(TIMES)
-    np.testing.assert_allclose(other.std / scale, predicted.std, rtol=1e-9)
-    np.testing.assert_allclose(other.mean / scale, predicted.mean, atol=1e-9)
-
-
 def test_order_of_the_demonstrations_hardly_matters(movement):
     swapped = AlignedDemonstrations(times=TIMES, poses=movement.aligned.poses[::-1])
     other = fit_wishart_gp(swapped, QUICK, 0).predict(TIMES)
@@ -130,12 +110,8 @@ def test_order_of_the_demonstrations_hardly_matters(movement):
     assert np.sqrt(np.mean(ratio**2)) < 0.15
 
 
-def test_same_seed_same_numbers(movement):
+def test_another_seed_gives_almost_the_same_numbers(movement):
     predicted = movement.predict(TIMES)
-    again = fit_wishart_gp(movement.aligned, QUICK, 0).predict(TIMES)
-    np.testing.assert_array_equal(again.mean, predicted.mean)
-    np.testing.assert_array_equal(again.std, predicted.std)
-    np.testing.assert_array_equal(again.covariance, predicted.covariance)
     other = fit_wishart_gp(movement.aligned, QUICK, 1).predict(TIMES)
     assert (other.std != predicted.std).any()
     assert np.sqrt(np.mean(np.log(other.std / predicted.std) ** 2)) < 0.15
@@ -150,38 +126,3 @@ def test_outputs_that_never_vary_are_predicted_as_such():
     np.testing.assert_allclose(predicted.mean, poses[0], atol=1e-4)
     assert (predicted.std > 0.0).all()
     assert (predicted.std < 1e-4).all()
-
-
-def test_it_is_a_movement_without_via_points(movement):
-    assert isinstance(movement, Movement)
-    assert not isinstance(movement, Adaptable)
-    assert movement.duration == 4.0
-
-
-@pytest.mark.parametrize("times", [[], [np.nan], [np.inf]])
-def test_prediction_refuses_impossible_times(movement, times):
-    with pytest.raises(ValueError, match="finite times, at least one"):
-        movement.predict(np.array(times))
-
-
-def test_one_demonstration_is_refused():
-    with pytest.raises(ValueError, match="at least 2 demonstrations, got 1"):
-        fit_wishart_gp(demonstrations(1), QUICK, 0)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"degrees": 5}, "degrees = 5 must be a whole number from 6"),
-        ({"length_scale": 0.01}, r"length_scale = 0.01 is outside \[0.02, 10\]"),
-        ({"length_scale": np.nan}, "length_scale = nan is outside"),
-        ({"floor": 0.0}, r"floor = 0.0 is outside \[1e-08, 1\)"),
-        ({"floor": 1.0}, "floor = 1.0 is outside"),
-        ({"times": 1}, "times = 1 must be a whole number from 2"),
-        ({"discarded": -1}, "discarded = -1 must be a whole number from 0"),
-        ({"steps": 500}, "discarded must be less than steps, got 500 and 500"),
-    ],
-)
-def test_impossible_configurations_are_refused(values, message):
-    with pytest.raises(ValueError, match=message):
-        WishartGPConfig(**values)

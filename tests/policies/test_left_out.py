@@ -88,14 +88,14 @@ def test_two_demonstrations_have_none_to_leave_out():
 
 
 def test_mixed_covariance_is_the_mean_of_the_inverse_wishart_posterior():
-    """By weighing 400,000 covariances drawn a priori with the likelihood."""
+    """By weighing 150,000 covariances drawn a priori with the likelihood."""
     worth, count = float(MODEL_WORTH), 6
     model = np.array([[2.0, 0.6], [0.6, 1.0]])
     rng = np.random.default_rng(0)
     deviations = rng.multivariate_normal([0.0, 0.0], [[1.0, -0.5], [-0.5, 1.5]], 5)
     scatter = deviations.T @ deviations
     prior = invwishart(df=worth + 3.0, scale=worth * model)
-    drawn = prior.rvs(400_000, random_state=rng)
+    drawn = prior.rvs(150_000, random_state=rng)
     inverse = np.linalg.inv(drawn)
     log_likelihood = 0.5 * (count - 1) * np.linalg.slogdet(inverse)[1]
     log_likelihood -= 0.5 * np.einsum("nij,ji->n", inverse, scatter)

@@ -1,7 +1,7 @@
 """Prior means: what is known before, and what is learned around it."""
 
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ from gplfd_policies.adaptation import (
 )
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.exact import ExactGP
-from gplfd_policies.gp.noise import MapNoise
+from gplfd_policies.gp.noise import KerstingNoise, MapNoise
 from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
 from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
@@ -55,7 +55,7 @@ TAKES_ONE = (
 SHORT_CHAIN = WishartGPConfig(steps=20, discarded=5, times=15, degrees=6)
 FITS = {
     "map": partial(fit_skill, noise="map"),
-    "kersting": partial(fit_skill, noise="kersting"),
+    "kersting": partial(fit_skill, noise=KerstingNoise(n_iterations=2)),
     "homoscedastic": partial(fit_skill, noise="homoscedastic"),
     "local": partial(fit_local_gp, config=LocalGPConfig()),
     "wishart": partial(fit_wishart_gp, config=SHORT_CHAIN, seed=0),
@@ -86,7 +86,7 @@ class Line:
 
 @pytest.fixture(scope="module")
 def doors(demonstrations) -> AlignedDemonstrations:
-    return align(demonstrations)
+    return align(demonstrations, n_samples=40)
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +140,8 @@ def test_rates_equal_finite_differences(movement):
         )
 
 
-def test_deviations_and_spread_do_not_depend_on_the_prior_mean(doors):
+def test_deviations_and_spread_do_not_depend_on_the_prior_mean(demonstrations):
+    doors = align(demonstrations)
     # The least spread is relative to an output's size, which the prior mean changes.
     fit = partial(fit_skill, noise=MapNoise(least_spread=0.0))
     plain, movement = (
@@ -198,7 +199,7 @@ def test_method_without_via_points_has_none_around_a_prior_mean_either(doors):
 def test_without_a_prior_mean_nothing_changes(demonstrations, doors):
     training = TrainingInput(demonstrations=demonstrations)
     method = POLICIES["gp-within-demonstrations"].method
-    learned = method.learn(training)
+    learned = replace(method, align=partial(align, n_samples=40)).learn(training)
     plain = fit_skill(doors)
     assert type(learned) is Skill
     for name in ("mean", "std", "mean_rate", "std_rate", "covariance"):
@@ -219,10 +220,38 @@ def test_methods_that_cannot_be_given_a_prior_mean_say_so(name, demonstrations):
         make_agent(name, demonstrations, prior_mean=Line())
 
 
-@pytest.mark.parametrize("name", TAKES_ONE)
-@pytest.mark.filterwarnings("ignore:sensor noise")
-def test_policies_act_and_adapt_around_a_prior_mean(name, demonstrations):
-    agent = make_agent(name, demonstrations, prior_mean=Line())
+@pytest.fixture(scope="module")
+def around_a_line(doors):
+    """Movements around a prior mean, one for all policies that fit alike."""
+    wishart = FITS["wishart"]
+
+    @cache
+    def learned(fit):
+        return fit_residual(doors, Line(), partial(fit, centred=False))
+
+    return lambda method: learned(wishart if method.seeded else method.fit)
+
+
+def test_methods_say_whether_they_take_a_prior_mean():
+    methods = {name: policy.method for name, policy in POLICIES.items()}
+    taking = {name for name, one in methods.items() if one and one.accepts_prior_mean}
+    assert taking == set(TAKES_ONE)
+
+
+@pytest.mark.parametrize(
+    "name", ["gp", "gp-product", "gp-exact", "gp-fixed", "local-gp", "wishart-gp"]
+)
+def test_policies_act_and_adapt_around_a_prior_mean(name, around_a_line):
+    method = POLICIES[name].method
+    assert_acts_and_adapts(method.follow(around_a_line(method)))
+
+
+def test_an_agent_is_made_around_a_prior_mean(demonstrations):
+    agent = make_agent("gp-constant-100", demonstrations, prior_mean=Line())
+    assert_acts_and_adapts(agent)
+
+
+def assert_acts_and_adapts(agent):
     assert isinstance(agent.movement.learned, ResidualMovement)
     observation = {"ee_pose": np.zeros(6), "wrench": np.zeros(6)}
     agent.reset(observation)
@@ -238,7 +267,7 @@ def test_prior_mean_that_is_not_finite_is_refused(doors, wrong):
         def mean(self, times: np.ndarray) -> np.ndarray:
             return np.where(times[:, None] > 0.5, wrong, super().mean(times))
 
-    with pytest.raises(ValueError, match="finite pose at each of 200 phases"):
+    with pytest.raises(ValueError, match="finite pose at each of 40 phases"):
         fit_residual(doors, Broken(), partial(fit_skill, centred=False))
 
 

@@ -3,10 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from gplfd_policies import POLICIES, AlignedDemonstrations, PosePath, align
-from gplfd_policies.registry.method import TrainingInput
+from gplfd_policies import AlignedDemonstrations, PosePath, align
 
 
 def test_a_skill_says_what_it_was_learned_from(skill):
@@ -19,14 +17,6 @@ def test_a_continued_skill_tells_its_demonstrations_from_what_follows(skill):
     assert repr(replace(skill, aligned=aligned)) == (
         "Skill(6 demonstrations, 200 phases, 5 s, continued to 7 s)"
     )
-
-
-@pytest.mark.parametrize("name", ["dmp", "promp", "gmr", "kmp"])
-def test_every_movement_says_so(name, demonstrations):
-    training = TrainingInput(demonstrations=demonstrations)
-    movement = POLICIES[name].method.learn(training)
-    shown = repr(movement)
-    assert shown.startswith(f"{type(movement).__name__}(6 demonstrations, 200 phases, ")
 
 
 def test_arrays_are_shown_by_their_shape(demonstrations, skill):

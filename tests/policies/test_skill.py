@@ -15,7 +15,7 @@ from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.heteroscedastic import MultiOutputGP
 from gplfd_policies.gp.noise import KerstingNoise
 from gplfd_policies.movements.skill import Skill, fit_skill
-from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.movements.trajectory import ViaPoint
 
 TIMES = np.linspace(0.0, 1.0, 60)
 SPREAD = 0.01 + 0.05 * TIMES**2
@@ -237,7 +237,7 @@ def test_one_demonstration_needs_another_noise_model():
     poses = independent_noise(1, np.random.default_rng(0))
     with pytest.raises(ValueError, match="at least 2 of them, got 1"):
         fit_skill(aligned(poses))
-    for noise in ("homoscedastic", KerstingNoise(n_iterations=3)):
+    for noise in ("homoscedastic", KerstingNoise(n_iterations=1)):
         with pytest.warns(UserWarning, match="says nothing about how repetitions"):
             skill = fit_skill(aligned(poses), noise=noise)
         predicted = skill.predict(TIMES)
@@ -289,13 +289,13 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize(
-    "noise", ["map", "homoscedastic", KerstingNoise(n_iterations=2)]
+    "noise", ["map", "homoscedastic", KerstingNoise(n_iterations=1)]
 )
 @pytest.mark.parametrize("name", list(HOSTILE))
 def test_hostile_demonstrations_give_finite_predictions(name, noise):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        skill = fit_skill(aligned(HOSTILE[name]), noise=noise)
+        skill = fit_skill(aligned(HOSTILE[name][:, ::3], TIMES[::3]), noise=noise)
     predicted = skill.predict(np.linspace(-0.1, 1.1, 30))
     for values in (predicted.mean, predicted.mean_rate, predicted.std_rate):
         assert np.isfinite(values).all()
@@ -331,33 +331,6 @@ def test_unknown_noise_model_lists_the_known():
         fit_skill(aligned(poses), noise="gamma")
 
 
-@pytest.mark.parametrize("times", [np.array([]), np.array([0.0, np.nan])])
-def test_impossible_times_are_refused(skill, times):
-    with pytest.raises(ValueError, match="finite times, at least one"):
-        skill.predict(times)
-
-
-def test_prediction_is_read_only_and_leaves_its_times_alone(skill):
-    times = np.linspace(0.0, 1.0, 5)
-    predicted = skill.predict(times)
-    for values in (
-        predicted.times,
-        predicted.mean,
-        predicted.std,
-        predicted.covariance,
-    ):
-        with pytest.raises(ValueError, match="read-only"):
-            values[0] = 0.0
-    times[0] = 0.5
-    assert predicted.times[0] == 0.0
-
-
-def test_skill_keeps_its_demonstrations_and_duration(skill):
-    assert skill.duration == 4.0
-    assert skill.count == 6
-    assert skill.aligned.poses.shape == (6, 60, 6)
-
-
 def test_via_point_frees_outputs_by_nan_or_infinite_noise():
     pose = np.array([0.1, np.nan, 0.0, 0.0, 0.0, 0.0])
     point = ViaPoint(phase=0.5, pose=pose, std=np.array([1.0, 1, np.inf, 0, 2, 3]))
@@ -380,20 +353,6 @@ def test_via_point_frees_outputs_by_nan_or_infinite_noise():
 def test_impossible_via_points_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         ViaPoint(**arguments)
-
-
-def test_trajectory_record_copies_what_it_is_given():
-    mean = np.zeros((2, 6))
-    trajectory = GaussianTrajectory(
-        times=np.array([0.0, 1.0]),
-        mean=mean,
-        std=np.ones((2, 6)),
-        mean_rate=mean,
-        std_rate=mean,
-        covariance_function=lambda: np.tile(np.eye(2), (6, 1, 1)),
-    )
-    mean[0, 0] = 7.0
-    assert trajectory.mean[0, 0] == 0.0
 
 
 def test_demonstrations_that_are_not_aligned_are_refused(demonstrations, monkeypatch):

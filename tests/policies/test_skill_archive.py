@@ -17,9 +17,14 @@ VIA_POINT = ViaPoint(phase=0.4, pose=np.array([0.2, 0.0, -0.05, 0.0, 0.4, np.nan
 
 
 @pytest.fixture(scope="module")
-def saved(skill, tmp_path_factory):
+def small(demonstrations):
+    return fit_skill(align(demonstrations, n_samples=20))
+
+
+@pytest.fixture(scope="module")
+def saved(small, tmp_path_factory):
     path = tmp_path_factory.mktemp("skills") / "skill.npz"
-    skill.save(path)
+    small.save(path)
     return path
 
 
@@ -37,12 +42,14 @@ def same_bits(one, other):
     )
 
 
-def assert_kept(skill, path):
-    skill.save(path)
-    assert same_bits(load_skill(path).predict(PHASES), skill.predict(PHASES))
+def assert_kept(skill, folder):
+    skill.save(folder / "skill.npz")
+    loaded = load_skill(folder / "skill.npz")
+    assert same_bits(loaded.predict(PHASES), skill.predict(PHASES))
 
 
-def test_a_loaded_skill_is_the_saved_one_bit_for_bit(skill, saved):
+def test_a_loaded_skill_is_the_saved_one_bit_for_bit(small, saved):
+    skill = small
     loaded = load_skill(saved)
     assert repr(loaded) == repr(skill)
     assert same_bits(loaded.predict(PHASES), skill.predict(PHASES))
@@ -67,28 +74,22 @@ def test_a_continuation_is_kept(demonstrations, tmp_path):
 @pytest.mark.parametrize("noise", [KerstingNoise(n_iterations=1), "homoscedastic"])
 def test_skills_of_every_noise_model(noise, demonstrations, tmp_path):
     skill = fit_skill(align(demonstrations, n_samples=20), noise, centred=False)
-    skill.save(tmp_path / "skill.npz")
-    assert same_bits(
-        load_skill(tmp_path / "skill.npz").predict(PHASES), skill.predict(PHASES)
-    )
+    assert_kept(skill, tmp_path)
 
 
-def test_clocks_are_kept_as_known_or_as_unknown(demonstrations, tmp_path):
-    aligned = align(demonstrations, n_samples=20)
-    for each in (aligned, replace(aligned, clocks=None)):
-        fit_skill(each).save(tmp_path / "skill.npz")
+def test_clocks_are_kept_as_known_or_as_unknown(small, tmp_path):
+    unknown = replace(small, aligned=replace(small.aligned, clocks=None))
+    for each in (small, unknown):
+        each.save(tmp_path / "skill.npz")
         loaded = load_skill(tmp_path / "skill.npz").aligned.clocks
-        np.testing.assert_array_equal(loaded, each.clocks)
+        np.testing.assert_array_equal(loaded, each.aligned.clocks)
 
 
 def test_a_skill_of_one_demonstration(demonstrations, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         skill = fit_skill(align(demonstrations[:1], n_samples=40), "homoscedastic")
-    skill.save(tmp_path / "skill.npz")
-    assert same_bits(
-        load_skill(tmp_path / "skill.npz").predict(PHASES), skill.predict(PHASES)
-    )
+    assert_kept(skill, tmp_path)
 
 
 def test_a_movement_around_a_prior_mean_cannot_be_saved(demonstrations, tmp_path):
@@ -140,7 +141,7 @@ SIGNED = {"poses", "offset", "noise_level", "noise_coefficients"}
         ({"wobble": np.zeros(0)}, r"'wobble' must have shape \(6,\), got \(0,\)"),
         ({"noise_coefficients": np.zeros((6, 96))}, r"must have shape \(6, 48\)"),
         ({"duration": np.array(0.0)}, "duration must be positive"),
-        ({"clocks": np.full((6, 200), 1.01)}, r"clocks must be .* within \[0, 1\]"),
+        ({"clocks": np.full((6, 20), 1.01)}, r"clocks must be .* within \[0, 1\]"),
         ({"extra": np.zeros(3)}, "it holds 'extra', which does not belong there"),
         (
             {"format_version": np.array(1)},
@@ -155,8 +156,8 @@ def test_what_is_wrong_is_said(copy, changes, reason):
         load_skill(copy)
 
 
-def test_a_skill_that_cannot_be_written_leaves_nothing(skill, tmp_path):
+def test_a_skill_that_cannot_be_written_leaves_nothing(small, tmp_path):
     (tmp_path / "folder.npz").mkdir()
     with pytest.raises(OSError, match=r"folder\.npz"):
-        skill.save(tmp_path / "folder.npz")
+        small.save(tmp_path / "folder.npz")
     assert [path.name for path in tmp_path.iterdir()] == ["folder.npz"]

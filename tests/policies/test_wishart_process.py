@@ -61,7 +61,7 @@ def test_sampler_meets_a_gaussian_posterior():
         return -0.5 * float(np.sum((observed - mixing @ x) ** 2)) / variance
 
     chain = elliptical_slice_chain(
-        log_likelihood, np.array([3.0, 3.0]), 10000, np.random.default_rng(2)
+        log_likelihood, np.array([3.0, 3.0]), 6000, np.random.default_rng(2)
     )
     states = np.array(list(chain))[100:]
     np.testing.assert_allclose(states.mean(axis=0), mean, atol=0.03)
@@ -81,7 +81,7 @@ def test_prior_draws_average_to_nu_l_lt():
     draws = np.array(
         [
             process.covariance(rng.standard_normal(process.shape), times)
-            for _ in range(8000)
+            for _ in range(4000)
         ]
     )
     np.testing.assert_allclose(draws.mean(axis=0), np.tile(MEAN, (3, 1, 1)), atol=0.1)
@@ -198,7 +198,7 @@ def test_posterior_concentrates_on_the_truth():
         pooled = np.einsum("kti,ktj->ij", deviations, deviations) / (30 * (count - 1))
         process = WishartPrior.over((0.0, 1.0), 0.2, pooled, 3, 1e-3)
         likelihood = WishartLikelihood.of(process, times, deviations)
-        posterior = sample_posterior(likelihood, 600, 200, rng)
+        posterior = sample_posterior(likelihood, 300, 100, rng)
         error = np.linalg.norm(posterior.covariance(times) - truth, axis=(1, 2))
         errors[count] += np.mean(error / np.linalg.norm(truth, axis=(1, 2))) / 3
     assert errors[400] < 0.05
@@ -216,7 +216,7 @@ def test_sampler_averages_what_the_posterior_says():
     density = np.exp(-0.5 * grid**2 - 0.5 * scatter / variance) / variance
     expected = float(variance @ density / density.sum())
     rng = np.random.default_rng(0)
-    posterior = sample_posterior(likelihood, 10000, 100, rng)
+    posterior = sample_posterior(likelihood, 4000, 100, rng)
     sampled = posterior.covariance(np.array([0.4]))[0, 0, 0]
     assert sampled == pytest.approx(expected, rel=0.05)
 

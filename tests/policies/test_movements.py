@@ -1,0 +1,353 @@
+"""The contract of every learned movement, whatever method learned it."""
+
+import pickle
+from dataclasses import fields, replace
+from functools import cache, partial
+
+import numpy as np
+import pytest
+
+from gplfd_policies import AlignedDemonstrations, PosePath, ViaPoint, align, fit_skill
+from gplfd_policies.adaptation import OwnAdaptation
+from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
+from gplfd_policies.movements.baselines.gmm_gp import (
+    GMMGPConfig,
+    LengthScaleConfig,
+    fit_gmm_gp,
+)
+from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
+from gplfd_policies.movements.baselines.kmp import KMPConfig, fit_kmp
+from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
+from gplfd_policies.movements.baselines.promp import ProMPConfig, fit_promp
+from gplfd_policies.movements.baselines.tp_gmm import fit_tp_gmm
+from gplfd_policies.movements.baselines.wishart_gp import (
+    WishartGPConfig,
+    fit_wishart_gp,
+)
+from gplfd_policies.movements.movement import (
+    Adaptable,
+    EmpiricalDistribution,
+    Movement,
+)
+from gplfd_policies.movements.prior_mean import fit_residual
+
+GRID = np.linspace(0.0, 1.0, 31)
+ARRAYS = ("times", "mean", "std", "mean_rate", "std_rate", "covariance")
+SHORT_CHAIN = WishartGPConfig(steps=40, discarded=10, times=20)
+LINE = PosePath(phases=np.array([0.0, 1.0]), poses=np.outer([0.1, 0.5], np.arange(6.0)))
+
+
+def fit_around_a_line(aligned):
+    return fit_residual(aligned, LINE, partial(fit_skill, centred=False))
+
+
+FITS = {
+    "gp": fit_skill,
+    "gp around a prior mean": fit_around_a_line,
+    "dmp": fit_dmp,
+    "dmp with a spread": partial(fit_dmp, config=DMPConfig(spread=True)),
+    "promp": fit_promp,
+    "gmr": fit_gmr,
+    "tp-gmm": fit_tp_gmm,
+    "local-gp": partial(fit_local_gp, config=LocalGPConfig(clusters=4)),
+    "wishart-gp": partial(fit_wishart_gp, config=SHORT_CHAIN, seed=0),
+    "kmp": fit_kmp,
+    "gmm-gp": fit_gmm_gp,
+}
+ADAPTABLE = ("promp", "tp-gmm", "kmp", "gmm-gp")
+"""Movements with a method ``adapt``; a skill is adapted by `gplfd_policies.adapt`."""
+SMOOTH = [name for name in FITS if name != "dmp with a spread"]
+SCALED = [name for name in FITS if name not in ("tp-gmm", "gp around a prior mean")]
+DIFFERENCES = ("gmr", "tp-gmm", "local-gp", "wishart-gp", "kmp", "gmm-gp")
+"""Movements whose rates are differences of their moments."""
+
+
+@pytest.fixture(scope="module")
+def aligned(demonstrations) -> AlignedDemonstrations:
+    return align(demonstrations, n_samples=60)
+
+
+@pytest.fixture(scope="module")
+def learned(aligned):
+    """Every method's movement, learned once."""
+    return cache(lambda name: FITS[name](aligned))
+
+
+def same_bits(one, other) -> bool:
+    return all(
+        getattr(one, name).tobytes() == getattr(other, name).tobytes()
+        for name in ARRAYS
+    )
+
+
+def demonstrated(aligned, place: int, row: int = 0, std: float = 1e-3) -> ViaPoint:
+    """A pose of one of the demonstrations."""
+    return ViaPoint(phase=aligned.times[place], pose=aligned.poses[row, place], std=std)
+
+
+@pytest.mark.parametrize("name", FITS)
+def test_it_has_the_interface_and_says_what_it_was_learned_from(name, learned, aligned):
+    movement = learned(name)
+    assert isinstance(movement, Movement)
+    assert isinstance(movement, Adaptable) == (name in ADAPTABLE)
+    assert movement.aligned is aligned
+    assert movement.duration == aligned.duration
+    shown = f"{type(movement).__name__}(6 demonstrations, 60 phases, "
+    assert repr(movement) == f"{shown}{aligned.duration:.3g} s)"
+
+
+@pytest.mark.parametrize("name", FITS)
+def test_its_arrays_cannot_be_changed(name, learned):
+    movement = learned(name)
+    for each in (movement, movement.predict(GRID)):
+        arrays = [getattr(each, field.name) for field in fields(each)]
+        arrays = [array for array in arrays if isinstance(array, np.ndarray)]
+        assert not any(array.flags.writeable for array in arrays)
+
+
+@pytest.mark.parametrize("name", FITS)
+def test_predictions_have_their_shapes_and_a_covariance_of_their_variances(
+    name, learned
+):
+    predicted = learned(name).predict(GRID)
+    np.testing.assert_array_equal(predicted.times, GRID)
+    assert np.isfinite(predicted.mean).all()
+    for curve in ARRAYS[1:5]:
+        assert getattr(predicted, curve).shape == (31, 6)
+    assert predicted.covariance.shape == (6, 31, 31)
+    if name == "dmp":
+        assert np.isnan(predicted.std).all()
+        assert np.isnan(predicted.covariance).all()
+        return
+    variance = np.diagonal(predicted.covariance, axis1=1, axis2=2).T
+    np.testing.assert_allclose(variance, predicted.std**2, rtol=1e-5, atol=1e-12)
+    for covariance in predicted.covariance:
+        np.testing.assert_allclose(
+            covariance, covariance.T, atol=1e-9 * covariance.max()
+        )
+        assert np.linalg.eigvalsh(covariance)[0] > -1e-9 * covariance.max()
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_rates_are_the_slopes_of_mean_and_spread(name, learned):
+    fine = np.linspace(0.1, 0.9, 801)
+    predicted = learned(name).predict(fine)
+    for curve, rate in (("mean", "mean_rate"), ("std", "std_rate")):
+        slope = np.gradient(getattr(predicted, curve), fine, axis=0)[2:-2]
+        found = getattr(predicted, rate)[2:-2]
+        size = max(np.nanmax(np.abs(slope), initial=0.0), 1e-9)
+        np.testing.assert_allclose(found, slope, atol=0.01 * size)
+
+
+@pytest.mark.parametrize("name", FITS)
+def test_far_outside_the_demonstrations_predictions_are_finite(name, learned):
+    predicted = learned(name).predict(np.array([-3.0, -0.2, 1.2, 4.0]))
+    assert np.isfinite(predicted.mean).all()
+    assert np.isfinite(predicted.std).all() == (name != "dmp")
+
+
+@pytest.mark.bits
+@pytest.mark.parametrize("name", FITS)
+def test_the_same_demonstrations_give_the_same_bits(name, learned, aligned):
+    predicted = learned(name).predict(GRID)
+    assert same_bits(FITS[name](aligned).predict(GRID), predicted)
+    assert same_bits(learned(name).predict(GRID), predicted)
+
+
+@pytest.mark.parametrize("name", FITS)
+def test_a_pickled_copy_predicts_and_adapts_with_the_same_bits(name, learned, aligned):
+    movement = learned(name)
+    copy, predicted = pickle.loads(pickle.dumps(movement)), movement.predict(GRID)
+    assert same_bits(copy.predict(GRID), predicted)
+    assert same_bits(pickle.loads(pickle.dumps(predicted)), predicted)
+    if name in ADAPTABLE:
+        points = [demonstrated(aligned, 20)]
+        adapted = movement.adapt(points)
+        expected = adapted.predict(GRID)
+        assert same_bits(copy.adapt(points).predict(GRID), expected)
+        assert same_bits(pickle.loads(pickle.dumps(adapted)).predict(GRID), expected)
+
+
+@pytest.mark.parametrize("name", SCALED)
+def test_units_do_not_matter(name, learned, aligned):
+    """Powers of two are exact, so that every search takes the same decisions."""
+    powers = [10.0, -3.0, 4.0, 5.0, -1.0, 2.0]
+    if name.startswith("dmp"):
+        powers = [10.0, 10.0, 10.0, 0.0, 0.0, 0.0]  # rotations are no numbers here
+    factor = 2.0 ** np.array(powers)
+    other = FITS[name](replace(aligned, poses=factor * aligned.poses)).predict(GRID)
+    ours, size = learned(name).predict(GRID), aligned.poses.std(axis=(0, 1))
+    np.testing.assert_allclose((other.mean / factor - ours.mean) / size, 0.0, atol=1e-6)
+    np.testing.assert_allclose(other.std / factor, ours.std, rtol=1e-6)
+
+
+@pytest.mark.parametrize("times", [[], [0.1, np.nan], [np.inf]])
+@pytest.mark.parametrize("name", FITS)
+def test_times_that_are_none_are_refused(name, learned, times):
+    with pytest.raises(ValueError, match="list of finite times, at least one"):
+        learned(name).predict(np.array(times, dtype=np.float64))
+
+
+@pytest.mark.parametrize("times", [[0.2, 0.2], [0.2, 0.1]])
+@pytest.mark.parametrize("name", DIFFERENCES)
+def test_differences_need_increasing_phases(name, learned, times):
+    with pytest.raises(ValueError, match="strictly increasing phases"):
+        learned(name).predict(np.array(times))
+
+
+@pytest.mark.parametrize("name", ADAPTABLE)
+def test_via_points_are_obeyed(name, learned, aligned):
+    """A demonstrated pose is met; only `tp-gmm` turns it into a hinge, and comes near.
+
+    The movement itself stays as it was.
+    """
+    movement, point = learned(name), demonstrated(aligned, 45, std=1e-5)
+    phase = np.array([point.phase])
+    before = movement.predict(phase)
+    after = movement.adapt([point]).predict(phase)
+    missed, met = (np.abs(each.mean[0] - point.pose) for each in (before, after))
+    if name == "tp-gmm":
+        assert met[[0, 2]].max() < 0.5 * missed[[0, 2]].max()
+    else:
+        assert (met < 2e-3).all()
+        assert met.max() < 0.05 * missed.max()
+    assert same_bits(movement.predict(phase), before)
+
+
+@pytest.mark.parametrize("name", ADAPTABLE)
+def test_via_points_may_come_in_any_order_and_grouping(name, learned, aligned):
+    movement = learned(name)
+    points = [demonstrated(aligned, place, std=2e-3) for place in (12, 25, 40)]
+    together = movement.adapt(points).predict(GRID)
+    for other in (
+        movement.adapt(points[::-1]),
+        movement.adapt(points[:1]).adapt(points[1:]),
+    ):
+        # Around a hinge, errors are linear in the hinge that was believed before.
+        near = 5e-3 if name == "tp-gmm" else 1e-8
+        np.testing.assert_allclose(other.predict(GRID).mean, together.mean, atol=near)
+
+
+@pytest.mark.parametrize("name", ADAPTABLE)
+def test_adapting_online_is_adapting_to_all_at_once(name, learned, aligned):
+    movement = learned(name)
+    online = OwnAdaptation(movement, GRID)
+    np.testing.assert_array_equal(online.mean, movement.predict(GRID).mean)
+    points = [demonstrated(aligned, place) for place in (18, 21, 24)]
+    for point in points:
+        online.observe(point)
+    assert same_bits(online.trajectory(), movement.adapt(points).predict(GRID))
+
+
+@pytest.mark.parametrize("name", ADAPTABLE)
+def test_free_outputs_are_not_asked_for(name, learned, aligned):
+    """NaN in the pose and an infinite deviation say the same; all free is no demand."""
+    movement, point = learned(name), demonstrated(aligned, 30)
+    free = np.array([False, True, False, True, False, True])
+    some = [
+        replace(point, pose=np.where(free, np.nan, point.pose)),
+        replace(point, std=np.where(free, np.inf, point.std)),
+    ]
+    ours, theirs = (movement.adapt([each]).predict(GRID) for each in some)
+    np.testing.assert_allclose(ours.mean, theirs.mean, atol=1e-12)
+    np.testing.assert_allclose(ours.std, theirs.std, rtol=1e-12)
+    before = movement.predict(GRID)
+    for nothing in (
+        replace(point, pose=np.full(6, np.nan)),
+        replace(point, std=np.inf),
+    ):
+        after = movement.adapt([nothing]).predict(GRID)
+        np.testing.assert_allclose(after.mean, before.mean, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ADAPTABLE)
+def test_contradicting_demands_of_no_tolerance_have_an_answer(name, learned, aligned):
+    movement = learned(name)
+    both = [demonstrated(aligned, 40, row, std=0.0) for row in (0, 5)]
+    here = movement.adapt(both).predict(aligned.times[[40]])
+    assert np.isfinite(here.mean).all()
+    if name in ("promp", "gmm-gp"):
+        average = 0.5 * (both[0].pose + both[1].pose)
+        np.testing.assert_allclose(here.mean[0], average, atol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("fit", "message"),
+    [
+        (fit_promp, "at least 2 demonstrations, got 1"),
+        (FITS["wishart-gp"], "at least 2 demonstrations, got 1"),
+        (fit_skill, r'at least 2 of them, got 1.*noise="homoscedastic"'),
+        (partial(fit_gmr, config=GMRConfig(components=61)), "61 components need as ma"),
+        (partial(fit_tp_gmm, config=GMRConfig(components=61)), "61 components need as"),
+        (
+            partial(fit_local_gp, config=LocalGPConfig(clusters=16)),
+            r"16 clusters of 60 .* 3 samples.*fewer clus",
+        ),
+        (partial(fit_local_gp, config=LocalGPConfig(clusters=100)), "one with 0 sampl"),
+        (
+            partial(fit_promp, config=ProMPConfig(n_basis=60)),
+            "more than 60 phases, got 60: align with",
+        ),
+    ],
+)
+def test_too_few_demonstrations_or_phases_are_refused(fit, message, aligned):
+    """One demonstration where the message asks for more, else one phase too few."""
+    if "got 1" in message:
+        aligned = replace(aligned, poses=aligned.poses[:1], clocks=None)
+    with pytest.raises(ValueError, match=message):
+        fit(aligned)
+
+
+@pytest.mark.parametrize(
+    ("settings", "field", "value", "message"),
+    [
+        (DMPConfig, "n_basis", 1, "must be a whole number from 2"),
+        (DMPConfig, "alpha", 0.0, r"alpha = 0.0 is outside \(0, inf\)"),
+        (DMPConfig, "alpha_x", np.nan, r"alpha_x = nan is outside \(0, inf\)"),
+        (DMPConfig, "overlap", 1.0, r"overlap = 1.0 is outside \(0, 1\)"),
+        (ProMPConfig, "n_basis", 1, "must be a whole number from 2"),
+        (ProMPConfig, "overlap", 1.0, r"overlap = 1.0 is outside \(0, 1\)"),
+        (ProMPConfig, "ridge", np.inf, r"ridge = inf is outside \(0, inf\)"),
+        (ProMPConfig, "shrinkage", 1.5, r"shrinkage = 1.5 is outside \[0, 1\]"),
+        (GMRConfig, "components", 0, "must be a whole number from 1"),
+        (GMRConfig, "max_iterations", 0, "must be a whole number from 1"),
+        (GMRConfig, "regularisation", 0.0, r"= 0.0 is outside \(0, inf\)"),
+        (GMRConfig, "tolerance", -1.0, r"= -1.0 is outside \(0, inf\)"),
+        (KMPConfig, "references", 1, "must be a whole number from 2"),
+        (KMPConfig, "length_scale", 0.0, r"= 0.0 is outside \(0, inf\)"),
+        (KMPConfig, "mean_regularisation", -1.0, r"= -1.0 is outside \(0, inf\)"),
+        (KMPConfig, "covariance_regularisation", np.inf, r"= inf is outside \(0,"),
+        (KMPConfig, "same_phase", 2.0, r"= 2.0 is outside \[0, 1\]"),
+        (GMMGPConfig, "weight_power", 0.0, r"weight_power = 0.0 is outside \(0, inf"),
+        (LengthScaleConfig, "length_scale_range", (1.0, 0.1), "must be two positive"),
+        (LengthScaleConfig, "noise_range", (0.0, 0.1), "must be two positive"),
+        (LengthScaleConfig, "first_length_scale", 9.0, r"within \(0.005, 5.0\), got 9"),
+        (LengthScaleConfig, "phases", 1, "must be a whole number from 2"),
+        (LocalGPConfig, "clusters", 0, "clusters = 0 must be a whole number from 1"),
+        (LocalGPConfig, "width", 11.0, r"width = 11.0 is outside \[0.1, 10\]"),
+        (WishartGPConfig, "degrees", 5, "degrees = 5 must be a whole number from 6"),
+        (WishartGPConfig, "length_scale", 0.01, r"= 0.01 is outside \[0.02, 10\]"),
+        (WishartGPConfig, "floor", 0.0, r"floor = 0.0 is outside \[1e-08, 1\)"),
+        (WishartGPConfig, "floor", 1.0, "floor = 1.0 is outside"),
+        (WishartGPConfig, "times", 1, "times = 1 must be a whole number from 2"),
+        (WishartGPConfig, "discarded", -1, "discarded = -1 must be a whole number"),
+        (WishartGPConfig, "steps", 500, "less than steps, got 500 and 500"),
+    ],
+)
+def test_impossible_settings_are_refused(settings, field, value, message):
+    with pytest.raises(ValueError, match=rf"{field}.*{message}|{message}"):
+        settings(**{field: value})
+
+
+def test_the_empirical_distribution_has_the_moments_of_the_samples(aligned):
+    trajectory = EmpiricalDistribution(aligned).predict(aligned.times)
+    poses = aligned.poses
+    np.testing.assert_allclose(trajectory.mean, poses.mean(axis=0), atol=1e-14)
+    np.testing.assert_allclose(trajectory.std, poses.std(axis=0, ddof=1), atol=1e-14)
+    some = EmpiricalDistribution(aligned).predict(GRID)
+    curves = [np.interp(GRID, aligned.times, pose[:, 4]) for pose in poses]
+    np.testing.assert_allclose(
+        some.covariance[4], np.cov(np.array(curves).T), atol=1e-14
+    )
+    one = EmpiricalDistribution(replace(aligned, poses=poses[:1], clocks=None))
+    np.testing.assert_array_equal(one.predict(GRID).std, 0.0)
