@@ -231,11 +231,7 @@ class ConditionedProcess:
         )
 
     def update(
-        self,
-        here: Local,
-        pose: Pose,
-        noise_variance: Pose,
-        along: Pose,
+        self, here: Local, pose: Pose, noise_variance: Pose, along: Pose
     ) -> Surprise:
         """Condition on a pose.
 

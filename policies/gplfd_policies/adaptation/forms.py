@@ -136,56 +136,12 @@ def begin_adaptation(
     return form(movement, grid)
 
 
-class NoAdaptation:
-    """The movement as demonstrated: via-points change nothing.
-
-    Args:
-        movement: The learned movement.
-        grid: Phases.
-    """
-
-    def __init__(self, movement: Predictor, grid: Times) -> None:
-        self._trajectory = movement.predict(grid)
-
-    @property
-    def mean(self) -> Outputs:
-        """The demonstrations' mean, (M, 6) [m, rad]."""
-        return self._trajectory.mean
-
-    @property
-    def std(self) -> Outputs:
-        """The demonstrations' standard deviation, (M, 6) [m, rad]."""
-        return self._trajectory.std
-
-    def observe(self, via_point: ViaPoint) -> None:
-        """Ignore a via-point."""
+class _OfTrajectory:
+    """An adaptation whose mean and deviation are those of its trajectory."""
 
     def trajectory(self) -> GaussianTrajectory:
-        """Return the demonstrated distribution."""
-        return self._trajectory
-
-
-class OwnAdaptation:
-    """Adapts a movement by its own ``adapt``, which takes all via-points at once.
-
-    Every new via-point conditions the movement anew on all via-points so far. The
-    distribution on the grid is computed when it is next needed.
-
-    Args:
-        movement: The learned movement.
-        grid: Phases at which the distribution is reported.
-    """
-
-    def __init__(self, movement: Adaptable, grid: Times) -> None:
-        self._movement = movement
-        self._grid = grid
-        self._via_points: list[ViaPoint] = []
-        self._trajectory: GaussianTrajectory | None = None
-
-    def observe(self, via_point: ViaPoint) -> None:
-        """Take one more via-point."""
-        self._via_points.append(via_point)
-        self._trajectory = None
+        """The current distribution on the grid."""
+        raise NotImplementedError
 
     @property
     def mean(self) -> Outputs:
@@ -196,6 +152,38 @@ class OwnAdaptation:
     def std(self) -> Outputs:
         """Current standard deviation on the grid [m, rad]."""
         return self.trajectory().std
+
+
+class NoAdaptation(_OfTrajectory):
+    """The movement as demonstrated, on a grid of phases: via-points change nothing."""
+
+    def __init__(self, movement: Predictor, grid: Times) -> None:
+        self._trajectory = movement.predict(grid)
+
+    def observe(self, via_point: ViaPoint) -> None:
+        """Ignore a via-point."""
+
+    def trajectory(self) -> GaussianTrajectory:
+        """Return the demonstrated distribution."""
+        return self._trajectory
+
+
+class OwnAdaptation(_OfTrajectory):
+    """Adapts a movement by its own ``adapt``, which takes all via-points at once.
+
+    Every new via-point conditions the movement anew on all via-points so far. The
+    distribution on the grid is computed when it is next needed.
+    """
+
+    def __init__(self, movement: Adaptable, grid: Times) -> None:
+        self._movement, self._grid = movement, grid
+        self._via_points: list[ViaPoint] = []
+        self._trajectory: GaussianTrajectory | None = None
+
+    def observe(self, via_point: ViaPoint) -> None:
+        """Take one more via-point."""
+        self._via_points.append(via_point)
+        self._trajectory = None
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid."""

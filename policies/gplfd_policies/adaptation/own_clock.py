@@ -50,9 +50,7 @@ _POINTS: Final = 7
 
 
 def timing_covariance(
-    times: Times,
-    clocks: Curves,
-    phases: Float[np.ndarray, " N"],
+    times: Times, clocks: Curves, phases: Float[np.ndarray, " N"]
 ) -> Float[np.ndarray, "N N"]:
     """K_τ at any phases.
 

@@ -111,10 +111,7 @@ class ProcessAdaptation(StudentProcess):
 
     @one_thread
     def __init__(
-        self,
-        skill: Skill,
-        grid: Times,
-        empirical_share: float | None = None,
+        self, skill: Skill, grid: Times, empirical_share: float | None = None
     ) -> None:
         """Start from the demonstrations.
 

@@ -18,10 +18,7 @@ via-points keep the via-point process's covariance invertible."""
 
 
 def product_of_gaussians(
-    mean_d: Curve,
-    covariance_d: Gram,
-    mean_v: Curve,
-    covariance_v: Gram,
+    mean_d: Curve, covariance_d: Gram, mean_v: Curve, covariance_v: Gram
 ) -> tuple[Curve, Gram]:
     """μ** and Σ** of Eqs. (20)–(21), in a symmetric form.
 

@@ -1,10 +1,12 @@
-"""What records of arrays share: arrays that nobody changes, and a repr of one line."""
+"""Immutable records: of read-only arrays with a repr of one line, and of settings."""
 
 import reprlib
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
+
+from gplfd_env.validation.fields import check_quantities
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
@@ -22,6 +24,20 @@ def freeze(record: object, *names: str) -> None:
     """Replace arrays of a frozen dataclass by read-only copies in float64."""
     for name in names:
         object.__setattr__(record, name, read_only(getattr(record, name)))
+
+
+class Settings:
+    """Base of frozen records of numbers that are declared by `quantity`.
+
+    Raises:
+        ValueError: A number is outside its range.
+        TypeError: A value is no number.
+    """
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
 
 
 class _Shapes(reprlib.Repr):

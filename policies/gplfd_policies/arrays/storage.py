@@ -20,6 +20,7 @@ _LARGEST_EXPANSION: Final = 20
 _ALLOWANCE: Final = 2**26
 """And to so many bytes however small it is: constant arrays compress a thousandfold."""
 
+_COMPRESSIONS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _FILE_TYPES: Final = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a named pipe"),
@@ -47,8 +48,8 @@ class Members(Protocol):
 class DecodingBudget:
     """Bytes of memory that the content of one file may still take when it is decoded.
 
-    A compressed file of some kilobytes can hold gigabytes. Every reader claims what an
-    array takes, as the float64 that it becomes, before it allocates the array. All
+    A compressed file of some kilobytes can hold gigabytes. Every reader claims the size
+    of an array, as the float64 that it becomes, before it allocates the array. All
     arrays of a file together may take 20 times the size of the file, or 64 MiB if that
     is more.
 
@@ -83,16 +84,6 @@ class DecodingBudget:
         self.left -= amount
 
 
-class Decompressor(Protocol):
-    """Decompressor of one frame, as in `bz2`, `lz4.frame` and `compression.zstd`."""
-
-    eof: bool
-    unused_data: bytes | None
-
-    def decompress(self, data: bytes, /, max_length: int) -> bytes:
-        """Return at most ``max_length`` bytes of what the data hold."""
-
-
 def decompressed(
     data: bytes, decompressor: Callable[[], Any], budget: DecodingBudget, what: str
 ) -> bytes:
@@ -100,7 +91,8 @@ def decompressed(
 
     Args:
         data: The compressed frames.
-        decompressor: Makes a `Decompressor` for one frame.
+        decompressor: Makes a decompressor for one frame, as in `bz2`, `lz4.frame` and
+            `compression.zstd`.
         budget: From which the result is claimed.
         what: What the data are, for a message.
 
@@ -110,7 +102,7 @@ def decompressed(
     parts = []
     rest: bytes | None = data
     while rest:
-        frame: Decompressor = decompressor()
+        frame = decompressor()
         part = frame.decompress(rest, budget.left + 1)
         budget.claim(len(part), what)
         if not frame.eof:
@@ -162,11 +154,11 @@ def regular_file(path: str | Path, kind: str = "a file") -> Path:
 
 @contextlib.contextmanager
 def complete_or_absent(path: str | Path) -> Iterator[Path]:
-    """Give a temporary path to write to; it becomes ``path`` when the block succeeds.
+    """Yield a temporary path to write to; it becomes ``path`` when the block succeeds.
 
     Folders above ``path`` are created. When the block raises, the temporary file is
-    removed and whatever stood at ``path`` before stays as it was. The content is on
-    the disk before it gets its name, so that a loss of power leaves no half of it.
+    removed and an existing ``path`` stays as it was. The content is on the disk before
+    it gets its name, so that a loss of power leaves no half of it.
 
     Raises:
         OSError: The folder or the file cannot be written.
@@ -238,9 +230,18 @@ def read_archive(
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = _Members(archive, DecodingBudget(len(content)))
-            members.check(kind, version)
+            found = str(members("format")) if "format" in members else "something else"
+            if found != kind:
+                raise ValueError(f"it holds {found:.80}")
+            found_version = members("format_version").tolist()
+            if found_version != version:
+                raise ValueError(
+                    f"it has version {found_version!r:.20}, and this program reads "
+                    f"version {version}"
+                )
             record = build(members)
-            members.check_all_taken()
+            for name in members.left:
+                raise ValueError(f"it holds {name!r:.80}, which does not belong there")
     # On damaged files zipfile, zlib, NumPy and json raise two dozen kinds of errors.
     except Exception as error:
         reason = str(error) or type(error).__name__
@@ -262,8 +263,13 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
         ValueError: It is no .npz, or damaged.
     """
     content = regular_file(path).read_bytes()
+    arrays = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        return _Members(archive, DecodingBudget(len(content))).plain()
+        members = _Members(archive, DecodingBudget(len(content)))
+        for name in members.left:
+            with contextlib.suppress(_NotPlainError):
+                arrays[name] = members(name)
+    return arrays
 
 
 def array_of(content: bytes, name: str) -> np.ndarray:
@@ -337,30 +343,7 @@ class _Members:
     def __contains__(self, name: str) -> bool:
         return name in self._infos
 
-    def plain(self) -> dict[str, np.ndarray]:
-        """Return what are arrays of numbers or text."""
-        arrays = {}
-        for name in list(self._infos):
-            with contextlib.suppress(_NotPlainError):
-                arrays[name] = self(name)
-        return arrays
-
-    def check(self, kind: str, version: int) -> None:
-        """Raise unless the archive says that it holds this."""
-        found = str(self("format")) if "format" in self._infos else "something else"
-        if found != kind:
-            raise ValueError(f"it holds {found:.80}")
-        found_version = self("format_version").tolist()
-        if found_version != version:
-            raise ValueError(
-                f"it has version {found_version!r:.20}, and this program reads version "
-                f"{version}"
-            )
-
-    def check_all_taken(self) -> None:
-        """Raise if a member is left that was not asked for."""
-        for name in self._infos:
-            raise ValueError(f"it holds {name!r:.80}, which does not belong there")
-
-
-_COMPRESSIONS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+    @property
+    def left(self) -> list[str]:
+        """Names of the members that were not yet returned."""
+        return list(self._infos)

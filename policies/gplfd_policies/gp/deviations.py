@@ -146,10 +146,7 @@ class DeviationLikelihood:
 
     @classmethod
     def of(
-        cls,
-        times: Times,
-        deviations: Curves,
-        noise: Curve,
+        cls, times: Times, deviations: Curves, noise: Curve
     ) -> "DeviationLikelihood":
         """The likelihood of D deviations e_k = y_k − ȳ, thinned."""
         kept = thinned(len(times), _GRID)
@@ -211,11 +208,7 @@ class DeviationLikelihood:
         return value, np.array([by_size, by_white, by_share, by_long, by_short])
 
 
-def fit_deviations(
-    times: Times,
-    deviations: Curves,
-    noise: Curve,
-) -> DeviationProcess:
+def fit_deviations(times: Times, deviations: Curves, noise: Curve) -> DeviationProcess:
     """The most likely covariance of one output's deviations.
 
     Args:

@@ -147,9 +147,7 @@ class ExactGP:
         # d log p = ½ tr((ααᵀ − K_y⁻¹) dK_y)
         sensitivity = 0.5 * (np.outer(self.weights, self.weights) - inverse)
         kernel_part = np.einsum(
-            "ij,pij->p",
-            sensitivity,
-            self.kernel.log_gradients(self.times, self.times),
+            "ij,pij->p", sensitivity, self.kernel.log_gradients(self.times, self.times)
         )
         return kernel_part, np.diag(sensitivity) * self.noise_variance
 

@@ -59,12 +59,7 @@ class HeteroscedasticGP:
 
     @classmethod
     def fit(
-        cls,
-        times: Times,
-        samples: Curves,
-        noise: NoiseModel,
-        *,
-        centred: bool = True,
+        cls, times: Times, samples: Curves, noise: NoiseModel, *, centred: bool = True
     ) -> "HeteroscedasticGP":
         """Learn one output from D curves on M common times.
 

@@ -56,11 +56,7 @@ class DenseEvidence:
 
 
 def fit_kernel(
-    times: Times,
-    values: Curve,
-    noise_variance: Curve,
-    *,
-    shortest: float = 0.05,
+    times: Times, values: Curve, noise_variance: Curve, *, shortest: float = 0.05
 ) -> RBF:
     """Fit (l, σ_f) to values of known noise.
 

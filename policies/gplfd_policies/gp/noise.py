@@ -16,8 +16,8 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from gplfd_env.validation.fields import check_quantities, quantity
-from gplfd_policies.arrays.records import short_repr
+from gplfd_env.validation.fields import quantity
+from gplfd_policies.arrays.records import Settings, short_repr
 from gplfd_policies.arrays.shapes import Curve, Curves, Times
 from gplfd_policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
 from gplfd_policies.gp.kernels import RBF
@@ -123,7 +123,7 @@ class HomoscedasticNoise:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class MapNoise:
+class MapNoise(Settings):
     """The default: pooled variances, corrected, then the most likely z(t).
 
     1. v_i = SS_i / k with k = D − 1, and z_i = log v_i − ψ(k/2) + log(k/2): unbiased
@@ -141,9 +141,6 @@ class MapNoise:
     """Shortest length-scale of z(t), as a share of the time span."""
     least_spread: float = quantity(LEAST_SPREAD, low=0.0, high=1.0)
     """Least standard deviation of repetitions, relative to that of the output."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     def fit(self, times: Times, samples: Curves) -> NoiseProfile:
         """Estimate r(t) from D curves of order one on M common times.
@@ -222,7 +219,7 @@ def _gamma_mode(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class KerstingNoise:
+class KerstingNoise(Settings):
     """The paper's estimate: Kersting's "most likely" iteration.
 
     A homoscedastic process is fitted first; each observation then gives
@@ -240,9 +237,6 @@ class KerstingNoise:
     """Number of passes."""
     shortest_scale: float = quantity(_SHORTEST_SCALE, low=_LEAST_SCALE, high=1.0)
     """Shortest length-scale of z(t), as a share of the time span."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     def fit(self, times: Times, samples: Curves) -> NoiseProfile:
         """Estimate r(t) from D curves of order one on M common times."""

@@ -57,10 +57,7 @@ class Replicates:
         return float(np.sum(terms))
 
     def condition_in(
-        self,
-        basis: LegendreBasis,
-        kernel: RBF,
-        noise_variance: Curve,
+        self, basis: LegendreBasis, kernel: RBF, noise_variance: Curve
     ) -> SpectralPosterior:
         """`condition` in a basis that can represent the kernel."""
         noise = noise_variance / self.count

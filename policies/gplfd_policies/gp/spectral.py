@@ -50,11 +50,7 @@ class SpectralEvidence:
 
     @classmethod
     def reduce(
-        cls,
-        basis: LegendreBasis,
-        times: Times,
-        values: Curve,
-        noise: Curve,
+        cls, basis: LegendreBasis, times: Times, values: Curve, noise: Curve
     ) -> "SpectralEvidence":
         """One pass over the samples; noise variances must be > 0."""
         root = 1.0 / np.sqrt(noise)

@@ -21,11 +21,7 @@ from jaxtyping import Float
 from gplfd_policies.arrays.records import freeze, short_repr
 from gplfd_policies.arrays.shapes import Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.movements.movement import (
-    AdaptationForm,
-    LearnedMovement,
-    Movement,
-)
+from gplfd_policies.movements.movement import AdaptationForm, LearnedMovement, Movement
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 

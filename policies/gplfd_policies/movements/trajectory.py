@@ -285,9 +285,7 @@ def _covariance_between(
     return between
 
 
-def white_covariance(
-    variance: Outputs,
-) -> Covariances:
+def white_covariance(variance: Outputs) -> Covariances:
     """Covariance over time of poses that deviate independently from time to time."""
     diagonal: np.ndarray = variance.T[:, :, None] * np.eye(len(variance))
     return diagonal

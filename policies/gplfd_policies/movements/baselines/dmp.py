@@ -46,8 +46,9 @@ from jaxtyping import Float
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import compose_rotvecs
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.shapes import Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import EmpiricalDistribution, LearnedMovement
@@ -64,12 +65,8 @@ _SETTLED = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class DMPConfig:
-    """Constants of a dynamic movement primitive.
-
-    Raises:
-        ValueError: if a field is outside its range.
-    """
+class DMPConfig(Settings):
+    """Constants of a dynamic movement primitive."""
 
     n_basis: int = quantity(30, low=2)
     """Basis functions of the forcing term."""
@@ -83,9 +80,6 @@ class DMPConfig:
     spread: bool = False
     """Whether the demonstrations' own spread serves as an uncertainty, which the method
     itself does not have."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -244,12 +238,7 @@ def _basis(clock: Times, config: DMPConfig) -> np.ndarray:
     return np.asarray(x[:, None] * values / values.sum(axis=1, keepdims=True))
 
 
-def _pull(
-    clock: Times,
-    start: Pose,
-    goal: Pose,
-    config: DMPConfig,
-) -> Outputs:
+def _pull(clock: Times, start: Pose, goal: Pose, config: DMPConfig) -> Outputs:
     """α β (ξ_g - (ξ_g - ξ_0) x): what draws the state to the goal, starting gently."""
     x = np.exp(-config.alpha_x * clock)[:, None]
     return np.asarray(0.25 * config.alpha**2 * (goal - (goal - start) * x))

@@ -30,6 +30,7 @@ from jaxtyping import Float, Int
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations, thinned
 from gplfd_policies.movements.baselines.gmr import (
@@ -46,7 +47,7 @@ repeated and contradicting ones have an answer: the average."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class LengthScaleConfig:
+class LengthScaleConfig(Settings):
     """How length-scales are learned; published values for letters, translated.
 
     The letters were written over 2 s and vary by 25 cm², so seconds are halved and
@@ -89,12 +90,8 @@ class LengthScaleConfig:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class GMMGPConfig:
-    """How prior and length-scales are learned.
-
-    Raises:
-        ValueError: if `weight_power` is not positive and finite.
-    """
+class GMMGPConfig(Settings):
+    """How prior and length-scales are learned."""
 
     mixture: GMRConfig = field(default_factory=lambda: GMRConfig(components=6))
     """The mixture behind the prior; 6 components as published for letters."""
@@ -102,9 +99,6 @@ class GMMGPConfig:
     """How the length-scales are learned."""
     weight_power: float = quantity(1.0, above=0.0)
     """Power of the responsibilities in the kernel; 1 as published."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -165,10 +159,7 @@ class Evidence:
 
     @classmethod
     def of(
-        cls,
-        regression: GaussianMixtureRegression,
-        phases: int,
-        weight_power: float,
+        cls, regression: GaussianMixtureRegression, phases: int, weight_power: float
     ) -> "Evidence":
         """The evidence of the regression's own demonstrations at ``phases`` of them."""
         aligned = regression.aligned

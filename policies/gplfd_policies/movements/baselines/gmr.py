@@ -21,9 +21,9 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.records import freeze
+from gplfd_policies.arrays.records import Settings, freeze
 from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import FINEST, AlignedDemonstrations
 from gplfd_policies.movements.movement import MomentMovement, Moments
@@ -31,15 +31,12 @@ from gplfd_policies.movements.trajectory import white_covariance
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class GMRConfig:
+class GMRConfig(Settings):
     """How the mixture is fitted.
 
     There is no seed: expectation maximisation starts from equal bins of time, as the
     published codes do, and nothing is drawn at random. The same demonstrations give
     the same mixture, bit for bit on one machine.
-
-    Raises:
-        ValueError: if a value is outside its range.
     """
 
     components: int = quantity(10, low=1)
@@ -53,9 +50,6 @@ class GMRConfig:
     less than this; as published."""
     max_iterations: int = quantity(300, low=1)
     """It warns if it has not stopped by then."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     def check_phases(self, count: int) -> None:
         """Raise a ValueError if demonstrations have fewer phases than components."""

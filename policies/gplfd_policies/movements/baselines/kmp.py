@@ -37,8 +37,9 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.kernels import RBF
@@ -61,14 +62,11 @@ _SMALLEST_EIGENVALUE = 1e-15
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class KMPConfig:
+class KMPConfig(Settings):
     """How the reference is made and smoothed; published values, translated.
 
     Only the ratios λ/N and λ_c/N matter: twice the references under twice the
     regularisation is the same primitive.
-
-    Raises:
-        ValueError: if a value is outside its range.
     """
 
     mixture: GMRConfig = field(default_factory=lambda: GMRConfig(components=8))
@@ -91,9 +89,6 @@ class KMPConfig:
     same_phase: float = quantity(0.1, low=0.0, high=1.0)
     """Phases closer than this share of the reference's spacing coincide; as
     published."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -32,8 +32,9 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
@@ -47,12 +48,8 @@ _FEWEST_SAMPLES = 4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class LocalGPConfig:
-    """How the task is cut and the local predictions are joined.
-
-    Raises:
-        ValueError: if a value is outside its range.
-    """
+class LocalGPConfig(Settings):
+    """How the task is cut and the local predictions are joined."""
 
     clusters: int = quantity(8, low=1)
     """Number of clusters C; one is a single Gaussian process."""
@@ -60,9 +57,6 @@ class LocalGPConfig:
     """Standard deviation W of a cluster's weight, in distances between neighbouring
     centres. Small values switch abruptly from process to process; large
     ones trust a process far from its own samples, where it errs with confidence."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

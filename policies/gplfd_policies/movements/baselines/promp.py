@@ -29,8 +29,9 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.shapes import Covariances, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import LearnedMovement
@@ -46,12 +47,8 @@ leaves the demands' covariance positive definite."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ProMPConfig:
-    """Constants of a probabilistic movement primitive.
-
-    Raises:
-        ValueError: if a field is outside its range.
-    """
+class ProMPConfig(Settings):
+    """Constants of a probabilistic movement primitive."""
 
     n_basis: int = quantity(20, low=2)
     """Basis functions per output B; centres evenly over phases 0 to 1."""
@@ -64,9 +61,6 @@ class ProMPConfig:
     """λ in Σ = (1 - λ) S + λ diag(S), with S the sample covariance. The default only
     makes Σ invertible: a floor of a thousandth of the spread. At 1, weights are
     independent."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -174,11 +168,7 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
         # Joseph's form: never negative, however strong the demand.
         covariance = keep @ self.weight_covariance @ keep.T
         covariance += gain @ variance @ gain.T
-        return replace(
-            self,
-            weight_mean=mean,
-            weight_covariance=covariance,
-        )
+        return replace(self, weight_mean=mean, weight_covariance=covariance)
 
 
 @one_thread

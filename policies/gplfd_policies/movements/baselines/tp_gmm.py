@@ -255,9 +255,7 @@ def product_of_gaussians(
 
 
 def fit_mixture_of_views(
-    times: Times,
-    views: Sequence[Float[np.ndarray, "K M 6"]],
-    config: GMRConfig,
+    times: Times, views: Sequence[Float[np.ndarray, "K M 6"]], config: GMRConfig
 ) -> tuple[
     Float[np.ndarray, " C"], Float[np.ndarray, "P C 7"], Float[np.ndarray, "P C 7 7"]
 ]:

@@ -32,6 +32,7 @@ from jaxtyping import Float
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
 from gplfd_policies.demonstrations.aligned import FINEST, AlignedDemonstrations, thinned
 from gplfd_policies.gp.heteroscedastic import MultiOutputGP
@@ -49,12 +50,8 @@ _SHRINKAGE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class WishartGPConfig:
-    """Prior of the variability and effort of its inference.
-
-    Raises:
-        ValueError: if a value is outside its range.
-    """
+class WishartGPConfig(Settings):
+    """Prior of the variability and effort of its inference."""
 
     degrees: int = quantity(7, low=6)
     """Degrees of freedom ν of the Wishart process, at least as many as outputs."""

@@ -260,10 +260,7 @@ def elliptical_slice_chain(
 
 
 def sample_posterior(
-    likelihood: WishartLikelihood,
-    steps: int,
-    discarded: int,
-    rng: np.random.Generator,
+    likelihood: WishartLikelihood, steps: int, discarded: int, rng: np.random.Generator
 ) -> WishartPosterior:
     """Average over an elliptical slice chain that starts at a mode of the posterior.
 
