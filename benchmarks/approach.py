@@ -13,8 +13,8 @@ from typing import Final, get_args
 import numpy as np
 import tyro
 
-from gplfd_env.config import DOORS, DoorConfig
-from gplfd_env.task import Start
+from gplfd_env.conventions.constants import Start
+from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_experiments.episodes.build import learned_agents, open_together
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.task import episode_task

@@ -16,8 +16,8 @@ import numpy as np
 import tyro
 
 from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.config import DOORS, DoorConfig
-from gplfd_env.task import Base
+from gplfd_env.conventions.constants import Base
+from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_experiments.analysis.results.measures import ADA_FORCE
 from gplfd_experiments.episodes.build import learned_agents, open_together
 from gplfd_experiments.episodes.metrics import EpisodeMetrics, episode_metrics

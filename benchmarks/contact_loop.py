@@ -17,7 +17,7 @@ import numpy as np
 import tyro
 
 from gplfd_env import ENVIRONMENT_ID
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_experiments.speed.report import Measurement, Target, at_most, measure_all
 from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.contact import HELD_HAND, SERVO_LAG

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.camera import Camera
-from gplfd_env.config import DOORS, DoorSpec
-from gplfd_env.task import Base
+from gplfd_env.conventions.constants import Base
+from gplfd_env.doors.config import DOORS, DoorSpec
+from gplfd_env.envs.camera import Camera
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import make_agent
 from gplfd_policies.agents.agent import Agent, as_agent

@@ -22,9 +22,10 @@ import tyro
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from gplfd_env import ENVIRONMENT_ID, RL_ENVIRONMENT_ID
-from gplfd_env.sb3 import make_sb3
-from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.wrappers import RelativeAction, VectorGentleReward, action_of
+from gplfd_env.wrappers.sb3 import make_sb3
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.speed.machine import load
 from gplfd_experiments.speed.report import Measurement, Value, at_least, measure_all

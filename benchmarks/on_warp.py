@@ -16,11 +16,12 @@ import tyro
 import warp
 
 from gplfd_env import RL_ENVIRONMENT_ID, TIME_LIMIT
-from gplfd_env.command import COMMANDS
-from gplfd_env.reinforcement import for_learners
-from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
-from gplfd_env.vector import DoorOpeningImpedanceVectorEnv
-from gplfd_env.warp import make_warp
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.envs.reinforcement import for_learners
+from gplfd_env.envs.vector import DoorOpeningImpedanceVectorEnv
+from gplfd_env.envs.warp import make_warp
+from gplfd_env.simulation.command import COMMANDS
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.wrappers import action_of
 from gplfd_experiments.speed.machine import load
 from gplfd_experiments.speed.report import Measurement, Value, at_most, measure_all

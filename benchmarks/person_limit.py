@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import tyro
 
-from gplfd_env.config import DOORS
+from gplfd_env.doors.config import DOORS
 from gplfd_experiments.episodes.build import learned_agents, make_environment
 from gplfd_experiments.episodes.task import episode_task
 from gplfd_experiments.speed.report import Measurement, Value, at_most, measure_all

@@ -15,8 +15,9 @@ from typing import Final
 import numpy as np
 import tyro
 
-from gplfd_env.config import DOORS
-from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
+from gplfd_env.doors.config import DOORS
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.data.npz import LabelledDemonstrations
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk

@@ -19,7 +19,8 @@ from typing import Final
 import numpy as np
 import tyro
 
-from gplfd_env.task import DEMONSTRATED_ANGLE, handle_pose_on_arc
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.data.npz import load_demonstrations
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk, smooth_functions

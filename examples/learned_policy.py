@@ -31,8 +31,8 @@ from stable_baselines3.common.vec_env import (
     VecNormalize,
 )
 
-from gplfd_env.sb3 import make_sb3
 from gplfd_env.wrappers import command_of, flat_of
+from gplfd_env.wrappers.sb3 import make_sb3
 
 FOLDER = Path(os.environ.get("GPLFD_LEARNED", "results/ppo"))
 RADII = [0.30, 0.35, 0.40, 0.45, 0.50, 0.55, 0.60, 0.65]  # [m]

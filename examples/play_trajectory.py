@@ -17,7 +17,7 @@ import gymnasium as gym
 import numpy as np
 
 from gplfd_env import ENVIRONMENT_ID
-from gplfd_env.rotation_paths import rotvecs_from_quaternions
+from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import align, fit_skill
 

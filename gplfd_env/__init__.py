@@ -14,26 +14,26 @@ from typing import Final
 
 import gymnasium
 
-from gplfd_env.config import DOORS, DoorConfig
-from gplfd_env.disturbance import DISTURBANCES, Disturbance
-from gplfd_env.geometry import DoorGeometry
-from gplfd_env.randomization import RANDOMIZATIONS, DoorRandomization
-from gplfd_env.task import Control
+from gplfd_env.conventions.constants import Control
+from gplfd_env.doors.config import DOORS, DoorConfig
+from gplfd_env.doors.disturbance import DISTURBANCES, Disturbance
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.doors.randomization import RANDOMIZATIONS, DoorRandomization
 
 ENVIRONMENT_ID = "gplfd/DoorOpening-v1"
-"""Commands are poses; see `gplfd_env.door_opening.DoorOpeningEnv`."""
+"""Commands are poses; see `gplfd_env.envs.door_opening.DoorOpeningEnv`."""
 
 IMPEDANCE_ENVIRONMENT_ID = "gplfd/DoorOpeningImpedance-v1"
 """Commands are poses and stiffnesses; see
-`gplfd_env.door_opening.DoorOpeningImpedanceEnv`."""
+`gplfd_env.envs.door_opening.DoorOpeningImpedanceEnv`."""
 
 MOBILE_ENVIRONMENT_ID = "gplfd/DoorOpeningMobile-v1"
 """Commands are poses and twists of the base; see
-`gplfd_env.door_opening.DoorOpeningMobileEnv`."""
+`gplfd_env.envs.door_opening.DoorOpeningMobileEnv`."""
 
 GRIPPER_ENVIRONMENT_ID = "gplfd/DoorOpeningGripper-v1"
 """Commands are poses and widths of the gripper; see
-`gplfd_env.gripper_env.DoorOpeningGripperEnv`."""
+`gplfd_env.envs.gripper.DoorOpeningGripperEnv`."""
 
 RL_ENVIRONMENT_ID = "gplfd/DoorOpeningRL-v1"
 """Flat observations, actions within ±1 relative to the hand, a reward that prefers a
@@ -49,32 +49,32 @@ TIME_LIMIT = 1500
 
 gymnasium.register(
     id=ENVIRONMENT_ID,
-    entry_point="gplfd_env.door_opening:DoorOpeningEnv",
-    vector_entry_point="gplfd_env.vector:DoorOpeningVectorEnv",
+    entry_point="gplfd_env.envs.door_opening:DoorOpeningEnv",
+    vector_entry_point="gplfd_env.envs.vector:DoorOpeningVectorEnv",
     max_episode_steps=TIME_LIMIT,
 )
 gymnasium.register(
     id=IMPEDANCE_ENVIRONMENT_ID,
-    entry_point="gplfd_env.door_opening:DoorOpeningImpedanceEnv",
-    vector_entry_point="gplfd_env.vector:DoorOpeningImpedanceVectorEnv",
+    entry_point="gplfd_env.envs.door_opening:DoorOpeningImpedanceEnv",
+    vector_entry_point="gplfd_env.envs.vector:DoorOpeningImpedanceVectorEnv",
     max_episode_steps=TIME_LIMIT,
 )
 gymnasium.register(
     id=MOBILE_ENVIRONMENT_ID,
-    entry_point="gplfd_env.door_opening:DoorOpeningMobileEnv",
-    vector_entry_point="gplfd_env.vector:DoorOpeningMobileVectorEnv",
+    entry_point="gplfd_env.envs.door_opening:DoorOpeningMobileEnv",
+    vector_entry_point="gplfd_env.envs.vector:DoorOpeningMobileVectorEnv",
     max_episode_steps=TIME_LIMIT,
 )
 gymnasium.register(
     id=GRIPPER_ENVIRONMENT_ID,
-    entry_point="gplfd_env.gripper_env:DoorOpeningGripperEnv",
-    vector_entry_point="gplfd_env.gripper_env:DoorOpeningGripperVectorEnv",
+    entry_point="gplfd_env.envs.gripper:DoorOpeningGripperEnv",
+    vector_entry_point="gplfd_env.envs.gripper:DoorOpeningGripperVectorEnv",
     max_episode_steps=TIME_LIMIT,
 )
 gymnasium.register(
     id=RL_ENVIRONMENT_ID,
-    entry_point="gplfd_env.reinforcement:door_opening_rl",
-    vector_entry_point="gplfd_env.reinforcement:door_opening_rl_vector",
+    entry_point="gplfd_env.envs.reinforcement:door_opening_rl",
+    vector_entry_point="gplfd_env.envs.reinforcement:door_opening_rl_vector",
     max_episode_steps=TIME_LIMIT,
 )
 
@@ -88,8 +88,8 @@ for _id, _name in (
 ):
     gymnasium.register(
         id=_id.replace("-v1", "-v0"),
-        entry_point=f"gplfd_env.version_0:{_name}",
-        vector_entry_point=f"gplfd_env.version_0:{_name}_vector",
+        entry_point=f"gplfd_env.envs.version_0:{_name}",
+        vector_entry_point=f"gplfd_env.envs.version_0:{_name}_vector",
         max_episode_steps=TIME_LIMIT,
     )
 del _id, _name

@@ -17,8 +17,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from gplfd_env.convention import masked
-from gplfd_env.task import SUCCESS_ANGLE
+from gplfd_env.conventions.resets import masked
+from gplfd_env.task.opening import SUCCESS_ANGLE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -7,7 +7,7 @@ from typing import Any, Final
 import gymnasium as gym
 import numpy as np
 
-from gplfd_env.capability import STAGES
+from gplfd_env.task.stages import STAGES
 
 Info = dict[str, Any]
 
@@ -27,7 +27,7 @@ class NumericInfo(gym.Wrapper[Any, Any, Any, Any]):
     """Put integers in the place of the strings of ``info``.
 
     ``failure_code``, ``reason_code`` and ``stage_code`` are places in `FAILURES`,
-    `REASONS` and `gplfd_env.capability.STAGES`. For whatever takes numbers only, such
+    `REASONS` and `gplfd_env.task.stages.STAGES`. For whatever takes numbers only, such
     as `gymnasium.wrappers.NumpyToTorch`.
     """
 

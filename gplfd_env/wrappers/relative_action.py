@@ -9,7 +9,7 @@ from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from gplfd_env.observation import Observation
+from gplfd_env.task.observation import Observation
 
 Array = NDArray[np.float64]
 Info = dict[str, Any]

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import gplfd_env
-from gplfd_env.door_opening import DoorOpeningEnv
-from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
-from gplfd_env.vector import DoorOpeningVectorEnv
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.envs.door_opening import DoorOpeningEnv
+from gplfd_env.envs.vector import DoorOpeningVectorEnv
+from gplfd_env.spatial.arc import handle_pose_on_arc
 
 
 @pytest.fixture

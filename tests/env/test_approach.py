@@ -10,18 +10,13 @@ import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import gplfd_env
-from gplfd_env.gripper import AT_HANDLE, SPEED
-from gplfd_env.handle import BAR_RADIUS
-from gplfd_env.placement import standoff_pose
-from gplfd_env.scene import build_scene
-from gplfd_env.task import (
-    CONTROL_PERIOD,
-    GRASP_LOST_TIME,
-    GRIPPER_WIDTH,
-    STALL_TIME,
-    OpeningMonitor,
-)
-from gplfd_env.variation import Standoff
+from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH
+from gplfd_env.doors.config import BAR_RADIUS
+from gplfd_env.doors.variation import Standoff
+from gplfd_env.robot.gripper import AT_HANDLE, SPEED
+from gplfd_env.robot.placement import standoff_pose
+from gplfd_env.scene.build import build_scene
+from gplfd_env.task.opening import GRASP_LOST_TIME, STALL_TIME, OpeningMonitor
 
 GRIPPER = gplfd_env.GRIPPER_ENVIRONMENT_ID
 REACH = 1.2

@@ -9,7 +9,7 @@ import pytest
 import yourdfpy
 from numpy.testing import assert_allclose
 
-from gplfd_env._paths import asset_path
+from gplfd_env.conventions.assets import asset_path
 
 URDF = asset_path("tiago_like.urdf")
 ROOT = ElementTree.parse(URDF).getroot()

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from gplfd_env.capability import STAGES, Capability, Hindrance
-from gplfd_env.config import DOORS
-from gplfd_env.observation import DoorReading
+from gplfd_env.doors.config import DOORS
+from gplfd_env.task.observation import DoorReading
+from gplfd_env.task.stages import STAGES, Capability, Hindrance
 
 ROOM, BAR = DOORS["room-834"], DOORS["medium"]
 LIMITS = ((-1.0, 1.0), (0.0, 2.0))

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gplfd_env.closer import STICTION_ANGLE, CloserLaw
-from gplfd_env.config import DoorConfig
-from gplfd_env.hardware import EN_1154, en1154, leaf, spring_hinge
-from gplfd_env.scene import GRASP_KEY, build_scene
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.hardware import EN_1154, en1154, leaf, spring_hinge
+from gplfd_env.scene.build import GRASP_KEY, build_scene
+from gplfd_env.scene.closer import STICTION_ANGLE, CloserLaw
 
 LIGHT = {"hinge_friction": 0.0, "hinge_damping": 0.0}
 OFFICE = {**LIGHT, "radius": 0.65, "panel_mass": 30.0}

@@ -17,7 +17,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 
 import gplfd_env
-from gplfd_env.disturbance import (
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.disturbance import (
     CAUSES,
     DISTURBANCES,
     Disturbance,
@@ -26,10 +27,9 @@ from gplfd_env.disturbance import (
     Stop,
     disturbance_named,
 )
-from gplfd_env.intervention import PersonHand
-from gplfd_env.placement import task_rotation_w
-from gplfd_env.task import CONTROL_PERIOD
-from gplfd_env.variation import Variation
+from gplfd_env.doors.variation import Variation
+from gplfd_env.robot.placement import task_rotation_w
+from gplfd_env.task.intervention import PersonHand
 
 IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
 REST = np.zeros(6)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
-from gplfd_env.door_opening import DoorOpeningEnv
+from gplfd_env.envs.door_opening import DoorOpeningEnv
 
 
 @pytest.fixture(autouse=True)

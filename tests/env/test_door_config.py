@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gplfd_env.config import DOORS, DoorConfig, door_config
+from gplfd_env.doors.config import DOORS, DoorConfig, door_config
 
 # field: range, stated by hand.
 RANGES = {

@@ -10,11 +10,12 @@ from scipy.spatial.transform import Rotation
 
 import gplfd_env
 from gplfd_env import DoorGeometry
-from gplfd_env.config import DoorConfig
-from gplfd_env.placement import door_geometry
-from gplfd_env.scene import build_scene
-from gplfd_env.task import Base, handle_pose_on_arc
-from gplfd_env.variation import Placement, Variation
+from gplfd_env.conventions.constants import Base
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.variation import Placement, Variation
+from gplfd_env.robot.placement import door_geometry
+from gplfd_env.scene.build import build_scene
+from gplfd_env.spatial.arc import handle_pose_on_arc
 
 ANGLES = np.linspace(0.0, 1.2, 7)
 

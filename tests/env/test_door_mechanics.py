@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.observation import Reader
-from gplfd_env.scene import GRASP_KEY, build_scene
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.scene.build import GRASP_KEY, build_scene
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.task.observation import Reader
 
 STOP_ANGLE = DoorConfig().stop_angle
 

@@ -20,8 +20,8 @@ import numpy as np
 import pytest
 
 import gplfd_env
-from gplfd_env.config import DoorConfig, DoorSpec, door_config
-from gplfd_env.whole_body import SPEED
+from gplfd_env.doors.config import DoorConfig, DoorSpec, door_config
+from gplfd_env.robot.whole_body import SPEED
 
 IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
 N = 8

@@ -12,9 +12,11 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.utils.env_match import check_environments_match
 
 import gplfd_env
-from gplfd_env.config import DoorConfig
-from gplfd_env.door_opening import DoorOpeningEnv
-from gplfd_env.task import CONTROL_PERIOD, SUCCESS_ANGLE, handle_pose_on_arc
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.envs.door_opening import DoorOpeningEnv
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.task.opening import SUCCESS_ANGLE
 
 INFO_TYPES = {
     "door_angle": float,

@@ -23,7 +23,7 @@ def test_unknown_arguments_name_the_choices(make_env: Callable) -> None:
 
 
 def test_unknown_render_mode_names_the_choices() -> None:
-    from gplfd_env.door_opening import DoorOpeningEnv
+    from gplfd_env.envs.door_opening import DoorOpeningEnv
 
     with pytest.raises(ValueError, match="'human', 'rgb_array', 'depth_array'"):
         DoorOpeningEnv(render_mode="ansi")
@@ -171,7 +171,7 @@ def test_rendering_without_a_mode_warns(make_env: Callable) -> None:
 
 
 def test_missing_asset_is_named() -> None:
-    from gplfd_env._paths import asset_path
+    from gplfd_env.conventions.assets import asset_path
 
     with pytest.raises(FileNotFoundError, match=r"'nothing.urdf' was not found.*reins"):
         asset_path("nothing.urdf")

@@ -13,14 +13,15 @@ from gymnasium.vector import AutoresetMode as AR
 from scipy.spatial.transform import Rotation
 
 import gplfd_env
-from gplfd_env.config import DOORS, DoorConfig
-from gplfd_env.disturbance import CAUSES, DISTURBANCES
-from gplfd_env.door_opening import DoorOpeningEnv
-from gplfd_env.fields import allowed_range
-from gplfd_env.randomization import RANDOMIZATIONS, DoorRandomization
-from gplfd_env.robot import HAND_BODIES, SERVO_DAMPING, SERVO_STIFFNESS
-from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
-from gplfd_env.vector import DoorOpeningVectorEnv
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.config import DOORS, DoorConfig
+from gplfd_env.doors.disturbance import CAUSES, DISTURBANCES
+from gplfd_env.doors.randomization import RANDOMIZATIONS, DoorRandomization
+from gplfd_env.envs.door_opening import DoorOpeningEnv
+from gplfd_env.envs.vector import DoorOpeningVectorEnv
+from gplfd_env.robot.model import HAND_BODIES, SERVO_DAMPING, SERVO_STIFFNESS
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.validation.fields import allowed_range
 
 PAGE = (Path(__file__).parents[2] / "docs" / "environment.md").read_text("utf-8")
 IDS = (

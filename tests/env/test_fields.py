@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gplfd_env.fields import (
+from gplfd_env.validation.fields import (
     Range,
     allowed_range,
     check_choice,

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import gplfd_env
-from gplfd_env.task import CONTROL_PERIOD, SUCCESS_ANGLE
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.task.opening import SUCCESS_ANGLE
 from gplfd_env.wrappers import action_of
 from gplfd_env.wrappers.gentle_reward import FORCE_SCALE, SLIP_SCALE, Score
 

@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from gplfd_env.door_opening import DoorOpeningEnv
-from gplfd_env.observation import Reader
-from gplfd_env.placement import task_rotation_w
-from gplfd_env.robot import SERVO_STIFFNESS
+from gplfd_env.envs.door_opening import DoorOpeningEnv
+from gplfd_env.robot.model import SERVO_STIFFNESS
+from gplfd_env.robot.placement import task_rotation_w
+from gplfd_env.task.observation import Reader
 
 FORCES = ("force_tangential", "force_vertical", "force_radial")
 

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import gplfd_env
-from gplfd_env.command import servo_gains
-from gplfd_env.door_opening import DoorOpeningImpedanceEnv
-from gplfd_env.placement import ARM_JOINTS, task_rotation_w
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.envs.door_opening import DoorOpeningImpedanceEnv
+from gplfd_env.robot.placement import ARM_JOINTS, task_rotation_w
+from gplfd_env.simulation.command import servo_gains
+from gplfd_env.spatial.arc import handle_pose_on_arc
 
 IMPEDANCE = gplfd_env.IMPEDANCE_ENVIRONMENT_ID
 SOFTEST = np.repeat([20.0, 1.0], 3)

@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.scene import GRASP_KEY, build_scene
-from gplfd_env.task import Base
+from gplfd_env.conventions.constants import Base
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.scene.build import GRASP_KEY, build_scene
 
 CLOSED = np.radians(0.5)
 SIDES = list(itertools.product(("pull", "push"), ("right", "left")))

@@ -10,7 +10,7 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
 import gplfd_env
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD
 
 LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}
 KNOB = {

@@ -4,10 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from gplfd_env.config import DOORS, DoorConfig, door_config
-from gplfd_env.looks import CLOSER_ARM, CLOSER_PARTS, GROUP
-from gplfd_env.scene import build_scene, build_spec, load_scene
-from gplfd_env.task import Base
+from gplfd_env.conventions.constants import Base
+from gplfd_env.doors.config import DOORS, DoorConfig, door_config
+from gplfd_env.scene.build import build_scene, build_spec, load_scene
+from gplfd_env.scene.visuals import CLOSER_ARM, CLOSER_PARTS, GROUP
 
 LEVER = DOORS["room-834"]
 CLOSED_BY = DOORS["heavy-fire"]

@@ -12,16 +12,16 @@ from gymnasium.vector import SyncVectorEnv
 from numpy.testing import assert_allclose, assert_array_equal
 
 import gplfd_env
-from gplfd_env.collision import OBSTACLES
-from gplfd_env.config import DOORS, DoorConfig
-from gplfd_env.geometry import DoorGeometry
-from gplfd_env.mobile_base import BASE_JOINTS, WHEEL_FORCE, WHEEL_LEVER, WHEELS
-from gplfd_env.observation import Reader
-from gplfd_env.placement import ARM_JOINTS
-from gplfd_env.scene import GRASP_KEY, build_scene
-from gplfd_env.stance import BAR_STANCES, check_reach
-from gplfd_env.task import Base
-from gplfd_env.whole_body import SPEED
+from gplfd_env.conventions.constants import Base
+from gplfd_env.doors.config import DOORS, DoorConfig
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.robot.collision import OBSTACLES
+from gplfd_env.robot.mobile_base import BASE_JOINTS, WHEEL_FORCE, WHEEL_LEVER, WHEELS
+from gplfd_env.robot.placement import ARM_JOINTS
+from gplfd_env.robot.stance import BAR_STANCES, check_reach
+from gplfd_env.robot.whole_body import SPEED
+from gplfd_env.scene.build import GRASP_KEY, build_scene
+from gplfd_env.task.observation import Reader
 
 MOBILE = gplfd_env.MOBILE_ENVIRONMENT_ID
 WALL = (*OBSTACLES, "wall_hinge", "wall_lock")

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gplfd_env.task import (
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.task.opening import (
     GRASP_LOST_TIME,
     HOLD_TIME,
     STALL_ANGLE,
     STALL_TIME,
     SUCCESS_ANGLE,
     OpeningMonitor,
-    handle_pose_on_arc,
     reward_terms,
 )
 

@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.observation import Reader
-from gplfd_env.placement import ARM_JOINTS
-from gplfd_env.scene import GRASP_KEY, build_scene
-from gplfd_env.stance import BAR_STANCES
-from gplfd_env.task import handle_pose_on_arc
-from gplfd_env.variation import Placement, SensorNoise, Variation
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.variation import Placement, SensorNoise, Variation
+from gplfd_env.robot.placement import ARM_JOINTS
+from gplfd_env.robot.stance import BAR_STANCES
+from gplfd_env.scene.build import GRASP_KEY, build_scene
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.task.observation import Reader
 
 READER = Reader.of("contact", "pose")
 RANGES = {

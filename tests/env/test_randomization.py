@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.randomization import (
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.randomization import (
     RANDOMIZATIONS,
     DoorRandomization,
     door_randomization,

@@ -16,11 +16,12 @@ from gymnasium.utils.env_checker import data_equivalence
 from numpy.testing import assert_allclose
 
 import gplfd_env
-from gplfd_env.config import DOORS, DoorConfig
-from gplfd_env.randomization import RANDOMIZATIONS
-from gplfd_env.scene import GRASP_KEY, build_scene, load_scene
-from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
-from gplfd_env.variation import Placement, Variation
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.config import DOORS, DoorConfig
+from gplfd_env.doors.randomization import RANDOMIZATIONS
+from gplfd_env.doors.variation import Placement, Variation
+from gplfd_env.scene.build import GRASP_KEY, build_scene, load_scene
+from gplfd_env.spatial.arc import handle_pose_on_arc
 
 IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import gplfd_env
-from gplfd_env.door_opening import DoorOpeningEnv
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.envs.door_opening import DoorOpeningEnv
+from gplfd_env.spatial.arc import handle_pose_on_arc
 
 
 def test_time_limit_truncates_after_fifteen_seconds() -> None:
@@ -69,8 +69,8 @@ def test_make_by_module_and_id_needs_no_import(tmp_path: Path) -> None:
 )
 def test_specs_of_the_registered_ids(id: str, name: str) -> None:
     spec = gym.spec(id)
-    assert spec.entry_point == f"gplfd_env.door_opening:{name}Env"
-    assert spec.vector_entry_point == f"gplfd_env.vector:{name}VectorEnv"
+    assert spec.entry_point == f"gplfd_env.envs.door_opening:{name}Env"
+    assert spec.vector_entry_point == f"gplfd_env.envs.vector:{name}VectorEnv"
     assert spec.max_episode_steps == 1500
     assert not spec.nondeterministic
 

@@ -20,9 +20,9 @@ from mujoco import mjtRndFlag as RenderFlag
 from mujoco.batch import MODEL_FIELDS
 from scipy.ndimage import median_filter
 
-from gplfd_env.config import DOORS
-from gplfd_env.door_opening import DoorOpeningEnv
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.doors.config import DOORS
+from gplfd_env.envs.door_opening import DoorOpeningEnv
+from gplfd_env.spatial.arc import handle_pose_on_arc
 
 
 def picture(env) -> np.ndarray:

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.rotation_paths import rotvecs_from_quaternions, unwrap_rotvecs
-from gplfd_env.se3 import canonical_rotvec
+from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions, unwrap_rotvecs
+from gplfd_env.spatial.se3 import canonical_rotvec
 
 
 def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:

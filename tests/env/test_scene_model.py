@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from gplfd_env._paths import asset_path
-from gplfd_env.config import DoorConfig
-from gplfd_env.placement import ARM_JOINTS
-from gplfd_env.scene import GRASP_KEY, build_scene
-from gplfd_env.stance import BAR_STANCES
+from gplfd_env.conventions.assets import asset_path
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.robot.placement import ARM_JOINTS
+from gplfd_env.robot.stance import BAR_STANCES
+from gplfd_env.scene.build import GRASP_KEY, build_scene
 
 NAMED = {
     "nbody": mujoco.mjtObj.mjOBJ_BODY,

@@ -14,9 +14,9 @@ from mujoco.batch import MODEL_FIELDS
 from numpy.testing import assert_allclose, assert_array_equal
 
 import gplfd_env
-from gplfd_env.config import DoorConfig
-from gplfd_env.scene import GRASP_KEY, build_scene, build_spec, load_scene
-from gplfd_env.variation import Placement
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.variation import Placement
+from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec, load_scene
 
 pytestmark = pytest.mark.bits
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.se3 import (
+from gplfd_env.spatial.se3 import (
     canonical_rotvec,
     compose_rotvecs,
     pose_distance,

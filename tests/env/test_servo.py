@@ -8,10 +8,11 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.placement import ARM_JOINTS
-from gplfd_env.robot import COMMAND_LIMITS
-from gplfd_env.scene import GRASP_KEY
-from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.robot.model import COMMAND_LIMITS
+from gplfd_env.robot.placement import ARM_JOINTS
+from gplfd_env.scene.build import GRASP_KEY
+from gplfd_env.spatial.arc import handle_pose_on_arc
 
 EFFORT_LIMITS = np.array([43.0, 43.0, 26.0, 26.0, 3.0, 6.6, 6.6])
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from gplfd_env.hardware import EN_1154, LEAF_HEIGHT
-from gplfd_env.randomization import DoorRandomization
-from gplfd_env.standard import LEAVES, standard_door
+from gplfd_env.doors.hardware import EN_1154, LEAF_HEIGHT
+from gplfd_env.doors.randomization import DoorRandomization
+from gplfd_env.doors.standard import LEAVES, standard_door
 
 DRAWN = [standard_door(np.random.default_rng(seed)) for seed in range(600)]
 

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_array_equal
 
 import gplfd_env
-from gplfd_env.vector import DoorOpeningImpedanceVectorEnv, DoorOpeningVectorEnv
+from gplfd_env.envs.vector import DoorOpeningImpedanceVectorEnv, DoorOpeningVectorEnv
 
 IDS = {
     gplfd_env.ENVIRONMENT_ID: DoorOpeningVectorEnv,

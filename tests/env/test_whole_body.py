@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.placement import task_rotation_w
-from gplfd_env.task import CONTROL_PERIOD, handle_pose_on_arc
-from gplfd_env.whole_body import (
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.robot.placement import task_rotation_w
+from gplfd_env.robot.whole_body import (
     ACCELERATION,
     BLOCKED_TIME,
     LAG,
@@ -21,6 +21,7 @@ from gplfd_env.whole_body import (
     BaseDrive,
     led_by,
 )
+from gplfd_env.spatial.arc import handle_pose_on_arc
 
 HAND = (0.8, 0.3)
 UP = task_rotation_w()[2]

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gplfd_env.door_opening import DoorOpeningEnv
-from gplfd_env.placement import ARM_JOINTS, task_rotation_w
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.envs.door_opening import DoorOpeningEnv
+from gplfd_env.robot.placement import ARM_JOINTS, task_rotation_w
+from gplfd_env.spatial.arc import handle_pose_on_arc
 
 RADIUS = 0.5
 TURNED = {

@@ -12,9 +12,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.geometry import DoorGeometry
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.log import EpisodeLog

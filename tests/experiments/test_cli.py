@@ -21,8 +21,8 @@ from gplfd_env import (
     RANDOMIZATIONS,
     RL_ENVIRONMENT_ID,
 )
-from gplfd_env.config import DoorConfig
-from gplfd_env.stance import base_for
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.robot.stance import base_for
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.npz import load_demonstrations
 from gplfd_experiments.episodes.doors import named_doors

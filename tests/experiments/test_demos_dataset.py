@@ -19,10 +19,10 @@ import numpy as np
 import pytest
 
 from gplfd_env import ENVIRONMENT_ID
-from gplfd_env.config import DoorConfig, door_config
-from gplfd_env.info import TEXTS
-from gplfd_env.randomization import DoorRandomization
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.doors.config import DoorConfig, door_config
+from gplfd_env.doors.randomization import DoorRandomization
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.task.info import TEXTS
 from gplfd_experiments.data.minari import (
     RecordedEpisode,
     Recorder,

@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.camera import Camera
-from gplfd_env.se3 import rotation_distance
+from gplfd_env.envs.camera import Camera
+from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.data.npz import save_demonstrations

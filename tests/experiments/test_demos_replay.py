@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gplfd_env import ENVIRONMENT_ID
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.data.minari import RecordedEpisode, Recorder, open_dataset
 from gplfd_experiments.data.replay import Comparison, changes_since, compare, replay
 from gplfd_experiments.files.provenance import versions

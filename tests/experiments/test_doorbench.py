@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from gplfd_env.config import DoorConfig, door_config
+from gplfd_env.doors.config import DoorConfig, door_config
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.doorbench import read_doorbench
 

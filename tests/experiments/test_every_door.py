@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from gplfd_env.config import DOORS
+from gplfd_env.doors.config import DOORS
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.data.npz import load_demonstrations
 from gplfd_experiments.episodes.build import make_environment

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from gplfd_env.config import DoorConfig
+from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.analysis.report.recordings import recording_name
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.episodes.task import EpisodeTask

@@ -11,7 +11,7 @@ from matplotlib.collections import FillBetweenPolyCollection
 from matplotlib.figure import Figure
 from scipy.stats import f as fisher
 
-from gplfd_env.task import DEMONSTRATED_ANGLE
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.analysis.figures import (
     episodes,
     fig02_heteroscedastic,

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.geometry import DoorGeometry
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.episodes.forecast_error import (
     PROGRESS,
     forecast_errors,

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from gplfd_env import ENVIRONMENT_ID
-from gplfd_env.config import DOORS, DoorConfig
-from gplfd_env.task import Base
+from gplfd_env.conventions.constants import Base
+from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.agents import learned
 from gplfd_experiments.episodes.log import EpisodeLog

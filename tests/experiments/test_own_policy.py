@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.config import door_config
+from gplfd_env.doors.config import door_config
 from gplfd_experiments.analysis.report.recordings import recording_name
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset

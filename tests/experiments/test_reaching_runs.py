@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gplfd_env import GRIPPER_ENVIRONMENT_ID
-from gplfd_env.config import DOORS, DoorConfig
+from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_experiments.data.npz import (
     LabelledDemonstrations,
     load_demonstrations,

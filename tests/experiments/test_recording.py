@@ -13,7 +13,7 @@ import rerun as rr
 from rerun.chunk import Chunk, RrdReader
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording import colours, record_episode

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from gplfd_env.config import DOORS, DoorConfig, door_config
-from gplfd_env.mobile_base import BASE_JOINTS
-from gplfd_env.scene import build_scene
+from gplfd_env.doors.config import DOORS, DoorConfig, door_config
+from gplfd_env.robot.mobile_base import BASE_JOINTS
+from gplfd_env.scene.build import build_scene
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording.episode import happening, stage_setting
 from gplfd_experiments.recording.layout import layout

@@ -11,8 +11,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.se3 import relative_poses
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import relative_poses
 from gplfd_experiments.data.preparation import Motion, prepare
 from gplfd_experiments.data.preparation.hinge import find_hinge, suspicious_order
 from gplfd_experiments.data.preparation.report import report, warnings_in

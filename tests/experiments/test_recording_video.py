@@ -12,7 +12,7 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from gplfd_env.camera import Camera
+from gplfd_env.envs.camera import Camera
 from gplfd_experiments.cli.commands.run import _draw_without_screen
 from gplfd_experiments.recording import video
 

@@ -3,7 +3,7 @@
 import pytest
 from scipy.stats import binomtest
 
-from gplfd_env.config import DOORS
+from gplfd_env.doors.config import DOORS
 from gplfd_experiments.analysis.results.grouping import (
     by_door_kind,
     counted,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.analysis.report.recorded import _advice
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.records import RecordedResult

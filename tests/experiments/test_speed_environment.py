@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 import pytest
 
-import gplfd_env.scene
+import gplfd_env.scene.build
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
-from gplfd_env.door_opening import DoorOpeningEnv
+from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_experiments.speed import environment, timing, vectors
 from gplfd_experiments.speed.environment import measure_resets, measure_steps
 from gplfd_experiments.speed.timing import Timed, Timing
@@ -77,7 +77,7 @@ def test_step_is_compared_with_its_own_physics(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_only_new_radii_compile_a_scene(monkeypatch: pytest.MonkeyPatch) -> None:
-    build, built, compiled = gplfd_env.scene.build_spec, [], {}
+    build, built, compiled = gplfd_env.scene.build.build_spec, [], {}
 
     def counted(*arguments: Any, **settings: Any) -> mujoco.MjSpec:
         built.append(arguments)
@@ -92,7 +92,7 @@ def test_only_new_radii_compile_a_scene(monkeypatch: pytest.MonkeyPatch) -> None
             compiled[name] = len(built), timed.operations
         return {name: Timing(cpu=(0.002,), wall=(9.0,)) for name in actions}
 
-    monkeypatch.setattr(gplfd_env.scene, "build_spec", counted)
+    monkeypatch.setattr(gplfd_env.scene.build, "build_spec", counted)
     monkeypatch.setattr(environment, "measure", run)
     result = measure_resets(3)
     assert compiled == {

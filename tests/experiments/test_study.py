@@ -8,7 +8,7 @@ import re
 
 import pytest
 
-from gplfd_env.config import DoorConfig
+from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.analysis.results.measures import (
     LEARNING_MEASURES,
     RECORDED_MEASURES,

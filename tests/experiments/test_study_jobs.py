@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_env.config import door_config
+from gplfd_env.doors.config import door_config
 from gplfd_experiments.episodes import build
 from gplfd_experiments.episodes.metrics import EpisodeMetrics
 from gplfd_experiments.episodes.task import EpisodeTask

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.geometry import DoorGeometry
-from gplfd_env.se3 import compose_rotvecs
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_experiments.data.teacher import (
     DEMONSTRATED_RADII,
     ROOM_RADII,

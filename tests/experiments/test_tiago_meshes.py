@@ -16,7 +16,7 @@ import yourdfpy
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
-from gplfd_env._paths import asset_path
+from gplfd_env.conventions.assets import asset_path
 from gplfd_experiments.recording.tiago_meshes import description, tiago_looks
 
 SHARE = "cmeel.prefix/share/example-robot-data/robots/tiago_description"

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_env.disturbance import disturbance_named
-from gplfd_env.randomization import door_randomization
+from gplfd_env.doors.disturbance import disturbance_named
+from gplfd_env.doors.randomization import door_randomization
 from gplfd_experiments.analysis.report.markdown import markdown_page
 from gplfd_experiments.analysis.report.page import report, write_report
 from gplfd_experiments.analysis.results.protocol_check import protocol_problems

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from gplfd_env.config import DOORS
+from gplfd_env.doors.config import DOORS
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.studies import engines

@@ -21,7 +21,7 @@ def test_there_is_a_snippet_of_each_library() -> None:
     ppo, rollout, doors = SNIPPETS
     assert "stable_baselines3" in ppo
     assert "torchrl" in rollout
-    assert "gplfd_env.warp" in doors
+    assert "gplfd_env.envs.warp" in doors
 
 
 @pytest.mark.parametrize("snippet", SNIPPETS)

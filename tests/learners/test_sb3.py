@@ -24,8 +24,8 @@ from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
-from gplfd_env.sb3 import SB3VecEnv, make_sb3
 from gplfd_env.wrappers import NumericInfo, VectorNumericInfo
+from gplfd_env.wrappers.sb3 import SB3VecEnv, make_sb3
 
 POSE, RL = gplfd_env.ENVIRONMENT_ID, gplfd_env.RL_ENVIRONMENT_ID
 LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}

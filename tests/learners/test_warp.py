@@ -28,8 +28,8 @@ import mujoco_warp
 import warp
 
 from gplfd_env import RL_ENVIRONMENT_ID
-from gplfd_env.config import DOORS, door_config
-from gplfd_env.disturbance import (
+from gplfd_env.doors.config import DOORS, door_config
+from gplfd_env.doors.disturbance import (
     Breakaway,
     Disturbance,
     Person,
@@ -37,12 +37,12 @@ from gplfd_env.disturbance import (
     Stop,
     disturbance_named,
 )
-from gplfd_env.door import structure_of
-from gplfd_env.draw import draw_episode
-from gplfd_env.randomization import door_randomization
-from gplfd_env.reinforcement import for_learners
-from gplfd_env.scene import build_scene
-from gplfd_env.warp import WORLD_FIELDS, make_warp
+from gplfd_env.doors.randomization import door_randomization
+from gplfd_env.envs.reinforcement import for_learners
+from gplfd_env.envs.warp import WORLD_FIELDS, make_warp
+from gplfd_env.scene.build import build_scene
+from gplfd_env.scene.door import structure_of
+from gplfd_env.task.draw import draw_episode
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "benchmarks" / "on_warp.py"
@@ -293,9 +293,9 @@ def test_without_mujoco_warp_the_extra_is_named(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "mujoco_warp", None)
-    monkeypatch.delitem(sys.modules, "gplfd_env.warp")
+    monkeypatch.delitem(sys.modules, "gplfd_env.envs.warp")
     with pytest.raises(ImportError, match=r"pip install 'gplfd\[warp\]'"):
-        importlib.import_module("gplfd_env.warp")
+        importlib.import_module("gplfd_env.envs.warp")
 
 
 def test_the_benchmark_runs(tmp_path: Path) -> None:

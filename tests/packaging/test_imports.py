@@ -27,7 +27,9 @@ def run(program: str, folder: Path) -> str:
     return result.stdout
 
 
-@pytest.mark.parametrize("package", ["gplfd_env", "gplfd_env.task", "gplfd_policies"])
+@pytest.mark.parametrize(
+    "package", ["gplfd_env", "gplfd_env.task.opening", "gplfd_policies"]
+)
 def test_importing_does_not_load_the_simulator(package: str, tmp_path: Path) -> None:
     program = (
         f"import sys, {package}\n"

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import Demonstration, PosePath, ViaPoint, adapt, align, fit_skill
 from gplfd_policies.adaptation import OwnClockAdaptation, ProcessAdaptation
 from gplfd_policies.adaptation.conditioning import (

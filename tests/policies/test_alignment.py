@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.se3 import canonical_rotvec, pose_distance
+from gplfd_env.spatial.se3 import canonical_rotvec, pose_distance
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.completion import task_completion_index

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.se3 import compose_rotvecs, rotation_distance
+from gplfd_env.spatial.se3 import compose_rotvecs, rotation_distance
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.movements.baselines.dmp import (

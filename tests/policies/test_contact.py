@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from gplfd_env.robot import SERVO_STIFFNESS
+from gplfd_env.robot.model import SERVO_STIFFNESS
 from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.contact import HELD_HAND, ContactLoop
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, VirtualDynamics

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations, ViaPoint
 from gplfd_policies.adaptation import ProcessAdaptation
 from gplfd_policies.adaptation.gridded import GriddedMovement

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from gplfd_env import DoorGeometry
-from gplfd_env.config import DoorConfig
+from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies.control.load import CarriedLoad, Encounter, LearnedLoad
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE

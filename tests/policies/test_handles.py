@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env import DoorGeometry
-from gplfd_env.config import DoorConfig
+from gplfd_env.doors.config import DoorConfig
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle
 from gplfd_policies.handles.compensation import Handles
 

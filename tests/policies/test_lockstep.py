@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gplfd_env import DoorGeometry
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, TrainingInput, fit_skill, make_agent
 from gplfd_policies.agents.lockstep import AgentBatch, batch_agents
 from gplfd_policies.agents.model_based.oracle import OracleAgent

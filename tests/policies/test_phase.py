@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.movements.empirical import EmpiricalDistribution
 from gplfd_policies.movements.skill import fit_skill

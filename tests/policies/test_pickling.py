@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gplfd_env import DoorGeometry
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, ViaPoint, align, make_agent
 from gplfd_policies.adaptation import ADAPTATIONS
 from gplfd_policies.movements.movement import Adaptable

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import Agent, AgentStep, Demonstration, as_agent
 from gplfd_policies.agents.reaching import (

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gplfd_env import DoorGeometry
-from gplfd_env.config import DoorConfig
-from gplfd_env.task import DEMONSTRATED_ANGLE
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies import batch_agents, make_agent
 from gplfd_policies.agents.model_based.path import HandPath, turned_towards
 

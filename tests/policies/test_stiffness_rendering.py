@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.command import STIFFNESS_RANGES
-from gplfd_env.robot import SERVO_DAMPING, SERVO_STIFFNESS
-from gplfd_env.se3 import compose_rotvecs
+from gplfd_env.robot.model import SERVO_DAMPING, SERVO_STIFFNESS
+from gplfd_env.simulation.command import STIFFNESS_RANGES
+from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import CarriedLoad

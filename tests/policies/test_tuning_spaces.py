@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, ViaPoint
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.registry.built_in import TABLE_1

@@ -10,9 +10,9 @@ from gplfd_env import (
     MOBILE_ENVIRONMENT_ID,
     RL_ENVIRONMENT_ID,
 )
-from gplfd_env.config import DOORS, DoorConfig
-from gplfd_env.fields import allowed_range
-from gplfd_env.stance import stance_of
+from gplfd_env.doors.config import DOORS, DoorConfig
+from gplfd_env.robot.stance import stance_of
+from gplfd_env.validation.fields import allowed_range
 from gplfd_policies.registry.catalogue import POLICIES
 from gplfd_policies.registry.user_policies import packaged_policies
 

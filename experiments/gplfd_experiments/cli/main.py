@@ -196,7 +196,7 @@ def _check_command(arguments: Sequence[str]) -> None:
         (f"{first} ", second, SUBCOMMANDS.get(first, ())),
     ):
         if known and name and not name.startswith("-") and name not in known:
-            from gplfd_env.named import nearest_name
+            from gplfd_env.validation.named import nearest_name
 
             raise ValueError(
                 f"unknown command '{before}{name}'{nearest_name(name, known)}; give "

@@ -4,9 +4,9 @@ import errno
 import os
 from pathlib import Path
 
-from gplfd_env.disturbance import DISTURBANCES
-from gplfd_env.named import nearest_name
-from gplfd_env.randomization import RANDOMIZATIONS
+from gplfd_env.doors.disturbance import DISTURBANCES
+from gplfd_env.doors.randomization import RANDOMIZATIONS
+from gplfd_env.validation.named import nearest_name
 
 
 def check_least(option: str, value: float | None, least: float) -> None:

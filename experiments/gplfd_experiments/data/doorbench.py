@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.fields import allowed_range
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.validation.fields import allowed_range
 from gplfd_experiments.files.plain_data import entry, read_json
 
 SCHEMA: Final = "1.0"

@@ -15,8 +15,10 @@ import gymnasium as gym
 import numpy as np
 
 from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.config import DoorConfig
-from gplfd_env.task import DEMONSTRATED_ANGLE, Control, handle_pose_on_arc
+from gplfd_env.conventions.constants import Control
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.data.npz import LabelledDemonstrations, hash_of
 from gplfd_experiments.data.reaching import GRASPED, openings, reaches
 from gplfd_experiments.data.teacher import Habits, Teacher, TeacherConfig

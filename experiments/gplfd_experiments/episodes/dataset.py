@@ -7,7 +7,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from gplfd_env.task import Start
+from gplfd_env.conventions.constants import Start
 from gplfd_experiments.console.arguments import (
     check_circumstances,
     check_folder,

@@ -4,9 +4,9 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from gplfd_env.config import DOORS, DoorConfig, door_config
-from gplfd_env.stance import base_for, check_reach
-from gplfd_env.task import Start
+from gplfd_env.conventions.constants import Start
+from gplfd_env.doors.config import DOORS, DoorConfig, door_config
+from gplfd_env.robot.stance import base_for, check_reach
 from gplfd_experiments.files.plain_data import read_json
 
 

@@ -14,7 +14,7 @@ from typing import Any, Final, get_origin
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gplfd_env.config import DoorConfig
+from gplfd_env.doors.config import DoorConfig
 from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
 
 Number = Float[np.ndarray, " T"]
@@ -59,7 +59,7 @@ class EpisodeLog:
     "not_grasped" | "simulation_error" | "time_limit"."""
     reason: str
     """What is behind that: "" | "handle_lost" | "blocked" | "out_of_reach" |
-    "too_heavy", or the same (`gplfd_env.capability`)."""
+    "too_heavy", or the same (`gplfd_env.task.stages`)."""
 
     times: Number
     """Simulated time since reset [s]."""
@@ -81,7 +81,7 @@ class EpisodeLog:
     handle_angle: Number
     """How far a lever or knob is turned [rad]."""
     capability: Number
-    """The furthest stage so far, a place in `gplfd_env.capability.STAGES`."""
+    """The furthest stage so far, a place in `gplfd_env.task.stages.STAGES`."""
     handle_pose: Pose
     """True pose of the handle."""
     solved: Flag

@@ -16,8 +16,9 @@ from typing import Any, Final
 import numpy as np
 from scipy.signal import savgol_filter
 
-from gplfd_env.capability import HEAVY_FORCE, STAGES
-from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE
+from gplfd_env.task.stages import HEAVY_FORCE, STAGES
 from gplfd_experiments.episodes.disturbance_metrics import disturbance_metrics
 from gplfd_experiments.episodes.forecast_error import (
     PROGRESS,
@@ -55,9 +56,9 @@ class EpisodeMetrics:
     failure: str
     """Why not; empty on success."""
     reason: str
-    """What is behind that, see `gplfd_env.capability`; empty on success."""
+    """What is behind that, see `gplfd_env.task.stages`; empty on success."""
     capability: int
-    """The furthest stage that was reached, a place in `gplfd_env.capability.STAGES`."""
+    """Furthest stage that was reached: index into `gplfd_env.task.stages.STAGES`."""
     stage: str
     """Its name."""
     duration: float

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from gplfd_env.vector import DoorOpeningVectorEnv
+from gplfd_env.envs.vector import DoorOpeningVectorEnv
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
 from gplfd_policies.agents.lockstep import AgentBatch

@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.stance import base_for
-from gplfd_env.task import Base, Start
+from gplfd_env.conventions.constants import Base, Start
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.robot.stance import base_for
 from gplfd_experiments.data.teacher import (
     DEMONSTRATED_RADII,
     doors_like,
@@ -96,11 +96,11 @@ class EpisodeTask(TaughtTask):
     door: str
     """Name of the door."""
     door_config: Mapping[str, Any]
-    """Of the door, `gplfd_env.config.DoorConfig.as_dict`."""
+    """Of the door, `gplfd_env.doors.config.DoorConfig.as_dict`."""
     randomization: str | Mapping[str, Any] = "none"
-    """What `gplfd_env.randomization.door_randomization` takes."""
+    """What `gplfd_env.doors.randomization.door_randomization` takes."""
     disturbance: str | Mapping[str, Any] = omit_default("none")
-    """What `gplfd_env.disturbance.disturbance_named` takes."""
+    """What `gplfd_env.doors.disturbance.disturbance_named` takes."""
     demonstrated_radii: Sequence[float] = omit_default(DEMONSTRATED_RADII)
     """Radii of the doors that the teacher opens [m]."""
     demonstrated_kind: Mapping[str, str] | None = omit_default(None)

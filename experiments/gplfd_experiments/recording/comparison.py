@@ -15,7 +15,7 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from gplfd_env.task import SUCCESS_ANGLE
+from gplfd_env.task.opening import SUCCESS_ANGLE
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording import colours, motion
 from gplfd_experiments.recording.colours import Colour

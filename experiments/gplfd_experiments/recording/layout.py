@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 from numpy.typing import ArrayLike
 from rerun.chunk import Chunk, RrdReader
 
-from gplfd_env.config import HingeSide
+from gplfd_env.doors.config import HingeSide
 from gplfd_experiments.recording import mechanism, motion, outside, panels, stages
 from gplfd_experiments.recording.colours import BACKGROUND
 from gplfd_experiments.recording.stream import APPLICATION, TIMELINE

@@ -14,8 +14,8 @@ from urllib.parse import quote
 import rerun as rr
 import rerun.blueprint as rrb
 
-from gplfd_env.disturbance import disturbance_named
-from gplfd_env.task import Start
+from gplfd_env.conventions.constants import Start
+from gplfd_env.doors.disturbance import disturbance_named
 from gplfd_experiments.console.arguments import check_least
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.episodes.agents import reported_errors

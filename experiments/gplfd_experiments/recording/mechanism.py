@@ -14,9 +14,9 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from gplfd_env.latch import GAP
-from gplfd_env.looks import CLOSER_ARM
-from gplfd_env.mobile_base import BASE_JOINTS
+from gplfd_env.robot.mobile_base import BASE_JOINTS
+from gplfd_env.scene.latch import GAP
+from gplfd_env.scene.visuals import CLOSER_ARM
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours, panels, stages

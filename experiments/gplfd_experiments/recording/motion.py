@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.kinematics import task_frame

@@ -78,7 +78,7 @@ CAUSES: Final[Mapping[str, Cause]] = MappingProxyType(
         ),
     }
 )
-"""What a log tells, by the names of `gplfd_env.disturbance.Disturbance`."""
+"""What a log tells, by the names of `gplfd_env.doors.disturbance.Disturbance`."""
 
 
 def causes_of(log: EpisodeLog) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from gplfd_env.task import STALL_ANGLE, SUCCESS_ANGLE
+from gplfd_env.task.opening import STALL_ANGLE, SUCCESS_ANGLE
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording.colours import BEFORE, FORCE, HAND, TRUTH
 from gplfd_experiments.recording.stream import moving, seconds, static

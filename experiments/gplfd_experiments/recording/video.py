@@ -62,7 +62,7 @@ def check_video() -> None:
     """
     import mujoco
 
-    from gplfd_env.camera import Camera
+    from gplfd_env.envs.camera import Camera
 
     if importlib.util.find_spec("imageio_ffmpeg") is None:
         raise ModuleNotFoundError(
@@ -133,7 +133,7 @@ def _pictures(
     """Yield a picture (H, W, 3) of the scene in some rows of the log."""
     import mujoco
 
-    from gplfd_env.camera import Camera
+    from gplfd_env.envs.camera import Camera
 
     data = mujoco.MjData(model)
     width, height = (_OVERSAMPLING * side for side in SIZE)

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.report import Measurement, Target, Value, at_most
 from gplfd_experiments.speed.timing import Timed, after, measure, repeated

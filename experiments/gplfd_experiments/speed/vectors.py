@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 
 from gplfd_env import ENVIRONMENT_ID
-from gplfd_env.config import DOORS
-from gplfd_env.scene import GRASP_KEY
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.doors.config import DOORS
+from gplfd_env.scene.build import GRASP_KEY
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.machine import load
 from gplfd_experiments.speed.report import Measurement, at_least, at_most

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from gplfd_env.config import DoorConfig
+from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.console.arguments import check_circumstances
 from gplfd_experiments.data.npz import hash_of
 from gplfd_experiments.data.teacher import standard_teacher

@@ -9,7 +9,7 @@ import typing
 from collections.abc import Mapping
 from typing import Any, Final
 
-from gplfd_env.config import door_config
+from gplfd_env.doors.config import door_config
 from gplfd_experiments.episodes.metrics import EpisodeMetrics
 from gplfd_experiments.episodes.task import EpisodeTask, Task
 from gplfd_experiments.files.plain_data import check_stamp, entry, stamp

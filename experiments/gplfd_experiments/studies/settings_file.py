@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from gplfd_env.named import nearest_name
+from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.files.plain_data import (
     check_stamp,
     entry,

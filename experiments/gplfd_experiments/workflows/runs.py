@@ -9,9 +9,9 @@ from logging import DEBUG
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.scene import build_scene
-from gplfd_env.task import Start
+from gplfd_env.conventions.constants import Start
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.scene.build import build_scene
 from gplfd_experiments.console.arguments import (
     check_circumstances,
     check_folder,

@@ -11,8 +11,8 @@ from typing import Any, Final, Protocol, get_args, runtime_checkable
 
 import numpy as np
 
-from gplfd_env.geometry import DoorGeometry
-from gplfd_env.task import Control
+from gplfd_env.conventions.constants import Control
+from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController

@@ -10,8 +10,8 @@ from typing import Any, Protocol, SupportsIndex, runtime_checkable
 
 import numpy as np
 
-from gplfd_env.geometry import DoorGeometry
-from gplfd_env.task import Control
+from gplfd_env.conventions.constants import Control
+from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_policies.agents.agent import Agent, CompliantAgent, as_agent
 from gplfd_policies.arrays.members import members_of
 from gplfd_policies.arrays.one_thread import one_thread

@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gplfd_env.geometry import DoorGeometry
-from gplfd_env.task import CONTROL_PERIOD, GRIPPER_WIDTH, Control
+from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH, Control
+from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_policies.adaptation import adapt
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.arrays.one_thread import one_thread

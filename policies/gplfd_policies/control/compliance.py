@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
 from gplfd_policies.arrays.members import EVERY_MEMBER, Members, Numbers
 from gplfd_policies.control.load import Encounter, LearnedLoad, Load, LoadRule

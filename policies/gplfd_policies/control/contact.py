@@ -23,7 +23,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_policies.arrays.records import freeze
 
 Axes = Float[np.ndarray, "*N 6"]
@@ -124,4 +124,4 @@ benchmarks/contact_loop.py finds where the friction grasp holds a locked door.""
 HELD_HAND: Final = ContactLoop(
     stiffness=np.repeat([2000.0, 100.0], 3), delay=3.0 * CONTROL_PERIOD + SERVO_LAG
 )
-"""The servo of `gplfd_env.robot` with the longest delay that ``"hard"`` draws."""
+"""The servo of `gplfd_env.robot.model` with the longest delay that ``"hard"`` draws."""

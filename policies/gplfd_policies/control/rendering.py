@@ -14,8 +14,8 @@ from typing import ClassVar, Final, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.se3 import compose_rotvecs
-from gplfd_env.task import Control
+from gplfd_env.conventions.constants import Control
+from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_policies.arrays.members import EVERY_MEMBER, Members
 from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.contact import HELD_HAND

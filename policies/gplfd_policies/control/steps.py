@@ -12,7 +12,7 @@ from typing import Any, Final, SupportsIndex
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gplfd_env.task import Control
+from gplfd_env.conventions.constants import Control
 from gplfd_policies.arrays.members import Members, Numbers
 
 Observation = Mapping[str, Float[np.ndarray, "..."]]

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.rotation_paths import unwrap_rotvecs
-from gplfd_env.se3 import pose_distance
+from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
+from gplfd_env.spatial.se3 import pose_distance
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.completion import measure_completion, warn_of_noise
 from gplfd_policies.demonstrations.demonstration import Demonstration

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.se3 import pose_steps
+from gplfd_env.spatial.se3 import pose_steps
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.denoising import denoised_steps
 

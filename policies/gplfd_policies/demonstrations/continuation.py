@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gplfd_env.rotation_paths import unwrap_rotvecs
-from gplfd_env.se3 import pose_steps
+from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
+from gplfd_env.spatial.se3 import pose_steps
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
 _TAIL: Final = 0.25

@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.rotation_paths import rotvecs_from_quaternions, unwrap_rotvecs
-from gplfd_env.se3 import relative_poses
+from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions, unwrap_rotvecs
+from gplfd_env.spatial.se3 import relative_poses
 from gplfd_policies.arrays.records import freeze, short_repr
 
 _REST = 1e-9
@@ -154,7 +154,7 @@ def _check_poses(poses: Float[np.ndarray, "N 6"]) -> None:
             f"the rotation vectors jump at sample {index}, from {rotvecs[index - 1]} "
             f"to {rotvecs[index]}: an equivalent vector is nearer; build the "
             "demonstration with Demonstration.from_quaternions, or pass the rotation "
-            "vectors through gplfd_env.rotation_paths.unwrap_rotvecs first"
+            "vectors through gplfd_env.spatial.rotation_paths.unwrap_rotvecs first"
         )
     if np.abs(poses - poses[0]).max() <= _REST:
         raise ValueError(

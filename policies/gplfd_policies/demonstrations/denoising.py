@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.fft import irfft, next_fast_len, rfft
 
-from gplfd_env.se3 import pose_steps
+from gplfd_env.spatial.se3 import pose_steps
 
 _BANDWIDTH = 0.015
 """Standard deviation of the smoother, as a share of the demonstration. A tenth of a

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
-from gplfd_env.se3 import pose_distance, pose_steps
+from gplfd_env.spatial.se3 import pose_distance, pose_steps
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 _BLUR: Final = 0.015

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import digamma, polygamma
 
-from gplfd_env.fields import check_quantities, quantity
+from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis

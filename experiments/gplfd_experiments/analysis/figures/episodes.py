@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import gplfd_env
 import gplfd_policies
-from gplfd_env.config import DoorConfig
+from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments import episodes
 from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.console.progress import progress_bar

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import chdtri, fdtri
 
-from gplfd_env.task import handle_pose_on_arc
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.analysis.figures.fig06_policy import door_colours
 from gplfd_experiments.analysis.figures.material import Material

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, TypeVar
 
-from gplfd_env.randomization import RANDOMIZATIONS
+from gplfd_env.doors.randomization import RANDOMIZATIONS
 from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES, Measure
 from gplfd_experiments.analysis.results.records import (
     EpisodeResult,

@@ -7,10 +7,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from gplfd_env.config import DoorConfig, door_config
-from gplfd_env.disturbance import disturbance_named
-from gplfd_env.randomization import door_randomization
-from gplfd_env.task import Start
+from gplfd_env.conventions.constants import Start
+from gplfd_env.doors.config import DoorConfig, door_config
+from gplfd_env.doors.disturbance import disturbance_named
+from gplfd_env.doors.randomization import door_randomization
 from gplfd_experiments.analysis.results.records import (
     DEMONSTRATED,
     NON_STANDARD,

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from gplfd_env.config import DoorConfig
+from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.analysis.results.statistics import Key
 from gplfd_experiments.episodes.task import EpisodeTask, Task
 from gplfd_experiments.studies.settings import Condition

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gplfd_env.se3 import rotation_distance
+from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.data.preparation import Motion
 from gplfd_experiments.data.preparation.settings import Preparation
 from gplfd_experiments.files.table import Table, text_table

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from gplfd_env.named import nearest_name
+from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers.selection import Selection
 from gplfd_policies.arrays.storage import regular_file

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from gplfd_env.named import nearest_name
+from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.data.raw import METRES, RADIANS, SECONDS
 
 _LISTED = 30

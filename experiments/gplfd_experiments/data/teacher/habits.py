@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_env.fields import check_quantities, quantity
+from gplfd_env.validation.fields import check_quantities, quantity
 
 FloatArray = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gplfd_env.config import DoorConfig
+from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk
 from gplfd_experiments.files.arrays import FloatArray
 

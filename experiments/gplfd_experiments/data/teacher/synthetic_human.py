@@ -32,10 +32,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.fields import check_quantities, quantity
-from gplfd_env.geometry import DoorGeometry
-from gplfd_env.task import DEMONSTRATED_ANGLE
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE
+from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_experiments.data.teacher.habits import (
     TIDY,
     Habits,

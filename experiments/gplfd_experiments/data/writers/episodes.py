@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from gplfd_env.camera import Camera
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.envs.camera import Camera
 from gplfd_experiments.console.progress import progress_bar
 from gplfd_experiments.data.minari import Dataset, RecordedEpisode
 from gplfd_experiments.data.minari.physics import STATE

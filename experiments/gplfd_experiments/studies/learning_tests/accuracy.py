@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_env.se3 import rotation_distance
+from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_policies.demonstrations.aligned import FINEST
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 

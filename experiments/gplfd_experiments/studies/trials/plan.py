@@ -4,8 +4,8 @@ import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 
-from gplfd_env.config import DoorConfig
-from gplfd_env.named import nearest_name
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.doors import named_doors
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task

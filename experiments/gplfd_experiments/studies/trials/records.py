@@ -17,9 +17,9 @@ class Level:
     door: Mapping[str, Any] = field(default_factory=dict)
     """Fields of every door's configuration that differ from its preset."""
     randomization: str | Mapping[str, Any] = "none"
-    """What `gplfd_env.randomization.door_randomization` takes."""
+    """What `gplfd_env.doors.randomization.door_randomization` takes."""
     disturbance: str | Mapping[str, Any] = "none"
-    """What `gplfd_env.disturbance.disturbance_named` takes."""
+    """What `gplfd_env.doors.disturbance.disturbance_named` takes."""
     demonstrated_radii: tuple[float, ...] = DEMONSTRATED_RADII
     """Doors that the teacher opens [m]."""
     demonstrations_per_door: int = 2

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from scipy.stats import qmc
 
-from gplfd_env.named import nearest_name
+from gplfd_env.validation.named import nearest_name
 from gplfd_policies.registry.tuning_spaces import SPACES, Values
 
 

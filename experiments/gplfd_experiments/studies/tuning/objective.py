@@ -32,7 +32,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import rankdata
 
-from gplfd_env.config import DoorConfig
+from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.episodes.build import (
     demonstrations_of,
     learned_agents,

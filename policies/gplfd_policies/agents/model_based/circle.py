@@ -35,7 +35,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.geometry import DoorGeometry
+from gplfd_env.doors.geometry import DoorGeometry
 
 Points = Float[np.ndarray, "N 3"]
 Parameters = Float[np.ndarray, " 4"]

@@ -12,7 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies.agents.model_based.circle import UPRIGHT, Circle
 from gplfd_policies.agents.model_based.path import HandPath
 from gplfd_policies.agents.model_based.yielding import Yielding

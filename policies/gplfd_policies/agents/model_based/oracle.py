@@ -2,8 +2,9 @@
 
 import math
 
-from gplfd_env.geometry import DoorGeometry
-from gplfd_env.task import CONTROL_PERIOD, DEMONSTRATED_ANGLE
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies.control.steps import AgentStep, Observation
 
 _DURATION = 6.0

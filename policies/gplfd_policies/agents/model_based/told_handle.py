@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.geometry import DoorGeometry
-from gplfd_env.task import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
 from gplfd_policies.control.steps import AgentStep, Observation
 

@@ -43,9 +43,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
-from gplfd_env.fields import check_quantities, quantity
-from gplfd_env.rotation_paths import unwrap_rotvecs
-from gplfd_env.se3 import compose_rotvecs
+from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
+from gplfd_env.spatial.se3 import compose_rotvecs
+from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.empirical import EmpiricalDistribution

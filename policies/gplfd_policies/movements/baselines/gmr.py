@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import softmax
 
-from gplfd_env.fields import check_quantities, quantity
+from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.baselines.moments import MomentMovement, Moments

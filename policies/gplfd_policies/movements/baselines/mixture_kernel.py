@@ -11,7 +11,7 @@ from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
-from gplfd_env.fields import check_quantities, quantity
+from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.demonstrations.aligned import thinned
 from gplfd_policies.movements.baselines.gmr import GaussianMixtureRegression
 

@@ -30,7 +30,7 @@ from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve, pinvh
 from scipy.special import softmax
 
-from gplfd_env.fields import check_quantities, quantity
+from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import LearnedMovement

@@ -1,0 +1,1 @@
+"""Constants of the task, reset options, geom attributes, where the assets lie."""

@@ -1,0 +1,23 @@
+"""Where the assets lie: inside the installed wheel, or beside the checkout."""
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def asset_path(name: str) -> Path:
+    """Return the path of an asset file.
+
+    Args:
+        name: File name inside ``assets/``, e.g. ``"tiago_like.urdf"``.
+
+    Raises:
+        FileNotFoundError: Neither the wheel's nor the checkout's folder has it.
+    """
+    for folder in (_PACKAGE / "assets", _PACKAGE.parent / "assets"):
+        if (folder / name).is_file():
+            return folder / name
+    raise FileNotFoundError(
+        f"asset {name!r} was not found beside {_PACKAGE.name}; reinstall the package "
+        "(pip install gplfd) or run from a complete checkout"
+    )

@@ -1,0 +1,1 @@
+"""Doors as records: configuration, standards, geometry, randomization, disturbances."""

@@ -1,0 +1,372 @@
+"""Which door: its geometry, its hinge, and the presets by name."""
+
+import dataclasses
+import math
+import numbers
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Final, Literal, get_args
+
+from gplfd_env.doors import hardware
+from gplfd_env.validation.fields import (
+    allowed_range,
+    check_choice,
+    check_quantities,
+    quantity,
+)
+from gplfd_env.validation.named import preset
+
+Handle = Literal["bar", "lever", "knob"]
+"""What the hand holds: a vertical bar that is fixed, a horizontal arm or a round knob
+that turns about an axis normal to the leaf."""
+
+Latch = Literal["none", "spring"]
+"""Whether a sprung bolt holds the closed door until the handle is turned."""
+
+Swing = Literal["pull", "push"]
+"""Which way the door opens, for the robot."""
+
+HingeSide = Literal["right", "left"]
+"""Where the hinge is, for the robot."""
+
+OVERHANG: Final = 0.01
+"""The leaf ends this far beyond the hinge's axis where no width is given [m]."""
+
+BAR_RADIUS: Final = 0.011
+"""Radius of bar and lever [m]."""
+
+KNOB_RADIUS: Final = 0.026
+"""Radius of the knob [m]."""
+
+_DISAGREEMENT: Final = 0.02
+"""How far width, backset and radius of a leaf may disagree [m]."""
+
+
+def held_radius(handle: Handle) -> float:
+    """Return half of the distance between fingers that hold a handle [m]."""
+    return KNOB_RADIUS if handle == "knob" else BAR_RADIUS
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DoorConfig:
+    """A hinged door.
+
+    The hinge axis lies in the handle's plane, so the handle moves on a circle of
+    ``radius`` about it and its first motion is straight out of the frame, or into it.
+    `gplfd_env.doors.hardware` gives fields by the standards.
+
+    Raises:
+        ValueError: A field is not finite or outside its range, or fields disagree.
+        TypeError: A field is not a number.
+    """
+
+    radius: float = quantity(
+        0.50, unit="m", low=0.30, high=0.95, reason="the radii the robot can open"
+    )
+    """Distance from hinge axis to handle axis."""
+
+    hinge_friction: float = quantity(0.5, unit="N m", low=0.0, high=50.0)
+    """Coulomb friction of the hinge."""
+
+    hinge_damping: float = quantity(0.5, unit="N m s/rad", low=0.0, high=50.0)
+    """Viscous friction of the hinge."""
+
+    closer_stiffness: float = quantity(0.0, unit="N m/rad", low=0.0, high=50.0)
+    """Door closer: closing torque that grows with the angle."""
+
+    closer_preload: float = quantity(0.0, unit="N m", low=0.0, high=50.0)
+    """Door closer: closing torque at every angle, also when closed."""
+
+    panel_mass: float = quantity(12.0, unit="kg", low=1.0, high=100.0)
+    """Mass of the door leaf."""
+
+    handle_height: float = quantity(
+        0.85, unit="m", low=0.50, high=1.22, reason="what torso and arm can serve"
+    )
+    """Height of the grasped point above the floor."""
+
+    handle_standoff: float = quantity(0.07, unit="m", low=0.06, high=0.12)
+    """Distance between the handle's axis and the leaf's mid-plane."""
+
+    handle: Handle = "bar"
+    """What the hand holds."""
+
+    latch: Latch = "none"
+    """What holds the closed door."""
+
+    swing: Swing = "pull"
+    """Which way it opens."""
+
+    hinge_side: HingeSide = "right"
+    """Where its hinge is."""
+
+    leaf_width: float | None = quantity(None, unit="m", low=0.35, high=1.05)
+    """Width of the leaf; None: 1 cm more than `radius` and `backset`."""
+
+    backset: float = quantity(0.08, unit="m", low=0.04, high=0.13)
+    """From the leaf's free edge to the handle's axis."""
+
+    leaf_thickness: float = quantity(0.04, unit="m", low=0.015, high=0.08)
+    """Thickness of the leaf."""
+
+    stop_angle: float = quantity(
+        math.radians(100.0), unit="rad", low=math.radians(30.0), high=math.pi
+    )
+    """Angle at which the leaf meets its stop."""
+
+    stiction: float = quantity(0.0, unit="N m", low=0.0, high=50.0)
+    """Torque that keeps the door closed; faded when it is open by 0.5°."""
+
+    seal: float = quantity(0.0, unit="N m", low=0.0, high=20.0)
+    """Closing torque of the seal at the closed door."""
+
+    seal_angle: float = quantity(
+        math.radians(4.0), unit="rad", low=math.radians(0.5), high=math.radians(15.0)
+    )
+    """Where the seal's torque has faded to nothing, linearly."""
+
+    closer_boost: float = quantity(0.0, unit="N m", low=0.0, high=50.0)
+    """Door closer: additional closing torque at the closed door (latch boost)."""
+
+    closer_boost_angle: float = quantity(
+        math.radians(30.0), unit="rad", low=math.radians(5.0), high=math.radians(90.0)
+    )
+    """Where that has faded to nothing, linearly."""
+
+    closer_friction: float = quantity(0.0, unit="N m", low=0.0, high=30.0)
+    """Door closer: half of opening minus closing moment."""
+
+    closer_damping: float = quantity(0.0, unit="N m s/rad", low=0.0, high=50.0)
+    """Door closer: damping while the door moves."""
+
+    closing_damping: float = quantity(0.0, unit="N m s/rad", low=0.0, high=200.0)
+    """Door closer: additional damping while the door closes."""
+
+    backcheck_damping: float = quantity(0.0, unit="N m s/rad", low=0.0, high=200.0)
+    """Door closer: additional damping while the door opens beyond `backcheck_angle`."""
+
+    backcheck_angle: float = quantity(
+        math.radians(70.0), unit="rad", low=math.radians(30.0), high=math.pi
+    )
+    """Where that begins."""
+
+    handle_length: float = quantity(0.12, unit="m", low=0.10, high=0.15)
+    """Lever: from the axis about which it turns to its end."""
+
+    handle_preload: float | None = quantity(None, unit="N m", low=0.0, high=2.0)
+    """Lever, knob: torque of the return spring at rest; None: 0.5 of a lever, 0.175 of
+    a knob: fingers hold a third of what a lever takes."""
+
+    handle_stiffness: float | None = quantity(None, unit="N m/rad", low=0.1, high=5.0)
+    """Lever, knob: what the return spring adds per angle; None: 1.2 and 0.2."""
+
+    handle_travel: float = quantity(0.80, unit="rad", low=0.3, high=1.2)
+    """Lever, knob: angle at which it meets its stop."""
+
+    dead_travel: float = quantity(0.06, unit="rad", low=0.0, high=0.2)
+    """Lever, knob: angle at which it begins to retract the bolt."""
+
+    bolt_throw: float = quantity(0.0127, unit="m", low=0.010, high=0.020)
+    """Latch: how far the bolt stands out; the handle's whole travel draws it in."""
+
+    bolt_preload: float = quantity(4.0, unit="N", low=1.0, high=20.0)
+    """Latch: force of the bolt's spring where it stands out."""
+
+    bolt_stiffness: float = quantity(300.0, unit="N/m", low=50.0, high=2000.0)
+    """Latch: what the bolt's spring adds per length."""
+
+    def __post_init__(self) -> None:
+        for name, allowed in _CHOICES.items():
+            check_choice(f"DoorConfig.{name}", getattr(self, name), get_args(allowed))
+        check_quantities(self)
+        problem = _disagreement(self)
+        if problem:
+            raise ValueError(f"no such door: {problem}")
+
+    def as_dict(self) -> dict[str, float | str | None]:
+        """Return the first eight fields, and of the others those that have no default.
+
+        So a record of a plain door stays what it was before there were others.
+        """
+        return {
+            field.name: getattr(self, field.name)
+            for index, field in enumerate(dataclasses.fields(self))
+            if index < _ALWAYS or getattr(self, field.name) != field.default
+        }
+
+    def replaced(self, fields: Mapping[str, float]) -> "DoorConfig":
+        """Return the door with other numbers; with another radius its leaf follows."""
+        changed: dict[str, Any] = dict(fields)
+        if "radius" in changed:
+            changed.setdefault("leaf_width", None)
+        return dataclasses.replace(self, **changed)
+
+    @property
+    def grip(self) -> float:
+        """How far towards the hinge from the handle's axis the hand holds it [m]."""
+        return self.handle_length - 0.03 if self.handle == "lever" else 0.0
+
+    @property
+    def handle_spring(self) -> tuple[float, float]:
+        """Torque of the handle's return spring [N m], and what an angle adds [N m/rad].
+
+        Where none are given, what levers and knobs usually have.
+        """
+        preload, stiffness = _KNOB_SPRING if self.handle == "knob" else _LEVER_SPRING
+        if self.handle_preload is not None:
+            preload = self.handle_preload
+        if self.handle_stiffness is not None:
+            stiffness = self.handle_stiffness
+        return preload, stiffness
+
+    @property
+    def hand_radius(self) -> float:
+        """Distance from hinge axis to hand [m]."""
+        return self.radius - self.grip
+
+    @property
+    def kind(self) -> dict[str, str]:
+        """What tells doors apart that are opened by another motion."""
+        return {name: getattr(self, name) for name in _CHOICES}
+
+    @property
+    def side(self) -> float:
+        """1 if the hinge is on the right, -1 if on the left."""
+        return 1.0 if self.hinge_side == "right" else -1.0
+
+    @property
+    def way(self) -> float:
+        """1 if the handle begins to move along x, -1 if against it."""
+        return 1.0 if self.swing == "pull" else -1.0
+
+    @property
+    def overhang(self) -> float:
+        """How far the leaf ends beyond the hinge's axis [m]."""
+        if self.leaf_width is None:
+            return OVERHANG
+        return self.leaf_width - self.backset - self.radius
+
+    @property
+    def friction(self) -> float:
+        """Coulomb friction of hinge and closer [N m]."""
+        return self.hinge_friction + self.closer_friction
+
+
+_LEVER_SPRING: Final = (0.5, 1.2)
+_KNOB_SPRING: Final = (0.175, 0.2)
+"""Of what `gplfd_env.doors.standard` draws, the middle."""
+
+_ALWAYS: Final = 8
+"""Fields that every record of a door has."""
+
+_CHOICES: Final = {
+    "handle": Handle,
+    "latch": Latch,
+    "swing": Swing,
+    "hinge_side": HingeSide,
+}
+
+
+def _disagreement(door: DoorConfig) -> str:
+    """Return which fields contradict each other; "" if none do."""
+    if door.latch == "spring" and door.handle == "bar":
+        return (
+            "latch = 'spring' with handle = 'bar', which does not turn and could not "
+            "retract the bolt; choose handle = 'lever' or 'knob'"
+        )
+    if abs(door.overhang) > _DISAGREEMENT:
+        return (
+            f"leaf_width = {door.leaf_width:g} minus backset = {door.backset:g} is not "
+            f"radius = {door.radius:g} within {_DISAGREEMENT:g} m; leave leaf_width "
+            "None to have it follow"
+        )
+    if door.dead_travel > 0.5 * door.handle_travel:
+        return (
+            f"dead_travel = {door.dead_travel:g} is more than half of handle_travel = "
+            f"{door.handle_travel:g}"
+        )
+    return ""
+
+
+_RADII: Final = allowed_range(DoorConfig, "radius")
+
+
+def _room(
+    width: float, construction: str = "tubular-strips", **more: Any
+) -> DoorConfig:
+    """Return a door of a building by DIN 18101, with a lever and a latch."""
+    fields: dict[str, Any] = {
+        "handle": "lever",
+        "latch": "spring",
+        "handle_height": 1.05,
+        "seal": 1.5,
+        "hinge_damping": 0.2,
+    }
+    return DoorConfig(**{**fields, **hardware.leaf(width, construction), **more})
+
+
+DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
+    {
+        "small": DoorConfig(radius=0.35),
+        "medium": DoorConfig(radius=0.50),
+        "large": DoorConfig(radius=0.65),
+        "heavy": DoorConfig(radius=0.50, hinge_friction=2.0, closer_preload=5.0),
+        "cabinet": DoorConfig(
+            radius=0.36,
+            leaf_width=0.40,
+            backset=0.04,
+            leaf_thickness=0.019,
+            panel_mass=4.5,
+            hinge_friction=0.1,
+            hinge_damping=0.1,
+            stiction=1.5,
+        ),
+        "wardrobe": DoorConfig(
+            radius=0.44,
+            leaf_width=0.50,
+            backset=0.05,
+            leaf_thickness=0.019,
+            panel_mass=12.0,
+            hinge_friction=0.2,
+            hinge_damping=0.2,
+            stiction=2.0,
+        ),
+        "room-584": _room(0.584, "honeycomb"),
+        "room-709": _room(0.709, "honeycomb"),
+        "room-834": _room(0.834),
+        "room-959": _room(0.959, "tubular-core"),
+        "office-closer-2": _room(0.834, "tubular-core", **hardware.en1154(2)),
+        "heavy-fire": _room(0.959, "fire", bolt_preload=8.0, **hardware.en1154(4)),
+    }
+)
+"""Small, medium and large are demonstrated; heavy is a medium door that needs 14 N. The
+others are doors of furniture and of buildings."""
+
+DoorSpec = str | float | Mapping[str, Any] | DoorConfig
+"""What `door_config` accepts."""
+
+
+def door_config(door: DoorSpec) -> DoorConfig:
+    """Resolve a door's name, radius, mapping or configuration.
+
+    Args:
+        door: A preset's name (``"medium"``), a radius [m] (``0.42``), a mapping of
+            `DoorConfig` fields with an optional ``"preset"`` to start from
+            (``{"preset": "medium", "hinge_friction": 2.0}``), or a `DoorConfig`.
+
+    Raises:
+        ValueError: An unknown preset or field, or a value outside its range.
+        TypeError: Anything else.
+    """
+    if isinstance(door, DoorConfig):
+        return door
+    if isinstance(door, numbers.Real) and not isinstance(door, bool):
+        return DoorConfig(radius=float(door))
+    if isinstance(door, str | Mapping):
+        hint = f"a radius in metres within {_RADII}"
+        return preset(door, DOORS, "medium", "door", hint)
+    raise TypeError(
+        "door must be a preset's name, a radius in metres, a mapping of DoorConfig "
+        f"fields or a DoorConfig, got {door!r} ({type(door).__name__})"
+    )

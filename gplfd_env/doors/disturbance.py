@@ -1,0 +1,327 @@
+"""What happens to robot and door from outside while the door is being opened.
+
+A disturbance is given like a door: by a preset's name, a mapping, or a record. Every
+number in it may also be a pair ``(low, high)``, from which each reset draws it. It
+begins as soon as its start time has passed and the door is open by its start angle.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Final, Literal, get_args
+
+import numpy as np
+
+from gplfd_env.validation.fields import (
+    check_choice,
+    check_ranges,
+    draw_ranges,
+    quantity,
+)
+from gplfd_env.validation.named import preset, with_fields
+
+Number = Any
+"""A number, or the range (low, high) from which every episode draws it."""
+
+Target = Literal["hand", "forearm", "door"]
+"""What a push acts on."""
+
+Held = Literal["hand", "door"]
+"""What a person holds or stands in the way of."""
+
+Profile = Literal["half_sine", "constant"]
+"""How a push grows and fades."""
+
+
+_ANGLES: Final[Any] = {"unit": "rad", "low": 0.0, "high": math.radians(95.0)}
+_TIMES: Final[Any] = {"unit": "s", "low": 0.0, "high": 1000.0}
+_DURATIONS: Final[Any] = {"unit": "s", "above": 0.0, "high": 1000.0}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Push:
+    """A force on hand, forearm or leaf, in the axes of the handle's circle.
+
+    Raises:
+        ValueError: A number is not finite or not allowed, or there is no such target
+            or profile.
+        TypeError: A value is neither a number nor a pair of numbers.
+    """
+
+    on: Target = "hand"
+    """Where it acts: ``"hand"`` and ``"forearm"`` at their centres of mass; ``"door"``
+    at the handle, where only `along` moves something."""
+    profile: Profile = "half_sine"
+    """``"half_sine"``, or ``"constant"``."""
+    along: Number = quantity(0.0, unit="N", low=-100.0, high=100.0)
+    """Greatest force along the opening motion."""
+    outward: Number = quantity(0.0, unit="N", low=-100.0, high=100.0)
+    """Greatest force away from the hinge."""
+    upward: Number = quantity(0.0, unit="N", low=-100.0, high=100.0)
+    """Greatest force upwards."""
+    start_angle: Number = quantity(0.0, **_ANGLES)
+    """It begins when the door is open by this angle."""
+    start_time: Number = quantity(0.0, **_TIMES)
+    """It begins this long after the reset."""
+    duration: Number = quantity(0.3, **_DURATIONS)
+    """How long it lasts."""
+
+    def __post_init__(self) -> None:
+        check_choice("Push.on", self.on, get_args(Target))
+        check_choice("Push.profile", self.profile, get_args(Profile))
+        check_ranges(self)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Person:
+    """Somebody holds the hand or the door, or keeps a hand in its way.
+
+    A mass, the person's hand, touches hand or door through the contact stiffness of
+    ISO/TS 15066 (hands and fingers: 0.6 kg, 75 N/mm) and hangs on a softer
+    spring-damper, the arm, at where it was when it took hold. It moves along the
+    handle's circle only.
+
+    Raises:
+        ValueError: A number is not finite or not allowed, or there is no such target.
+        TypeError: A value is neither a number nor a pair of numbers.
+    """
+
+    on: Held = "hand"
+    """What is held: the robot's hand or the door at its handle."""
+    one_sided: bool = False
+    """Whether the person only stands in the way and never pulls."""
+    start_angle: Number = quantity(0.0, **_ANGLES)
+    """Angle at which the person takes hold, or at which the hand in the way is."""
+    start_time: Number = quantity(0.0, **_TIMES)
+    """Earliest time at which the person takes hold."""
+    duration: Number = quantity(2.5, **_DURATIONS)
+    """From taking hold, or the first touch, to letting go."""
+    hand_mass: Number = quantity(0.6, unit="kg", low=0.1, high=5.0)
+    """Mass of the person's hand."""
+    contact_stiffness: Number = quantity(75e3, unit="N/m", low=1e3, high=100e3)
+    """Between the person's hand and what it touches."""
+    contact_damping: Number = quantity(80.0, unit="N s/m", low=0.0, high=400.0)
+    """The same, viscous."""
+    arm_stiffness: Number = quantity(1000.0, unit="N/m", low=0.0, high=5000.0)
+    """Of the person's arm."""
+    arm_damping: Number = quantity(50.0, unit="N s/m", low=0.0, high=200.0)
+    """The same, viscous."""
+
+    def __post_init__(self) -> None:
+        check_choice("Person.on", self.on, get_args(Held))
+        check_choice("Person.one_sided", self.one_sided, (False, True))
+        check_ranges(self)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Stop:
+    """The door does not open further, because somebody is behind it or it is locked.
+
+    Raises:
+        ValueError: A number is not finite or not allowed.
+        TypeError: A value is neither a number nor a pair of numbers.
+    """
+
+    angle: Number = quantity(0.0, unit="rad", low=0.0, high=math.radians(95.0))
+    """Greatest opening angle meanwhile; 0 is a locked door."""
+    duration: Number = quantity(1000.0, **_DURATIONS)
+    """From the door's first touch (within half a degree) until it is free."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Bump:
+    """The robot's base is moved, and its task frame with it; the robot does not know.
+
+    What it commands happens beside the door by the displacement, and what it observes
+    is off by as much: position of the hand and its velocity. The arm's change of
+    posture and the inertia of the push are left out.
+
+    Raises:
+        ValueError: A number is not finite or not allowed.
+        TypeError: A value is neither a number nor a pair of numbers.
+    """
+
+    forward: Number = quantity(0.0, unit="m", low=-0.05, high=0.05)
+    """Displacement along the base's x axis, which stays."""
+    left: Number = quantity(0.0, unit="m", low=-0.05, high=0.05)
+    """Displacement along the base's y axis, which stays."""
+    start_angle: Number = quantity(0.0, **_ANGLES)
+    """It begins when the door is open by this angle."""
+    start_time: Number = quantity(0.0, **_TIMES)
+    """It begins this long after the reset."""
+    duration: Number = quantity(0.3, **_DURATIONS)
+    """How long the base moves (a minimum-jerk motion)."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Breakaway:
+    """A hinge that sticks before it first moves, and a seal near the frame.
+
+    Raises:
+        ValueError: A number is not finite or not allowed.
+        TypeError: A value is neither a number nor a pair of numbers.
+    """
+
+    stiction: Number = quantity(0.0, unit="N m", low=0.0, high=50.0)
+    """Friction of the hinge in addition to the door's own, until it has moved by half
+    a degree."""
+    seal: Number = quantity(0.0, unit="N m", low=0.0, high=50.0)
+    """Closing torque of the seal at the closed door; it fades linearly to nothing at
+    `seal_angle`."""
+    seal_angle: Number = quantity(
+        math.radians(4.0), unit="rad", low=math.radians(0.5), high=math.radians(15.0)
+    )
+    """Where the leaf leaves the seal."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Disturbance:
+    """All that happens in an episode from outside; None does not happen.
+
+    Raises:
+        ValueError: A field's mapping has an unknown key or a value not allowed.
+        TypeError: A field is neither its record, a mapping, nor None.
+    """
+
+    push: Push | None = None
+    """A force for a while."""
+    person: Person | None = None
+    """Somebody holds on, or is in the way."""
+    stop: Stop | None = None
+    """The door is blocked."""
+    bump: Bump | None = None
+    """The base is moved."""
+    breakaway: Breakaway | None = None
+    """The hinge sticks at the start."""
+
+    def __post_init__(self) -> None:
+        for name, record in CAUSES.items():
+            value = getattr(self, name)
+            if isinstance(value, Mapping):
+                object.__setattr__(self, name, with_fields(record(), value, name))
+            elif not isinstance(value, record | None):
+                raise TypeError(
+                    f"disturbance {name} must be a mapping of {record.__name__} fields "
+                    f"or a {record.__name__}, got {value!r} ({type(value).__name__})"
+                )
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing happens."""
+        return self == Disturbance()
+
+    def drawn(self, rng: np.random.Generator) -> Disturbance:
+        """Return the disturbance of one episode, each pair replaced by a draw from it.
+
+        Args:
+            rng: One uniform number per number of each record, whether it is drawn or
+                not, so that disturbances that differ in one range share all others.
+        """
+        return dataclasses.replace(
+            self,
+            **{
+                name: draw_ranges(cause, rng)
+                for name in CAUSES
+                if (cause := getattr(self, name)) is not None
+            },
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Every number and name of what happens, e.g. ``"push_along"``."""
+        return {
+            f"{name}_{field}": value
+            for name in CAUSES
+            if (cause := getattr(self, name)) is not None
+            for field, value in dataclasses.asdict(cause).items()
+        }
+
+
+CAUSES: Final[Mapping[str, Any]] = MappingProxyType(
+    {
+        "push": Push,
+        "person": Person,
+        "stop": Stop,
+        "bump": Bump,
+        "breakaway": Breakaway,
+    }
+)
+"""Record of each field of `Disturbance`, by its name."""
+
+
+DISTURBANCES: Final[Mapping[str, Disturbance]] = MappingProxyType(
+    {
+        "none": Disturbance(),
+        "push": Disturbance(
+            push=Push(
+                along=(-15.0, 15.0), outward=(-15.0, 15.0), start_angle=(0.2, 0.8)
+            )
+        ),
+        "person": Disturbance(person=Person(start_angle=(0.35, 0.6))),
+        "person-behind": Disturbance(
+            person=Person(on="door", one_sided=True, start_angle=(0.35, 0.6))
+        ),
+        "stop": Disturbance(stop=Stop(angle=(0.35, 0.6), duration=2.5)),
+        "locked": Disturbance(stop=Stop()),
+        "bump": Disturbance(
+            bump=Bump(forward=(-0.01, 0.01), left=(-0.01, 0.01), start_angle=(0.2, 0.8))
+        ),
+        "breakaway": Disturbance(
+            breakaway=Breakaway(stiction=(2.0, 6.0), seal=(1.0, 3.0))
+        ),
+    }
+)
+"""What can go wrong at an ordinary door, one thing at a time."""
+
+DisturbanceSpec = str | Mapping[str, Any] | Disturbance
+"""What `disturbance` accepts."""
+
+
+def disturbance_named(spec: DisturbanceSpec) -> Disturbance:
+    """Resolve a disturbance's name, mapping or record.
+
+    Args:
+        spec: A preset's name (``"person"``), a mapping of `Disturbance` fields with an
+            optional ``"preset"`` to start from, also within its records
+            (``{"preset": "push", "push": {"duration": 0.5}}``), or a `Disturbance`.
+
+    Raises:
+        ValueError: An unknown preset or field, or a value not allowed.
+        TypeError: Anything else.
+    """
+    if isinstance(spec, Disturbance):
+        return spec
+    if isinstance(spec, str | Mapping):
+        hint = "a mapping of Disturbance fields"
+        given = spec if isinstance(spec, str) else _upon_preset(spec)
+        return preset(given, DISTURBANCES, "none", "disturbance", hint)
+    raise TypeError(
+        "disturbance must be a preset's name, a mapping of Disturbance fields or a "
+        f"Disturbance, got {spec!r} ({type(spec).__name__})"
+    )
+
+
+def _upon_preset(spec: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a mapping whose records have what the preset's have and it leaves out."""
+    name = spec.get("preset", "none")
+    start = DISTURBANCES.get(name) if isinstance(name, str) else None
+    return {
+        key: with_fields(begun, value, key)
+        if isinstance(value, Mapping)
+        and key in CAUSES
+        and (begun := getattr(start, key, None))
+        else value
+        for key, value in spec.items()
+    }

@@ -1,0 +1,182 @@
+"""Where a door's hinge is: what decides every pose of a hand that holds its handle."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gplfd_env.doors.config import DoorConfig, HingeSide, Swing
+from gplfd_env.spatial.se3 import compose_rotvecs
+
+Array = NDArray[np.float64]
+
+_TURN: Final = 0.5
+"""Share of the leaf's turn that a hand takes where it pushes something round."""
+
+_ROUND: Final = 0.03
+"""Who holds a handle nearer to its axis than this holds a knob [m]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DoorGeometry:
+    """A hinge axis in the task frame, whose origin is the hand at the closed door.
+
+    Raises:
+        ValueError: A vector is not of three finite numbers, the axis has no direction,
+            or it passes through the handle.
+    """
+
+    hinge: Array
+    """The point of the hinge axis nearest to the origin [m], (3,); given as any point
+    of the axis."""
+
+    axis: Array
+    """Its direction, (3,), a unit vector; given with any length. A positive turn about
+    it opens the door."""
+
+    spindle: Array | None = None
+    """A point of the axis about which the handle turns in the leaf [m], (3,), while the
+    door is closed; None if the handle does not turn."""
+
+    turn: Array | None = None
+    """That axis's direction, (3,), a unit vector; given with any length. A positive
+    turn about it draws the bolt."""
+
+    travel: float = 0.0
+    """How far the handle can be turned [rad]; 0 if it does not turn."""
+
+    radius: float = field(init=False)
+    """Distance of the hand from the hinge axis [m]."""
+
+    pull: Array = field(init=False)
+    """Direction in which the closed handle begins to move, (3,), a unit vector."""
+
+    def __post_init__(self) -> None:
+        hinge, axis = (np.array(each, float) for each in (self.hinge, self.axis))
+        for name, vector in (("hinge", hinge), ("axis", axis)):
+            if vector.shape != (3,) or not np.isfinite(vector).all():
+                raise ValueError(
+                    f"DoorGeometry.{name} must be three finite numbers, got {vector}"
+                )
+        length = math.sqrt(axis @ axis)
+        axis = axis / length if length > 0.0 else axis
+        hinge = hinge - (hinge @ axis) * axis
+        radius = math.sqrt(hinge @ hinge)
+        if not (length > 0.0 and radius > 0.0):
+            raise ValueError(
+                f"no door turns about {self.axis} through {self.hinge}: the axis must "
+                "have a direction and not pass through the handle, the origin"
+            )
+        pull = np.cross(hinge, axis) / radius
+        vectors = {"hinge": hinge, "axis": axis, "pull": pull}
+        if self.spindle is not None and self.turn is not None:
+            spindle, turn = np.array(self.spindle, float), np.array(self.turn, float)
+            turn = turn / math.sqrt(turn @ turn)
+            vectors |= {"spindle": spindle, "turn": turn}
+        for name, vector in vectors.items():
+            vector.setflags(write=False)
+            object.__setattr__(self, name, vector)
+        object.__setattr__(self, "radius", radius)
+
+    @classmethod
+    def nominal(
+        cls, radius: float, swing: Swing = "pull", hinge_side: HingeSide = "right"
+    ) -> DoorGeometry:
+        """Return a door before a robot that stands right.
+
+        Args:
+            radius: Distance of the hand from the hinge axis [m].
+            swing: Which way it opens.
+            hinge_side: Where its hinge is.
+        """
+        side = 1.0 if hinge_side == "right" else -1.0
+        way = 1.0 if swing == "pull" else -1.0
+        return cls(
+            hinge=np.array([0.0, 0.0, -side * radius]),
+            axis=np.array([0.0, side * way, 0.0]),
+        )
+
+    @classmethod
+    def of(cls, door: DoorConfig) -> DoorGeometry:
+        """Return a door before a robot that stands and grasps right."""
+        side, turns = door.side, door.handle != "bar"
+        return cls(
+            hinge=np.array([0.0, 0.0, -side * door.hand_radius]),
+            axis=np.array([0.0, side * door.way, 0.0]),
+            spindle=np.array([0.0, 0.0, side * door.grip]) if turns else None,
+            turn=np.array([-side, 0.0, 0.0]) if turns else None,
+            travel=door.handle_travel if turns else 0.0,
+        )
+
+    def hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:
+        """Return the poses of a hand that holds the handle rigidly.
+
+        exp(φ a) (p - h) + h for the hinge h, its axis a and the hand's place p in the
+        closed door, turned by φ a: p is the origin while the handle is not turned, and
+        s - exp(θ t) s, turned by θ t, for the spindle s and its axis t when it is.
+
+        Args:
+            angle: Opening angles φ [rad], (...).
+            turn: Angles θ of the handle [rad], broadcast against `angle`.
+
+        Returns:
+            (..., 6) position [m] and rotation vector [rad], task frame.
+
+        Raises:
+            ValueError: A turn of a handle that does not turn.
+        """
+        angles = np.asarray(angle, dtype=np.float64)[..., None]
+        forward = self.radius * np.sin(angles) * self.pull
+        back = (1.0 - np.cos(angles)) * self.hinge
+        opened = np.concatenate([forward + back, angles * self.axis], axis=-1)
+        turns = np.asarray(turn, dtype=np.float64)[..., None]
+        if not turns.any():
+            return opened
+        if self.spindle is None or self.turn is None:
+            raise ValueError("the handle of this door does not turn, but turn is not 0")
+        turned = self.spindle - _rotated(self.spindle, self.turn, turns)
+        moved = _rotated(turned, self.axis, angles)
+        rotation = compose_rotvecs(angles * self.axis, turns * self.turn)
+        position = opened[..., :3] + moved
+        position, rotation = np.broadcast_arrays(position, rotation)
+        return np.concatenate([position, rotation], axis=-1)
+
+    def easy_hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:
+        """Return the poses of a hand that opens the door as is easy for its arm.
+
+        A bar or a knob can be held from any side: where it is pushed, the hand turns by
+        half as much as the leaf, so that the arm goes through the frame and not into
+        the jamb beside the lock. Everything else is held rigidly. Arguments, result and
+        errors are those of `hand_poses`.
+        """
+        poses = self.hand_poses(angle, turn)
+        if self.pull[0] < 0.0 and self._is_round:
+            poses[..., 3:] = self.hand_poses(_TURN * np.asarray(angle), turn)[..., 3:]
+        return poses
+
+    @property
+    def _is_round(self) -> bool:
+        spindle = self.spindle
+        return spindle is None or float(spindle @ spindle) < _ROUND**2
+
+    def direction(self, angle: float) -> Array:
+        """Return where the hand moves at an angle [rad]: a unit vector, (3,)."""
+        inwards = self.hinge / self.radius
+        return math.cos(angle) * self.pull + math.sin(angle) * inwards
+
+    def angle(self, position: ArrayLike) -> Array:
+        """Return the opening angles [rad], (...), at hand positions, (..., 3)."""
+        lever = np.asarray(position, dtype=np.float64) - self.hinge
+        return np.arctan2(lever @ self.pull, lever @ -self.hinge / self.radius)
+
+
+def _rotated(vector: Array, axis: Array, angles: Array) -> Array:
+    """Return a vector, (..., 3), turned about a unit axis by angles [rad], (..., 1)."""
+    along = (vector * axis).sum(axis=-1, keepdims=True) * axis
+    across = vector - along
+    side = np.cross(np.broadcast_to(axis, across.shape), across)
+    return np.asarray(along + np.cos(angles) * across + np.sin(angles) * side)

@@ -1,0 +1,174 @@
+"""What standards and makers' tables say of doors, as fields of a `DoorConfig`.
+
+assets/README.md names the clause or table of every number.
+"""
+
+import math
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+from gplfd_env.validation.fields import check_choice
+
+GRAVITY: Final = 9.81
+
+
+class CloserSize(NamedTuple):
+    """A row of EN 1154, table 1, for a power size.
+
+    Attributes:
+        closing: Closing moment between 0 and 4°, least and greatest [N m].
+        closing_open: Least closing moment between 88 and 92° [N m].
+        opening: Greatest opening moment between 0 and 60° [N m].
+        efficiency: Least ratio of closing to opening moment between 0 and 4°.
+        widest: Greatest width of the leaf [m].
+        heaviest: Greatest mass of the leaf [kg].
+    """
+
+    closing: tuple[float, float]
+    closing_open: float
+    opening: float
+    efficiency: float
+    widest: float
+    heaviest: float
+
+
+EN_1154: Final = MappingProxyType(
+    {
+        1: CloserSize((9.0, 13.0), 3.0, 26.0, 0.50, 0.75, 20.0),
+        2: CloserSize((13.0, 18.0), 4.0, 36.0, 0.50, 0.85, 40.0),
+        3: CloserSize((18.0, 26.0), 6.0, 47.0, 0.55, 0.95, 60.0),
+        4: CloserSize((26.0, 37.0), 9.0, 62.0, 0.60, 1.10, 80.0),
+    }
+)
+"""Rows by power size."""
+
+_FADED: Final = math.radians(30.0)
+"""Angle at which a closer's additional moment near the frame has faded [rad]; own."""
+
+LEAF_HEIGHT: Final = 1.972
+"""Of a leaf by DIN 18101 [m]."""
+
+CONSTRUCTIONS: Final = MappingProxyType(
+    {
+        "honeycomb": 8.0,
+        "tubular-strips": 12.0,
+        "tubular-core": 15.0,
+        "chipboard": 23.0,
+        "fire": 34.0,
+    }
+)
+"""Mass of a leaf per area, by what is inside [kg/m²]."""
+
+BEARINGS: Final = MappingProxyType(
+    {"ball": 0.04, "plain": 0.12, "worn": 0.25, "rusty": 0.55}
+)
+"""Coefficient of friction of a hinge."""
+
+_PIN_RADIUS: Final = 4.8e-3
+_THRUST_RADIUS: Final = 7.5e-3
+_HINGE_SPAN: Final = 1.5
+"""Between the outer hinges of a leaf [m]; own."""
+
+
+def en1154(size: int, efficiency: float | None = None) -> dict[str, float]:
+    """Return the fields of a hydraulic closer.
+
+    The closing moment M near the frame is the middle of the standard's range. With
+    the efficiency η the opening moment there is M / η, so the spring gives their mean
+    and friction half their difference. Beyond 30° the closing moment is half of M,
+    which at 90° is more than the least allowed.
+
+    Args:
+        size: Power size, 1 to 4.
+        efficiency: Closing over opening moment; by default halfway between the least
+            allowed and 1.
+
+    Raises:
+        ValueError: An unknown size, or an efficiency that the standard refuses.
+    """
+    check_choice("EN 1154 size", size, EN_1154)
+    row = EN_1154[size]
+    share = (row.efficiency + 1.0) / 2.0 if efficiency is None else efficiency
+    closing = sum(row.closing) / 2.0
+    if not (row.efficiency <= share <= 1.0 and closing / share <= row.opening):
+        raise ValueError(
+            f"efficiency = {share!r} of a closer of size {size} is outside "
+            f"[{row.efficiency:g}, 1] (EN 1154, table 1)"
+        )
+    friction = closing * (1.0 / share - 1.0) / 2.0
+    preload = 0.5 * closing + friction
+    return {
+        "closer_preload": preload,
+        "closer_boost": closing + friction - preload,
+        "closer_boost_angle": _FADED,
+        "closer_friction": friction,
+        "closer_damping": 4.0 + 2.0 * size,
+        "closing_damping": 26.0 + 8.0 * size,
+        "backcheck_damping": 40.0 + 20.0 * size,
+    }
+
+
+def spring_hinge(moment: float = 6.0) -> dict[str, float]:
+    """Return the fields of a spring hinge without a damper.
+
+    Args:
+        moment: Closing moment at the closed door [N m]; it doubles over 90°.
+    """
+    return {
+        "closer_preload": moment,
+        "closer_stiffness": moment / math.radians(90.0),
+        "closer_boost": 0.0,
+        "closer_friction": 0.0,
+        "closer_damping": 0.0,
+        "closing_damping": 0.0,
+        "backcheck_damping": 0.0,
+    }
+
+
+def bearing_friction(mass: float, width: float, bearing: str = "ball") -> float:
+    """Return the Coulomb friction of a leaf's hinges [N m].
+
+    μ (m g r_thrust + 2 F r_pin) with the horizontal load F = m g (W / 2) / span: the
+    bearing model of DoorBench's docs/PHYSICS.md.
+
+    Args:
+        mass: Of the leaf [kg].
+        width: Of the leaf [m].
+        bearing: A key of `BEARINGS`.
+
+    Raises:
+        ValueError: An unknown bearing.
+    """
+    check_choice("bearing", bearing, BEARINGS)
+    weight = mass * GRAVITY
+    sideways = weight * (width / 2.0) / _HINGE_SPAN
+    return BEARINGS[bearing] * (weight * _THRUST_RADIUS + 2.0 * sideways * _PIN_RADIUS)
+
+
+def leaf(
+    width: float,
+    construction: str = "tubular-strips",
+    *,
+    backset: float = 0.055,
+    bearing: str = "ball",
+) -> dict[str, float]:
+    """Return the fields of an unrebated leaf of `LEAF_HEIGHT`.
+
+    Args:
+        width: Of the leaf [m].
+        construction: A key of `CONSTRUCTIONS`.
+        backset: From the lock's edge to the axis of the handle [m].
+        bearing: A key of `BEARINGS`.
+
+    Raises:
+        ValueError: An unknown construction or bearing.
+    """
+    check_choice("construction", construction, CONSTRUCTIONS)
+    mass = CONSTRUCTIONS[construction] * width * LEAF_HEIGHT
+    return {
+        "radius": width - backset,
+        "leaf_width": width,
+        "backset": backset,
+        "panel_mass": mass,
+        "hinge_friction": bearing_friction(mass, width, bearing),
+    }

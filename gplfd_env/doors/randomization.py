@@ -1,0 +1,270 @@
+"""Ranges from which every episode draws its door and circumstances.
+
+All draws come from the environment's own generator, one uniform number per parameter
+whether it is varied or not: two randomisations that differ in one range draw the same
+values for all others.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Final, Literal, get_args
+
+import numpy as np
+
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.standard import standard_door
+from gplfd_env.doors.variation import Placement, SensorNoise, Variation
+from gplfd_env.validation.fields import (
+    allowed_range,
+    check_choice,
+    check_quantities,
+    checked_number,
+    quantity,
+)
+from gplfd_env.validation.named import preset
+
+Pair = tuple[float, float]
+
+Doors = Literal["given", "standard"]
+"""Which door an episode's ranges apply to."""
+
+
+def _half_width(name: str) -> Any:
+    """Declare a field within plus or minus of which a field of `Placement` is drawn."""
+    allowed = allowed_range(Placement, name)
+    return quantity(0.0, unit=allowed.unit, low=0.0, high=allowed.high)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DoorRandomization:
+    """What is drawn at every reset, and from where.
+
+    A pair ``(low, high)`` is a uniform range that replaces the door's own value; None
+    leaves it. Values on which the robot has no say (base and grasp) are drawn within
+    plus or minus the number given.
+
+    Raises:
+        ValueError: A range is reversed, not finite, or beyond what the door, the
+            placement or the sensors allow.
+        TypeError: A field is not a number, or not of numbers.
+    """
+
+    radius: Pair | None = None
+    """Handle-to-hinge distance [m]."""
+
+    hinge_friction: Pair | None = None
+    """Coulomb friction of the hinge [N m]."""
+
+    hinge_damping: Pair | None = None
+    """Viscous friction of the hinge [N m s/rad]."""
+
+    closer_stiffness: Pair | None = None
+    """Closing torque that grows with the angle [N m/rad]."""
+
+    closer_preload: Pair | None = None
+    """Constant closing torque [N m]."""
+
+    panel_mass: Pair | None = None
+    """Mass of the leaf [kg]."""
+
+    handle_height: Pair | None = None
+    """Height of the handle above the floor [m]."""
+
+    base_position: float = _half_width("base_x")
+    """Placement error of the base in x and y, each within ± this [m]."""
+
+    base_yaw: float = _half_width("base_yaw")
+    """Heading error of the base within ± this [rad]."""
+
+    grasp_height: float = _half_width("grasp_height")
+    """Grasped point along the bar within ± this [m]."""
+
+    grasp_depth: float = _half_width("grasp_depth")
+    """Bar between the finger pads within ± this [m]."""
+
+    pose_noise: Pair = (0.0, 0.0)
+    """Standard deviation of the observed position [m] and rotation vector [rad]."""
+
+    wrench_noise: Pair = (0.0, 0.0)
+    """Standard deviation of the observed force [N] and torque [N m]."""
+
+    shortest_delay: int = quantity(
+        0, unit="control periods", low=0, high=allowed_range(Variation, "delay").high
+    )
+    """Commands take effect after this many control periods or more, at most
+    `longest_delay`."""
+
+    longest_delay: int = quantity(
+        0, unit="control periods", low=0, high=allowed_range(Variation, "delay").high
+    )
+    """Commands take effect after `shortest_delay` to this many control periods."""
+
+    doors: Doors = "given"
+    """``"given"``: the door that the environment is told, but for the ranges above;
+    ``"standard"``: one drawn by `gplfd_env.doors.standard` instead."""
+
+    def __post_init__(self) -> None:
+        check_choice("DoorRandomization.doors", self.doors, get_args(Doors))
+        check_quantities(self)
+        for name in _DOOR_FIELDS:
+            bounds = getattr(self, name)
+            if bounds is None:
+                continue
+            low, high = self._check_pair(name, DoorConfig, name, name)
+            if low > high:
+                raise ValueError(
+                    f"DoorRandomization.{name} = {bounds} must be (low, high) with "
+                    "low <= high"
+                )
+        if self.shortest_delay > self.longest_delay:
+            raise ValueError(
+                f"DoorRandomization.shortest_delay = {self.shortest_delay} must not be "
+                f"above longest_delay = {self.longest_delay}"
+            )
+        self._check_pair("pose_noise", SensorNoise, "position", "rotation")
+        self._check_pair("wrench_noise", SensorNoise, "force", "torque")
+
+    def _check_pair(self, name: str, record: type, first: str, second: str) -> Pair:
+        """Keep a pair as floats, allowed for two fields of a record; return it."""
+        label, given = f"DoorRandomization.{name}", getattr(self, name)
+        try:
+            one, other = given
+        except (TypeError, ValueError):
+            raise ValueError(f"{label} = {given!r} must be a pair of numbers") from None
+        pair = (
+            checked_number(label, one, allowed_range(record, first)),
+            checked_number(label, other, allowed_range(record, second)),
+        )
+        object.__setattr__(self, name, pair)
+        return pair
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is varied."""
+        return self == DoorRandomization()
+
+    def outermost(self, door: DoorConfig) -> DoorConfig:
+        """Return the door with the highest handle farthest from the hinge."""
+        drawn = {"radius": self.radius, "handle_height": self.handle_height}
+        ends: dict[str, Any] = {
+            name: pair[1] for name, pair in drawn.items() if pair is not None
+        }
+        return door.replaced(ends)
+
+    def sample(self, door: DoorConfig, rng: np.random.Generator) -> Variation:
+        """Draw one episode.
+
+        Args:
+            door: Gives every value that is not varied.
+            rng: Where the draws come from; always the same number of them, and one more
+                where doors are drawn by the standards.
+        """
+        draws = iter(rng.random(len(_DOOR_FIELDS) + 6).tolist())
+        if self.doors == "standard":
+            door = standard_door(np.random.default_rng(int(rng.integers(2**63))))
+        fields = {}
+        for name in _DOOR_FIELDS:
+            share, bounds = next(draws), getattr(self, name)
+            if bounds is not None:
+                fields[name] = bounds[0] + share * (bounds[1] - bounds[0])
+
+        def within(width: float) -> float:
+            error: float = (2.0 * next(draws) - 1.0) * width
+            return error
+
+        placement = Placement(
+            base_x=within(self.base_position),
+            base_y=within(self.base_position),
+            base_yaw=within(self.base_yaw),
+            grasp_height=within(self.grasp_height),
+            grasp_depth=within(self.grasp_depth),
+        )
+        position, rotation = self.pose_noise
+        force, torque = self.wrench_noise
+        return Variation(
+            door=door.replaced(fields),
+            placement=placement,
+            noise=SensorNoise(
+                position=position, rotation=rotation, force=force, torque=torque
+            ),
+            delay=min(
+                self.shortest_delay
+                + int(next(draws) * (self.longest_delay - self.shortest_delay + 1)),
+                self.longest_delay,
+            ),
+        )
+
+
+_DOOR_FIELDS: Final = tuple(
+    field.name
+    for field in dataclasses.fields(DoorRandomization)
+    if field.name in DoorConfig.__dataclass_fields__
+)
+"""Fields that replace the door's own."""
+
+RandomizationSpec = str | Mapping[str, Any] | DoorRandomization
+"""What `door_randomization` accepts."""
+
+
+def door_randomization(spec: RandomizationSpec) -> DoorRandomization:
+    """Resolve a randomisation's name, mapping or record.
+
+    Args:
+        spec: A preset's name (``"mild"``), a mapping of `DoorRandomization` fields with
+            an optional ``"preset"`` to start from, or a `DoorRandomization`.
+
+    Raises:
+        ValueError: An unknown preset or field, or an impossible range.
+        TypeError: Anything else.
+    """
+    if isinstance(spec, DoorRandomization):
+        return spec
+    if isinstance(spec, str | Mapping):
+        hint = "a mapping of DoorRandomization fields"
+        return preset(spec, RANDOMIZATIONS, "none", "randomization", hint)
+    raise TypeError(
+        "randomization must be a preset's name, a mapping of DoorRandomization "
+        f"fields or a DoorRandomization, got {spec!r} ({type(spec).__name__})"
+    )
+
+
+RANDOMIZATIONS: Final[Mapping[str, DoorRandomization]] = MappingProxyType(
+    {
+        "none": DoorRandomization(),
+        "mild": DoorRandomization(
+            hinge_friction=(0.2, 1.0),
+            hinge_damping=(0.2, 1.0),
+            panel_mass=(8.0, 16.0),
+            handle_height=(0.80, 0.85),
+            base_position=0.01,
+            base_yaw=math.radians(1.0),
+            grasp_height=0.02,
+            grasp_depth=0.002,
+            pose_noise=(0.0005, 0.002),
+            wrench_noise=(0.3, 0.02),
+            longest_delay=1,
+        ),
+        "hard": DoorRandomization(
+            radius=(0.30, 0.60),
+            hinge_friction=(0.0, 2.0),
+            hinge_damping=(0.0, 2.0),
+            closer_stiffness=(0.0, 1.0),
+            closer_preload=(0.0, 3.0),
+            panel_mass=(5.0, 30.0),
+            handle_height=(0.70, 0.85),
+            base_position=0.02,
+            base_yaw=math.radians(3.0),
+            grasp_height=0.04,
+            grasp_depth=0.004,
+            pose_noise=(0.001, 0.005),
+            wrench_noise=(1.0, 0.05),
+            longest_delay=3,
+        ),
+        "standard": DoorRandomization(doors="standard"),
+    }
+)
+"""Mild is what a careful laboratory leaves over; hard is a new door every time;
+standard is a door of a building every time, before which the robot stands right."""

@@ -1,0 +1,153 @@
+"""What may differ from one episode to the next besides the door itself."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.disturbance import Disturbance
+from gplfd_env.validation.fields import allowed_range, check_quantities, quantity
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Placement:
+    """Where the robot really stands, and how its hand holds the bar.
+
+    The robot does not know its placement error: it takes hold of the handle where it
+    finds it, calls the hand's pose there the origin, and the direction in which it
+    believes the door to face the x axis. So the task frame begins at the hand, and a
+    wrong heading turns the door's true arc in it.
+
+    Raises:
+        ValueError: A field is not finite or outside its range.
+        TypeError: A field is not a number.
+    """
+
+    base_x: float = quantity(0.0, unit="m", low=-0.05, high=0.05)
+    """The base is this far ahead of where it should be."""
+
+    base_y: float = quantity(0.0, unit="m", low=-0.05, high=0.05)
+    """The base is this far to the left of where it should be."""
+
+    base_yaw: float = quantity(0.0, unit="rad", low=-0.1, high=0.1)
+    """The base is turned this far to the left."""
+
+    grasp_height: float = quantity(0.0, unit="m", low=-0.05, high=0.05)
+    """The hand holds the bar this far above its middle."""
+
+    grasp_depth: float = quantity(0.0, unit="m", low=-0.008, high=0.008)
+    """The bar lies this far towards the finger tips."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Standoff:
+    """Where the hand begins that has yet to reach the handle.
+
+    It is open and has the orientation in which it will hold the handle.
+
+    Raises:
+        ValueError: A field is not finite or outside its range.
+        TypeError: A field is not a number.
+    """
+
+    distance: float = quantity(0.15, unit="m", low=0.10, high=0.20)
+    """From where it will hold the handle."""
+
+    aside: float = quantity(0.0, unit="rad", low=-0.25, high=0.25)
+    """Its direction from there: this far to the left of straight back."""
+
+    above: float = quantity(0.0, unit="rad", low=-0.25, high=0.25)
+    """And this far above it."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Standoff:
+        """Return one with every field drawn uniformly from its range."""
+        ranges = {
+            one.name: allowed_range(cls, one.name) for one in dataclasses.fields(cls)
+        }
+        return cls(**{name: rng.uniform(r.low, r.high) for name, r in ranges.items()})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SensorNoise:
+    """Standard deviations of white Gaussian noise on what the robot observes.
+
+    Raises:
+        ValueError: A field is negative, too large or not finite.
+        TypeError: A field is not a number.
+    """
+
+    position: float = quantity(0.0, unit="m", low=0.0, high=0.01)
+    """On the hand's position."""
+
+    rotation: float = quantity(0.0, unit="rad", low=0.0, high=0.1)
+    """On the hand's rotation vector."""
+
+    force: float = quantity(0.0, unit="N", low=0.0, high=10.0)
+    """On the wrist's force."""
+
+    torque: float = quantity(0.0, unit="N m", low=0.0, high=1.0)
+    """On the wrist's torque."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    @property
+    def silent(self) -> bool:
+        """Whether there is none."""
+        return not any(dataclasses.astuple(self))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Variation:
+    """One episode's door and circumstances.
+
+    Raises:
+        ValueError: The delay is not a whole number within its range.
+    """
+
+    door: DoorConfig = field(default_factory=DoorConfig)
+    """The door."""
+
+    placement: Placement = field(default_factory=Placement)
+    """How the robot stands and grasps."""
+
+    noise: SensorNoise = field(default_factory=SensorNoise)
+    """What blurs its observations."""
+
+    delay: int = quantity(0, unit="control periods", low=0, high=10)
+    """From a command to its effect."""
+
+    disturbance: Disturbance = field(default_factory=Disturbance)
+    """What happens from outside."""
+
+    standoff: Standoff | None = None
+    """Where the hand begins; None if it holds the handle."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Every number by name, e.g. for logs."""
+        return {
+            **self.door.as_dict(),
+            **dataclasses.asdict(self.placement),
+            **{f"{k}_noise": v for k, v in dataclasses.asdict(self.noise).items()},
+            "delay": self.delay,
+            **self.disturbance.as_dict(),
+        }
+
+    @property
+    def scene(self) -> tuple[DoorConfig, Placement, Standoff | None]:
+        """What a scene is brought to."""
+        return self.door, self.placement, self.standoff

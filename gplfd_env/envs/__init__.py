@@ -1,0 +1,1 @@
+"""The Gymnasium environments: single, vector, gripper, reinforcement learning, Warp."""

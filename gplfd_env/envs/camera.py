@@ -1,0 +1,149 @@
+"""Pictures of a scene: off screen by MuJoCo's renderer, in a window by Gymnasium's."""
+
+import warnings
+from typing import Any, ClassVar, Final
+
+import glfw
+import mujoco
+from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
+
+from gplfd_env.validation.fields import Range, check_choice, checked_count
+
+_SIZES: Final = Range(unit="pixels", low=1, high=8192)
+_EFFECTS: Final = (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION)
+
+
+class Camera:
+    """Draws the state of a model; a renderer is made when it is first needed.
+
+    A deep or unpickled copy makes a renderer of its own.
+
+    Args:
+        model: A scene; a picture of another makes another renderer.
+        width: Of the picture [px].
+        height: Of the picture [px].
+        name: Of a camera in the model.
+        effects: Shadows, reflections and smooth edges in pictures.
+
+    Raises:
+        ValueError: An impossible size or an unknown camera.
+    """
+
+    _without_opengl: ClassVar[str] = ""
+    """Why this process cannot draw: MuJoCo aborts Python when it fails again."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        width: int,
+        height: int,
+        name: str,
+        *,
+        effects: bool,
+    ) -> None:
+        self._width = checked_count("width", width, _SIZES)
+        self._height = checked_count("height", height, _SIZES)
+        cameras = [model.camera(index).name for index in range(model.ncam)]
+        check_choice("camera_name", name, cameras)
+        self._name, self._effects = name, effects
+        self._renderer: mujoco.Renderer | None = None
+        self._window: MujocoRenderer | None = None
+        self._drawn: mujoco.MjModel | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_renderer": None, "_window": None, "_drawn": None}
+
+    def picture(self, mode: str, data: mujoco.MjData) -> Any:
+        """Return a picture in one of the environment's render modes.
+
+        Args:
+            mode: Which.
+            data: The state to draw, the same object as long as its model is.
+
+        Raises:
+            RuntimeError: OpenGL is not to be had; the message says what to install.
+        """
+        if mode == "human":
+            return self._show(data)
+        if mode == "rgb_array":
+            return self._draw(data, depth=False)
+        if mode == "depth_array":
+            return self._draw(data, depth=True)
+        return self._draw(data, depth=False), self._draw(data, depth=True)
+
+    def close(self) -> None:
+        """Free window and renderer; may be called more than once."""
+        if self._window is not None:
+            self._window.close()  # type: ignore[no-untyped-call]
+            self._window = None
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _show(self, data: mujoco.MjData) -> None:
+        if self._window is None or self._drawn is not data.model:
+            self.close()
+            self._drawn = data.model
+            self._window = MujocoRenderer(
+                data.model,
+                data,
+                None,
+                self._width,
+                self._height,
+                camera_name=self._name,
+            )
+        self._window.render("human")
+
+    def _draw(self, data: mujoco.MjData, *, depth: bool) -> Any:
+        if self._renderer is None or self._drawn is not data.model:
+            self.close()
+            self._renderer, self._drawn = self._made_renderer(data.model), data.model
+        renderer = self._renderer
+        renderer.update_scene(data, camera=self._name)
+        for flag in _EFFECTS:
+            renderer.scene.flags[flag] = self._effects
+        if depth:
+            renderer.enable_depth_rendering()
+        else:
+            renderer.disable_depth_rendering()
+        return renderer.render()
+
+    def _made_renderer(self, model: mujoco.MjModel) -> mujoco.Renderer:
+        if Camera._without_opengl:
+            raise RuntimeError(Camera._without_opengl)
+        visual, quality = model.vis.global_, model.vis.quality
+        before = visual.offwidth, visual.offheight, quality.offsamples
+        visual.offwidth = max(visual.offwidth, self._width)
+        visual.offheight = max(visual.offheight, self._height)
+        if not self._effects:
+            quality.offsamples = 0
+        try:
+            return mujoco.Renderer(model, self._height, self._width)
+        # Which exception depends on the platform's way of lacking OpenGL.
+        except Exception as error:
+            Camera._without_opengl = (
+                f"no picture without OpenGL ({error}); on a machine without a screen "
+                "install EGL (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri) "
+                "or OSMesa (libosmesa6) and set MUJOCO_GL=egl or MUJOCO_GL=osmesa "
+                "before Python starts"
+            )
+            raise RuntimeError(Camera._without_opengl) from error
+        finally:
+            visual.offwidth, visual.offheight, quality.offsamples = before
+
+
+def require_display() -> None:
+    """Raise where a window would have no display.
+
+    Raises:
+        RuntimeError: There is none; opening the window would abort Python.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of GLFW, about what the error says
+        found = glfw.init() and glfw.get_primary_monitor()
+    if not found:
+        raise RuntimeError(
+            'render_mode="human" opens a window and needs a display; without one use '
+            '"rgb_array" with MUJOCO_GL=egl set before Python starts, or run under '
+            "xvfb-run"
+        )

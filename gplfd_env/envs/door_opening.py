@@ -1,0 +1,346 @@
+"""One door: ``gplfd/DoorOpening-v1``, its impedance and its mobile variant."""
+
+from collections.abc import Mapping
+from typing import Any, get_args
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Base, Start
+from gplfd_env.conventions.resets import checked_options
+from gplfd_env.doors.config import DoorConfig, DoorSpec, door_config
+from gplfd_env.doors.disturbance import Disturbance, DisturbanceSpec, disturbance_named
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.doors.randomization import (
+    DoorRandomization,
+    RandomizationSpec,
+    door_randomization,
+)
+from gplfd_env.doors.variation import Variation
+from gplfd_env.envs.camera import Camera, require_display
+from gplfd_env.robot.gripper import hold_of
+from gplfd_env.robot.model import Grasp, Hold
+from gplfd_env.robot.placement import door_geometry
+from gplfd_env.robot.stance import check_reach
+from gplfd_env.simulation.command import COMMANDS, DRIVEN
+from gplfd_env.simulation.single import DoorSimulation
+from gplfd_env.task.draw import draw_episode
+from gplfd_env.task.episode import REWARDS, Episode, Reward
+from gplfd_env.task.info import BASE_POSE, BASE_RATE, FLAGS, NUMBERS, POSE, TEXTS
+from gplfd_env.task.observation import Observation, Reader, observation_space
+from gplfd_env.validation.fields import check_choice
+
+Array = NDArray[np.float64]
+Info = dict[str, Any]
+
+
+class DoorOpeningEnv(gym.Env[Observation, Array]):
+    """A TIAGo-like arm, its hand on the handle of a hinged door, or before it.
+
+    Action, (6,): the commanded pose of the hand in the task frame, position [m] and
+    rotation vector [rad] relative to the closed grasp. A stiff Cartesian servo
+    (2000 N/m, 100 N m/rad) inside MuJoCo follows it; joint effort limits hold.
+
+    Observation (dict): ``ee_pose`` (6,) [m, rad], ``ee_twist`` (6,) [m/s, rad/s],
+    ``wrench`` (6,) [N, N m] on the hand, all in the task frame; ``joint_pos`` (7,)
+    [rad], ``joint_vel`` (7,) [rad/s], ``time`` (1,) [s].
+
+    Info, same keys at reset and step: ``door_angle`` [rad], ``door_velocity``
+    [rad/s], ``door_radius`` [m], ``handle_pose`` (6,) [m, rad],
+    ``base_pose`` (3,) [m, rad], ``base_velocity`` (3,) [m/s, rad/s], ``success``,
+    ``is_success``, ``grasped``, ``slip`` [m], ``force_tangential``,
+    ``force_radial``, ``force_vertical`` [N, hand on handle], ``push_force``,
+    ``person_force`` [N], ``person_energy`` [J], ``base_shift`` [m], ``stop_force``
+    [N, of the door at the handle's radius], ``handle_angle`` [rad], ``bolt`` [m],
+    ``closer_torque`` [N m], ``capability`` and its ``stage``, ``failure`` and its
+    ``reason``,
+    ``simulation_error``, ``reward_terms``. Never blurred by sensor noise.
+
+    The episode terminates in success (60° held for 0.5 s, handle grasped) or when
+    the grasp is lost, and is truncated by the time limit or a diverged simulation.
+
+    Args:
+        door: Preset's name, radius [m], mapping of `DoorConfig` fields, or a
+            `DoorConfig`; see `gplfd_env.doors.config.door_config`.
+        grasp: ``"contact"`` (friction between pads and bar) or ``"weld"``.
+        randomization: What every reset draws anew: ``"none"``, ``"mild"``, ``"hard"``,
+            a mapping of `DoorRandomization` fields, or a `DoorRandomization`.
+        disturbance: What happens from outside: ``"none"``, ``"push"``, ``"person"``,
+            ``"stop"``, ... (`gplfd_env.doors.disturbance.DISTURBANCES`), a mapping of
+            `Disturbance` fields, or a `Disturbance`.
+        reward: ``"dense"`` or ``"sparse"`` (1 in success, else 0).
+        base: ``"fixed"``, or ``"mobile"``: it follows the hand, see
+            `gplfd_env.robot.whole_body`, and touches what it runs into.
+        start: ``"grasped"``, or ``"approach"``: the episode begins with the open hand
+            10 to 20 cm before the handle. Where no action commands the gripper, it
+            closes when the hand is at the handle, see `gplfd_env.robot.gripper`.
+        render_mode: None, ``"human"``, ``"rgb_array"``, ``"depth_array"`` or
+            ``"rgbd_tuple"``.
+        width: Width of rendered pictures [px].
+        height: Height of rendered pictures [px].
+        camera_name: ``"overview"``, ``"top"``, ``"head"`` or ``"hand_camera"``.
+        effects: Shadows, reflections and smooth edges in pictures; windows have them
+            always. Without a graphics card a picture takes ten times as long.
+
+    Raises:
+        ValueError: An unknown door, grasp, start, randomisation, reward, camera or
+            render mode, a door out of range, a rigid grasp of a hand that has to take
+            hold, or an impossible picture size.
+        RuntimeError: ``render_mode="human"`` without a display.
+    """
+
+    metadata = {  # noqa: RUF012 - Gymnasium declares it as an instance variable
+        "render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"],
+        "render_fps": round(1 / CONTROL_PERIOD),
+    }
+    command = COMMANDS["pose"]
+    """What an action means."""
+
+    def __init__(
+        self,
+        door: DoorSpec = "medium",
+        *,
+        grasp: Grasp = "contact",
+        randomization: RandomizationSpec = "none",
+        disturbance: DisturbanceSpec = "none",
+        reward: Reward = "dense",
+        base: Base = "fixed",
+        start: Start = "grasped",
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+        camera_name: str = "overview",
+        effects: bool = False,
+    ) -> None:
+        check_choice("grasp", grasp, get_args(Grasp))
+        check_choice("reward", reward, REWARDS)
+        check_choice("base", base, get_args(Base))
+        check_choice("start", start, get_args(Start))
+        check_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
+        if render_mode == "human":
+            require_display()
+        self.render_mode = render_mode
+        self._reward: Reward = reward
+        self._base: Base = base
+        self._door = door_config(door)
+        self._randomization = door_randomization(randomization)
+        check_reach(self._randomization.outermost(self._door), base, start)
+        self._disturbance = disturbance_named(disturbance)
+        self._start: Start = start
+        self._hold: Hold = hold_of(grasp, start, commanded=self.command.grips)
+        self._simulation = DoorSimulation(self._door, self._hold, self.command, base)
+        self._camera = Camera(self.model, width, height, camera_name, effects=effects)
+        self._sensed = np.empty(0)
+        self._reader = self._reader_now()
+        self._episode: Episode | None = None
+        self.observation_space = observation_space(
+            tells_base=self.command.drives, tells_gripper=self.command.grips
+        )
+        self.action_space: spaces.Space[Any] = self.command.space
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The scene.
+
+        It stays the same object when the door changes, unless the new one has another
+        handle, latch or kind of closer.
+        """
+        return self._simulation.model
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """The scene's state; it stays the same object as long."""
+        return self._simulation.data
+
+    @property
+    def variation(self) -> Variation:
+        """The door of this episode and what is around it."""
+        return self._simulation.variation
+
+    @property
+    def door(self) -> DoorConfig:
+        """The door of this episode."""
+        return self.variation.door
+
+    @property
+    def door_geometry(self) -> DoorGeometry:
+        """Where its hinge and its handle's axis are in the task frame."""
+        return door_geometry(self.variation, self._base)
+
+    @property
+    def dt(self) -> float:
+        """Control period [s]."""
+        return CONTROL_PERIOD
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Observation, Info]:
+        """Close the door, put it into the hand or before it, and begin an episode.
+
+        Args:
+            seed: Seeds ``self.np_random``.
+            options: ``{"door": ...}``, ``{"randomization": ...}`` and
+                ``{"disturbance": ...}`` change the door, what is drawn around it, and
+                what happens, from this episode on.
+
+        Raises:
+            ValueError: An unknown option, door or randomisation, or a drawn placement
+                from which the arm cannot hold the handle or be before it; the next
+                reset draws anew.
+        """
+        chosen = self._chosen(options)
+        super().reset(seed=seed)
+        self._door, self._randomization, self._disturbance = chosen
+        drawn = draw_episode(*chosen, self.np_random, self._start)
+        self._simulation.restart(drawn.variation)
+        self._reader = self._reader_now()
+        rest = self.command.resting(drawn.variation, self._base)
+        episode = Episode(drawn, self._reader, self._reward, self._sense(), rest)
+        self._episode = episode
+        if self.render_mode == "human":
+            self.render()
+        return self._observation(episode), self._info(episode)
+
+    def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
+        """Give the servo a command for one control period.
+
+        Args:
+            action: (6,) position [m] and rotation vector [rad] in the task frame,
+                under impedance control followed by (6,) stiffness [N/m, N m/rad], with
+                a driven base by its twist (3,) [m/s, rad/s], with a commanded gripper
+                by its width (1,) [m];
+                values beyond the action space are clamped to it.
+
+        Raises:
+            ValueError: The action's shape is wrong or it is not finite.
+            gymnasium.error.ResetNeeded: There was no reset yet.
+        """
+        episode = self._episode
+        if episode is None:
+            raise gym.error.ResetNeeded("call reset() before the first step()")
+        command = self.command.check(action, self.command.rest.shape)
+        if self._base == "mobile":
+            # MuJoCo clamps what the servo is told, but the base follows it, too.
+            command = self.command.clamped(command)
+        loads = episode.loads()
+        command = episode.due(command)
+        drive = episode.drive(command, obeys=self.command.drives)
+        width = episode.grip(command, obeys=self.command.grips)
+        diverged = self._simulation.advance(command, loads, drive, width)
+        if diverged:
+            episode.break_off()
+        else:
+            episode.advance(self._sense())
+        if self.render_mode == "human":
+            self.render()
+        ended = episode.terminated, episode.simulation_error
+        return self._observation(episode), episode.reward, *ended, self._info(episode)
+
+    def render(self) -> Any:
+        """Return a picture of the scene, or draw it in a window (``"human"``).
+
+        Returns:
+            ``"rgb_array"``: (height, width, 3) uint8; ``"depth_array"``: (height,
+            width) float32, distance from the camera's plane [m]; ``"rgbd_tuple"``:
+            both; ``"human"``: None.
+
+        Raises:
+            RuntimeError: OpenGL is not to be had; the message says what to install.
+        """
+        if self.render_mode is None:
+            gym.logger.warn(
+                "render() was called on an environment made without a render_mode; "
+                'use gym.make(..., render_mode="rgb_array")'
+            )
+            return None
+        return self._camera.picture(self.render_mode, self.data)
+
+    def close(self) -> None:
+        """Free the renderer; may be called more than once."""
+        self._camera.close()
+
+    def _chosen(
+        self, options: Mapping[str, Any] | None
+    ) -> tuple[DoorConfig, DoorRandomization, Disturbance]:
+        """Return what an episode is drawn from with a reset's options."""
+        given = checked_options(
+            options,
+            {
+                "door": "name, radius, mapping or DoorConfig",
+                "randomization": "name, mapping or DoorRandomization",
+                "disturbance": "name, mapping or Disturbance",
+            },
+        )
+        door = door_config(given.get("door", self._door))
+        drawn = door_randomization(given.get("randomization", self._randomization))
+        check_reach(drawn.outermost(door), self._base, self._start)
+        happening = disturbance_named(given.get("disturbance", self._disturbance))
+        return door, drawn, happening
+
+    def _reader_now(self) -> Reader:
+        return Reader.of(
+            self._hold,
+            self.command.control,
+            self._base,
+            self.door.handle,
+            self.door.swing,
+            tells_base=self.command.drives,
+            tells_gripper=self.command.grips,
+        )
+
+    def _sense(self) -> list[float]:
+        """Take the sensors' values; a diverged simulation leaves the last good ones."""
+        self._sensed = self._simulation.sensordata.copy()
+        values: list[float] = self._sensed.tolist()
+        return values
+
+    def _observation(self, episode: Episode) -> Observation:
+        observation = self._reader.observation(
+            self._sensed, np.array(episode.wrench), np.array([episode.time])
+        )
+        episode.falsify(observation)
+        return observation
+
+    def _info(self, episode: Episode) -> Info:
+        row = episode.row
+        info: Info = dict(zip(NUMBERS, row, strict=False))
+        info["handle_pose"] = np.array(row[POSE])
+        info["base_pose"] = np.array(row[BASE_POSE])
+        info["base_velocity"] = np.array(row[BASE_RATE])
+        info.update(zip(FLAGS, row[BASE_RATE.stop :], strict=True))
+        info.update({name: getattr(episode, name) for name in TEXTS})
+        info["reward_terms"] = episode.terms
+        return info
+
+
+class DoorOpeningImpedanceEnv(DoorOpeningEnv):
+    """The same door, opened by commanding the hand's pose and its stiffness.
+
+    Action, (12,): commanded position [m] and rotation vector [rad] of the hand in the
+    task frame, then its stiffness on these six axes, 20 to 2000 N/m and 1 to
+    100 N m/rad. Rendered inside MuJoCo by the gains of six servos, rewritten once per
+    control period: force k_i (command - pose)_i - d_i velocity_i with constant damping
+    ratio. Everything else is as in `DoorOpeningEnv`.
+    """
+
+    command = COMMANDS["impedance"]
+
+
+class DoorOpeningMobileEnv(DoorOpeningEnv):
+    """The same door, opened by commanding the hand's pose and the base's twist.
+
+    Action, (9,): commanded position [m] and rotation vector [rad] of the hand in the
+    task frame, then the twist of the base in its own axes: forward, to the left [m/s]
+    and turning to the left [rad/s], within the limits of its drive. The observation
+    tells ``base_pose`` and ``base_velocity``, too. Everything else is as in
+    `DoorOpeningEnv` with ``base="mobile"``.
+    """
+
+    command = DRIVEN
+
+    def __init__(self, door: DoorSpec = "medium", **arguments: Any) -> None:
+        check_choice("base", arguments.setdefault("base", "mobile"), ("mobile",))
+        super().__init__(door, **arguments)

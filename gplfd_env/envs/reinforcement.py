@@ -1,0 +1,65 @@
+"""``gplfd/DoorOpeningRL-v1``: the pose environment as learners take it."""
+
+from typing import Any
+
+import gymnasium as gym
+
+from gplfd_env.envs.door_opening import DoorOpeningEnv
+from gplfd_env.envs.vector import DoorOpeningVectorEnv
+from gplfd_env.wrappers import (
+    FlatObservation,
+    GentleReward,
+    RelativeAction,
+    VectorFlatObservation,
+    VectorGentleReward,
+    VectorRelativeAction,
+)
+
+
+def door_opening_rl(**arguments: Any) -> gym.Env[Any, Any]:
+    """Return one door in `RelativeAction`, `GentleReward` and `FlatObservation`.
+
+    Args:
+        arguments: Those of `gplfd_env.envs.door_opening.DoorOpeningEnv` except
+            `reward`.
+
+    Raises:
+        ValueError: As there, and for a reward.
+    """
+    refuse_reward(arguments)
+    return FlatObservation(GentleReward(RelativeAction(DoorOpeningEnv(**arguments))))
+
+
+# Gymnasium asks an entry point for render modes, to collect pictures itself.
+door_opening_rl.metadata = DoorOpeningEnv.metadata  # type: ignore[attr-defined]
+
+
+def door_opening_rl_vector(
+    num_envs: int = 1, **arguments: Any
+) -> gym.vector.VectorEnv[Any, Any, Any]:
+    """Return n of them: `DoorOpeningVectorEnv` in the same wrappers.
+
+    Args:
+        num_envs: Number of simulations n.
+        arguments: Those of the vector environment, but for `reward`.
+
+    Raises:
+        ValueError: As there, and for a reward.
+    """
+    refuse_reward(arguments)
+    return for_learners(DoorOpeningVectorEnv(num_envs, **arguments))
+
+
+def for_learners(envs: DoorOpeningVectorEnv) -> gym.vector.VectorEnv[Any, Any, Any]:
+    """Return a vector environment of poses in the wrappers of the id."""
+    return VectorFlatObservation(VectorGentleReward(VectorRelativeAction(envs)))
+
+
+def refuse_reward(arguments: dict[str, Any]) -> None:
+    """Raise a ValueError where a reward is given: the wrappers have their own."""
+    if "reward" in arguments:
+        raise ValueError(
+            "gplfd/DoorOpeningRL-v1 has a reward of its own; for the others make "
+            "gplfd/DoorOpening-v1 and wrap it in gplfd_env.wrappers.RelativeAction "
+            f"and FlatObservation; got reward={arguments['reward']!r}"
+        )

@@ -1,0 +1,1 @@
+"""The robot: model, gripper, stance, placement before the door, driving base."""

@@ -1,0 +1,88 @@
+"""What a robot that drives can run into, and what of it does.
+
+The hand's pads and the bar touch in every scene. Where the base drives, base, torso
+and arm also touch leaf, frame and the wall beside it. Capsules stand for the robot:
+contacts of capsules and boxes are computed in closed form, and against upright walls an
+upright capsule is as good as a cylinder.
+"""
+
+from typing import Final
+
+import mujoco
+
+from gplfd_env.conventions.constants import Base
+from gplfd_env.conventions.geoms import INTANGIBLE
+from gplfd_env.doors.config import DoorConfig
+
+OBSTACLES: Final = ("leaf", "jamb_hinge", "jamb_lock", "lintel")
+"""Geoms of the door that a driving robot touches, besides the wall."""
+
+BASE_RADIUS: Final = 0.27
+"""Of the base's outline [m]."""
+
+_ROBOT_BIT: Final = 2
+_WALL_HALF_WIDTH: Final = 0.75
+_PLASTER: Final = (0.80, 0.82, 0.83, 1.0)
+
+_CAPSULES: Final[dict[str, tuple[str, tuple[float, ...], float]]] = {
+    "base_body": ("base_link", (0, 0, 0.17, 0, 0, 0.19), BASE_RADIUS),
+    "column_body": ("torso_fixed_link", (-0.03, 0, 0.15, -0.03, 0, 0.5), 0.16),
+    "chest_body": ("torso_lift_link", (0.03, 0, -0.15, 0.03, 0, -0.05), 0.16),
+    "head_body": ("head_link", (0, 0, 0, 0, 0, 0.05), 0.12),
+    "shoulder_body": ("arm_1_link", (0, 0, -0.03, 0.125, 0.0195, -0.031), 0.06),
+    "upper_arm_body": ("arm_3_link", (0, 0, 0, -0.01, -0.013, -0.21), 0.055),
+    "elbow_body": ("arm_4_link", (0, 0, 0.005, -0.162, 0.02, 0.027), 0.05),
+    "forearm_body": ("arm_5_link", (0, 0, 0, 0, 0, 0.15), 0.045),
+    "palm_body": ("gripper_link", (0, 0, 0.04, 0, 0, -0.06), 0.045),
+}
+"""Body, ends in its frame [m] and radius [m] of every capsule."""
+
+
+def add_collisions(spec: mujoco.MjSpec) -> None:
+    """Make the robot solid against door and wall.
+
+    Args:
+        spec: The scene, with robot, door and walls; edited in place.
+    """
+    for name, (body, ends, radius) in _CAPSULES.items():
+        spec.body(body).add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=ends,
+            size=[radius, 0, 0],
+            # The links have inertias of their own, and shapes to be seen.
+            mass=0.0,
+            rgba=[0, 0, 0, 0],
+            contype=_ROBOT_BIT,
+            conaffinity=0,
+        )
+    for name in (*OBSTACLES, "wall_hinge", "wall_lock"):
+        spec.geom(name).conaffinity = _ROBOT_BIT
+
+
+def add_walls(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
+    """Continue the door's frame to both sides by walls that touch nothing.
+
+    Args:
+        spec: The scene, with the door; edited in place.
+        door: Geometry.
+        base: A robot that stands still pushes with its arm beside the lock, where a
+            wall would hide it: there the wall ends at the frame.
+    """
+    for side in ("hinge", "lock"):
+        jamb, other = spec.geom(f"jamb_{side}"), spec.geom("lintel")
+        outwards = 1.0 if jamb.pos[2] > other.pos[2] else -1.0
+        x, y, z = jamb.pos
+        thick, high, wide = jamb.size
+        free = (base, door.swing, side) == ("fixed", "push", "lock")
+        # All scenes have the same geoms.
+        half_width = 1e-3 if free else _WALL_HALF_WIDTH
+        spec.body("door_frame").add_geom(
+            name=f"wall_{side}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[x, y, z + outwards * (wide + half_width)],
+            size=[thick, high, half_width],
+            rgba=_PLASTER,
+            mass=0.0,
+            **INTANGIBLE,
+        )

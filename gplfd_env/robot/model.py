@@ -1,0 +1,236 @@
+"""The TIAGo-like arm: its URDF plus what a URDF cannot say (servo, sites, sensors)."""
+
+import math
+from collections.abc import Sequence
+from typing import Final, Literal
+
+import mujoco
+import numpy as np
+
+from gplfd_env.conventions.assets import asset_path
+from gplfd_env.conventions.constants import GRIPPER_WIDTH, Base, Control
+from gplfd_env.conventions.geoms import UNDRAWN
+from gplfd_env.doors.config import DoorConfig, held_radius
+from gplfd_env.robot.mobile_base import add_mobile_base
+from gplfd_env.robot.placement import (
+    ARM_JOINTS,
+    gripper_rotation_w,
+    quaternion,
+    task_rotation_w,
+)
+
+HAND_BODIES: Final = (
+    "wrist_ft_link",
+    "wrist_ft_tool_link",
+    "gripper_link",
+    "gripper_right_finger_link",
+    "gripper_left_finger_link",
+)
+"""The bodies that hang on the wrist force/torque sensor."""
+
+GRIPPER: Final = "gripper_link"
+FOREARM: Final = "arm_4_link"
+
+SERVO_STIFFNESS: Final = (2000.0, 100.0)
+"""Cartesian servo: translation [N/m], rotation [N m/rad]."""
+
+SERVO_DAMPING: Final = (179.0, 7.7)
+"""Cartesian servo: translation [N s/m], rotation [N m s/rad]."""
+
+TRANSLATION_SERVOS: Final = ("servo_x", "servo_y", "servo_z")
+ROTATION_SERVOS: Final = tuple(f"servo_rotation_{axis}" for axis in "xyz")
+"""One servo per axis of the hand's rotation vector, under impedance control."""
+
+HAND_BEYOND_GRIPPER: Final = 0.185
+"""Distance of the grasped point from ``gripper_link`` along the approach [m]."""
+
+WRENCH_LIMITS: Final = (500.0, 50.0)
+"""Saturation of the wrist sensor: force [N], torque [N m], per axis."""
+
+COMMAND_LIMITS: Final = (1.0, math.pi / 2)
+"""Largest commanded displacement [m] and rotation vector component [rad] per axis."""
+
+_ARMATURE: Final = (0.3, 0.3, 0.15, 0.15, 0.05, 0.05, 0.05)
+_POSTURE_STIFFNESS: Final = 0.1
+_FINGER_STIFFNESS: Final = 2000.0
+_TORSO_STIFFNESS: Final = (5.0e4, 2.0e3)
+
+_RIDGE_HEIGHT: Final = 0.008
+_RIDGE_HALF_WIDTH: Final = 0.010
+_RIDGE_HALF_THICKNESS: Final = 0.002
+_RIDGE_PLAY: Final = 0.002
+_RUBBER: Final = (0.22, 0.22, 0.23, 1.0)
+
+Grasp = Literal["contact", "weld"]
+"""Friction between the finger pads and the bar, or a rigid joint."""
+
+Hold = Literal["contact", "weld", "gripper"]
+"""The same as scenes are built with: ``"gripper"`` is friction, too, but of fingers
+that open and close in an episode."""
+
+GRIPS: Final = ("grip_right", "grip_left")
+"""The fingers' servos."""
+
+FINGER: Final = "gripper_right_finger_joint"
+"""The other finger is coupled to it."""
+
+FINGER_STROKE: Final = GRIPPER_WIDTH / 2.0
+"""How far a finger opens from the middle [m]."""
+
+
+def load_robot(
+    control: Control = "pose", door: DoorConfig | None = None, base: Base = "fixed"
+) -> mujoco.MjSpec:
+    """Read the arm's URDF and add gravity compensation, servo and sensor sites.
+
+    The hand site's axes coincide with the task frame when the door is closed, so the
+    orientation servo's exponential-map input *is* θu (Eq. 8) without a conversion.
+
+    Args:
+        control: ``"pose"`` turns the hand by one servo on the whole orientation;
+            ``"impedance"`` by one per axis of θu, so that each can have its stiffness.
+        door: What the hand holds; by default one with a bar that is pulled.
+        base: Whether it drives.
+
+    Returns:
+        A specification that compiles once a ``task_frame`` site has been added.
+    """
+    door = DoorConfig() if door is None else door
+    spec = mujoco.MjSpec.from_file(str(asset_path("tiago_like.urdf")))
+    spec.modelname = "gplfd door opening"
+    _set_joints(spec)
+    _add_sites(spec, door, base)
+    _add_cameras(spec)
+    _add_axis_servos(spec, TRANSLATION_SERVOS, first=0)
+    if control == "pose":
+        servo = _hand_servo(spec, "servo_rotation", COMMAND_LIMITS[1])
+        servo.set_to_orientation(kp=SERVO_STIFFNESS[1], kv=SERVO_DAMPING[1])
+    else:
+        _add_axis_servos(spec, ROTATION_SERVOS, first=3)
+    _add_torso_servo(spec)
+    _add_grip(spec)
+    if door.handle != "bar":
+        _add_hooks(spec, held_radius(door.handle))
+    if base == "mobile":
+        add_mobile_base(spec)
+    return spec
+
+
+def _set_joints(spec: mujoco.MjSpec) -> None:
+    for body in spec.bodies:
+        body.gravcomp = 1.0
+    for name, armature in zip(ARM_JOINTS, _ARMATURE, strict=True):
+        joint = spec.joint(name)
+        joint.armature = armature
+        joint.stiffness[0] = _POSTURE_STIFFNESS
+    for joint in spec.joints:
+        # Motors also carry the arm's weight, so it counts against their limits.
+        joint.actgravcomp = True
+    (coupling,) = spec.equalities
+    coupling.name = "finger_coupling"
+
+
+def _add_sites(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
+    gripper_to_task = gripper_rotation_w(door, base).T @ task_rotation_w(
+        door, base=base
+    )
+    spec.body("gripper_link").add_site(
+        name="hand",
+        pos=[0, 0, -HAND_BEYOND_GRIPPER],
+        quat=quaternion(gripper_to_task),
+        **UNDRAWN,
+    )
+    # wrist_ft_link is turned by half a turn about x against gripper_link, whatever
+    # the joint angles; the sensor site takes the hand site's axes.
+    wrist_to_gripper = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    spec.body("wrist_ft_link").add_site(
+        name="wrist_ft",
+        quat=quaternion(wrist_to_gripper @ gripper_to_task),
+        **UNDRAWN,
+    )
+
+
+def _add_cameras(spec: mujoco.MjSpec) -> None:
+    # A head with pan and tilt keeps the hand in the middle of its picture.
+    spec.body("head_link").add_camera(
+        name="head",
+        pos=[0.10, 0, 0.05],
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY,
+        targetbody="gripper_link",
+        fovy=60.0,
+    )
+    spec.body("gripper_link").add_camera(
+        name="hand_camera",
+        pos=[0, -0.12, -0.01],
+        xyaxes=[-1, 0, 0, 0, -0.83, -0.56],
+        fovy=60.0,
+    )
+
+
+def _add_axis_servos(spec: mujoco.MjSpec, names: Sequence[str], first: int) -> None:
+    """Add a servo per axis of the hand's translation (first 0) or rotation (3)."""
+    kind = first // 3
+    for axis, name in enumerate(names, start=first):
+        servo = _hand_servo(spec, name, COMMAND_LIMITS[kind])
+        servo.gear = np.eye(6)[axis]
+        servo.set_to_position(kp=SERVO_STIFFNESS[kind], kv=SERVO_DAMPING[kind])
+
+
+def _hand_servo(spec: mujoco.MjSpec, name: str, limit: float) -> mujoco.MjsActuator:
+    """Add an actuator between the hand and the task frame."""
+    return spec.add_actuator(
+        name=name,
+        target="hand",
+        refsite="task_frame",
+        trntype=mujoco.mjtTrn.mjTRN_SITE,
+        ctrllimited=True,
+        ctrlrange=[-limit, limit],
+    )
+
+
+def _add_hooks(spec: mujoco.MjSpec, radius: float) -> None:
+    """Add ridges to the pads, before and behind a round handle that they hold.
+
+    They carry a lever or knob by its shape, with 2 mm of play along the approach.
+
+    Args:
+        spec: The robot; edited in place.
+        radius: Of the handle [m].
+    """
+    waist = radius - _RIDGE_HEIGHT
+    reach = math.sqrt(radius**2 - waist**2) + _RIDGE_PLAY / 2 + _RIDGE_HALF_THICKNESS
+    for side, inwards in (("right", -1.0), ("left", 1.0)):
+        finger = spec.body(f"gripper_{side}_finger_link")
+        for place, along in (("tip", -reach), ("palm", reach)):
+            finger.add_geom(
+                name=f"{side}_finger_ridge_{place}",
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                pos=[inwards * _RIDGE_HEIGHT / 2, 0.0, along - HAND_BEYOND_GRIPPER],
+                size=[_RIDGE_HEIGHT / 2, _RIDGE_HALF_WIDTH, _RIDGE_HALF_THICKNESS],
+                rgba=_RUBBER,
+                mass=0.0,
+                contype=1,
+                conaffinity=0,
+            )
+
+
+def _add_torso_servo(spec: mujoco.MjSpec) -> None:
+    torso = spec.add_actuator(
+        name="torso_hold",
+        target="torso_lift_joint",
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+    )
+    torso.set_to_position(kp=_TORSO_STIFFNESS[0], kv=_TORSO_STIFFNESS[1])
+
+
+def _add_grip(spec: mujoco.MjSpec) -> None:
+    for side, name in zip(("right", "left"), GRIPS, strict=True):
+        finger = spec.add_actuator(
+            name=name,
+            target=f"gripper_{side}_finger_joint",
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        )
+        finger.set_to_position(kp=_FINGER_STIFFNESS)
+        pad = spec.geom(f"{side}_finger_pad")
+        pad.rgba = _RUBBER
+        pad.contype, pad.conaffinity = 1, 0

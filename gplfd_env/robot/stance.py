@@ -1,0 +1,180 @@
+"""Where a robot stands before a door, and which doors it reaches from there."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+from gplfd_env.conventions.constants import Base, Start
+from gplfd_env.doors.config import DoorConfig, Swing
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Stance:
+    """A place before a closed door; assets/README.md tells how each was found."""
+
+    handle_xy_w: tuple[float, float]
+    """Closed handle in the base frame where the base stands as it should [m]."""
+
+    door_yaw: float
+    """Heading of "straight into the closed door" in the base frame [rad]."""
+
+    grasp_yaw: float
+    """Constant yaw of the hand on the handle, counter-clockwise from above [rad]; of a
+    lever or knob, whose axis is the hand's, none: it would turn a wrist that is nearly
+    stretched."""
+
+    torso_below_handle: float
+    """Height of the grasped point minus torso lift [m]."""
+
+    closed_posture: tuple[float, ...]
+    """Arm joints that hold the closed handle, to 1 mrad [rad]; refined at build
+    time."""
+
+    roll: float = 0.0
+    """Turn of the wrist from where its fingers close around something upright [rad]: a
+    quarter to one side or the other for a lever or knob, which they take from above and
+    below."""
+
+    radius: float
+    """Greatest handle-to-hinge distance that is opened to the task's angle [m]."""
+
+    height: float
+    """Greatest height at which the handle can be held all the way [m]."""
+
+
+_DRIVING: Final = Stance(
+    handle_xy_w=(0.814, 0.340),
+    door_yaw=math.radians(26.05),
+    grasp_yaw=math.radians(25.4),
+    torso_below_handle=0.78,
+    closed_posture=(1.119, 0.225, -1.569, 1.569, -1.352, -0.219, -1.564),
+    radius=0.95,
+    height=1.22,
+)
+"""A base that drives keeps its arm where it is strong."""
+
+_DRIVING_TURNED: Final = Stance(
+    handle_xy_w=(0.742, 0.602),
+    door_yaw=0.692,
+    grasp_yaw=0.0,
+    torso_below_handle=0.86,
+    closed_posture=(1.789, 0.634, -1.197, 1.295, -1.015, -0.662, 0.200),
+    roll=math.pi / 2,
+    radius=0.95,
+    height=1.22,
+)
+
+_DRIVING_LEFT: Final = Stance(
+    handle_xy_w=(0.814, 0.340),
+    door_yaw=math.radians(51.45),
+    grasp_yaw=0.0,
+    torso_below_handle=0.78,
+    closed_posture=(1.119, 0.225, -1.569, 1.569, -1.352, -0.219, 0.006),
+    roll=math.pi / 2,
+    radius=0.95,
+    height=1.22,
+)
+"""To the left of the handle, where the way through a left-hinged door is free."""
+
+BAR_STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
+    {
+        ("fixed", "pull"): Stance(
+            handle_xy_w=(0.7345, 0.7004),
+            door_yaw=math.radians(26.05),
+            grasp_yaw=math.radians(25.4),
+            torso_below_handle=0.50,
+            closed_posture=(2.183, -0.730, -2.699, 0.803, 0.995, 0.034, 0.900),
+            radius=0.65,
+            height=0.90,
+        ),
+        ("fixed", "push"): Stance(
+            handle_xy_w=(0.593, -0.027),
+            door_yaw=math.radians(67.2),
+            grasp_yaw=0.0,
+            torso_below_handle=0.72,
+            closed_posture=(0.200, 0.341, -1.368, 1.925, -0.969, 0.746, -2.019),
+            radius=0.65,
+            height=1.07,
+        ),
+        ("mobile", "pull"): _DRIVING,
+        ("mobile", "push"): _DRIVING,
+    }
+)
+"""By base and by which way the door opens: who stands still has to reach everything
+with its arm, and begins far off where it pulls, near where it pushes."""
+
+TURNED_STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
+    {
+        ("fixed", "pull"): Stance(
+            handle_xy_w=(0.7345, 0.7004),
+            door_yaw=math.radians(51.45),
+            grasp_yaw=0.0,
+            torso_below_handle=0.50,
+            closed_posture=(2.183, -0.730, -2.699, 0.803, 0.995, 0.034, -0.671),
+            roll=-math.pi / 2,
+            radius=0.91,
+            height=1.07,
+        ),
+        ("fixed", "push"): Stance(
+            handle_xy_w=(0.593, -0.027),
+            door_yaw=math.radians(67.2),
+            grasp_yaw=0.0,
+            torso_below_handle=0.72,
+            closed_posture=(0.200, 0.341, -1.368, 1.925, -0.969, 0.746, -0.448),
+            roll=math.pi / 2,
+            radius=0.91,
+            height=1.07,
+        ),
+        ("mobile", "pull"): _DRIVING_TURNED,
+        ("mobile", "push"): _DRIVING_TURNED,
+    }
+)
+"""The same before a lever or knob. A base that stands still reaches those that are
+pulled with the hinge on the right, and pushed with the hinge on the left; on the other
+side the arm ends earlier (docs/environment.md)."""
+
+
+def stance_of(door: DoorConfig, base: Base) -> Stance:
+    """Return where a robot stands before a door."""
+    if door.handle == "bar":
+        return BAR_STANCES[base, door.swing]
+    if (base, door.swing, door.hinge_side) == ("mobile", "push", "left"):
+        return _DRIVING_LEFT
+    return TURNED_STANCES[base, door.swing]
+
+
+def base_for(door: DoorConfig) -> Base:
+    """Return which robot opens a door: one that stands still, or one that has to drive.
+
+    Standing still it opens furniture: bars that are pulled, hinge on the right, as far
+    as its arm reaches.
+    """
+    stance, furniture = stance_of(door, "fixed"), DoorConfig().kind
+    within = door.radius <= stance.radius and door.handle_height <= stance.height
+    return "fixed" if within and door.kind == furniture else "mobile"
+
+
+def check_reach(door: DoorConfig, base: Base, start: Start = "grasped") -> None:
+    """Refuse a door that is out of a robot's reach.
+
+    Raises:
+        ValueError: Its handle is too far from the hinge, or too high; or the hand is to
+            begin before a handle at which the robot stands so near that its arm cannot
+            be drawn back.
+    """
+    if (start, base, door.swing) == ("approach", "fixed", "push"):
+        raise ValueError(
+            'start="approach" is out of reach before a door that is pushed with '
+            'base="fixed": the robot stands too near to draw its hand back; give '
+            'base="mobile"'
+        )
+    stance = stance_of(door, base)
+    for name, limit in (("radius", stance.radius), ("handle_height", stance.height)):
+        if getattr(door, name) > limit:
+            advice = '; give base="mobile"' if base == "fixed" else ""
+            raise ValueError(
+                f"DoorConfig.{name} = {getattr(door, name)!r} is out of reach with "
+                f"base={base!r}, at most {limit:g} m{advice}"
+            )

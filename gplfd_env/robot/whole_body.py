@@ -1,0 +1,212 @@
+"""Where a base that moves goes: the whole-body rule, and the limits of its drive.
+
+The arm is strong and far from its limits in the posture in which it holds the closed
+handle, so the base goes where the arm keeps it: it is led by the *commanded* pose of
+the hand as if it were fixed to it in the plane. With the hand's closed position
+h₀, its commanded displacement d and its commanded yaw ψ (the twist of the rotation
+vector about the vertical), the base that stood at the origin is led to
+
+    b = h₀ + d - R(c ψ) h₀,    yaw c ψ.
+
+A hand that comes pulls a door open: c = 1, the base is fixed to it rigidly. A hand that
+goes away pushes a door through its frame, and a base rigidly behind it would swing into
+the wall beside the lock: c = 0.3, the base goes after the hand, which turns before it.
+Within 5 cm of the closed door c changes linearly from one to the other.
+
+The hand drags that pose along with some `PLAY`, so that the arm alone does what is
+small and quick; the base moves at the dragged pose's rate and makes up for its distance
+from it with the time constant `LAG`, never faster than it could brake. The hand's servo
+acts in the world's task frame: what the base does, the arm compensates.
+
+The arithmetic is of single numbers: one simulation and many give the same bits.
+"""
+
+import math
+from typing import Final
+
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.robot.placement import task_rotation_w
+
+Planar = tuple[float, float, float]
+"""x, y and yaw, or their rates: [m, m, rad], [m/s, m/s, rad/s]."""
+
+Axes = list[list[float]]
+"""Three unit vectors."""
+
+SPEED: Final = (1.0, 2.09)
+"""Greatest speed of the base [m/s, rad/s]."""
+
+ACCELERATION: Final = (1.0, 2.09)
+"""Greatest acceleration of the base [m/s², rad/s²]."""
+
+LAG: Final = 0.3
+"""Time constant with which the base makes up for its distance [s]."""
+
+PLAY: Final = (0.04, 0.07)
+"""How far the base may be from where it is led without moving [m, rad]."""
+
+TURN: Final = (0.3, 1.0)
+"""c: share of the hand's yaw that the base takes, if the hand goes and if it comes."""
+
+_COMING: Final = 0.05
+"""The hand comes, or goes, by this much: then c is constant [m]."""
+
+_BLOCKED_SPEED: Final = (0.05, 0.1)
+"""Least command of a base that can count as blocked [m/s, rad/s]."""
+
+BLOCKED_TIME: Final = 0.5
+"""The base is blocked after this long at less than half of its commanded speed [s]."""
+
+
+class BaseDrive:
+    """Commands the base of one simulation, and notes when it is stopped.
+
+    Args:
+        hand: Where the hand holds the closed handle, world frame [m].
+        door: It decides how the robot stands.
+
+    Attributes:
+        rate: Commanded rate of the base's pose, world frame [m/s, rad/s].
+    """
+
+    def __init__(
+        self, hand: tuple[float, float], door: DoorConfig | None = None
+    ) -> None:
+        self._hand, self._axes = hand, _axes(door)
+        self._dragged: Planar = (0.0, 0.0, 0.0)
+        self.rate: Planar = (0.0, 0.0, 0.0)
+        self._slowed = 0.0
+
+    def follow(self, hand: list[float], base: Planar) -> None:
+        """Command by the whole-body rule.
+
+        Args:
+            hand: Commanded pose, task frame, (6,) [m, rad].
+            base: Pose of the base [m, rad].
+        """
+        last = self._dragged
+        x, y, yaw = self._dragged = _dragged(last, led_by(hand, self._hand, self._axes))
+        dx, dy, turn = x - base[0], y - base[1], yaw - base[2]
+        away = math.hypot(dx, dy)
+        share = _approach(away, ACCELERATION[0]) / away if away > 0.0 else 0.0
+        turning = math.copysign(_approach(abs(turn), ACCELERATION[1]), turn)
+        self._accelerate(
+            (
+                (x - last[0]) / CONTROL_PERIOD + share * dx,
+                (y - last[1]) / CONTROL_PERIOD + share * dy,
+                (yaw - last[2]) / CONTROL_PERIOD + turning,
+            )
+        )
+
+    def obey(self, twist: list[float], base: Planar) -> None:
+        """Command by a twist in the base's own axes.
+
+        Args:
+            twist: Forward, to the left and turning to the left [m/s, rad/s].
+            base: Pose of the base [m, rad].
+        """
+        forward, left, turning = twist
+        cosine, sine = math.cos(base[2]), math.sin(base[2])
+        self._accelerate(
+            (cosine * forward - sine * left, sine * forward + cosine * left, turning)
+        )
+
+    def _accelerate(self, wanted: Planar) -> None:
+        """Bring the commanded rate nearer to one, within the drive's limits."""
+        vx, vy, turning = self.rate
+        wx, wy = _shortened(wanted[0], wanted[1], SPEED[0])
+        ax, ay = _shortened(wx - vx, wy - vy, ACCELERATION[0] * CONTROL_PERIOD)
+        wanted_turn = min(max(wanted[2], -SPEED[1]), SPEED[1])
+        step = ACCELERATION[1] * CONTROL_PERIOD
+        self.rate = (
+            vx + ax,
+            vy + ay,
+            turning + min(max(wanted_turn - turning, -step), step),
+        )
+
+    def note(self, velocity: Planar) -> None:
+        """Take in the measured rate after a control period [m/s, rad/s]."""
+        vx, vy, turning = self.rate
+        speed = math.hypot(vx, vy)
+        along = vx * velocity[0] + vy * velocity[1]
+        slow = speed > _BLOCKED_SPEED[0] and along < 0.5 * speed * speed
+        stiff = abs(turning) > _BLOCKED_SPEED[1] and (
+            turning * velocity[2] < 0.5 * turning * turning
+        )
+        self._slowed = self._slowed + CONTROL_PERIOD if slow or stiff else 0.0
+
+    @property
+    def blocked(self) -> bool:
+        """Whether something holds the base."""
+        return self._slowed >= BLOCKED_TIME - 1e-9
+
+
+def led_by(
+    hand: list[float], closed: tuple[float, float], axes: Axes | None = None
+) -> Planar:
+    """Return where a hand leads a base.
+
+    Args:
+        hand: Pose of the hand, task frame, (6,) [m, rad].
+        closed: Its position at the closed grasp, world frame [m].
+        axes: The task frame's in the world frame; by default before a bar.
+
+    Returns:
+        Pose of the base, world frame, from where it stood then [m, rad].
+    """
+    x, y, z, *rotation = hand
+    coming = min(max(x / _COMING, -1.0), 1.0)
+    share = 0.5 * (TURN[0] + TURN[1] + coming * (TURN[1] - TURN[0]))
+    yaw = share * _twist_about_y(*rotation)
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    hx, hy = closed
+    pull, up, left = _BAR_AXES if axes is None else axes
+    return (
+        hx + pull[0] * x + up[0] * y + left[0] * z - (cosine * hx - sine * hy),
+        hy + pull[1] * x + up[1] * y + left[1] * z - (sine * hx + cosine * hy),
+        yaw,
+    )
+
+
+def _twist_about_y(x: float, y: float, z: float) -> float:
+    """Return the twist of a rotation vector about y [rad]: swing and twist."""
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle == 0.0:
+        return 0.0
+    half = 0.5 * angle
+    return 2.0 * math.atan2(math.sin(half) * y / angle, math.cos(half))
+
+
+def _dragged(pose: Planar, by: Planar) -> Planar:
+    """Return a pose after another has dragged it along, with play."""
+    dx, dy = by[0] - pose[0], by[1] - pose[1]
+    away = math.hypot(dx, dy)
+    share = (away - PLAY[0]) / away if away > PLAY[0] else 0.0
+    turn = by[2] - pose[2]
+    rest = min(max(turn, -PLAY[1]), PLAY[1])
+    return pose[0] + share * dx, pose[1] + share * dy, pose[2] + (turn - rest)
+
+
+def _approach(away: float, acceleration: float) -> float:
+    """Return the speed towards something at a distance: v = s/T, at most √(a s).
+
+    It could just brake from √(2 a s); half of a leaves room for what moves on.
+    """
+    return min(away / LAG, math.sqrt(acceleration * away))
+
+
+def _shortened(x: float, y: float, most: float) -> tuple[float, float]:
+    length = math.hypot(x, y)
+    if length <= most:
+        return x, y
+    return x * (most / length), y * (most / length)
+
+
+def _axes(door: DoorConfig | None) -> Axes:
+    """Return the task frame's axes in the world frame, a row each."""
+    rows: Axes = task_rotation_w(door, base="mobile").T.tolist()
+    return rows
+
+
+_BAR_AXES: Final = _axes(None)

@@ -1,0 +1,200 @@
+"""The room around robot and door: physics options, light, floor, cameras."""
+
+import math
+from typing import Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gplfd_env.conventions.constants import Base
+from gplfd_env.conventions.geoms import INTANGIBLE
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.variation import Placement
+from gplfd_env.robot.placement import handle_position_w, task_rotation_w
+
+Matrix = NDArray[np.float64]
+
+PHYSICS_STEP: Final = 0.002
+"""Physics time step [s]."""
+
+CASING: Final = 0.11
+"""How far a door's frame and its casing stand out beyond the leaf [m]."""
+
+DOOR_HEIGHT: Final = 2.00
+"""Height of every leaf [m]."""
+
+_ASPECT: Final = 4.0 / 3.0
+_FIELD_OF_VIEW: Final = math.radians(40.0)
+_MARGIN: Final = 1.03
+"""Free room around what a camera has to show, as a factor."""
+
+_SHOWN_ANGLES: Final = np.radians(np.linspace(0.0, 75.0, 6))
+"""Opening angles at which leaf and robot have to be in the picture."""
+
+_BASE_SIZE: Final = (0.29, 0.35)
+_HEAD_SIZE: Final = (0.18, 1.55)
+"""Radius and height of upright cylinders around the robot's base and head [m]."""
+
+
+def add_room(spec: mujoco.MjSpec, door: DoorConfig, base: Base = "fixed") -> None:
+    """Set the physics options and add light, floor and two fixed cameras.
+
+    An elliptic cone with a large ``impratio`` is what keeps a friction grasp from
+    creeping: with MuJoCo's defaults the bar is lost under a sustained pull.
+
+    Args:
+        spec: The scene; edited in place. World frame = the robot's base_footprint.
+        door: What the cameras have to show, besides the robot.
+        base: Whether it drives.
+    """
+    spec.option.timestep = PHYSICS_STEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 100.0
+    spec.stat.center = [0.55, 0.45, 0.8]
+    spec.stat.extent = 1.8
+    spec.visual.global_.offwidth = 1280
+    spec.visual.global_.offheight = 960
+    spec.visual.headlight.ambient = [0.4] * 3
+    spec.visual.headlight.diffuse = [0.2] * 3
+    spec.visual.headlight.specular = [0.1] * 3
+    spec.visual.map.znear = 0.02
+    # Surfaces near the border of the area with shadows would be speckled.
+    spec.visual.map.shadowclip = 2.5
+    _add_floor(spec)
+    spec.worldbody.add_light(
+        name="window",
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=[0.0, -1.5, 3.0],
+        dir=[0.25, 0.55, -1.0],
+        diffuse=[0.4] * 3,
+        specular=[0.1] * 3,
+    )
+    _add_cameras(spec, door, base)
+
+
+def _add_cameras(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
+    """Add "overview" and "top", which show the leaf's sweep and the robot's way."""
+    shown = _shown_points(door, base)
+    into_door = -task_rotation_w(door, base=base)[:, 0]
+    turn, elevation = _viewing_direction(door, base)
+    heading = math.atan2(into_door[1], into_door[0]) + turn
+    level = np.array([math.cos(heading), math.sin(heading), 0.0])
+    upward = np.array([0.0, 0.0, 1.0])
+    forward = math.cos(elevation) * level + math.sin(elevation) * upward
+    for name, direction, up in (
+        ("overview", forward, upward),
+        ("top", -upward, into_door),
+    ):
+        right = np.cross(direction, up)
+        right /= np.linalg.norm(right)
+        axes = np.column_stack([right, np.cross(right, direction), -direction])
+        spec.worldbody.add_camera(
+            name=name,
+            pos=axes @ _camera_position(shown @ axes),
+            xyaxes=[*axes[:, 0], *axes[:, 1]],
+            fovy=math.degrees(_FIELD_OF_VIEW),
+        )
+
+
+def _viewing_direction(door: DoorConfig, base: Base) -> tuple[float, float]:
+    """Return the direction of "overview": turn from straight into the door, elevation.
+
+    Found by counting the visible pixels of hand and handle at the closed, the half and
+    the fully open door, in steps of 15° and 10° [rad].
+    """
+    if door.swing == "push":
+        return math.radians(30.0), math.radians(-32.0)
+    if base == "fixed" and (door.handle, door.hinge_side) != ("bar", "right"):
+        return door.side * math.radians(75.0), math.radians(-27.0)
+    return -door.side * math.radians(45.0), math.radians(-27.0)
+
+
+def _camera_position(points: Matrix) -> Matrix:
+    """Return the nearest place from which points fill a picture, camera axes (3,) [m].
+
+    A point (x, y, z) is in the picture of a camera at c if |x - c_x| <= (c_z - z) t
+    with the tangent t of half the field of view, and likewise in y. Each of these
+    inequalities is linear in c.
+
+    Args:
+        points: What has to be seen, in the camera's axes (right, up, backward),
+            (N, 3) [m].
+    """
+    vertical = math.tan(_FIELD_OF_VIEW / 2.0) / _MARGIN
+    tangents = np.array([_ASPECT * vertical, vertical])
+    depth = points[:, 2:] * tangents
+    greatest = (points[:, :2] + depth).max(axis=0)
+    least = (points[:, :2] - depth).min(axis=0)
+    distance = ((greatest - least) / (2.0 * tangents)).max()
+    return np.array([*((greatest + least) / 2.0), distance])
+
+
+def _shown_points(door: DoorConfig, base: Base) -> Matrix:
+    """Return corners of the leaf and the robot while the door opens, world (N, 3) [m].
+
+    A base that drives turns with the leaf about the hinge while it pulls, and goes
+    straight on with the handle while it pushes; this is where
+    `gplfd_env.robot.whole_body` brings it, to about a decimetre.
+    """
+    axes = task_rotation_w(door, base=base)
+    floor = handle_position_w(door, Placement(), base) * [1.0, 1.0, 0.0]
+    hinge = floor - door.side * door.hand_radius * axes[:, 2]
+    to_lock = door.side * axes[:, 2]
+    frame_end = door.radius + door.backset + CASING
+    to_base = -hinge
+    around = np.arange(8) * (math.pi / 4.0)
+    circle = np.stack([np.cos(around), np.sin(around), np.zeros(8)], axis=1)
+    outline = np.concatenate(
+        [
+            radius * circle + height * axes[:, 1]
+            for radius, height in ((_BASE_SIZE[0], 0.0), _BASE_SIZE, _HEAD_SIZE)
+        ]
+    )
+    leaf, robot = [], [outline]
+    for depth in (-0.08, 0.08):
+        wall = hinge + (depth - door.handle_standoff) * axes[:, 0]
+        leaf += [wall - CASING * to_lock, wall + frame_end * to_lock]
+    for angle in _SHOWN_ANGLES:
+        sine, cosine = math.sin(angle), math.cos(angle)
+        along = cosine * to_lock + door.way * sine * axes[:, 0]
+        leaf.append(hinge + (door.radius + door.backset) * along)
+        if base == "mobile" and door.swing == "pull":
+            turned = door.side * sine * np.cross([0.0, 0.0, 1.0], to_base)
+            robot.append(hinge + cosine * to_base + turned + outline)
+        elif base == "mobile":
+            robot.append(door.hand_radius * (along - to_lock) + outline)
+    high = (DOOR_HEIGHT + CASING) * axes[:, 1]
+    points: Matrix = np.concatenate([leaf, leaf + high, *robot])
+    return points
+
+
+def _add_floor(spec: mujoco.MjSpec) -> None:
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.92, 0.95, 0.98],
+        rgb2=[0.70, 0.78, 0.86],
+        width=64,
+        height=384,
+    )
+    spec.add_texture(
+        name="tiles",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=[0.80, 0.80, 0.79],
+        rgb2=[0.74, 0.74, 0.73],
+        width=128,
+        height=128,
+    )
+    material = spec.add_material(name="tiles", texrepeat=[8, 8], reflectance=0.0)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+    spec.worldbody.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[4, 4, 0.1],
+        material="tiles",
+        **INTANGIBLE,
+    )

@@ -1,0 +1,262 @@
+"""From a door's configuration to a MuJoCo model with a settled grasp.
+
+Every scene of one robot has the same layout, so a model is compiled once and then
+brought from door to door by overwriting the fields in which scenes differ. Geometry
+needs a compilation and a settled grasp, 4 ms, and is cached; mass, hinge and closer are
+written directly.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from functools import lru_cache
+from types import MappingProxyType
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gplfd_env.conventions.constants import Base, Control
+from gplfd_env.doors.config import DoorConfig, Latch, held_radius
+from gplfd_env.doors.variation import Placement, Standoff
+from gplfd_env.robot.collision import add_collisions, add_walls
+from gplfd_env.robot.model import FINGER_STROKE, GRIPS, Hold, load_robot
+from gplfd_env.robot.placement import (
+    ARM_JOINTS,
+    solve_closed_posture,
+    solve_standoff_posture,
+    standoff_pose,
+)
+from gplfd_env.robot.stance import check_reach
+from gplfd_env.scene.arena import add_room
+from gplfd_env.scene.door import (
+    NOMINAL_MASS,
+    Structure,
+    add_door,
+    set_door_physics,
+    structure_of,
+)
+from gplfd_env.scene.sensors import add_sensors
+
+GRASP_KEY: Final = 0
+"""Index of the keyframe "grasp": door closed, handle held, everything at rest; or, with
+a standoff, the open hand before it."""
+
+SCENE_FIELDS: Final = (
+    "actuator_acc0", "actuator_length0", "body_inertia", "body_invweight0",
+    "body_ipos", "body_iquat", "body_mass", "body_pos", "body_quat",
+    "body_subtreemass", "bvh_aabb", "cam_pos", "cam_quat", "cam_pos0", "cam_poscom0",
+    "cam_mat0",
+    "dof_M0", "dof_invweight0", "dof_length", "geom_aabb", "geom_pos", "geom_quat",
+    "geom_rbound", "geom_size", "jnt_axis", "jnt_range", "key_ctrl", "key_qpos",
+    "light_pos0", "light_poscom0", "qpos_spring", "site_pos", "site_quat",
+    "tendon_invweight0", "tendon_length0", "tendon_range", "wrap_prm",
+)  # fmt: skip
+"""Fields of the model in which the geometry of two scenes can differ."""
+
+_SETTLING_TIME: Final = 0.4
+_BAR_INDENTATION: Final = 7.3e-5
+"""How deep the fingers' 16 N press into the bar's soft contact [m]."""
+
+_WRITTEN: Final = (
+    "hinge_friction", "hinge_damping", "panel_mass", "stiction", "seal", "seal_angle",
+    "closer_stiffness", "closer_preload", "closer_boost", "closer_boost_angle",
+    "closer_friction", "closer_damping", "closing_damping", "backcheck_damping",
+    "backcheck_angle", "handle_preload", "handle_stiffness", "bolt_preload",
+    "bolt_stiffness",
+)  # fmt: skip
+"""Fields of a door that `set_door_physics` writes; all others are its geometry."""
+
+_NOMINAL: Final[dict[str, Any]] = {
+    field.name: NOMINAL_MASS if field.name == "panel_mass" else field.default
+    for field in dataclasses.fields(DoorConfig)
+    if field.name in _WRITTEN
+}
+"""What they are in a compiled scene."""
+
+Array = NDArray[np.float64]
+
+
+def build_spec(
+    door: DoorConfig,
+    grasp: Hold = "contact",
+    *,
+    placement: Placement | None = None,
+    control: Control = "pose",
+    structure: Structure | None = None,
+    base: Base = "fixed",
+) -> mujoco.MjSpec:
+    """Assemble room, robot, door and sensors without compiling them.
+
+    Args:
+        door: Geometry and hinge of the door.
+        grasp: ``"contact"`` holds the bar by friction between the finger pads;
+            ``"weld"`` adds a rigid joint between hand and bar; ``"gripper"`` is
+            friction of fingers that open and close.
+        placement: Where the robot stands and grasps; without error by default.
+        control: See `gplfd_env.robot.model.load_robot`.
+        structure: Of the scene; by default the door's.
+        base: Whether it drives.
+    """
+    structure = structure_of(door) if structure is None else structure
+    spec = load_robot(control, door, base)
+    add_room(spec, door, base)
+    add_door(spec, door, placement, structure, base)
+    add_sensors(spec, structure, control, base, gripper=grasp == "gripper")
+    add_walls(spec, door, base)
+    if base == "mobile":
+        add_collisions(spec)
+    spec.add_key(name="grasp")
+    if grasp == "weld":
+        spec.add_equality(
+            name="grasp_weld",
+            type=mujoco.mjtEq.mjEQ_WELD,
+            objtype=mujoco.mjtObj.mjOBJ_SITE,
+            name1="hand",
+            name2="handle",
+            solref=[0.01, 1.0],
+        )
+    return spec
+
+
+def build_scene(
+    door: DoorConfig,
+    grasp: Hold = "contact",
+    *,
+    placement: Placement | None = None,
+    standoff: Standoff | None = None,
+    control: Control = "pose",
+    base: Base = "fixed",
+) -> mujoco.MjModel:
+    """Return a model of a scene with a settled grasp, which callers may edit.
+
+    Its keyframe `GRASP_KEY` is the state after a reset. The arguments are those of
+    `build_spec`, and a ``standoff`` of the hand, which by default holds the handle.
+
+    Raises:
+        ValueError: The closed handle is out of reach.
+    """
+    model = _template(structure_of(door), grasp, control, base).__copy__()
+    data = mujoco.MjData(model)
+    load_scene(
+        model,
+        data,
+        door,
+        grasp,
+        placement=placement,
+        standoff=standoff,
+        control=control,
+        base=base,
+    )
+    return model
+
+
+def load_scene(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    door: DoorConfig,
+    grasp: Hold = "contact",
+    *,
+    placement: Placement | None = None,
+    standoff: Standoff | None = None,
+    control: Control = "pose",
+    base: Base = "fixed",
+) -> None:
+    """Bring a scene's model to another door, in place.
+
+    The result depends on the arguments alone, not on the door before: it is that of
+    `build_scene`, bit for bit.
+
+    Args:
+        model: Made by `build_scene` for a door of the same structure, with the same
+            grasp, control and base.
+        data: Of the same model; reset it to the keyframe afterwards.
+        door: The new door.
+        grasp: As the model was made.
+        placement: Where the robot stands and grasps; without error by default.
+        standoff: Where the hand begins; by default it holds the handle.
+        control: As the model was made.
+        base: As the model was made.
+
+    Raises:
+        ValueError: The closed handle is out of reach, or the hand's place before it;
+            the model is unchanged.
+    """
+    check_reach(door, base, "grasped" if standoff is None else "approach")
+    placement = Placement() if placement is None else placement
+    geometry, structure = dataclasses.replace(door, **_NOMINAL), structure_of(door)
+    robot = grasp, control, base
+    settled = _settled(geometry, structure, placement, standoff, *robot)
+    for name, values in settled.items():
+        getattr(model, name)[...] = values
+    set_door_physics(model, data, door)
+
+
+@lru_cache(maxsize=32)
+def _template(
+    structure: Structure, grasp: Hold, control: Control, base: Base
+) -> mujoco.MjModel:
+    latch: Latch = "spring" if structure.latched else "none"
+    door = DoorConfig(handle=structure.handle, latch=latch, panel_mass=NOMINAL_MASS)
+    spec = build_spec(door, grasp, control=control, structure=structure, base=base)
+    return spec.compile()
+
+
+@lru_cache(maxsize=128)
+def _settled(
+    geometry: DoorConfig,
+    structure: Structure,
+    placement: Placement,
+    standoff: Standoff | None,
+    grasp: Hold,
+    control: Control,
+    base: Base,
+) -> Mapping[str, Array]:
+    """Compile a scene, settle the grasp and return its `SCENE_FIELDS`."""
+    spec = build_spec(
+        geometry,
+        grasp,
+        placement=placement,
+        control=control,
+        structure=structure,
+        base=base,
+    )
+    model = spec.compile()
+    _settle(model, geometry, placement, base)
+    if standoff is not None:
+        _draw_back(model, standoff_pose(geometry, standoff, base))
+    return MappingProxyType({n: getattr(model, n).copy() for n in SCENE_FIELDS})
+
+
+def _settle(
+    model: mujoco.MjModel, door: DoorConfig, placement: Placement, base: Base
+) -> None:
+    """Close the fingers on the bar and store the state at rest as the keyframe."""
+    data = mujoco.MjData(model)
+    configuration = solve_closed_posture(model, data, door, placement, base)
+    mujoco.mj_resetData(model, data)
+    data.qpos[:] = configuration
+    arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
+    model.qpos_spring[arm] = data.qpos[arm]
+    for side in ("right", "left"):
+        finger = data.joint(f"gripper_{side}_finger_joint")
+        finger.qpos = held_radius(door.handle) - _BAR_INDENTATION
+    data.actuator("torso_hold").ctrl = data.joint("torso_lift_joint").qpos
+    mujoco.mj_step(model, data, nstep=round(_SETTLING_TIME / model.opt.timestep))
+    model.key_qpos[GRASP_KEY] = data.qpos
+    model.key_qvel[GRASP_KEY] = 0.0
+    model.key_ctrl[GRASP_KEY] = data.ctrl
+
+
+def _draw_back(model: mujoco.MjModel, pose: Array) -> None:
+    """Let the keyframe begin with the open hand at a pose before the handle."""
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
+    mujoco.mj_kinematics(model, data)
+    solve_standoff_posture(model, data, pose)
+    for side, grip in zip(("right", "left"), GRIPS, strict=True):
+        data.joint(f"gripper_{side}_finger_joint").qpos = FINGER_STROKE
+        data.actuator(grip).ctrl = FINGER_STROKE
+    data.ctrl[:6] = pose
+    model.key_qpos[GRASP_KEY] = data.qpos
+    model.key_ctrl[GRASP_KEY] = data.ctrl

@@ -1,0 +1,302 @@
+"""The door as MuJoCo bodies: frame, leaf, hinge, and what is mounted on them."""
+
+from typing import Final, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gplfd_env.conventions.constants import Base
+from gplfd_env.conventions.geoms import INTANGIBLE, UNDRAWN
+from gplfd_env.doors.config import DoorConfig, Handle
+from gplfd_env.doors.variation import Placement
+from gplfd_env.robot.mobile_base import HARD_STOP, SOFT_STOP
+from gplfd_env.robot.placement import (
+    grasp_in_door_frame,
+    handle_position_w,
+    quaternion,
+    task_rotation_w,
+)
+from gplfd_env.scene.arena import DOOR_HEIGHT
+from gplfd_env.scene.closer import add_closer, has_tendons, set_closer
+from gplfd_env.scene.handle import STEEL, add_bar, add_turning_handle, set_handle
+from gplfd_env.scene.latch import add_latch, set_latch
+from gplfd_env.scene.visuals import (
+    add_casing,
+    add_closer_looks,
+    add_far_handle,
+    add_lock_plate,
+    add_panels,
+    show_closer,
+)
+
+NOMINAL_MASS: Final = 12.0
+"""Mass of the leaf in a compiled scene, before `set_door_physics` [kg]."""
+
+_JAMB: Final = 0.05
+_WOOD: Final = (0.78, 0.63, 0.46, 1.0)
+_FRAME: Final = (0.88, 0.87, 0.85, 1.0)
+
+Matrix = NDArray[np.float64]
+
+_BOX: Final = mujoco.mjtGeom.mjGEOM_BOX
+_CYLINDER: Final = mujoco.mjtGeom.mjGEOM_CYLINDER
+
+
+class Structure(NamedTuple):
+    """What a door consists of: scenes of one structure differ in numbers alone.
+
+    Attributes:
+        handle: What the hand holds.
+        latched: Whether there is a bolt.
+        closer: Whether the closer has tendons.
+    """
+
+    handle: Handle
+    latched: bool
+    closer: bool
+
+
+def structure_of(door: DoorConfig) -> Structure:
+    """Return what a door consists of."""
+    return Structure(door.handle, door.latch != "none", has_tendons(door))
+
+
+def add_door(
+    spec: mujoco.MjSpec,
+    door: DoorConfig,
+    placement: Placement | None = None,
+    structure: Structure | None = None,
+    base: Base = "fixed",
+) -> None:
+    """Add a door to a scene.
+
+    Everything hangs on a ``door_frame`` body at the closed handle where the hand holds
+    it, and the numbers below read in its axes (x pull, y up, z left). Adds the site
+    ``task_frame`` (fixed, where the hand takes hold), the joint ``hinge``, the geom
+    ``handle_bar`` (the only one that touches the hand), the site ``handle`` that moves
+    with it, beside a handle that turns the site ``leaf_axes`` that does not turn with
+    it, the latch, and the actuator ``door_closer``.
+
+    Args:
+        spec: The scene, with the robot in it; edited in place.
+        door: Geometry and hinge.
+        placement: Where the robot stands and grasps; without error by default.
+        structure: What to add; by default what the door consists of.
+        base: Whose stance before the door it is.
+    """
+    structure = structure_of(door) if structure is None else structure
+    placement = Placement() if placement is None else placement
+    frame = spec.worldbody.add_body(
+        name="door_frame",
+        pos=handle_position_w(door, placement, base),
+        quat=quaternion(task_rotation_w(door, placement.base_yaw, base)),
+    )
+    grasp, turn = grasp_in_door_frame(door, placement, base)
+    frame.add_site(name="task_frame", pos=grasp, quat=turn, **UNDRAWN)
+    _add_frame(frame, door)
+    leaf = frame.add_body(name="door", pos=[0.0, 0.0, -door.side * door.hand_radius])
+    hinge = leaf.add_joint(
+        name="hinge",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=[0, door.side * door.way, 0],
+        range=[0.0, door.stop_angle],
+        limited=True,
+        damping=[door.hinge_damping + door.closer_damping, 0, 0],
+        frictionloss=door.friction,
+        # With MuJoCo's soft defaults a hinge creeps at loads below its friction.
+        solref_friction=[0.004, 1.0],
+        solimp_friction=[0.999, 0.999, 0.001, 0.5, 2.0],
+        armature=0.01,
+    )
+    if base == "mobile":
+        # Beside the hinge's own limit, which disturbances move and which stays softer.
+        hinge.solref_limit = SOFT_STOP
+        end = spec.add_tendon(
+            name="hinge_end",
+            limited=True,
+            range=[0.0, door.stop_angle],
+            solref_limit=HARD_STOP,
+        )
+        end.wrap_joint("hinge", 1.0)
+    _add_leaf(leaf, door)
+    foot = -door.handle_standoff + door.leaf_thickness / 2
+    if door.handle == "bar":
+        add_bar(leaf, door, foot, placement.grasp_height)
+    else:
+        add_turning_handle(leaf, door, foot)
+    if structure.latched:
+        add_latch(spec, frame, leaf, door, _edges_in_frame(door)[1], base)
+    add_closer(spec, door, tendons=structure.closer)
+    _add_looks(spec, frame, leaf, door, structure)
+
+
+def _add_looks(
+    spec: mujoco.MjSpec,
+    frame: mujoco.MjsBody,
+    leaf: mujoco.MjsBody,
+    door: DoorConfig,
+    structure: Structure,
+) -> None:
+    top = DOOR_HEIGHT - door.handle_height
+    if structure.closer:
+        add_closer_looks(spec, frame, leaf, door, top)
+    if structure.latched:
+        add_lock_plate(leaf, door)
+    if door.handle != "bar":
+        hinge_edge, lock_edge = _edges(door)
+        add_casing(frame, door, _edges_in_frame(door), top)
+        add_panels(leaf, door, lock_edge - hinge_edge)
+        add_far_handle(leaf, spec.body("handle"), door)
+
+
+def _add_frame(frame: mujoco.MjsBody, door: DoorConfig) -> None:
+    floor, side = -door.handle_height, door.side
+    hinge_edge, lock_edge = _edges_in_frame(door)
+    middle = floor + DOOR_HEIGHT / 2
+    for name, edge in (
+        ("jamb_hinge", hinge_edge - side * _JAMB / 2),
+        ("jamb_lock", lock_edge + side * _JAMB / 2),
+    ):
+        frame.add_geom(
+            name=name,
+            type=_BOX,
+            pos=[-door.handle_standoff, middle, edge],
+            size=[0.06, DOOR_HEIGHT / 2, _JAMB / 2],
+            rgba=_FRAME,
+            **INTANGIBLE,
+        )
+    frame.add_geom(
+        name="lintel",
+        type=_BOX,
+        pos=[
+            -door.handle_standoff,
+            floor + DOOR_HEIGHT + _JAMB / 2,
+            (hinge_edge + lock_edge) / 2,
+        ],
+        size=[0.06, _JAMB / 2, abs(lock_edge - hinge_edge) / 2 + _JAMB],
+        rgba=_FRAME,
+        **INTANGIBLE,
+    )
+
+
+def _edges(door: DoorConfig) -> tuple[float, float]:
+    """Return where the leaf ends towards hinge and lock [m].
+
+    Counted from the handle's axis, away from the hinge.
+    """
+    return -door.radius - door.overhang, door.backset
+
+
+def _edges_in_frame(door: DoorConfig) -> tuple[float, float]:
+    """Return where the leaf ends towards hinge and lock, task-frame z [m]."""
+    hinge_edge, lock_edge = _edges(door)
+    return door.side * (hinge_edge + door.grip), door.side * (lock_edge + door.grip)
+
+
+def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
+    hinge_edge, lock_edge = _edges(door)
+    leaf.add_geom(
+        name="leaf",
+        type=_BOX,
+        pos=[
+            -door.handle_standoff,
+            DOOR_HEIGHT / 2 - door.handle_height,
+            door.side * ((hinge_edge + lock_edge) / 2 + door.radius),
+        ],
+        size=[door.leaf_thickness / 2, DOOR_HEIGHT / 2, (lock_edge - hinge_edge) / 2],
+        rgba=_WOOD,
+        mass=door.panel_mass,
+        **INTANGIBLE,
+    )
+    for name, height in (("hinge_upper", 0.55), ("hinge_lower", -0.55)):
+        leaf.add_geom(
+            name=name,
+            type=_CYLINDER,
+            fromto=[0, height - 0.05, 0, 0, height + 0.05, 0],
+            size=[0.012, 0, 0],
+            rgba=STEEL,
+            mass=0.0,
+            **INTANGIBLE,
+        )
+        leaf.add_geom(
+            name=f"{name}_arm",
+            type=_BOX,
+            pos=[-door.handle_standoff / 2, height, 0],
+            size=[door.handle_standoff / 2, 0.03, 0.004],
+            rgba=STEEL,
+            mass=0.0,
+            **INTANGIBLE,
+        )
+
+
+def set_hinge(model: mujoco.MjModel, stop: float, friction: float) -> bool:
+    """Set where a door stops and how its hinge rubs; return whether that was a change.
+
+    Args:
+        model: The scene; edited in place.
+        stop: Angle at which the leaf meets its stop [rad].
+        friction: Coulomb friction [N m].
+    """
+    joint = model.joint("hinge")
+    dof = int(joint.dofadr[0])
+    now = model.jnt_range[joint.id, 1], model.dof_frictionloss[dof]
+    if now == (stop, friction):
+        return False
+    model.jnt_range[joint.id, 1], model.dof_frictionloss[dof] = stop, friction
+    return True
+
+
+def set_door_physics(
+    model: mujoco.MjModel, data: mujoco.MjData, door: DoorConfig
+) -> None:
+    """Give a compiled door, of `NOMINAL_MASS`, its mass, hinge, springs and closer.
+
+    Args:
+        model: The scene; edited in place.
+        data: Of the same model; left in its reference configuration.
+        door: Of the geometry that the scene was compiled with.
+    """
+    hinge = int(model.joint("hinge").dofadr[0])
+    model.dof_frictionloss[hinge] = door.friction
+    model.dof_damping[hinge] = door.hinge_damping + door.closer_damping
+    if door.handle != "bar":
+        set_handle(model, door)
+    if door.latch == "spring":
+        set_latch(model, door)
+    _add_leaf_mass(model, door.panel_mass - NOMINAL_MASS)
+    mujoco.mj_setConst(model, data)
+    set_closer(model, door)
+    if has_tendons(door):
+        show_closer(model, door)
+
+
+def _add_leaf_mass(model: mujoco.MjModel, mass: float) -> None:
+    """Add mass to the leaf: the body's mass, centre and inertia by Steiner's theorem.
+
+    Inertias are collected about the body's origin, (3, 3) [kg m²].
+    """
+    body, leaf = model.body("door").id, model.geom("leaf").id
+    centre, size = model.geom_pos[leaf], model.geom_size[leaf]
+    solid = np.diag(size @ size - size**2) / 3.0
+    rotation = np.zeros(9)
+    mujoco.mju_quat2Mat(rotation, model.body_iquat[body])
+    axes = rotation.reshape(3, 3)
+    before, com = float(model.body_mass[body]), model.body_ipos[body].copy()
+    inertia = (
+        axes @ np.diag(model.body_inertia[body]) @ axes.T
+        + before * _steiner(com)
+        + mass * (solid + _steiner(centre))
+    )
+    total = before + mass
+    com = (before * com + mass * centre) / total
+    principal, turn, quaternion = np.zeros(3), np.zeros(9), np.zeros(4)
+    about_com = inertia - total * _steiner(com)
+    mujoco.mju_eig3(principal, turn, quaternion, about_com.reshape(9))
+    model.body_mass[body], model.body_ipos[body] = total, com
+    model.body_inertia[body], model.body_iquat[body] = principal, quaternion
+
+
+def _steiner(offset: Matrix) -> Matrix:
+    """Return the inertia of a unit mass at an offset, |c|² 1 - c cᵀ [m²]."""
+    return np.asarray((offset @ offset) * np.eye(3) - np.outer(offset, offset))

@@ -1,0 +1,134 @@
+"""The handle as MuJoCo geoms: a bar on the leaf, or a lever or knob that turns."""
+
+from typing import Any, Final
+
+import mujoco
+
+from gplfd_env.conventions.geoms import INTANGIBLE, UNDRAWN
+from gplfd_env.doors.config import BAR_RADIUS, KNOB_RADIUS, DoorConfig
+
+BAR_HALF_LENGTH: Final = 0.10
+
+STEEL: Final = (0.55, 0.57, 0.60, 1.0)
+
+_HELD: Final[dict[str, Any]] = {
+    "name": "handle_bar",
+    "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "rgba": STEEL,
+    "contype": 0,
+    "conaffinity": 1,
+    "condim": 4,
+    "friction": [1.0, 0.005, 0.0001],
+    "solref": [0.005, 1.0],
+    "priority": 1,
+}
+"""The only geom that touches the hand; its contact parameters rule (priority). A short
+time constant keeps the creep of a sustained pull below a millimetre; it must stay above
+two physics steps."""
+
+
+def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) -> None:
+    """Add a vertical bar: the geom ``handle_bar`` and the site ``handle``.
+
+    Args:
+        leaf: The leaf's body, its origin on the hinge's axis.
+        door: Geometry.
+        foot: Where the leaf's surface is along x [m].
+        height: Of the grasped point above the bar's middle [m].
+    """
+    reach = door.side * door.radius
+    leaf.add_geom(
+        fromto=[0, -BAR_HALF_LENGTH, reach, 0, BAR_HALF_LENGTH, reach],
+        size=[BAR_RADIUS, 0, 0],
+        mass=0.3,
+        **_HELD,
+    )
+    for name, end in (
+        ("handle_post_upper", BAR_HALF_LENGTH),
+        ("handle_post_lower", -BAR_HALF_LENGTH),
+    ):
+        leaf.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            fromto=[0.0, end, reach, foot, end, reach],
+            size=[0.009, 0, 0],
+            rgba=STEEL,
+            mass=0.05,
+            **INTANGIBLE,
+        )
+    leaf.add_site(name="handle", pos=[0.0, height, reach], **UNDRAWN)
+
+
+def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
+    """Add a lever that points to the hinge, or a knob, on the joint ``handle``.
+
+    A positive angle presses the lever down; a knob turns the same way. The return
+    spring holds it at zero. The site ``handle`` turns with it; ``leaf_axes`` at the
+    same place does not.
+
+    Args:
+        leaf: The leaf's body, its origin on the hinge's axis.
+        door: Geometry and spring.
+        foot: Where the leaf's surface is along x [m].
+    """
+    reach, grip = door.side * door.radius, door.side * door.grip
+    preload, stiffness = door.handle_spring
+    body = leaf.add_body(name="handle", pos=[0.0, 0.0, reach], gravcomp=1.0)
+    body.add_joint(
+        name="handle",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=[-door.side, 0, 0],
+        range=[0.0, door.handle_travel],
+        limited=True,
+        stiffness=[stiffness, 0, 0],
+        springref=-preload / stiffness,
+        damping=[0.02, 0, 0],
+        armature=1e-3,
+    )
+    if door.handle == "lever":
+        end = door.side * (door.handle_length - BAR_RADIUS)
+        body.add_geom(
+            fromto=[0, 0, 0, 0, 0, -end], size=[BAR_RADIUS, 0, 0], mass=0.2, **_HELD
+        )
+    else:
+        ball = {**_HELD, "type": mujoco.mjtGeom.mjGEOM_SPHERE}
+        body.add_geom(size=[KNOB_RADIUS, 0, 0], mass=0.3, **ball)
+    body.add_geom(
+        name="handle_neck",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        fromto=[0.0, 0.0, 0.0, foot, 0.0, 0.0],
+        size=[0.009, 0, 0],
+        rgba=STEEL,
+        mass=0.05,
+        **INTANGIBLE,
+    )
+    body.add_site(name="handle", pos=[0.0, 0.0, -grip], **UNDRAWN)
+    leaf.add_site(name="leaf_axes", pos=[0.0, 0.0, reach - grip], **UNDRAWN)
+    leaf.add_geom(
+        name="handle_rose",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        fromto=[foot, 0.0, reach, foot + 0.008, 0.0, reach],
+        size=[0.026, 0, 0],
+        rgba=STEEL,
+        mass=0.05,
+        **INTANGIBLE,
+    )
+
+
+def set_handle(model: mujoco.MjModel, door: DoorConfig) -> None:
+    """Give the return spring of a compiled lever or knob its numbers.
+
+    Args:
+        model: The scene; edited in place.
+        door: Of the geometry that the scene was compiled with.
+    """
+    set_spring(model, "handle", *door.handle_spring)
+
+
+def set_spring(
+    model: mujoco.MjModel, joint: str, preload: float, stiffness: float
+) -> None:
+    """Let a joint be drawn to zero by preload + stiffness times position."""
+    handle = model.joint(joint)
+    model.jnt_stiffness[handle.id] = stiffness
+    model.qpos_spring[handle.qposadr[0]] = -preload / stiffness

@@ -1,0 +1,178 @@
+"""A sprung bolt in the leaf, its strike in the frame, and what the handle does to it.
+
+The bolt is a slide joint. Its round nose touches one thing, the strike: a wedge whose
+upright face holds the door and whose bevel pushes the bolt in when the door closes. A
+tendon's limit draws the bolt in with the handle beyond its dead travel, and lets the
+handle go back alone.
+"""
+
+import math
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from gplfd_env.conventions.constants import Base
+from gplfd_env.conventions.geoms import INTANGIBLE
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.scene.handle import STEEL, set_spring
+
+_NOSE: Final = 0.003
+"""Radius of the bolt's nose [m]."""
+
+GAP: Final = 0.003
+"""Between leaf and frame: where a bolt stands out by less, the door is free [m]."""
+
+_CLEARANCE: Final = 0.001
+"""Between the bolt of a closed door and the strike [m]."""
+
+_BEVEL: Final = 0.018
+"""Length and rise of the strike's bevel [m]; more than the longest bolt needs."""
+
+_UNDERCUT: Final[dict[Base, float]] = {"fixed": 0.0, "mobile": math.radians(3.0)}
+"""By how much the strike's upright face recedes behind its edge [rad]. Then the edge
+loads the bolt's flank, and nothing pushes the bolt in while the leaf gives way by less.
+An upright face lets 2 kN of a robot that drives into the door push it in."""
+
+_CONTACT: Final[dict[Base, list[float]]] = {
+    "fixed": [0.9, 0.95, 0.001, 0.5, 2.0],
+    "mobile": [0.99, 0.999, 0.001, 0.5, 2.0],
+}
+"""Impedance of bolt and strike (MuJoCo's ``solimp``; its default where the base is
+fixed)."""
+
+_HALF_HEIGHT: Final = 0.03
+
+_MIRRORED: Final = {
+    ("pull", "right"): (1.0, 0.0, 0.0, 0.0),
+    ("push", "right"): (0.0, 0.0, 0.0, 1.0),
+    ("pull", "left"): (0.0, 1.0, 0.0, 0.0),
+    ("push", "left"): (0.0, 0.0, 1.0, 0.0),
+}
+"""Half-turns that do to the strike, alike above and below, what mirrors would do."""
+
+_BOLT_MASS: Final = 0.1
+
+
+_PLAY: Final = math.radians(1.0)
+"""A latched door is open by less than this [rad]."""
+
+
+def latch_holds(door: DoorConfig, angle: float, bolt: float) -> bool:
+    """Return whether the bolt stands before the strike.
+
+    Args:
+        door: Its latch and throw.
+        angle: Opening angle [rad].
+        bolt: How far the bolt is drawn in [m].
+    """
+    return door.latch == "spring" and angle < _PLAY and bolt < door.bolt_throw - GAP
+
+
+def add_latch(
+    spec: mujoco.MjSpec,
+    frame: mujoco.MjsBody,
+    leaf: mujoco.MjsBody,
+    door: DoorConfig,
+    lock_edge: float,
+    base: Base = "fixed",
+) -> None:
+    """Add bolt and strike, and what draws the bolt in.
+
+    Adds the joint ``bolt``, the geoms ``bolt_nose`` and ``strike``, and the tendon
+    ``retraction`` between the joints ``handle`` and ``bolt``.
+
+    Args:
+        spec: The scene; edited in place.
+        frame: The door's frame.
+        leaf: The leaf's body, its origin on the hinge's axis.
+        door: Geometry and spring.
+        lock_edge: Where the leaf's free edge is in the frame, task-frame z [m].
+        base: Whether a robot that drives can run into the leaf.
+    """
+    _add_bolt(leaf, door)
+    _add_strike(spec, frame, door, lock_edge, _UNDERCUT[base])
+    spec.add_pair(
+        name="latch",
+        geomname1="bolt_nose",
+        geomname2="strike",
+        condim=1,
+        solref=[0.005, 1.0],
+        solimp=_CONTACT[base],
+    )
+    ratio = door.bolt_throw / (door.handle_travel - door.dead_travel)
+    retraction = spec.add_tendon(
+        name="retraction",
+        limited=True,
+        range=[-ratio * door.dead_travel, 1.0],
+        springlength=[0.0, 0.0],
+        solref_limit=[0.005, 1.0],
+    )
+    retraction.wrap_joint("bolt", 1.0)
+    retraction.wrap_joint("handle", -ratio)
+
+
+def _add_bolt(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
+    edge = door.side * (door.radius + door.backset)
+    bolt = leaf.add_body(name="bolt", pos=[-door.handle_standoff, 0.0, edge])
+    bolt.add_joint(
+        name="bolt",
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=[0, 0, -door.side],
+        range=[0.0, door.bolt_throw],
+        limited=True,
+        solref_limit=[0.005, 1.0],
+        stiffness=[door.bolt_stiffness, 0, 0],
+        springref=-door.bolt_preload / door.bolt_stiffness,
+        damping=[2.0, 0, 0],
+    )
+    tip = door.side * (door.bolt_throw - _NOSE)
+    bolt.add_geom(
+        name="bolt_nose",
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=[0.0, 0.0, tip - door.side * 0.03, 0.0, 0.0, tip],
+        size=[_NOSE, 0, 0],
+        rgba=STEEL,
+        mass=_BOLT_MASS,
+        **INTANGIBLE,
+    )
+
+
+def _add_strike(
+    spec: mujoco.MjSpec,
+    frame: mujoco.MjsBody,
+    door: DoorConfig,
+    lock_edge: float,
+    undercut: float,
+) -> None:
+    """Add the wedge, in the plane of the leaf's motion."""
+    corners = [
+        (0.0, 0.0),
+        (1.5 * _BEVEL * math.tan(undercut), 1.5 * _BEVEL),
+        (_BEVEL, _BEVEL),
+        (_BEVEL, 1.5 * _BEVEL),
+    ]
+    mesh = spec.add_mesh(name="strike")
+    mesh.uservert = np.array(
+        [(x, y, z) for y in (-_HALF_HEIGHT, _HALF_HEIGHT) for x, z in corners]
+    ).ravel()
+    face = -door.handle_standoff + door.way * (_NOSE + _CLEARANCE)
+    frame.add_geom(
+        name="strike",
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname="strike",
+        pos=[face, 0.0, lock_edge + door.side * GAP],
+        quat=_MIRRORED[door.swing, door.hinge_side],
+        rgba=STEEL,
+        **INTANGIBLE,
+    )
+
+
+def set_latch(model: mujoco.MjModel, door: DoorConfig) -> None:
+    """Give the spring of a compiled bolt its numbers.
+
+    Args:
+        model: The scene; edited in place.
+        door: Of the geometry that the scene was compiled with.
+    """
+    set_spring(model, "bolt", door.bolt_preload, door.bolt_stiffness)

@@ -1,0 +1,226 @@
+"""What makes a door of a building look like one; none of it touches or weighs anything.
+
+All geoms here are of the group `GROUP`, without mass and contact: a scene with them
+moves as it would without, bit for bit. Beside a bar there are none but a closer's.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import mujoco
+
+from gplfd_env.conventions.geoms import INTANGIBLE, UNDRAWN
+from gplfd_env.doors.config import BAR_RADIUS, KNOB_RADIUS, DoorConfig
+from gplfd_env.scene.handle import STEEL
+
+GROUP: Final = 2
+"""Of geoms that are there to be seen; nothing else of a scene has it."""
+
+CLOSER_PARTS: Final = ("closer_box", "closer_shoe")
+"""Geoms of a closer; the tendon `CLOSER_ARM` joins them."""
+
+CLOSER_ARM: Final = "closer_arm"
+
+_SEEN: Final[dict[str, Any]] = {**INTANGIBLE, "mass": 0.0, "group": GROUP}
+_PAINT: Final = (0.96, 0.96, 0.94, 1.0)
+_PANEL: Final = (0.72, 0.57, 0.40, 1.0)
+_BRASS: Final = (0.72, 0.64, 0.42, 1.0)
+_ALUMINIUM: Final = (0.66, 0.68, 0.70)
+_ARM_RADIUS: Final = 0.007
+
+_BOX: Final = mujoco.mjtGeom.mjGEOM_BOX
+_CAPSULE: Final = mujoco.mjtGeom.mjGEOM_CAPSULE
+_CYLINDER: Final = mujoco.mjtGeom.mjGEOM_CYLINDER
+_SPHERE: Final = mujoco.mjtGeom.mjGEOM_SPHERE
+
+
+def add_casing(
+    frame: mujoco.MjsBody, door: DoorConfig, edges: tuple[float, float], top: float
+) -> None:
+    """Add the flat boards around the opening, on both sides of the wall.
+
+    Args:
+        frame: The door's frame.
+        door: Geometry.
+        edges: Where the leaf ends towards hinge and lock, task-frame z [m].
+        top: Where it ends above, task-frame y [m].
+    """
+    wide, gap, deep, side = 0.035, 0.013, 0.072, door.side
+    hinge, lock = edges[0] - side * (gap + wide), edges[1] + side * (gap + wide)
+    floor = -door.handle_height
+    x, middle = -door.handle_standoff, (floor + top) / 2.0
+    upright = [deep, (top - floor) / 2.0, wide]
+    for name, place in (("casing_hinge", hinge), ("casing_lock", lock)):
+        _add_box(frame, name, [x, middle, place], upright, _PAINT)
+    across = [deep, wide, abs(lock - hinge) / 2.0 + wide]
+    above = [x, top + gap + wide, (hinge + lock) / 2.0]
+    _add_box(frame, "casing_top", above, across, _PAINT)
+
+
+def add_panels(leaf: mujoco.MjsBody, door: DoorConfig, width: float) -> None:
+    """Add two raised panels, seen on both sides of the leaf, and the lock.
+
+    Args:
+        leaf: The leaf's body, its origin on the hinge's axis.
+        door: Geometry.
+        width: Of the leaf [m].
+    """
+    stile, floor, x = 0.11, -door.handle_height, -door.handle_standoff
+    free_edge = door.radius + door.backset
+    thick = door.leaf_thickness / 2.0
+    size = [thick + 0.004, 0.0, width / 2.0 - stile]
+    place = door.side * (free_edge - width / 2.0)
+    for name, low, high in (
+        ("panel_lower", floor + 0.20, floor + 0.84),
+        ("panel_upper", floor + 1.02, floor + 1.84),
+    ):
+        size[1] = (high - low) / 2.0
+        _add_box(leaf, name, [x, (low + high) / 2.0, place], size, _PANEL)
+    reach = door.side * door.radius
+    _add_rod(
+        leaf,
+        "lock_cylinder",
+        _through(door, thick + 0.006, -0.09, reach),
+        0.014,
+        _BRASS,
+    )
+
+
+def add_far_handle(
+    leaf: mujoco.MjsBody, handle: mujoco.MjsBody, door: DoorConfig
+) -> None:
+    """Add what the other side of the leaf has: the same handle, in the mirror.
+
+    Args:
+        leaf: The leaf's body, its origin on the hinge's axis.
+        handle: The body that turns.
+        door: Geometry.
+    """
+    far, surface = -2.0 * door.handle_standoff, door.leaf_thickness / 2.0
+    foot = -door.handle_standoff - surface
+    _add_rod(handle, "far_neck", [foot, 0.0, 0.0, far, 0.0, 0.0], 0.009, STEEL)
+    if door.handle == "lever":
+        end = -door.side * (door.handle_length - BAR_RADIUS)
+        handle.add_geom(
+            name="far_handle",
+            type=_CAPSULE,
+            fromto=[far, 0.0, 0.0, far, 0.0, end],
+            size=[BAR_RADIUS, 0, 0],
+            rgba=STEEL,
+            **_SEEN,
+        )
+    else:
+        handle.add_geom(
+            name="far_handle",
+            type=_SPHERE,
+            pos=[far, 0.0, 0.0],
+            size=[KNOB_RADIUS, 0, 0],
+            rgba=STEEL,
+            **_SEEN,
+        )
+    reach = door.side * door.radius
+    _add_rod(
+        leaf, "far_rose", [foot, 0.0, reach, foot - 0.008, 0.0, reach], 0.026, STEEL
+    )
+
+
+def add_lock_plate(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
+    """Add the plate around the bolt on the leaf's free edge."""
+    edge = door.side * (door.radius + door.backset)
+    place = [-door.handle_standoff, 0.0, edge]
+    _add_box(leaf, "lock_plate", place, [0.010, 0.10, 0.0008], STEEL)
+
+
+def add_closer_looks(
+    spec: mujoco.MjSpec,
+    frame: mujoco.MjsBody,
+    leaf: mujoco.MjsBody,
+    door: DoorConfig,
+    top: float,
+) -> None:
+    """Add a closer's box on the leaf, its shoe on the frame, and the arm between.
+
+    The arm is one straight tendon without any force: a real one's two links would be
+    bodies with joints of their own. Doors whose closer is not to be seen (`has_box`)
+    have the same parts, without colour.
+
+    Args:
+        spec: The scene; edited in place.
+        frame: The door's frame.
+        leaf: The leaf's body, its origin on the hinge's axis.
+        door: Geometry and closer.
+        top: Where the leaf ends above, task-frame y [m].
+    """
+    colour, side = (*_ALUMINIUM, _opacity(door)), door.side
+    x = -door.handle_standoff + door.leaf_thickness / 2.0 + 0.022
+    box = [x, top - 0.065, side * 0.20]
+    _add_box(leaf, "closer_box", box, [0.022, 0.027, 0.125], colour)
+    leaf.add_site(name="closer_spindle", pos=[x, top - 0.03, side * 0.24], **UNDRAWN)
+    foot = 0.084 - door.handle_standoff
+    shoe = [foot, top + 0.03, side * (0.42 - door.hand_radius)]
+    _add_box(frame, "closer_shoe", shoe, [0.012, 0.012, 0.03], colour)
+    frame.add_site(name="closer_foot", pos=shoe, **UNDRAWN)
+    width = _arm_radius(door)
+    # Else its resting length would be that of the door that was compiled.
+    arm = spec.add_tendon(
+        name=CLOSER_ARM, width=width, rgba=colour, springlength=[0.0, 0.0]
+    )
+    arm.wrap_site("closer_spindle")
+    arm.wrap_site("closer_foot")
+
+
+def has_box(door: DoorConfig) -> bool:
+    """Return whether a door's closer is a hydraulic one, and not a spring or a seal."""
+    return door.closing_damping + door.backcheck_damping > 0.0
+
+
+def show_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
+    """Let the closer of a compiled scene be seen, or not.
+
+    Args:
+        model: The scene, with the parts of `add_closer_looks`; edited in place.
+        door: The door that it becomes.
+    """
+    for part in CLOSER_PARTS:
+        model.geom_rgba[model.geom(part).id, 3] = _opacity(door)
+    arm = model.tendon(CLOSER_ARM).id
+    model.tendon_rgba[arm, 3] = _opacity(door)
+    model.tendon_width[arm] = _arm_radius(door)
+
+
+def _opacity(door: DoorConfig) -> float:
+    return 1.0 if has_box(door) else 0.0
+
+
+def _arm_radius(door: DoorConfig) -> float:
+    # A tendon without colour would still cast a shadow, and MuJoCo refuses zero.
+    return _ARM_RADIUS if has_box(door) else 1e-5
+
+
+def _through(door: DoorConfig, half: float, height: float, reach: float) -> list[float]:
+    """Ends of a rod through the leaf, as far to both sides of its mid-plane [m]."""
+    x = -door.handle_standoff
+    return [x - half, height, reach, x + half, height, reach]
+
+
+def _add_box(
+    body: mujoco.MjsBody,
+    name: str,
+    place: Sequence[float],
+    size: Sequence[float],
+    colour: Sequence[float],
+) -> None:
+    body.add_geom(name=name, type=_BOX, pos=place, size=size, rgba=colour, **_SEEN)
+
+
+def _add_rod(
+    body: mujoco.MjsBody,
+    name: str,
+    ends: Sequence[float],
+    radius: float,
+    colour: Sequence[float],
+) -> None:
+    size = [radius, 0, 0]
+    body.add_geom(
+        name=name, type=_CYLINDER, fromto=ends, size=size, rgba=colour, **_SEEN
+    )

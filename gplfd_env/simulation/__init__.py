@@ -1,0 +1,1 @@
+"""Stepping one scene or many: commands, servo, external loads."""

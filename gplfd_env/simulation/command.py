@@ -1,0 +1,214 @@
+"""What an action says to the servo: a pose, or a pose and how stiffly to hold it."""
+
+import math
+import reprlib
+from dataclasses import dataclass
+from typing import Final
+
+import mujoco
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from gplfd_env.conventions.constants import GRIPPER_WIDTH, Base, Control
+from gplfd_env.doors.variation import Variation
+from gplfd_env.robot.model import COMMAND_LIMITS, SERVO_DAMPING, SERVO_STIFFNESS
+from gplfd_env.robot.placement import standoff_pose
+from gplfd_env.robot.whole_body import SPEED
+
+Array = NDArray[np.float64]
+
+STIFFNESS_RANGES: Final = ((20.0, SERVO_STIFFNESS[0]), (1.0, SERVO_STIFFNESS[1]))
+"""Commanded stiffness: translation [N/m], rotation [N m/rad]."""
+
+_POSE_LIMIT: Final = np.repeat(COMMAND_LIMITS, 3)
+_SOFTEST: Final = np.repeat([low for low, _ in STIFFNESS_RANGES], 3)
+_STIFFEST: Final = np.repeat([high for _, high in STIFFNESS_RANGES], 3)
+_DAMPING_OF_ROOT: Final = -np.repeat(SERVO_DAMPING, 3) / np.sqrt(_STIFFEST)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Command:
+    """The meaning of an action.
+
+    Attributes:
+        control: What the robot was loaded with.
+        low: Least action.
+        high: Greatest action.
+        rest: The action that holds the closed handle.
+        meaning: Of the action's entries, for messages.
+        drives: Whether its last three entries are the base's twist.
+        grips: Whether its last entry is the gripper's width.
+    """
+
+    control: Control
+    low: Array
+    high: Array
+    rest: Array
+    meaning: str
+    drives: bool = False
+    grips: bool = False
+
+    @property
+    def space(self) -> spaces.Box:
+        """The action space."""
+        return spaces.Box(self.low, self.high, dtype=np.float64)
+
+    def resting(self, variation: Variation, base: Base) -> Array:
+        """Return the action that holds the hand where an episode begins.
+
+        Args:
+            variation: The episode's circumstances.
+            base: Whether the robot drives.
+        """
+        if variation.standoff is None:
+            return self.rest
+        action = self.rest.copy()
+        action[:6] = standoff_pose(variation.door, variation.standoff, base)
+        if self.grips:
+            action[-1] = GRIPPER_WIDTH
+        return action
+
+    def check(
+        self,
+        action: object,
+        shape: tuple[int, ...],
+        ignored: NDArray[np.bool_] | None = None,
+    ) -> Array:
+        """Return the action as an array of its own.
+
+        Args:
+            action: As a caller gave it.
+            shape: What it must have.
+            ignored: Rows to replace by `rest`, whatever they hold.
+
+        Raises:
+            ValueError: It is not an array of numbers of that shape, or not finite.
+        """
+        try:
+            command = np.array(action, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            raise ValueError(
+                f"the action must be numbers of shape {shape}, {self.meaning}; got "
+                f"{reprlib.repr(action)}"
+            ) from None
+        if command.shape != shape:
+            raise ValueError(
+                f"the action must have shape {shape}, {self.meaning}; got shape "
+                f"{command.shape}"
+            )
+        if ignored is not None:
+            command[ignored] = self.rest
+        # For a single action a loop over floats is faster than NumPy's reduction.
+        flat = command.ravel().tolist()
+        if not all(map(math.isfinite, flat)):
+            raise ValueError(
+                f"the action must be finite, got {command.tolist()}; check the policy "
+                "for divisions by zero or an unstable integrator"
+            )
+        return command
+
+    def clamped(self, commands: Array) -> Array:
+        """Return commands within the bounds of the action space, (..., n)."""
+        return np.minimum(np.maximum(commands, self.low), self.high)
+
+
+COMMANDS: Final[dict[Control, Command]] = {
+    "pose": Command(
+        control="pose",
+        low=-_POSE_LIMIT,
+        high=_POSE_LIMIT,
+        rest=np.zeros(6),
+        meaning=(
+            "commanded position [m] and rotation vector [rad] of the hand in the task "
+            "frame"
+        ),
+    ),
+    "impedance": Command(
+        control="impedance",
+        low=np.concatenate([-_POSE_LIMIT, _SOFTEST]),
+        high=np.concatenate([_POSE_LIMIT, _STIFFEST]),
+        rest=np.concatenate([np.zeros(6), _STIFFEST]),
+        meaning=(
+            "commanded position [m] and rotation vector [rad] of the hand in the task "
+            "frame, and its stiffness on these axes [N/m, N m/rad]"
+        ),
+    ),
+}
+"""By kind of control."""
+
+_BASE_SPEED: Final = np.array([SPEED[0], SPEED[0], SPEED[1]])
+
+DRIVEN: Final = Command(
+    control="pose",
+    low=np.concatenate([-_POSE_LIMIT, -_BASE_SPEED]),
+    high=np.concatenate([_POSE_LIMIT, _BASE_SPEED]),
+    rest=np.zeros(9),
+    meaning=(
+        "commanded position [m] and rotation vector [rad] of the hand in the task "
+        "frame, and twist of the base in its own axes [m/s, rad/s]"
+    ),
+    drives=True,
+)
+"""The pose of the hand and the twist of the base."""
+
+GRIPPING: Final = Command(
+    control="pose",
+    low=np.concatenate([-_POSE_LIMIT, [0.0]]),
+    high=np.concatenate([_POSE_LIMIT, [GRIPPER_WIDTH]]),
+    rest=np.zeros(7),
+    meaning=(
+        "commanded position [m] and rotation vector [rad] of the hand in the task "
+        "frame, and width of the gripper between its fingers [m]"
+    ),
+    grips=True,
+)
+"""The pose of the hand and the width of the gripper."""
+
+
+class ServoGains:
+    """Writes a stiffness into the gains of a model's six servos.
+
+    The force on axis i is k_i (command - pose)_i - d_i velocity_i, with the damping
+    d = d₀ √(k/k₀) that keeps the damping ratio of the stiffest servo: 2√(m k) for the
+    4 kg and 0.15 kg m² that the arm shows at the hand.
+
+    Args:
+        model: Of a robot under impedance control; its gains are written in place.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._gain = model.actuator_gainprm[:6, 0]
+        self._spring = model.actuator_biasprm[:6, 1]
+        self._damper = model.actuator_biasprm[:6, 2]
+        self._root = np.empty(6)
+
+    def write(self, stiffness: Array) -> None:
+        """Set stiffness and damping, clamped to `STIFFNESS_RANGES`.
+
+        Args:
+            stiffness: (6,) [N/m, N m/rad].
+        """
+        # The arithmetic of `servo_gains`, straight into the model.
+        gain = self._gain
+        np.maximum(stiffness, _SOFTEST, out=gain)
+        np.minimum(gain, _STIFFEST, out=gain)
+        np.negative(gain, out=self._spring)
+        np.sqrt(gain, out=self._root)
+        np.multiply(self._root, _DAMPING_OF_ROOT, out=self._damper)
+
+    def set(self, gain: Array, spring: Array, damper: Array) -> None:
+        """Set what `servo_gains` gave, each (6,)."""
+        self._gain[:] = gain
+        self._spring[:] = spring
+        self._damper[:] = damper
+
+
+def servo_gains(stiffness: Array) -> tuple[Array, Array, Array]:
+    """Return gain, and bias per metre and per metre a second, for a stiffness.
+
+    Args:
+        stiffness: (..., 6) [N/m, N m/rad], clamped to `STIFFNESS_RANGES`.
+    """
+    clamped = np.minimum(np.maximum(stiffness, _SOFTEST), _STIFFEST)
+    return clamped, -clamped, np.sqrt(clamped) * _DAMPING_OF_ROOT

@@ -1,0 +1,216 @@
+"""Rigid-body poses: rotation vectors, their distances and their composition.
+
+A pose is ``(x, y, z, θu_x, θu_y, θu_z)``: a position [m] and a rotation vector, the
+unit axis u times the angle θ [rad]. A rotation has many rotation vectors,
+``(θ + 2πk) u`` for every integer k. The *canonical* one (θ ≤ π, unique) is made here;
+`gplfd_env.spatial.rotation_paths` makes the *unwrapped* ones, continuous along a path,
+as a regression needs them. Equation numbers refer to Arduengo et al.,
+*Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979.
+"""
+
+from math import sqrt
+
+import numpy as np
+import numpy.typing as npt
+
+from gplfd_env.spatial.rotation_paths import (
+    checked_rows,
+    rotvec_from_quaternion,
+    unwrap_rotvecs,
+)
+
+Array = npt.NDArray[np.float64]
+
+_ROUNDING = 1e-12
+"""Angles and axis components this near to π or 0 count as equal to it."""
+
+
+def canonical_rotvec(rotvec: npt.ArrayLike) -> Array:
+    """Return the unique rotation vector of the same rotation, Eqs. (8) and (9).
+
+    Its angle lies in [0, π]. At π, where u and -u are the same rotation, the axis
+    whose last non-zero component is positive is taken, in the order z, y, x. Do not
+    feed the result to a regression: it jumps from +π to -π along a path; see
+    `gplfd_env.spatial.rotation_paths.unwrap_rotvecs`.
+
+    Args:
+        rotvec: Rotation vectors [rad], (..., 3).
+
+    Returns:
+        Canonical rotation vectors [rad], (..., 3).
+    """
+    rotvec = np.asarray(rotvec, dtype=np.float64)
+    angle = np.linalg.norm(rotvec, axis=-1, keepdims=True)
+    turns = np.round(angle / (2 * np.pi))
+    reduced = angle - 2 * np.pi * turns  # in [-π, π]
+    scale = np.divide(reduced, angle, out=np.ones_like(angle), where=angle > 0)
+    canonical = rotvec * scale
+
+    axis = rotvec / np.where(angle > 0, angle, 1.0)
+    x, y, z = np.moveaxis(np.where(np.abs(axis) > _ROUNDING, axis, 0.0), -1, 0)
+    excluded = (z < 0) | ((z == 0) & (y < 0)) | ((z == 0) & (y == 0) & (x < 0))
+    half_turn = np.pi * axis * np.where(excluded, -1.0, 1.0)[..., None]
+    at_pi = np.abs(reduced) >= np.pi - _ROUNDING
+    return np.where(at_pi, half_turn, canonical)
+
+
+def rotation_distance(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
+    """Return the angle between rotations, Eq. (18), without its cancellation.
+
+    Note:
+        The printed arccos returns 0 or rounding noise of 3e-8 for angles below
+        1e-8 rad. The same number is 2 atan2(‖vec‖, |w|) of the relative quaternion,
+        accurate for every angle: `test_eq18_resolves_angles_where_arccos_cannot`.
+
+    Args:
+        a: Rotation vectors [rad], (..., 3).
+        b: Rotation vectors [rad], broadcast against `a`.
+
+    Returns:
+        Angles [rad] in [0, π], (...).
+    """
+    w_a, vec_a = _quaternion(a)
+    w_b, vec_b = _quaternion(b)
+    w, vec = _quaternion_product(w_a, -vec_a, w_b, vec_b)
+    angle: Array = 2.0 * np.arctan2(np.linalg.norm(vec, axis=-1), np.abs(w))
+    return angle
+
+
+def pose_distance(
+    a: npt.ArrayLike, b: npt.ArrayLike, rotation_weight: float = 0.5
+) -> Array:
+    """Return the distance on SE(3), Eq. (17).
+
+    Args:
+        a: Poses [m, rad], (..., 6).
+        b: Poses [m, rad], broadcast against `a`.
+        rotation_weight: ω₁ of Eq. (17), the weight of the squared angle; the squared
+            translation has ω₂ = 1 - ω₁.
+
+    Returns:
+        Distances, (...), in metres and radians mixed by the weights.
+
+    Raises:
+        ValueError: If the weight is outside [0, 1].
+    """
+    _check_weight(rotation_weight)
+    a = np.asarray(a, dtype=np.float64)
+    b = np.asarray(b, dtype=np.float64)
+    angle = rotation_distance(a[..., 3:], b[..., 3:])
+    shift = np.linalg.norm(a[..., :3] - b[..., :3], axis=-1)
+    distance: Array = np.hypot(
+        sqrt(rotation_weight) * angle, sqrt(1.0 - rotation_weight) * shift
+    )
+    return distance
+
+
+def pose_steps(poses: npt.ArrayLike, rotation_weight: float = 0.5) -> Array:
+    """Return the distances between successive poses, Eq. (17).
+
+    The same as ``pose_distance(poses[1:], poses[:-1])`` in a quarter of the time.
+
+    Args:
+        poses: Poses along a path [m, rad], (N, 6).
+        rotation_weight: ω₁ of Eq. (17), within [0, 1].
+
+    Returns:
+        Distances, (N - 1,).
+
+    Raises:
+        ValueError: If the weight is outside [0, 1].
+    """
+    # One coordinate per row, contiguous: arithmetic on rows of 3 numbers is slow.
+    columns = np.ascontiguousarray(np.asarray(poses, dtype=np.float64).T)
+    rotvecs = columns[3:]
+    half = 0.5 * np.sqrt(np.einsum("ij,ij->j", rotvecs, rotvecs))
+    half = np.maximum(half, np.finfo(np.float64).tiny)  # for sin(h)/h at zero
+    quaternions = np.empty((4, len(half)))
+    np.cos(half, out=quaternions[0])
+    np.multiply(rotvecs, 0.5 * np.sin(half) / half, out=quaternions[1:])
+    turn = quaternions[:, 1:] - quaternions[:, :-1]
+    squared_chord = np.einsum("ij,ij->j", turn, turn)
+    if squared_chord.size == 0 or squared_chord.max() > 1.0:
+        # A chord measures a turn well only up to π, where q and -q are equally near.
+        return pose_distance(columns.T[1:], columns.T[:-1], rotation_weight)
+    _check_weight(rotation_weight)
+    angle = 4.0 * np.arcsin(0.5 * np.sqrt(squared_chord))
+    shift = columns[:3, 1:] - columns[:3, :-1]
+    squared_shift = np.einsum("ij,ij->j", shift, shift)
+    squared = rotation_weight * angle**2 + (1.0 - rotation_weight) * squared_shift
+    steps: Array = np.sqrt(squared)
+    return steps
+
+
+def compose_rotvecs(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
+    """Return log(exp(a) exp(b)): first rotate by `b`, then by `a`, in fixed axes.
+
+    Args:
+        a: Rotation vectors [rad], (..., 3).
+        b: Rotation vectors [rad], broadcast against `a`.
+
+    Returns:
+        Rotation vectors [rad] with angle at most π, (..., 3).
+    """
+    return rotvec_from_quaternion(
+        *_quaternion_product(*_quaternion(a), *_quaternion(b))
+    )
+
+
+def relative_poses(poses: npt.ArrayLike, reference: npt.ArrayLike) -> Array:
+    """Express poses in the frame of a reference pose: T_ref⁻¹ T.
+
+    Args:
+        poses: Poses along a path [m, rad], (N, 6).
+        reference: The pose [m, rad] that becomes zero, (6,).
+
+    Returns:
+        Poses in the reference's axes [m, rad], (N, 6), rotation vectors unwrapped.
+
+    Raises:
+        ValueError: If a shape is wrong or an entry is not finite.
+    """
+    path = checked_rows(poses, 6, "poses")
+    origin = checked_rows(np.atleast_2d(reference), 6, "reference")[0]
+    w, vec = _quaternion(-origin[3:])
+    shift = path[:, :3] - origin[:3]
+    cross = _cross(vec, shift)
+    positions = shift + 2.0 * (w * cross + _cross(vec, cross))
+    rotvecs = unwrap_rotvecs(compose_rotvecs(-origin[3:], path[:, 3:]))
+    return np.hstack([positions, rotvecs])
+
+
+def _quaternion(rotvec: npt.ArrayLike) -> tuple[Array, Array]:
+    """Return scalar (...) and vector part (..., 3) of exp(rotvec)."""
+    rotvec = np.asarray(rotvec, dtype=np.float64)
+    angle = np.sqrt(np.add.reduce(rotvec * rotvec, axis=-1))
+    # sin(θ/2)/θ through sinc, smooth at θ = 0; `numpy.sinc` itself costs twice.
+    half = np.pi * np.maximum(angle / (2 * np.pi), 1e-20)
+    scale = 0.5 * (np.sin(half) / half)
+    return np.cos(angle / 2), rotvec * scale[..., None]
+
+
+def _quaternion_product(
+    w_a: Array, vec_a: Array, w_b: Array, vec_b: Array
+) -> tuple[Array, Array]:
+    """Return the Hamilton product of two quaternions in scalar and vector parts."""
+    w = w_a * w_b - np.sum(vec_a * vec_b, axis=-1)
+    vec = w_a[..., None] * vec_b + w_b[..., None] * vec_a + _cross(vec_a, vec_b)
+    return w, vec
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return the cross product; `numpy.cross` costs five times as much per call."""
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    product[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product
+
+
+def _check_weight(rotation_weight: float) -> None:
+    """Raise unless the weight is one that Eq. (17) allows."""
+    if not 0.0 <= rotation_weight <= 1.0:
+        raise ValueError(
+            f"rotation_weight must lie in [0, 1], got {rotation_weight}: it is ω₁ of "
+            "Eq. (17) and ω₂ = 1 - ω₁"
+        )

@@ -1,0 +1,1 @@
+"""An episode: observation, stages, success and failure, reward, disturbances."""

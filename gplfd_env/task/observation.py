@@ -1,0 +1,321 @@
+"""From MuJoCo's sensor array to the observation: slices and a few scalar operations.
+
+Every number is sampled by MuJoCo's sensors in the last physics step, 2 ms before
+``time``, like the readings of a real controller.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final, NamedTuple
+
+import mujoco
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from gplfd_env.conventions.constants import GRIPPER_WIDTH, Base, Control
+from gplfd_env.doors.config import DoorConfig, Handle, Swing
+from gplfd_env.robot.mobile_base import BASE_JOINTS
+from gplfd_env.robot.model import HAND_BODIES, WRENCH_LIMITS, Hold
+from gplfd_env.robot.placement import ARM_JOINTS
+from gplfd_env.robot.whole_body import Planar
+from gplfd_env.scene.build import GRASP_KEY, build_scene
+
+Array = NDArray[np.float64]
+Observation = dict[str, Array]
+Wrench = tuple[float, float, float, float, float, float]
+
+_POSE_LIMIT: Final = (3.0, np.pi)
+_TWIST_LIMIT: Final = (1.0e4, 1.0e4)
+_JOINT_LIMITS: Final = (10.0, 1.0e4)
+_TIME_LIMIT: Final = 1.0e6
+_BASE_LIMITS: Final = (100.0, 1.0e3, 1.0e4)
+_TOUCHING: Final = slice(17, 19)
+"""Of the readings of a door: whether right and left finger touch the handle."""
+_AT_REST: Final[tuple[Planar, Planar]] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def observation_space(
+    *, tells_base: bool = False, tells_gripper: bool = False
+) -> spaces.Space[Observation]:
+    """Return the observation space; units and frames in docs/environment.md.
+
+    Args:
+        tells_base: Whether pose and rate of the base are observed, too.
+        tells_gripper: The same of the gripper's width and of whether it holds the
+            handle.
+    """
+
+    def box(*blocks: tuple[float, int]) -> spaces.Box:
+        high = np.concatenate([np.full(size, limit) for limit, size in blocks])
+        return spaces.Box(-high, high, dtype=np.float64)
+
+    # The wrist sensor saturates per sensor axis, and its weight compensation and the
+    # shift of the moment to the hand add to that.
+    force, torque = 2 * WRENCH_LIMITS[0], 2 * WRENCH_LIMITS[0] + 2 * WRENCH_LIMITS[1]
+    place, turn, rate = _BASE_LIMITS
+    base: dict[str, spaces.Space[Any]] = {
+        "base_pose": box((place, 2), (turn, 1)),
+        "base_velocity": box((rate, 3)),
+    }
+    gripper: dict[str, spaces.Space[Any]] = {
+        # Fingers stop softly.
+        "gripper_width": spaces.Box(-0.01, GRIPPER_WIDTH + 0.01, (1,), np.float64),
+        "grasped": spaces.Box(0.0, 1.0, shape=(1,), dtype=np.float64),
+    }
+    hand: dict[str, spaces.Space[Any]] = {
+        "ee_pose": box((_POSE_LIMIT[0], 3), (_POSE_LIMIT[1], 3)),
+        "ee_twist": box((_TWIST_LIMIT[0], 3), (_TWIST_LIMIT[1], 3)),
+        "wrench": box((force, 3), (torque, 3)),
+        "joint_pos": box((_JOINT_LIMITS[0], 7)),
+        "joint_vel": box((_JOINT_LIMITS[1], 7)),
+        "time": spaces.Box(0.0, _TIME_LIMIT, shape=(1,), dtype=np.float64),
+    }
+    further = (base if tells_base else {}) | (gripper if tells_gripper else {})
+    space: spaces.Space[Any] = spaces.Dict(hand | further)
+    return space
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Reader:
+    """Turns a sensor array into the observation and into the privileged readings.
+
+    Attributes:
+        hand_weight: Weight of everything beyond the wrist sensor [N].
+        hand_com: Its centre of mass from the wrist sensor, in the hand's axes [m].
+        hand_offset: The hand point from the wrist sensor, in the hand's axes [m].
+        ee_pose: Where in the sensor array the hand's pose is; likewise below.
+        ee_twist: The hand's twist.
+        joint_pos: The arm's joint positions.
+        joint_vel: The arm's joint velocities.
+        arm_limits: Least and greatest position of every joint of the arm [rad].
+        wrist: Wrist force, torque, and the sensor's three axes.
+        door: From the hinge's angle to the torque at its stop; handle and bolt follow
+            where there are any.
+        odometry: Pose and rate of a base that moves.
+        hinge_end: Torque at the end of the hinge before a base that moves. It adds to
+            the one at the hinge's own limit.
+        tells_base: Whether observations do, too.
+        finger: Position of a finger that opens and closes.
+        tells_gripper: Whether observations tell of the gripper.
+    """
+
+    hand_weight: float
+    hand_com: tuple[float, float, float]
+    hand_offset: tuple[float, float, float]
+    ee_pose: slice
+    ee_twist: slice
+    joint_pos: slice
+    joint_vel: slice
+    arm_limits: tuple[tuple[float, float], ...]
+    wrist: slice
+    door: slice
+    odometry: slice | None
+    hinge_end: int | None
+    tells_base: bool
+    finger: slice | None
+    tells_gripper: bool
+
+    @classmethod
+    @cache
+    def of(
+        cls,
+        grasp: Hold,
+        control: Control,
+        base: Base = "fixed",
+        handle: Handle = "bar",
+        swing: Swing = "pull",
+        *,
+        tells_base: bool = False,
+        tells_gripper: bool = False,
+    ) -> Reader:
+        """Resolve sensor addresses and the hand's weight, once per robot and grasp.
+
+        The hand holds the same handle in every scene, so one scene serves for all; the
+        same for all, since settled fingers differ by a micrometre.
+        """
+        model = build_scene(
+            DoorConfig(handle=handle, swing=swing), grasp, control=control, base=base
+        )
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
+        mujoco.mj_forward(model, data)
+        root = model.body(HAND_BODIES[0]).id
+        sensor = data.site("wrist_ft")
+        axes = sensor.xmat.reshape(3, 3)
+        com = axes.T @ (data.subtree_com[root] - sensor.xpos)
+        offset = axes.T @ (data.site("hand").xpos - sensor.xpos)
+        return cls(
+            hand_weight=float(model.body_subtreemass[root] * -model.opt.gravity[2]),
+            hand_com=tuple(com.tolist()),
+            hand_offset=tuple(offset.tolist()),
+            ee_pose=_span(model, "hand_x", 6),
+            ee_twist=_span(model, "hand_linvel", 6),
+            joint_pos=_span(model, f"{ARM_JOINTS[0]}_pos", 7),
+            joint_vel=_span(model, f"{ARM_JOINTS[0]}_vel", 7),
+            arm_limits=tuple(
+                tuple(model.joint(name).range.tolist()) for name in ARM_JOINTS
+            ),
+            wrist=_span(model, "wrist_force", 15),
+            door=slice(int(model.sensor("hinge_angle").adr[0]), None),
+            odometry=(
+                _span(model, f"{BASE_JOINTS[0]}_pos", 6) if base == "mobile" else None
+            ),
+            hinge_end=(
+                int(model.sensor("hinge_end").adr[0]) if base == "mobile" else None
+            ),
+            tells_base=tells_base,
+            finger=_span(model, "finger", 1) if grasp == "gripper" else None,
+            tells_gripper=tells_gripper,
+        )
+
+    def observation(self, sensordata: Array, wrench: Array, time: Array) -> Observation:
+        """Return the observation of one simulation or of n, as fresh arrays.
+
+        Args:
+            sensordata: MuJoCo's sensor array, (..., number of values).
+            wrench: What `wrench` gave, (..., 6).
+            time: Since the reset, (..., 1) [s].
+        """
+        observation = {
+            "ee_pose": sensordata[..., self.ee_pose].copy(),
+            "ee_twist": sensordata[..., self.ee_twist].copy(),
+            "wrench": wrench,
+            "joint_pos": sensordata[..., self.joint_pos].copy(),
+            "joint_vel": sensordata[..., self.joint_vel].copy(),
+            "time": time,
+        }
+        if self.tells_base and self.odometry is not None:
+            base = sensordata[..., self.odometry]
+            observation["base_pose"] = base[..., :3].copy()
+            observation["base_velocity"] = base[..., 3:].copy()
+        if self.tells_gripper and self.finger is not None:
+            touching = sensordata[..., self.door][..., _TOUCHING] > 0.0
+            observation["gripper_width"] = 2.0 * sensordata[..., self.finger]
+            observation["grasped"] = touching.all(axis=-1, keepdims=True).astype(float)
+        return observation
+
+    def base_state(self, values: list[float]) -> tuple[Planar, Planar]:
+        """Return pose and rate of the base; zeros if it does not move.
+
+        Args:
+            values: One simulation's sensor array as a list.
+        """
+        if self.odometry is None:
+            return _AT_REST
+        x, y, yaw, *rate = values[self.odometry]
+        return (x, y, yaw), (rate[0], rate[1], rate[2])
+
+    def wrench(self, values: list[float]) -> Wrench:
+        """Return the wrench of the environment on the hand [N, N m].
+
+        Task frame, moment about the hand point, gravity compensated. MuJoCo reports
+        what the wrist exerts on the hand, f_s and τ_s; at rest f_s + F + W = 0 and
+        τ_s + τ + c × W = 0, so F = -f_s - W and, about the hand point at o,
+        τ = -τ_s - c × W - o × F.
+
+        Args:
+            values: One simulation's sensor array as a list.
+        """
+        # Scalars instead of arrays: at this size NumPy's overhead is ten times the
+        # arithmetic.
+        fx, fy, fz, tx, ty, tz, *axes = values[self.wrist]
+        ax, ay, az, bx, by, bz, cx, cy, cz = axes
+        weight = self.hand_weight
+        force_x = -(ax * fx + bx * fy + cx * fz)
+        force_y = -(ay * fx + by * fy + cy * fz) + weight
+        force_z = -(az * fx + bz * fy + cz * fz)
+        px, py, pz = self.hand_com
+        com_x = ax * px + bx * py + cx * pz
+        com_z = az * px + bz * py + cz * pz
+        px, py, pz = self.hand_offset
+        arm_x = ax * px + bx * py + cx * pz
+        arm_y = ay * px + by * py + cy * pz
+        arm_z = az * px + bz * py + cz * pz
+        torque_x = -(ax * tx + bx * ty + cx * tz) - com_z * weight
+        torque_y = -(ay * tx + by * ty + cy * tz)
+        torque_z = -(az * tx + bz * ty + cz * tz) + com_x * weight
+        return (
+            force_x,
+            force_y,
+            force_z,
+            torque_x - (arm_y * force_z - arm_z * force_y),
+            torque_y - (arm_z * force_x - arm_x * force_z),
+            torque_z - (arm_x * force_y - arm_y * force_x),
+        )
+
+    def door_reading(
+        self, values: list[float], way: float = 1.0, side: float = 1.0
+    ) -> DoorReading:
+        """Return the privileged readings of door and grasp.
+
+        Args:
+            values: One simulation's sensor array as a list.
+            way: `DoorConfig.way` of the door that it stands before.
+            side: `DoorConfig.side`.
+        """
+        reading = values[self.door]
+        angle, velocity, hx, hy, hz, ox, oy, oz = reading[:8]
+        tx, ty, tz, ux, uy, uz, rx, ry, rz = reading[8:17]
+        right, left, fx, fy, fz, limit = reading[17:23]
+        if self.hinge_end is not None:
+            limit += values[self.hinge_end]
+        handle_angle, bolt = (*reading[23:], 0.0, 0.0)[:2]
+        return DoorReading(
+            angle=angle,
+            velocity=velocity,
+            handle_position=(hx, hy, hz),
+            hand_on_handle=(ox, oy, oz),
+            forces=(
+                way * (tx * fx + ty * fy + tz * fz),
+                ux * fx + uy * fy + uz * fz,
+                side * (rx * fx + ry * fy + rz * fz),
+            ),
+            grasped=right > 0.0 and left > 0.0,
+            axes=(
+                (way * tx, way * ty, way * tz),
+                (ux, uy, uz),
+                (side * rx, side * ry, side * rz),
+            ),
+            # A closed door rests at the other end of the hinge's range.
+            stop_torque=limit if angle > 0.0 else 0.0,
+            handle_angle=handle_angle,
+            bolt=bolt,
+        )
+
+
+class DoorReading(NamedTuple):
+    """What a perfect observer of the door would know.
+
+    Attributes:
+        angle: Opening angle [rad].
+        velocity: Its rate [rad/s].
+        handle_position: The handle in the task frame [m].
+        hand_on_handle: The hand point in the handle's frame [m].
+        forces: Of the hand on the bar [N]: along the opening motion, upwards, and away
+            from the hinge.
+        grasped: Both finger pads touch the bar.
+        axes: World frame: along the opening motion, upwards, away from the hinge.
+        stop_torque: Of the leaf against a stop [N m].
+        handle_angle: How far a lever or knob is turned [rad]; else 0.
+        bolt: How far the bolt is drawn in [m]; 0 without a latch.
+    """
+
+    angle: float
+    velocity: float
+    handle_position: tuple[float, float, float]
+    hand_on_handle: tuple[float, float, float]
+    forces: tuple[float, float, float]
+    grasped: bool
+    axes: tuple[tuple[float, float, float], ...]
+    stop_torque: float
+    handle_angle: float
+    bolt: float
+
+
+def _span(model: mujoco.MjModel, first: str, size: int) -> slice:
+    """Return a stretch of the sensor array that begins with a sensor."""
+    start = int(model.sensor(first).adr[0])
+    return slice(start, start + size)

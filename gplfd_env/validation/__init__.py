@@ -1,0 +1,1 @@
+"""Units, ranges and names of fields: what a user gives is checked here."""

@@ -1,0 +1,175 @@
+"""Many doors at once for Stable-Baselines3: its `VecEnv` around ours.
+
+Needs the extra ``sb3``; nothing else of this package does.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from numpy.typing import NDArray
+
+from gplfd_env import RL_ENVIRONMENT_ID
+from gplfd_env.conventions.resets import unmasked
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+except ImportError as error:
+    raise ImportError(
+        f"gplfd_env.wrappers.sb3 needs Stable-Baselines3 ({error}); in a checkout of "
+        "gplfd: pip install '.[sb3]', elsewhere: pip install 'gplfd[sb3]'"
+    ) from error
+
+__all__ = ["SB3VecEnv", "make_sb3"]
+
+Info = dict[str, Any]
+
+_OF_EACH: Final = {
+    "variation": "variations",
+    "door_geometry": "door_geometries",
+    "model": "models",
+}
+"""Attributes of single environments, and where the vector environment has n of them."""
+
+
+def make_sb3(
+    num_envs: int = 1, id: str = RL_ENVIRONMENT_ID, **arguments: Any
+) -> VecEnv:
+    """Return n doors on threads, for ``stable_baselines3.PPO("MlpPolicy", ...)``.
+
+    Args:
+        num_envs: Number of simulations n.
+        id: One of the ids of `gplfd_env`.
+        arguments: As `gymnasium.make_vec` takes them.
+    """
+    arguments["autoreset_mode"] = AutoresetMode.SAME_STEP
+    return SB3VecEnv(gym.make_vec(id, num_envs, **arguments))
+
+
+class SB3VecEnv(VecEnv):
+    """A vector environment of Gymnasium as one of Stable-Baselines3.
+
+    Every simulation gives what Stable-Baselines3's `DummyVecEnv` of single environments
+    gives, bit for bit: rewards in float32, one dictionary per info, that of an ended
+    episode with ``terminal_observation`` and, as all, ``TimeLimit.truncated``;
+    `reset_infos` of the resets.
+
+    Args:
+        envs: With ``autoreset_mode="SameStep"``.
+
+    Raises:
+        ValueError: It resets ended episodes in another way.
+    """
+
+    def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
+        mode = envs.metadata.get("autoreset_mode")
+        if mode is not AutoresetMode.SAME_STEP:
+            raise ValueError(
+                "Stable-Baselines3 expects ended episodes to be reset at once: make "
+                f'the vector environment with autoreset_mode="SameStep", not {mode}'
+            )
+        self.env = envs
+        self._actions: Any = None
+        super().__init__(
+            envs.num_envs, envs.single_observation_space, envs.single_action_space
+        )
+
+    def reset(self) -> Any:
+        """Begin episodes, with what `seed` and `set_options` were given, once."""
+        if any(options != self._options[0] for options in self._options):
+            raise ValueError(
+                "options must be one for all simulations, with a list of "
+                f"{self.num_envs} doors where they differ; got {self._options}"
+            )
+        seeds: Any = None if None in self._seeds else list(self._seeds)
+        observations, infos = self.env.reset(
+            seed=seeds, options=self._options[0] or None
+        )
+        self._reset_seeds()
+        self._reset_options()
+        self.reset_infos = _each(infos, self.num_envs)
+        return observations
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Take the actions (n, ...) of the next step."""
+        self._actions = actions
+
+    def step_wait(self) -> Any:
+        """Step; return observations, rewards, dones (n,) and n infos."""
+        observations, rewards, terminations, truncations, infos = self.env.step(
+            self._actions
+        )
+        said = _each(infos, self.num_envs)
+        dones = terminations | truncations
+        if dones.any():
+            last = _each(infos["final_info"], self.num_envs)
+            for row in np.flatnonzero(dones).tolist():
+                begun, said[row] = said[row], last[row]
+                said[row]["terminal_observation"] = infos["final_obs"][row]
+                self.reset_infos[row] = begun
+        late = truncations & ~terminations
+        for info, cut in zip(said, late.tolist(), strict=True):
+            info["TimeLimit.truncated"] = cut
+        return observations, rewards.astype(np.float32), dones, said
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self.env.close()
+
+    def get_images(self) -> Sequence[Any]:
+        """Return a picture of every simulation; ``render_mode="rgb_array"``."""
+        return tuple(self.env.render() or self.num_envs * (None,))
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute of some simulations.
+
+        Args:
+            attr_name: ``"variation"``, ``"door_geometry"`` or ``"model"``, which each
+                has; or what the vector environment has for all.
+            indices: Which; None for all.
+        """
+        rows = list(self._get_indices(indices))
+        if attr_name in _OF_EACH:
+            own = getattr(self.env.unwrapped, _OF_EACH[attr_name])
+            return [own[row] for row in rows]
+        if hasattr(self.env, attr_name):
+            return [getattr(self.env, attr_name)] * len(rows)
+        return [getattr(self.env.unwrapped, attr_name)] * len(rows)
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Refuse: no single environments stand behind the simulations."""
+        raise self._none_alone(f"attribute {attr_name!r} to set")
+
+    def env_method(
+        self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any
+    ) -> list[Any]:
+        """Refuse: no single environments stand behind the simulations."""
+        raise self._none_alone(f"method {method_name!r} to call")
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """Return False for each: wrap this in `VecMonitor` and the like instead."""
+        return [False for _ in self._get_indices(indices)]
+
+    def _none_alone(self, what: str) -> AttributeError:
+        return AttributeError(
+            f"the {self.num_envs} simulations are one environment: none has an own "
+            f"{what}. Give what differs between them to gym.make_vec or to "
+            "set_options, or use Stable-Baselines3's DummyVecEnv"
+        )
+
+
+def _each(infos: Info, n: int) -> list[Info]:
+    """Return n infos out of the arrays of one; masks say what is whose."""
+    each: list[Info] = [{} for _ in range(n)]
+    for name, values in unmasked(infos).items():
+        if name in ("final_obs", "final_info"):
+            continue
+        if isinstance(values, dict):
+            rows: Any = _each(values, n)
+        else:
+            rows = values.tolist() if values.ndim == 1 else values.copy()
+        for info, value in zip(each, rows, strict=True):
+            info[name] = value
+    return each
