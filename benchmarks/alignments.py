@@ -19,13 +19,13 @@ import numpy as np
 import tyro
 from scipy.ndimage import gaussian_filter1d
 
-from gplfd_experiments.data.npz import load_demonstrations
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.report import Measurement, Value, at_most, measure_all
 from gplfd_experiments.speed.scores import mean_scores, score
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import AlignmentMethod, align
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import load_demonstrations
 from gplfd_policies.demonstrations.rests import Rest
 from gplfd_policies.movements.skill import fit_skill
 

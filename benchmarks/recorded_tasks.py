@@ -9,11 +9,11 @@ import numpy as np
 import tyro
 
 from gplfd_experiments.console.progress import LOG
-from gplfd_experiments.data.npz import load_demonstrations
 from gplfd_experiments.speed.report import Measurement, at_most, between, measure_all
 from gplfd_experiments.studies.learning_tests.recorded import FEWEST, without
 from gplfd_experiments.studies.learning_tests.scores import of_the_prediction
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import load_demonstrations
 from gplfd_policies.registry.catalogue import policy_named
 from gplfd_policies.registry.method import Method
 

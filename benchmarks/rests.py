@@ -19,7 +19,6 @@ from gplfd_env.doors.config import DOORS
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.console.progress import LOG
-from gplfd_experiments.data.npz import LabelledDemonstrations
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk
 from gplfd_experiments.episodes.build import learned_agents, open_together
 from gplfd_experiments.episodes.metrics import EpisodeMetrics, episode_metrics
@@ -32,6 +31,7 @@ from gplfd_experiments.speed.report import (
 )
 from gplfd_policies import POLICIES
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 
 METHODS: Final = ("gp", "kmp", "promp")
 RESTS: Final = (0.0, 1.0, 2.0)

@@ -21,7 +21,6 @@ import tyro
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_experiments.data.npz import load_demonstrations
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk, smooth_functions
 from gplfd_experiments.episodes.forecast_error import squared_distances
@@ -43,6 +42,7 @@ from gplfd_policies.adaptation import (
 from gplfd_policies.agents.model_based.circle import fit_circle
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import load_demonstrations
 from gplfd_policies.movements.movement import AdaptationForm
 from gplfd_policies.movements.skill import Skill, fit_skill
 from gplfd_policies.movements.trajectory import ViaPoint
@@ -234,7 +234,7 @@ def measure(
 
     Args:
         draws: Draws of every generator.
-        recording: File of `gplfd_experiments.data.npz`; see `gplfd demos import`.
+        recording: File of demonstrations, as of `gplfd demos import`.
         forms: What is compared.
         unseen: Radii of the doors that are predicted [m].
     """

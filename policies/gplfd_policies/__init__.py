@@ -3,7 +3,9 @@
 Nothing here depends on a simulator::
 
     from gplfd_policies import ViaPoint, adapt, align, fit_skill, make_agent
+    from gplfd_policies import load_demonstrations
 
+    demonstrations = load_demonstrations("demonstrations.npz").demonstrations
     skill = fit_skill(align(demonstrations))
     adapted = adapt(skill, [ViaPoint(phase=0.3, pose=pose)])
     agent = make_agent("gp", demonstrations)
@@ -22,6 +24,10 @@ if TYPE_CHECKING:
     from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
     from gplfd_policies.demonstrations.alignment import align
     from gplfd_policies.demonstrations.demonstration import Demonstration
+    from gplfd_policies.demonstrations.npz import (
+        load_demonstrations,
+        save_demonstrations,
+    )
     from gplfd_policies.movements.prior_mean import PosePath, PriorMean
     from gplfd_policies.movements.skill import Skill, fit_skill, load_skill
     from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
@@ -42,6 +48,7 @@ _MODULES = {
     "demonstrations.aligned": ("AlignedDemonstrations",),
     "demonstrations.alignment": ("align",),
     "demonstrations.demonstration": ("Demonstration",),
+    "demonstrations.npz": ("load_demonstrations", "save_demonstrations"),
     "movements.prior_mean": ("PosePath", "PriorMean"),
     "movements.skill": ("Skill", "fit_skill", "load_skill"),
     "movements.trajectory": ("GaussianTrajectory", "ViaPoint"),
@@ -71,10 +78,12 @@ __all__ = [
     "as_agent",
     "batch_agents",
     "fit_skill",
+    "load_demonstrations",
     "load_policy",
     "load_skill",
     "make_agent",
     "policy_named",
+    "save_demonstrations",
 ]
 
 

@@ -29,7 +29,6 @@ import gplfd_policies as policies
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_experiments.data.minari import Recorder, open_dataset, write_dataset
 from gplfd_experiments.data.minari.contents import contents
-from gplfd_experiments.data.npz import load_demonstrations, save_demonstrations
 from gplfd_experiments.data.replay import replays
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
@@ -42,6 +41,7 @@ from gplfd_experiments.studies.settings import StudySettings
 from gplfd_experiments.studies.settings_file import read_settings, write_settings
 from gplfd_experiments.studies.store import damaged_results, result_path
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
 
 VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "8"))
 """Files per kind of file and of damage."""

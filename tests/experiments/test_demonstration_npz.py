@@ -4,16 +4,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_experiments.data.npz import (
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_policies.arrays.storage import write_archive
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import (
     FIRST_POSE,
     KIND,
     VERSION,
     load_demonstrations,
     save_demonstrations,
 )
-from gplfd_experiments.data.teacher import Teacher
-from gplfd_policies.arrays.storage import write_archive
-from gplfd_policies.demonstrations.demonstration import Demonstration
 
 
 @pytest.fixture

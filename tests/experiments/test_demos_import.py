@@ -15,9 +15,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.cli import main as cli
-from gplfd_experiments.data.npz import FIRST_POSE, FRAME, load_demonstrations
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import FIRST_POSE, FRAME, load_demonstrations
 
 START = np.array([1.0, 2.0, 0.9])
 TURN = Rotation.from_rotvec([0.4, -0.2, 1.1])

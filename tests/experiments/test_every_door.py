@@ -12,7 +12,6 @@ import rerun as rr
 
 from gplfd_env.doors.config import DOORS
 from gplfd_experiments.analysis.results.reading import read_results
-from gplfd_experiments.data.npz import load_demonstrations
 from gplfd_experiments.episodes.build import make_environment
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.task import episode_task
@@ -21,6 +20,7 @@ from gplfd_experiments.recording.stream import open_stream
 from gplfd_experiments.studies.settings import StudySettings
 from gplfd_experiments.studies.settings_file import read_settings, write_settings
 from gplfd_experiments.workflows import runs
+from gplfd_policies.demonstrations.npz import load_demonstrations
 
 Gplfd = Callable[..., int]
 

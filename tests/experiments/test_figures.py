@@ -22,12 +22,12 @@ from gplfd_experiments.analysis.figures.captions import section, update_captions
 from gplfd_experiments.analysis.figures.catalogue import FIGURES, chosen
 from gplfd_experiments.analysis.figures.hindsight import decisions, expectation
 from gplfd_experiments.analysis.figures.material import Material
-from gplfd_experiments.data.npz import (
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_policies.demonstrations.npz import (
     load_demonstrations,
     save_demonstrations,
 )
-from gplfd_experiments.data.teacher import Teacher
-from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_policies.registry.catalogue import make_agent
 
 Log = Callable[..., EpisodeLog]

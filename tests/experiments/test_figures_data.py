@@ -26,14 +26,14 @@ from gplfd_experiments.analysis.figures import (
 from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.analysis.figures.opening import reviewed
 from gplfd_experiments.analysis.figures.pick_and_place import HEIGHT, PHASES
-from gplfd_experiments.data.npz import (
-    LabelledDemonstrations,
-)
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.forecast_error import forecast_errors
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import prediction_errors
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
+from gplfd_policies.demonstrations.npz import (
+    LabelledDemonstrations,
+)
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.registry.catalogue import make_agent
 

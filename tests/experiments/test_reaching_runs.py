@@ -11,11 +11,6 @@ import pytest
 
 from gplfd_env import GRIPPER_ENVIRONMENT_ID
 from gplfd_env.doors.config import DOORS, DoorConfig
-from gplfd_experiments.data.npz import (
-    LabelledDemonstrations,
-    load_demonstrations,
-    save_demonstrations,
-)
 from gplfd_experiments.data.reaching import GRASPED, openings, reaches
 from gplfd_experiments.data.teacher import Teacher, TeacherConfig
 from gplfd_experiments.episodes.build import demonstrations_of
@@ -25,6 +20,11 @@ from gplfd_experiments.episodes.task import episode_task
 from gplfd_experiments.recording.stages import stages
 from gplfd_policies import POLICIES, TrainingInput, as_agent
 from gplfd_policies.agents.reaching import ReachingAgent, learn_reach
+from gplfd_policies.demonstrations.npz import (
+    LabelledDemonstrations,
+    load_demonstrations,
+    save_demonstrations,
+)
 
 Gplfd = Callable[..., int]
 MakeLog = Callable[..., EpisodeLog]

@@ -34,7 +34,6 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.data.npz import save_demonstrations
 from gplfd_experiments.data.preparation import prepare
 from gplfd_experiments.data.preparation.settings import Preparation
 from gplfd_experiments.data.raw import METRES, RawRecording
@@ -43,6 +42,7 @@ from gplfd_experiments.data.readers.mat5 import read_arrays
 from gplfd_experiments.data.readers.selection import Selection
 from gplfd_policies.arrays.storage import DecodingBudget
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import save_demonstrations
 
 VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "40"))
 """Damaged files of every kind; 200 take a quarter of a minute each."""

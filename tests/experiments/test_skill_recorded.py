@@ -13,11 +13,6 @@ from gplfd_experiments.analysis.report.recorded import _advice
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.records import RecordedResult
 from gplfd_experiments.cli import main as cli
-from gplfd_experiments.data.npz import (
-    hash_of,
-    load_demonstrations,
-    save_demonstrations,
-)
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.studies.jobs import run_job
 from gplfd_experiments.studies.learning_tests.folds import aligned_to
@@ -27,6 +22,11 @@ from gplfd_experiments.studies.plan import recorded_tasks
 from gplfd_experiments.studies.tasks import RecordedTask, task_from
 from gplfd_policies import POLICIES
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import (
+    hash_of,
+    load_demonstrations,
+    save_demonstrations,
+)
 from gplfd_policies.registry.method import Method
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gplfd_experiments.cli import main as cli
-from gplfd_experiments.data.npz import save_demonstrations
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd_policies.demonstrations.npz import save_demonstrations
 from gplfd_policies.movements.skill import load_skill
 
 

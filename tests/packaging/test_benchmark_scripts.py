@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import tyro
 
-from gplfd_experiments.data.npz import save_demonstrations
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.studies.learning_tests.recorded import recorded_metrics
 from gplfd_policies import POLICIES
+from gplfd_policies.demonstrations.npz import save_demonstrations
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "benchmarks"

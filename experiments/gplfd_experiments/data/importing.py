@@ -7,13 +7,6 @@ from typing import Any, Final
 
 from gplfd_experiments.console.arguments import check_folder
 from gplfd_experiments.console.progress import progress_bar
-from gplfd_experiments.data.npz import (
-    FILE,
-    FIRST_POSE,
-    FRAME,
-    OTHER,
-    save_demonstrations,
-)
 from gplfd_experiments.data.preparation import Motion, prepare
 from gplfd_experiments.data.preparation.picture import draw
 from gplfd_experiments.data.preparation.report import report, warnings_in
@@ -24,6 +17,13 @@ from gplfd_experiments.data.readers.selection import Selection
 from gplfd_experiments.files.folders import complete_folder
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
+from gplfd_policies.demonstrations.npz import (
+    FILE,
+    FIRST_POSE,
+    FRAME,
+    OTHER,
+    save_demonstrations,
+)
 
 REPORT: Final = "report.txt"
 PICTURE: Final = "before_after.png"
@@ -55,8 +55,8 @@ def import_recordings(
 ) -> Imported:
     """Read recordings, prepare them, and write a set that is complete or absent.
 
-    The set holds the demonstrations (`gplfd_experiments.data.npz`), the report, a
-    picture of before and after, and where everything came from.
+    The set holds the demonstrations (`gplfd_policies.demonstrations.npz`), the report,
+    a picture of before and after, and where everything came from.
 
     Args:
         files: Files or folders, of any kinds that are read.

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Final
 
-from gplfd_experiments.data.npz import LabelledDemonstrations
 from gplfd_policies.agents.reaching import parted
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 
 GRASPED: Final = "grasped"
 """Signal of demonstrations, (N, 1): 1 while the hand holds the handle, else 0."""

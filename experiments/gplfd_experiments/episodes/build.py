@@ -19,7 +19,6 @@ from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_experiments.data.npz import LabelledDemonstrations, hash_of
 from gplfd_experiments.data.reaching import GRASPED, openings, reaches
 from gplfd_experiments.data.teacher import Habits, Teacher, TeacherConfig
 from gplfd_experiments.episodes.agents import learned
@@ -29,6 +28,7 @@ from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.agents.lockstep import batch_agents
 from gplfd_policies.agents.reaching import ReachingAgent, joined, learn_reach
+from gplfd_policies.demonstrations.npz import LabelledDemonstrations, hash_of
 from gplfd_policies.movements.prior_mean import PosePath
 from gplfd_policies.registry.method import TrainingInput
 from gplfd_policies.registry.policy import Policy

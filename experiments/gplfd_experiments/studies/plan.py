@@ -9,7 +9,6 @@ from typing import Final
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.console.arguments import check_circumstances
-from gplfd_experiments.data.npz import hash_of
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.doors import named_doors
 from gplfd_experiments.episodes.task import EpisodeTask, Task, episode_task
@@ -23,6 +22,7 @@ from gplfd_experiments.studies.settings import (
 from gplfd_experiments.studies.sources import chosen, source_of
 from gplfd_experiments.studies.tasks import RecordedTask, SkillTask
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import hash_of
 from gplfd_policies.registry.built_in import TABLE_1
 
 _NOISY: Final = (

@@ -32,7 +32,7 @@ class RecordedTask(Task):
     """
 
     recordings: str
-    """Hash of all of them, `gplfd_experiments.data.npz.hash_of`."""
+    """Hash of all of them, `gplfd_policies.demonstrations.npz.hash_of`."""
     kind: Literal["recorded"] = field(default="recorded", init=False)
     """What tells it from other tasks in a file."""
 

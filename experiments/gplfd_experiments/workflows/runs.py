@@ -18,13 +18,6 @@ from gplfd_experiments.console.arguments import (
     check_least,
 )
 from gplfd_experiments.console.progress import LOG, progress_bar
-from gplfd_experiments.data.npz import (
-    FILE,
-    LabelledDemonstrations,
-    demonstrations_file,
-    load_demonstrations,
-    save_demonstrations,
-)
 from gplfd_experiments.episodes.agents import PolicyError, reported_errors
 from gplfd_experiments.episodes.build import (
     demonstrations_of,
@@ -49,6 +42,13 @@ from gplfd_experiments.studies.sources import source_of
 from gplfd_experiments.workflows.skills import skill_method
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import (
+    FILE,
+    LabelledDemonstrations,
+    demonstrations_file,
+    load_demonstrations,
+    save_demonstrations,
+)
 from gplfd_policies.movements.skill import load_skill
 from gplfd_policies.registry.catalogue import policy_named
 from gplfd_policies.registry.policy import Policy

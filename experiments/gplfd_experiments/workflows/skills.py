@@ -11,7 +11,6 @@ from gplfd_experiments.analysis.report.recorded import overview
 from gplfd_experiments.analysis.results.reading import TASKS, read_files, read_results
 from gplfd_experiments.console.arguments import check_folder, check_least
 from gplfd_experiments.console.progress import LOG
-from gplfd_experiments.data.npz import load_demonstrations
 from gplfd_experiments.recording.learned import record_learned
 from gplfd_experiments.studies.engines import Engine
 from gplfd_experiments.studies.learning_tests.methods import learn
@@ -20,6 +19,7 @@ from gplfd_experiments.studies.plan import recorded_tasks
 from gplfd_experiments.studies.session import carry_out
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import load_demonstrations
 from gplfd_policies.movements.skill import Skill, fit_skill
 from gplfd_policies.registry.catalogue import POLICIES, policy_named
 from gplfd_policies.registry.method import Method, TrainingInput
@@ -57,7 +57,7 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     """Learn a skill from a file of demonstrations and keep it in another.
 
     Args:
-        demonstrations: File of `gplfd_experiments.data.npz`.
+        demonstrations: File of `gplfd_policies.demonstrations.npz`.
         file: Where to write the skill; an existing file is replaced.
         policy: Name of a policy that learns skills.
         seed: Seeds whatever is random in the learning.
@@ -103,7 +103,7 @@ def judge(
     """Leave each recording out in turn, let every method predict it, and report.
 
     Args:
-        recordings: File of `gplfd_experiments.data.npz`.
+        recordings: File of `gplfd_policies.demonstrations.npz`.
         folder: Where results, report and recording are written; may have results.
         policies: Names of methods; see `gplfd_experiments.studies.plan`.
         reference: With which the others are compared, one of them.

@@ -17,11 +17,6 @@ from gplfd_experiments import episodes
 from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.console.progress import progress_bar
 from gplfd_experiments.data import teacher
-from gplfd_experiments.data.npz import (
-    LabelledDemonstrations,
-    load_demonstrations,
-    save_demonstrations,
-)
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, standard_teacher
 from gplfd_experiments.episodes.build import (
     demonstrations_of,
@@ -34,6 +29,11 @@ from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import versions
+from gplfd_policies.demonstrations.npz import (
+    LabelledDemonstrations,
+    load_demonstrations,
+    save_demonstrations,
+)
 from gplfd_policies.registry.catalogue import policy_named
 
 POLICY: Final = "gp"

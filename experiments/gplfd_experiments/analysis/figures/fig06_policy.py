@@ -15,9 +15,9 @@ from matplotlib.lines import Line2D
 
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.analysis.figures.material import Material
-from gplfd_experiments.data.npz import LabelledDemonstrations
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.movements.skill import Skill, fit_skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 

@@ -6,8 +6,8 @@ from typing import Any, Protocol
 
 from matplotlib.figure import Figure
 
-from gplfd_experiments.data.npz import LabelledDemonstrations
 from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -1,8 +1,8 @@
 """Arrays by name: what .npz, .npy and .mat files have in common, and the first two.
 
 Understood are the columns of `readers.tables` as arrays (N,), the arrays of `GROUPS`
-(N, d), a set of `gplfd_experiments.data.npz`, and with ``--columns`` one array (N,
-C) of columns, or (K, N, C) for K recordings. Samples may also stand in columns, as
+(N, d), a set of `gplfd_policies.demonstrations.npz`, and with ``--columns`` one array
+(N, C) of columns, or (K, N, C) for K recordings. Samples may also stand in columns, as
 MATLAB has them, where the shape leaves no doubt. An array of a .mat file is named by
 where it stands, ``demos{2}.pos``: cells and structures of one name are recordings of
 one set.
@@ -17,7 +17,6 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_experiments.data.npz import KIND, load_demonstrations
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers.selection import Selection, chosen
 from gplfd_experiments.data.readers.tables import (
@@ -32,6 +31,7 @@ from gplfd_experiments.data.readers.tables import (
 )
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.storage import array_of, read_arrays
+from gplfd_policies.demonstrations.npz import KIND, load_demonstrations
 
 _Any = TypeVar("_Any")
 

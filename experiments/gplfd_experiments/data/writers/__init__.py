@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from gplfd_experiments.data.npz import load_demonstrations
 from gplfd_experiments.data.readers import READERS
 from gplfd_experiments.data.writers.rows import demonstration_rows
+from gplfd_policies.demonstrations.npz import load_demonstrations
 
 WRITERS: Final = ("robomimic", "lerobot")
 """Every form that is written; each is a module of this package, and of the readers."""
@@ -29,8 +29,8 @@ def export_demonstrations(
     """Write demonstrations in another form.
 
     Args:
-        source: A set, see `gplfd_experiments.data.npz`, or a data set of episodes,
-            see `gplfd_experiments.data.minari`.
+        source: A set, see `gplfd_policies.demonstrations.npz`, or a data set of
+            episodes, see `gplfd_experiments.data.minari`.
         target: File or folder to write.
         form: One of `WRITERS`.
         rate: Rows per second of episodes; None for 100, or 10 with pictures.

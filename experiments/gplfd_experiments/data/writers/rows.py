@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.data.npz import LabelledDemonstrations
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 
 _EQUAL: Final = 0.05
 """Steps of time differ by less than this share of one."""
