@@ -1,9 +1,13 @@
-"""How records look to a person who prints them."""
+"""How records look to a person who prints them, and where public names are."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+import gplfd_policies
 from gplfd_policies import AlignedDemonstrations, PosePath, align
 
 
@@ -51,3 +55,17 @@ def test_arrays_have_one_order_in_memory(demonstrations):
     record = AlignedDemonstrations(times=aligned.times, poses=turned)
     assert record.poses.flags.c_contiguous
     assert not record.poses.flags.writeable
+
+
+def test_public_names_are_loaded_when_they_are_used():
+    """Importing the package takes a fiftieth of a second, all of its names a second."""
+    program = (
+        "import sys, gplfd_policies\n"
+        "assert not {'numpy', 'scipy', 'gymnasium'} & set(sys.modules)\n"
+        "assert set(gplfd_policies.__all__) <= set(dir(gplfd_policies))\n"
+        "for name in gplfd_policies.__all__: getattr(gplfd_policies, name)\n"
+        "assert not {'scipy.optimize', 'scipy.stats', 'sklearn'} & set(sys.modules)\n"
+    )
+    subprocess.run([sys.executable, "-P", "-c", program], check=True)
+    with pytest.raises(AttributeError, match="gplfd_policies' has no attribute 'nam'"):
+        _ = gplfd_policies.nam

@@ -76,7 +76,7 @@ class Repetition:
     """Coefficients of the logarithm of the variance that is independent from sample to
     sample, which no via-point reduces."""
     slope: Float[np.ndarray, "Q 6"]
-    """Coefficients of ṁ_i, what a moment's delay does to each output."""
+    """Coefficients of ṁ_i, the effect of a delay on each output."""
     timing: Float[np.ndarray, "Q T"]
     """Coefficients of the curves ψ; T = 0 where phases are registered."""
 

@@ -35,10 +35,10 @@ class GriddedMovement:
     """A movement under one form of adaptation, evaluated on a uniform grid of phases.
 
     Between grid points mean and σ are interpolated linearly: at 100 points the arc of
-    a 0.65 m door is met within 0.06 mm.
+    a 0.65 m door is accurate within 0.06 mm.
 
     Args:
-        movement: What was learned; NaN σ for a method without any.
+        movement: The learned movement; NaN σ for a method without any.
         form: In which form it adapts to via-points, see `gplfd_policies.adaptation`;
             None for a movement that does not.
         n_grid: Number of grid points M, at least 2.
@@ -59,7 +59,7 @@ class GriddedMovement:
 
     @property
     def learned(self) -> Movement:
-        """What was learned."""
+        """The learned movement."""
         return self._learned
 
     @property

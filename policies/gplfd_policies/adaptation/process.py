@@ -33,11 +33,11 @@ class StudentProcess(ConditionedProcess):
 
     With ν degrees of freedom, n observations and their squared Mahalanobis distance δ²,
     the scale of a Student-t process grows to (ν + δ²)/(ν + n), by output. Each
-    observation counts as far as it is from what the other outputs lead to expect, so
-    that an error along the path surprises none of them. The scale is never taken below
-    one: matching via-points with a generous σ_v must not make the robot over-confident,
-    or stiff. Intervals keep ν degrees of freedom: the via-points of one repetition all
-    observe the same wobble, and say little about how far others wander.
+    observation enters by its distance from the prediction given the other outputs, so
+    that an error along the path does not count. The scale is never taken below one:
+    matching via-points with a generous σ_v must not make the robot over-confident, or
+    stiff. Intervals keep ν degrees of freedom, because the via-points of one repetition
+    all observe the same deviation.
 
     Args:
         prior: the process before any via-point.
@@ -134,8 +134,8 @@ class IndependentPhaseAdaptation(ProcessAdaptation):
     """The same, with the error along the path as noise of each output's own.
 
     An error of the phase then weakens every output as if the six errors were
-    independent. For comparison: a via-point says less across the path than it could
-    (``test_shared_error_leaves_what_is_across_the_path_certain``).
+    independent. For comparison: a via-point then constrains the motion across the path
+    less than it could (``test_shared_error_leaves_what_is_across_the_path_certain``).
     """
 
     @one_thread
@@ -148,10 +148,10 @@ class IndependentPhaseAdaptation(ProcessAdaptation):
 class ExactAdaptation(ConditionedProcess):
     """p(f | D ∪ V): the via-points join the demonstrations as data, Eqs. (10)–(11).
 
-    This is what Eq. (19) of Arduengo et al., arXiv:2002.09979, approximates by a
-    product. The spread r(t) stays white, so a via-point only corrects what is unknown
-    about the *mean*: it bends the policy nearby and says nothing about the rest, and
-    the uncertainty there does not fall. Independent of the grid
+    Eq. (19) of Arduengo et al., arXiv:2002.09979, approximates this by a product. The
+    spread r(t) stays white, so a via-point only corrects the uncertainty of the *mean*:
+    it bends the policy nearby and does not inform the rest, and the uncertainty there
+    does not fall. Independent of the grid
     (``test_exact_equals_gp_on_demonstrations_and_via_points``).
     """
 

@@ -12,8 +12,7 @@ from gplfd_env.validation.fields import check_quantities
 def read_only(array: np.ndarray) -> np.ndarray:
     """Return a read-only copy in float64.
 
-    In C order: what is computed from it has the same bits as from another copy, which
-    was pickled or stored in between.
+    In C order, so that a copy that was pickled or stored gives the same bits.
     """
     copy = np.array(array, dtype=np.float64, order="C")
     copy.setflags(write=False)
@@ -21,7 +20,7 @@ def read_only(array: np.ndarray) -> np.ndarray:
 
 
 def freeze(record: object, *names: str) -> None:
-    """Replace arrays of a frozen dataclass by read-only copies in float64."""
+    """Replace arrays of a frozen dataclass by read-only float64 copies."""
     for name in names:
         object.__setattr__(record, name, read_only(getattr(record, name)))
 
@@ -41,7 +40,7 @@ class Settings:
 
 
 class _Shapes(reprlib.Repr):
-    """Long arrays by their shape, long tuples by their beginning."""
+    """Abbreviates long arrays to their shape and long tuples to their beginning."""
 
     def repr_ndarray(self, array: np.ndarray, level: int) -> str:
         return repr(array) if array.size <= 6 else f"array{array.shape}"

@@ -1,4 +1,4 @@
-"""Files that are complete or absent, and archives of arrays that are read with care."""
+"""Files that are complete or absent, and archives of arrays from untrusted files."""
 
 import contextlib
 import io
@@ -69,7 +69,7 @@ class DecodingBudget:
 
         Args:
             amount: Bytes about to be allocated.
-            what: What needs them, for the message.
+            what: Name of the array, for the message.
 
         Raises:
             ValueError: The budget has not so many left.
@@ -94,7 +94,7 @@ def decompressed(
         decompressor: Makes a decompressor for one frame, as in `bz2`, `lz4.frame` and
             `compression.zstd`.
         budget: From which the result is claimed.
-        what: What the data are, for a message.
+        what: Name of the data, for a message.
 
     Raises:
         ValueError: The data are cut off, or hold more than the budget allows.
@@ -136,7 +136,7 @@ def regular_file(path: str | Path, kind: str = "a file") -> Path:
 
     Args:
         path: The path; a link is followed.
-        kind: What is expected there, for the message.
+        kind: Expected content, for the message.
 
     Raises:
         FileNotFoundError: There is nothing.
@@ -165,7 +165,7 @@ def complete_or_absent(path: str | Path) -> Iterator[Path]:
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    # No search for *.json or *.npz finds what a killed process leaves.
+    # A file that a killed process leaves matches no search for *.json or *.npz.
     temporary = target.parent / f".{secrets.token_hex(8)}.tmp"
     try:
         temporary.touch(exist_ok=False)
@@ -174,7 +174,7 @@ def complete_or_absent(path: str | Path) -> Iterator[Path]:
             os.fsync(written.fileno())
         temporary.replace(target)
     except OSError as error:
-        # A full disk does not say for which file, and nobody knows the temporary one.
+        # The error of a full disk names no file or the temporary one.
         if error.errno is not None and error.filename in (None, str(temporary)):
             error.filename = str(target)
         raise
@@ -189,7 +189,7 @@ def write_archive(
 
     Args:
         path: File to write; an existing one is replaced.
-        kind: What the file holds, checked on reading.
+        kind: Content of the file, checked on reading.
         version: Version of the layout of ``kind``.
         arrays: Numbers, strings and arrays of them by name; no objects.
 
@@ -205,18 +205,18 @@ def write_archive(
 def read_archive(
     path: str | Path, *, kind: str, version: int, build: Callable[[Members], RecordT]
 ) -> RecordT:
-    """Build a record from a file of `write_archive`, or say what is wrong with it.
+    """Build a record from a file of `write_archive`.
 
-    The file is not trusted. Nothing in it is run, only members that ``build`` asks for
-    are unpacked, their arrays are as large as their bytes and not as their headers
-    claim, and together they take at most what a `DecodingBudget` allows.
+    The file is not trusted. Nothing in it is executed, only members that ``build``
+    requests are unpacked, the size of an array is that of its bytes and not of its
+    header, and together they take at most the memory that a `DecodingBudget` allows.
 
     Args:
         path: File to read.
-        kind: What it must hold.
+        kind: Required content.
         version: Version of the layout that ``build`` understands.
-        build: Makes the record from the members, which it asks for by name, every one
-            of them once. Whatever it raises is a fault of the file.
+        build: Makes the record from the members, each of which it requests by name
+            once. Any exception that it raises is reported as a fault of the file.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -253,10 +253,9 @@ def read_archive(
 
 
 def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """Return all arrays of numbers or text in an .npz file from anywhere.
+    """Return all arrays of numbers or text in an untrusted .npz file.
 
-    The file is not trusted, as by `read_archive`. Members that hold something else,
-    such as pickled objects, are left out.
+    Other members, such as pickled objects, are left out.
 
     Raises:
         OSError: The file cannot be read.
@@ -277,7 +276,7 @@ def array_of(content: bytes, name: str) -> np.ndarray:
 
     Args:
         content: Of the file.
-        name: What a message calls it.
+        name: Its name, for a message.
 
     Raises:
         ValueError: It is damaged, or holds something else.
@@ -315,7 +314,7 @@ class _NotPlainError(ValueError):
 
 
 class _Members:
-    """Gives every member of an archive once; raises whatever damage leads to."""
+    """Returns every member of an archive once; raises an error for damage."""
 
     def __init__(self, archive: zipfile.ZipFile, budget: DecodingBudget) -> None:
         self._archive = archive
@@ -333,7 +332,7 @@ class _Members:
             raise ValueError(f"{name!r} is encrypted, or compressed in an unusual way")
         self._budget.claim(info.file_size, f"{name!r:.40}")
         with self._archive.open(info) as stream:
-            # Given a number, it unpacks no more, whatever the compressed bytes hold.
+            # With a size it unpacks no more, even if the compressed bytes hold more.
             array = array_of(stream.read(info.file_size), name)
         if array.dtype.kind in "biuf":
             # Computation converts it to float64.

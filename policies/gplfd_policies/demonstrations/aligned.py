@@ -1,4 +1,4 @@
-"""Demonstrations on one clock: what alignment returns and learning takes."""
+"""Demonstrations on one clock: the result of alignment and the input of learning."""
 
 from dataclasses import dataclass, field, replace
 
@@ -27,7 +27,7 @@ class AlignedDemonstrations:
     poses: Float[np.ndarray, "K M 6"]
     """Poses [m, rad] of K demonstrations, rotation vectors on one branch."""
     duration: float = 1.0
-    """Nominal duration [s] of phases 0 to 1, without what was left out."""
+    """Nominal duration [s] of phases 0 to 1, without rests."""
     rests: tuple[tuple[Rest, ...], ...] = field(default=(), repr=False)
     """Stretches without motion that were left out of each demonstration; empty if rests
     were kept."""

@@ -23,7 +23,7 @@ class Demonstration:
     Raises:
         ValueError: If the shapes are wrong, there are fewer than two samples, an entry
             is not finite, the times do not increase, the rotation vectors jump, or the
-            hand never moves. The message says which sample and what to do.
+            hand never moves. The message names the sample and the remedy.
     """
 
     times: Float[np.ndarray, " N"]
@@ -104,7 +104,7 @@ class Demonstration:
             The demonstration, its rotation vectors unwrapped along the path.
 
         Raises:
-            ValueError: As the class, and for what is wrong with the quaternions.
+            ValueError: As the class, and for invalid quaternions.
         """
         positions = np.asarray(positions, dtype=np.float64)
         rotvecs = rotvecs_from_quaternions(quaternions, order=order)

@@ -19,7 +19,7 @@ from gplfd_policies.arrays.storage import (
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 KIND: Final = "gplfd demonstrations"
-"""What the file says it holds."""
+"""Content of the file."""
 
 VERSION: Final = 2
 """Version of the layout below."""
@@ -62,7 +62,7 @@ class LabelledDemonstrations:
     """Frame of the poses, one of `FRAMES`."""
 
     signals: tuple[Mapping[str, NDArray[Any]], ...] = ()
-    """What else was recorded with each, (N, d) arrays by name; empty for nothing."""
+    """Other signals recorded with each, (N, d) arrays by name; may be empty."""
 
     def __post_init__(self) -> None:
         number = len(self.demonstrations)
@@ -109,7 +109,7 @@ def save_demonstrations(
         radii: Radius of each one's door [m]; None where, or altogether when, unknown.
             An unknown radius is stored as NaN.
         frame: Frame of the poses, one of `FRAMES`.
-        signals: What else was recorded with each, (N, d) arrays by name; or nothing.
+        signals: Other signals recorded with each, (N, d) arrays by name; or none.
 
     Raises:
         ValueError: As `LabelledDemonstrations`.
@@ -138,7 +138,7 @@ def save_demonstrations(
 
 
 def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
-    """Read what `save_demonstrations` wrote.
+    """Read a file of `save_demonstrations`.
 
     Args:
         path: The file, or a folder with `FILE`, such as one of `gplfd demos import`.
@@ -209,7 +209,7 @@ def _labelled(members: Members) -> LabelledDemonstrations:
 def _signals(
     members: Members, names: NDArray[Any], number: int
 ) -> dict[str, NDArray[Any]]:
-    """Return what else was recorded with a demonstration."""
+    """Return the other signals that were recorded with a demonstration."""
     arrays = {str(name): _numbers(members, f"{name}_{number}") for name in names}
     return {name: array for name, array in arrays.items() if array.size}
 

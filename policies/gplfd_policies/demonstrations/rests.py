@@ -61,8 +61,8 @@ def without_rests(
     noise only through the smoother.
 
     Returns:
-        The recording without what was left out, its clock closed over the gaps; and
-        what was left out, in order.
+        The recording without the parts that were left out, its clock closed over the
+        gaps; and these parts, in order.
     """
     times, poses = demonstration.times, demonstration.poses
     # Continued by its mirror image: a path that ends at rest stays there.

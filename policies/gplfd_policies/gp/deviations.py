@@ -5,7 +5,7 @@ so that knowing the door's radius at one phase says nothing about any other. Her
 this is not in the paper, a deviation of one output is a process of the same variance
 r(t) with covariance
 
-    √(u(t) u(t')) [g k(t, t'; L) + (1 − g)]          what varies with the task
+    √(u(t) u(t')) [g k(t, t'; L) + (1 − g)]          variation with the task
   + √(v(t) v(t')) [(1 − w) k(t, t'; S) + w 1(t = t')]    the hand's wobble, white noise
 
 where v = (r⁻ᵖ + c⁻ᵖ)^(−1/p), p = _SHARPNESS, is a wobble of constant variance c that
@@ -19,14 +19,12 @@ to zero, which leaves D − 1 independent ones
 
     log p = −½ [(D − 1) log |C| + tr(C⁻¹ Σ_k e_k e_kᵀ)] + const.
 
-Forecasts: the likelihood asks for the most probable covariance of whole curves, in
-which every sample after the first is told by its neighbours. It settles how curves
-wobble from sample to sample, and says little about how far they have wandered half a
-task later, which is what a forecast needs. So one number, a factor on the wobbles'
-variances c of all outputs, is chosen by `forecast_score`: every demonstration in turn
-is compared to the mean of the others, e_k D/(D − 1), its start is conditioned on, and
-the rest is scored by its Student-t density, ν = D − 1, sample by sample. The likelihood
-keeps the proportions of the wobbles and all else
+The likelihood of whole curves mainly determines how they vary between neighbouring
+samples, whereas a forecast needs their variation over half a task. So one factor on the
+wobbles' variances c of all outputs is chosen by `forecast_score`: every demonstration
+in turn is compared to the mean of the others, e_k D/(D − 1), its start is conditioned
+on, and the rest is scored by its Student-t density, ν = D − 1, sample by sample. All
+other parameters remain those of the likelihood
 (``test_wobble_is_what_forecasts_left_out_demonstrations_best``).
 """
 
@@ -46,21 +44,20 @@ from gplfd_policies.gp.kernels import RBF
 _GRID = 60
 """Samples of a demonstration used: deviations are smooth, and the cost is cubic."""
 _NEGLIGIBLE = 1e-4
-"""Where r is below this fraction of its average there is no deviation to speak of."""
+"""Where r is below this fraction of its average, deviations are negligible."""
 _LONG = (0.3, 5.0)
 """Range of L, as a fraction of the time span: from longer than a wobble to as good as
 constant. Forecasts hardly depend on it (docs/method.md)."""
 _SHORT = (0.1, 0.5)
-"""Range of S. A shorter correlation is hard to tell from white noise, and an agent that
-believes in it takes the noise of its own hand for the door (docs/method.md)."""
+"""Range of S. A shorter correlation cannot be distinguished from white noise, and an
+agent would attribute the noise of its own hand to the door (docs/method.md)."""
 _SHARPNESS = 2.0
 """p, how sharply the wobble turns from the spread's size to its own."""
 _WOBBLE = (1e-6, 1e1)
 """Range of c, relative to the average of r."""
 MODEL_WORTH = Fraction(35, 3)
-"""Independent deviations that the model's covariance is worth: with as many of the
-demonstrations, both have an equal say. Forecasts hardly depend on it, see
-docs/method.md."""
+"""Weight of the model's covariance, in independent deviations: with as many of the
+demonstrations, both have equal weight. Its influence is small (docs/method.md)."""
 _RELATIVE_JITTER = 1e-6
 """White variance relative to r that keeps C positive definite."""
 _FACTORS = 2.0 ** np.arange(-2.0, 8.0)
@@ -75,9 +72,8 @@ def conjugate_share(count: int) -> float:
     """The demonstrations' own share of the covariance of a deviation.
 
     A process's covariance C that is inverse-Wishart a priori, around the model's and
-    worth w independent deviations, is a posteriori (w C_model + S)/(w + D − 1) on
-    average, with S = Σ_k e_k e_kᵀ: the demonstrations know the shape of what varies,
-    the model what else could, and the more demonstrations, the more they say
+    with the weight of w independent deviations, has the posterior mean
+    (w C_model + S)/(w + D − 1), S = Σ_k e_k e_kᵀ
     (``test_mixed_covariance_is_the_mean_of_the_inverse_wishart_posterior``).
 
     Args:
@@ -295,7 +291,7 @@ def forecast_score(
     deviations: Float[np.ndarray, "D N"],
     empirical_share: float,
 ) -> float:
-    """Mean logarithm of the density of what follows, over demonstrations and starts.
+    """Mean log density of the rest of a demonstration, over demonstrations and starts.
 
     Args:
         smooth: covariance of a deviation at N phases.
@@ -306,7 +302,7 @@ def forecast_score(
     """
     count, size = deviations.shape
     products = np.einsum("km,kn->kmn", deviations, deviations)
-    # Around the mean of the others: what is left of the scatter without e_k.
+    # Around the mean of the others: the scatter without e_k.
     others = products.sum(axis=0) - products * count / (count - 1.0)
     covariance = (1.0 - empirical_share) * smooth
     covariance = covariance + empirical_share / (count - 2.0) * others

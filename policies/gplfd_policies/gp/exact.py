@@ -27,7 +27,7 @@ class CholeskyFactor:
     lower: Float[np.ndarray, "N N"]
     """The factor L."""
     jitter: float
-    """What had to be added to the diagonal; 0 unless the plain factor failed."""
+    """Amount added to the diagonal; 0 unless the plain factor failed."""
 
     def solve(self, right: Float[np.ndarray, "N ..."]) -> Float[np.ndarray, "N ..."]:
         """Solve (L Lᵀ) x = ``right``."""

@@ -95,7 +95,7 @@ def _search(
     shortest: float,
     remainder: Remainder | None,
 ) -> tuple[RBF, float]:
-    """Search with the smallest basis first; widen it if the length-scale asks."""
+    """Search with the smallest basis first; widen it if the length-scale is short."""
     span = float(times[-1] - times[0])
     size, comfortable = next(iter(SIZES.items()))
     if len(times) > size:

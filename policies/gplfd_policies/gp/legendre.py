@@ -7,9 +7,8 @@ q Gauss–Legendre nodes x_i, weights w_i, and the polynomials a_i(t) = ℓ_i(t)
     k(t, t') = Σ_ij a_i(t) [√w_i k(x_i, x_j) √w_j] a_j(t') + ε,
 
 and ε falls faster than exponentially in q: it is rounding once the length-scale is
-long enough for q. Everything that costs O(M³) with the Gram matrix then costs O(q³),
-whatever the number of samples. Polynomials do not extrapolate, so a basis may only be
-evaluated inside its interval.
+long enough for q. Everything that costs O(M³) with the Gram matrix then costs O(q³).
+Polynomials do not extrapolate, so a basis may only be evaluated inside its interval.
 """
 
 from dataclasses import dataclass
@@ -29,7 +28,7 @@ each represents to rounding (``test_basis_represents_rbf_to_rounding``)."""
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _UnitTables:
-    """What depends on the size of the basis only; interval [−1, 1]."""
+    """Tables that depend on the size of the basis only; interval [−1, 1]."""
 
     nodes: Float[np.ndarray, " Q"]
     root_weights: Float[np.ndarray, " Q"]
@@ -143,7 +142,7 @@ class LegendreBasis:
         return row
 
     def shared_matrix(self, times: Times) -> Float[np.ndarray, "M Q"]:
-        """`matrix`, remembered and read-only: all outputs ask for the same times."""
+        """`matrix`, cached and read-only: all outputs share their times."""
         return _remembered_matrix(self, times.tobytes())
 
     def differentiate(

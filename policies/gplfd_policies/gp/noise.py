@@ -34,7 +34,7 @@ _LEAST_SCALE = 0.1
 _BASIS_SIZE = 48
 LEAST_SPREAD = 3e-3
 """By default, the least standard deviation of repetitions, relative to that of the
-output over the task (docs/method.md has what it is on real recordings)."""
+output over the task (docs/method.md has values of real recordings)."""
 _OFFSET_VARIANCE = 1e2
 """Prior variance of the level of z(t): vague, so that the data set it."""
 
@@ -54,7 +54,7 @@ class NoiseProfile:
     coefficients: Float[np.ndarray, " Q"]
     """Coefficients of the varying part of z(t)."""
     floor: float = 0.0
-    """What is added to exp z(t)."""
+    """Constant added to exp z(t)."""
 
     __repr__ = short_repr
 

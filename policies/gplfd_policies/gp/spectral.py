@@ -2,7 +2,7 @@
 
 With A = a_i(t_m) (M × q) and S the kernel in the basis (`gplfd_policies.gp.legendre`),
 one pass over the M samples gives the QR factorisation N^(−½) A = Q R, u = Qᵀ N^(−½) y
-and ρ² = ‖N^(−½) y − Q u‖². Everything else then costs O(q³), whatever M. The evidence
+and ρ² = ‖N^(−½) y − Q u‖². Everything else then costs O(q³) for any M. The evidence
 log N(y | 0, K(l, σ_f) + c·N), Eq. (7), with N a fixed diagonal, follows from
 
     log |K + c N| = log |c N| + log |B|,   B = I + R S Rᵀ / c,
@@ -42,7 +42,7 @@ class SpectralEvidence:
     projected: Float[np.ndarray, " P"]
     """u = Qᵀ N^(−½) y."""
     residual: float
-    """ρ², what no polynomial of this basis explains."""
+    """ρ², the part that no polynomial of this basis explains."""
     size: int
     """Number of samples M."""
     log_noise: float

@@ -1,1 +1,1 @@
-"""What a method learns: distributions over poses at any phase."""
+"""Learned movements: distributions over poses at any phase."""

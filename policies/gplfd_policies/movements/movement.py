@@ -1,4 +1,4 @@
-"""The interface of learned movements, and what their implementations share.
+"""The interface of learned movements, and the base of their implementations.
 
 `gplfd_policies.movements.skill.Skill` and each baseline of Table 1 in Arduengo et al.,
 *Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979, are
@@ -63,7 +63,7 @@ class Adaptable(Movement, Protocol):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class LearnedMovement:
-    """The demonstrations of a movement, whatever method learned it."""
+    """Base of movements: their demonstrations."""
 
     aligned: AlignedDemonstrations
     """The demonstrations it was learned from."""

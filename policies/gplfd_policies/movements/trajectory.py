@@ -262,7 +262,7 @@ class GaussianTrajectory:
                 "the poses of a table must be finite; found NaN or infinity"
             )
         rotvecs = poses[:, 3:]
-        # Continuous as the rotation vectors are, whatever the neighbouring samples.
+        # As continuous as the rotation vectors, without a look at neighbouring samples.
         half = 0.5 * np.linalg.norm(rotvecs, axis=1, keepdims=True)
         quaternions = np.hstack([0.5 * np.sinc(half / math.pi) * rotvecs, np.cos(half)])
         table = np.hstack([times[:, None], poses[:, :3], quaternions, self.std])
@@ -308,9 +308,9 @@ class ViaPoint:
     """Standard deviation of the via-point [m, rad], one number or one per output: small
     is strong. Infinity leaves an output free."""
     along: float | Pose = 0.0
-    """One more error, which all outputs share: what one standard deviation of it adds
-    to each of them [m, rad], with signs. Where the phase of an observation is uncertain
-    by σ_s, it is dμ/ds σ_s: the pose may lie further along the path."""
+    """Signed effect on each output [m, rad] of one standard deviation of an error that
+    all outputs share. If the phase of an observation is uncertain by σ_s, it is dμ/ds
+    σ_s: the pose may lie further along the path."""
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.phase):

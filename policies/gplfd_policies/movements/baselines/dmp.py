@@ -86,8 +86,8 @@ class DMPConfig(Settings):
 class DynamicMovementPrimitive(LearnedMovement):
     """A point attractor shaped by a learned forcing term; made by `fit_dmp`.
 
-    It knows one movement and no spread: standard deviations and covariances are NaN
-    unless `DMPConfig.spread`, and there are no via-points, only another goal.
+    It has no spread: standard deviations and covariances are NaN unless
+    `DMPConfig.spread`. It has no via-points, only another goal.
     """
 
     config: DMPConfig
@@ -128,7 +128,7 @@ class DynamicMovementPrimitive(LearnedMovement):
 
         Args:
             times: phases, shape (M,). Before the first demonstrated phase the pose is
-                the start; after the last one the attractor goes on to the goal, and
+                the start; after the last one the attractor continues to the goal, and
                 stays there.
 
         Raises:
@@ -193,7 +193,7 @@ def fit_dmp(
     """Learn a dynamic movement primitive from the mean of the demonstrations.
 
     The method takes one demonstration. Here it is the mean of the aligned ones, of
-    positions and of rotation vectors, so that it sees what the other methods see. The
+    positions and of rotation vectors, so that all methods use the same data. The
     forcing term that would reproduce it exactly follows from its derivatives and the
     transformation system; the weights fit that by least squares. As usual for
     movements from point to point, start and end are taken to be at rest.
@@ -239,6 +239,6 @@ def _basis(clock: Times, config: DMPConfig) -> np.ndarray:
 
 
 def _pull(clock: Times, start: Pose, goal: Pose, config: DMPConfig) -> Outputs:
-    """α β (ξ_g - (ξ_g - ξ_0) x): what draws the state to the goal, starting gently."""
+    """α β (ξ_g - (ξ_g - ξ_0) x), the attraction to the goal, which starts gently."""
     x = np.exp(-config.alpha_x * clock)[:, None]
     return np.asarray(0.25 * config.alpha**2 * (goal - (goal - start) * x))

@@ -42,8 +42,8 @@ from gplfd_policies.movements.movement import MomentMovement, Moments
 from gplfd_policies.movements.trajectory import ViaPoint
 
 _STRONGEST = 1e-4
-"""Least standard deviation of a via-point, standardised, so that demands of zero,
-repeated and contradicting ones have an answer: the average."""
+"""Least standard deviation of a via-point, standardised, so that via-points without
+tolerance, repeated and contradicting ones have a solution: the average."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -229,7 +229,7 @@ class _Posterior:
     lower: Float[np.ndarray, "P P"]
     """Cholesky factor of their covariance, noise included."""
     solved: Float[np.ndarray, " P"]
-    """Its inverse times what the prior mean misses them by."""
+    """Its inverse times their difference from the prior mean."""
 
     def against(
         self, kernel: MixtureKernel, times: Times
@@ -250,7 +250,7 @@ class GMMGaussianProcess(MomentMovement):
     kernel: MixtureKernel
     """Prior covariance, and the regression that is the prior mean."""
     via_points: tuple[ViaPoint, ...] = ()
-    """What it is conditioned on."""
+    """Its via-points."""
 
     @property
     def regression(self) -> GaussianMixtureRegression:

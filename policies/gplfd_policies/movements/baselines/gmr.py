@@ -119,14 +119,14 @@ class GaussianMixtureRegression(MomentMovement):
     """A learned movement without via-points; made by `fit_gmr`, immutable.
 
     The mixture holds phase and standardised pose, in this order. It takes samples for
-    independent given their phase: it says how widely poses spread, not how one
-    deviation lasts, so the covariance over time is diagonal and sampled trajectories
-    are white around the mean. Outside the demonstrated range one component goes on
+    independent given their phase: it models the spread of poses, not the duration of a
+    deviation, so the covariance over time is diagonal and sampled trajectories
+    are white around the mean. Outside the demonstrated range one component continues
     along its straight line.
     """
 
     standardisation: Standardisation
-    """Between poses and what the mixture holds."""
+    """Between poses and the outputs of the mixture."""
     weights: Float[np.ndarray, " C"]
     """Prior π_l of every component."""
     means: Float[np.ndarray, "C 7"]
@@ -208,7 +208,7 @@ def fit_gmr(
     count = len(aligned.poses)
     phases = np.broadcast_to(aligned.times[:, None], (count, len(aligned.times), 1))
     samples = np.concatenate([phases, standardisation.apply(aligned.poses)], axis=2)
-    # Half a second to import, which only those who fit a mixture should pay.
+    # Its import takes half a second.
     from sklearn.mixture import GaussianMixture
 
     # Expectation maximisation from one component for each of C equal bins of time.

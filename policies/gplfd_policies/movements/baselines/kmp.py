@@ -52,8 +52,8 @@ from gplfd_policies.movements.movement import MomentMovement, Moments
 from gplfd_policies.movements.trajectory import ViaPoint
 
 _STRONGEST = 1e-4
-"""Least standard deviation of a via-point, standardised. A demand of zero would have
-infinite weight; this one is missed by less than a thousandth of an output's spread."""
+"""Least standard deviation of a via-point, standardised: zero would have infinite
+weight. The error is less than a thousandth of an output's spread."""
 _NODES_PER_SCALE = 4
 """Nodes per length-scale that carry the kernel, besides `_MORE_NODES`."""
 _MORE_NODES = 16
@@ -180,7 +180,7 @@ class SmoothedReference:
         """Smooth a reference.
 
         Args:
-            reference: what to smooth.
+            reference: the reference to be smoothed.
             length_scale: of the radial basis function kernel, whose variance is one.
             mean_regularisation: λ.
             covariance_regularisation: λ_c.
@@ -237,7 +237,7 @@ class KernelizedMovementPrimitive(MomentMovement):
     config: KMPConfig
     """Length-scale and regularisations."""
     reference: Reference
-    """What is smoothed, via-points included; standardised."""
+    """The reference with via-points, standardised."""
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "KernelizedMovementPrimitive":
         """The primitive with via-points in its reference.
@@ -247,7 +247,7 @@ class KernelizedMovementPrimitive(MomentMovement):
         σ it is given the covariance σ²/N: in Eqs. (21) and (26) every entry counts for
         one N-th, and only so is σ what the primitive predicts at a via-point that
         dominates its surroundings. In this measure the published 1e-6 cm² of a
-        via-point among 400 entries asks for 0.2 mm. An error that outputs share counts
+        via-point among 400 entries demands 0.2 mm. An error that outputs share counts
         as one of each: as a covariance, the primitive followed it into the sensors'
         noise (under ``"hard"`` 8 of 18 doors opened, for 13).
 

@@ -1,9 +1,9 @@
 """A product of local Gaussian processes: variability through locality.
 
 The method of Schneider and Ertel (*Robot Learning by Demonstration with Local Gaussian
-Process Regression*, IROS 2010). A process with one noise level cannot tell where
-demonstrations agree from where they differ. Many processes can, each with its own noise
-level and its own stretch of the task.
+Process Regression*, IROS 2010). A process with one noise level cannot represent
+where demonstrations agree and where they differ. Many processes can, each with its own
+noise level and its own stretch of the task.
 
 This is a **reconstruction**: it was written without access to the original, from how
 others describe it. Assumed here:
@@ -19,7 +19,7 @@ others describe it. Assumed here:
 
       1/v = Σ_k w_k/v_k,   μ = v Σ_k w_k μ_k/v_k.
 
-  Without the powers C processes that know nothing would agree on a variance C times
+  Without the powers, C processes without data would agree on a variance C times
   too small (``test_plain_product_is_over_confident``).
 * Outputs are independent and rotations are rotation vectors.
 

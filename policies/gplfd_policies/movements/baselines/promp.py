@@ -8,7 +8,7 @@ Notation:
     w       weights of one movement, (6 B,), output by output: y_d(t) = φ(t)ᵀ w_d
     μ, Σ    mean and covariance of the weights over the demonstrations
     R       variance of the observation noise, one per output, (6,)
-    H       rows of the via-points' demands in weight space, H w being what is demanded
+    H       rows of the via-points in weight space; H w are the demanded numbers
 
 A movement is y(t) = φ(t)ᵀ w + ε with w ~ N(μ, Σ) and ε ~ N(0, R). Σ is a full matrix
 over all outputs: where x is known, z is known better.
@@ -74,7 +74,7 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
     weight_covariance: Float[np.ndarray, "W W"]
     """Σ, across all outputs."""
     noise_variance: Pose
-    """R, what the basis functions do not explain [m², rad²]."""
+    """R, the residual variance of the basis functions [m², rad²]."""
 
     @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:

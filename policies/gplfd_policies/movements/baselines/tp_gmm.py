@@ -8,23 +8,22 @@ situation every Gaussian is brought there by the new frames, and these are multi
 
     Σ_i⁻¹ = Σ_j Σ̂_ij⁻¹,   μ_i = Σ_i Σ_j Σ̂_ij⁻¹ μ̂_ij,                            Eq. (6)
 
-with μ̂_ij = A_j μ_ij + b_j and Σ̂_ij = A_j Σ_ij A_jᵀ. What results is a mixture of
+with μ̂_ij = A_j μ_ij + b_j and Σ̂_ij = A_j Σ_ij A_jᵀ. The result is a mixture of
 phase and pose, which `gplfd_policies.movements.baselines.gmr` regresses. Frames that
-agree count as independent witnesses: where both say the same the spread is 1/√2 of
-theirs, as published (``test_two_equal_frames_halve_the_variance``).
+agree count as independent: where both predict the same, the spread is 1/√2 of theirs,
+as published (``test_two_equal_frames_halve_the_variance``).
 
-What the tutorial leaves to the user:
+Choices that the tutorial leaves to the user:
 
 * Frames. One is the task frame, whose origin is the closed handle. The other has its
   origin at the hinge c and the vector from the hinge to the closed handle for its third
   axis, with its length; the first axis is as long. There all doors are one door of unit
-  radius. With axes of unit length, x = R sin φ would be the same in both frames and no
-  frame could tell the radius. Height and rotations have the axes of the task frame.
-* Where the hinge of a demonstration is. Nobody says; it is the centre of a circle
-  through the hand's path (Kåsa's fit: |p|² = 2 pᵀc + k is linear in c and k), which is
-  what an observer could measure. If a demonstrated path is no circle, there is no
-  hinge: the method then has one frame and is GMM-GMR.
-* The phase, which all frames share: they multiply what they say of the pose at a
+  radius. With axes of unit length, x = R sin φ would be the same in both frames, and
+  none would depend on the radius. Height and rotations have the task frame's axes.
+* The hinge of a demonstration. It is the centre of a circle through the hand's path
+  (Kåsa's fit: |p|² = 2 pᵀc + k is linear in c and k), which an observer could measure.
+  If a demonstrated path is no circle, the method has one frame and is GMM-GMR.
+* The phase, which all frames share: they multiply their distributions of the pose at a
   phase. As one more output, the phase would be witnessed twice, components would
   follow each other abruptly, and the mean would miss the demonstrations' by 4 cm.
 * Where the hinge is in a new situation. Before anything has moved, where it was
@@ -62,11 +61,11 @@ from gplfd_policies.movements.trajectory import (
 PLANE = [0, 2]
 """x and z, the plane in which a door turns."""
 _ROUNDNESS = 0.5
-"""A path is on a circle if it misses it by less than this share of what it misses the
-nearest straight line by, root mean square."""
+"""A path is a circle if its root-mean-square distance from the circle is less than this
+share of that from the nearest straight line."""
 _STRONGEST = 1e-4
-"""Least standard deviation of a point of a circle [m], so that demands of zero, which
-contradict each other, have an answer."""
+"""Least standard deviation of a point of a circle [m], so that contradicting via-points
+without tolerance have a solution."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -169,7 +168,7 @@ class TaskParameterisedMixture(LearnedMovement):
     covariances: Float[np.ndarray, "P C 7 7"]
     """Σ_ij."""
     circle: Circle | None
-    """Where the hinge is believed to be; None without any."""
+    """The estimate of the hinge; None without any."""
 
     def __post_init__(self) -> None:
         freeze(self, "weights", "means", "covariances")
@@ -186,7 +185,7 @@ class TaskParameterisedMixture(LearnedMovement):
 
     @cached_property
     def regression(self) -> GaussianMixtureRegression:
-        """The product of what the frames say, where they are now."""
+        """The product of the frames' distributions at their current places."""
         variance = self.covariances[0, :, 0, 0]
         slopes = self.covariances[:, :, 1:, 0] / variance[:, None]
         explained = slopes[..., None] * self.covariances[:, :, :1, 1:]
@@ -222,7 +221,7 @@ class TaskParameterisedMixture(LearnedMovement):
 
         Args:
             times: phases, strictly increasing, shape (M,). Outside the demonstrated
-                range one component goes on along its straight line.
+                range one component continues along its straight line.
 
         Raises:
             ValueError: if there are no times, or they do not increase.

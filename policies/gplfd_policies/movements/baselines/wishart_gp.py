@@ -19,7 +19,7 @@ abstract and how others describe it. Assumed here:
   average, at some of the phases, as if they were independent in time. Its scale L is
   fixed so that the prior mean is their covariance over all phases. Length-scale and
   degrees of freedom are given, not learned.
-* The posterior is sampled by elliptical slice sampling, and its mean is what is used.
+* The posterior is sampled by elliptical slice sampling, and its mean is used.
 * Rotations are rotation vectors; a repetition's deviations are white in time.
 
 The method has no via-points.
@@ -45,9 +45,6 @@ from gplfd_policies.movements.baselines.wishart_process import (
 )
 from gplfd_policies.movements.movement import MomentMovement, Moments
 
-_SHRINKAGE = 1e-6
-"""Share of independence in the pooled correlations: outputs may be proportional."""
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WishartGPConfig(Settings):
@@ -66,6 +63,10 @@ class WishartGPConfig(Settings):
     """Steps of the elliptical slice sampler."""
     discarded: int = quantity(500, low=0)
     """Steps at the beginning that are left out, fewer than ``steps``."""
+    mode_iterations: int = quantity(50, low=1)
+    """Iterations, at most, of the search for the mode at which the sampler starts."""
+    shrinkage: float = quantity(1e-6, above=0.0, below=1.0)
+    """Share of independence in the pooled correlations: outputs may be proportional."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -144,7 +145,7 @@ def fit_wishart_gp(
     std = np.maximum(std, FINEST)
     scaled = (deviations / std).reshape(-1, 6)
     correlation = scaled.T @ scaled / free
-    correlation *= 1.0 - _SHRINKAGE
+    correlation *= 1.0 - config.shrinkage
     # 1 where the output varies; also where it does not.
     np.fill_diagonal(correlation, 1.0)
     pooled = np.asarray(correlation * np.outer(std, std))
@@ -162,6 +163,7 @@ def fit_wishart_gp(
         config.steps,
         config.discarded,
         np.random.default_rng(seed),
+        config.mode_iterations,
     )
     return WishartProcessMovement(
         aligned=aligned, processes=processes, variability=variability

@@ -39,9 +39,6 @@ from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis
 from gplfd_policies.gp.spectral import square_root
 
-_MODE_ITERATIONS = 50
-"""Iterations of the search for a mode, at most."""
-
 LogLikelihood = Callable[[np.ndarray], float]
 """x (N,) → log p(y | x), minus infinity where it is impossible."""
 
@@ -260,7 +257,11 @@ def elliptical_slice_chain(
 
 
 def sample_posterior(
-    likelihood: WishartLikelihood, steps: int, discarded: int, rng: np.random.Generator
+    likelihood: WishartLikelihood,
+    steps: int,
+    discarded: int,
+    rng: np.random.Generator,
+    mode_iterations: int = 50,
 ) -> WishartPosterior:
     """Average over an elliptical slice chain that starts at a mode of the posterior.
 
@@ -273,6 +274,7 @@ def sample_posterior(
         steps: length of the chain.
         discarded: steps at its beginning that are left out of the average.
         rng: source of randomness.
+        mode_iterations: iterations of the search for the mode, at most.
     """
 
     def objective(flat: np.ndarray) -> tuple[float, np.ndarray]:
@@ -286,7 +288,7 @@ def sample_posterior(
         rng.standard_normal(degrees * outputs * rank),
         jac=True,
         method="L-BFGS-B",
-        options={"maxiter": _MODE_ITERATIONS},
+        options={"maxiter": mode_iterations},
     ).x
     moment = np.zeros((outputs * rank, outputs * rank))
     for step, flat in enumerate(elliptical_slice_chain(likelihood, mode, steps, rng)):
