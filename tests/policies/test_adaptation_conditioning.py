@@ -372,12 +372,12 @@ def test_one_demonstration_has_no_deviations():
     "name", ["identical", "two crossing", "constant", "two samples"]
 )
 def test_hostile_demonstrations_can_be_adapted(name):
-    times = np.array([0.0, 1.0]) if name == "two samples" else TIMES
+    times = np.array([0.0, 1.0]) if name == "two samples" else TIMES[::3]
     poses = np.tile(door(0.5, times), (4, 1, 1))
     if name == "two crossing":
         poses = poses[:2] + np.multiply.outer([1.0, -1.0], times - 0.5)[:, :, None]
     if name == "constant":
-        poses = np.zeros((4, 60, 6)) + np.arange(6.0)
+        poses = np.zeros((4, len(times), 6)) + np.arange(6.0)
     if name == "two samples":
         poses = poses + 0.01 * np.arange(4.0)[:, None, None]
     aligned = AlignedDemonstrations(times=times, poses=poses)
@@ -388,10 +388,9 @@ def test_hostile_demonstrations_can_be_adapted(name):
         skill = fit_skill(aligned)
     points = [ViaPoint(phase=0.5, pose=np.ones(6), std=std) for std in (0.0, 1e-3)]
     for form in ("process", "exact", "product"):
-        adapted = adapt(skill, points, form).predict(TIMES)
-        assert np.isfinite(adapted.mean).all()
-        assert np.isfinite(adapted.std).all()
-        assert np.isfinite(adapted.covariance).all()
+        adapted = adapt(skill, points, form).predict(TIMES[::3])
+        for values in (adapted.mean, adapted.std, adapted.covariance):
+            assert np.isfinite(values).all()
 
 
 def test_nothing_observed_is_the_prediction_for_noisy_demonstrations_too():

@@ -12,7 +12,7 @@ from gplfd_policies.movements.baselines.wishart_gp import (
 
 TIMES = np.linspace(0.0, 1.0, 40)
 STD = 0.02 * np.exp(1.2 * np.sin(5.0 * TIMES))
-QUICK = WishartGPConfig(steps=300, discarded=100)
+QUICK = WishartGPConfig(steps=200, discarded=60)
 
 
 def curves() -> np.ndarray:

@@ -34,6 +34,16 @@ def aligned(*poses):
     return AlignedDemonstrations(times=PHASES, poses=np.stack(poses), duration=6.0)
 
 
+@pytest.fixture(scope="module")
+def skill():
+    """Learned from demonstrations of four doors that were continued."""
+    rng = np.random.default_rng(0)
+    poses = [
+        arc(r, 0.8) + rng.normal(0.0, 1e-3, (200, 6)) for r in (0.4, 0.5, 0.55, 0.6)
+    ]
+    return fit_skill(continued(aligned(*poses), 0.5))
+
+
 @pytest.mark.parametrize("radius", [0.3, 0.65])
 def test_an_arc_goes_on_along_its_circle(radius):
     shares = np.array([0.1, 0.3, 0.5])
@@ -127,13 +137,8 @@ def test_a_turn_without_a_way_goes_on_however_it_was_timed():
     assert carried_on(poses, np.array([0.5]))[0, 4] == pytest.approx(1.2, abs=1e-3)
 
 
-def test_sigma_grows_beyond_the_demonstrations_by_the_drift():
-    rng = np.random.default_rng(0)
-    poses = [
-        arc(r, 0.8) + rng.normal(0.0, 1e-3, (200, 6)) for r in (0.4, 0.5, 0.55, 0.6)
-    ]
-    longer = continued(aligned(*poses), 0.5)
-    skill = fit_skill(longer)
+def test_sigma_grows_beyond_the_demonstrations_by_the_drift(skill):
+    longer = skill.aligned
     gridded = GriddedMovement(skill, ProcessAdaptation, 100)
     phases = np.linspace(0.0, 1.0, 100)
     plain = skill.predict(phases).std
@@ -153,12 +158,7 @@ def test_a_prior_mean_is_stretched_over_the_longer_task():
     np.testing.assert_allclose(longer.rate(at), difference, atol=1e-6)
 
 
-def test_what_was_seen_beyond_the_demonstrations_is_known():
-    rng = np.random.default_rng(0)
-    poses = [
-        arc(r, 0.8) + rng.normal(0.0, 1e-3, (200, 6)) for r in (0.4, 0.5, 0.55, 0.6)
-    ]
-    skill = fit_skill(continued(aligned(*poses), 0.5))
+def test_what_was_seen_beyond_the_demonstrations_is_known(skill):
     gridded = GriddedMovement(skill, ProcessAdaptation, 100)
     seen = ViaPoint(phase=0.8, pose=skill.predict(np.array([0.8])).mean[0])
     gridded.observe(seen)
@@ -169,12 +169,7 @@ def test_what_was_seen_beyond_the_demonstrations_is_known():
     assert gridded.drift[70].max() > 0.0
 
 
-def test_a_forecast_has_the_drift_and_its_rate():
-    rng = np.random.default_rng(0)
-    poses = [
-        arc(r, 0.8) + rng.normal(0.0, 1e-3, (200, 6)) for r in (0.4, 0.5, 0.55, 0.6)
-    ]
-    skill = fit_skill(continued(aligned(*poses), 0.5))
+def test_a_forecast_has_the_drift_and_its_rate(skill):
     forecast = GriddedMovement(skill, ProcessAdaptation, 400).trajectory()
     variance = np.diagonal(forecast.covariance, axis1=1, axis2=2).T
     np.testing.assert_allclose(variance, forecast.std**2, rtol=1e-6)

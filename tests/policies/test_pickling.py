@@ -9,9 +9,10 @@ import pytest
 
 from gplfd_env import DoorGeometry
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies import POLICIES, ViaPoint, align, make_agent
+from gplfd_policies import POLICIES, ViaPoint, align, fit_skill, make_agent
 from gplfd_policies.adaptation import ADAPTATIONS
 from gplfd_policies.demonstrations.continuation import continued
+from gplfd_policies.gp.noise import KerstingNoise
 from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
     fit_wishart_gp,
@@ -49,6 +50,8 @@ def agents(demonstrations):
     aligned = align(demonstrations, n_samples=40)
     chain = WishartGPConfig(steps=20, discarded=5, times=15)
     wishart = partial(fit_wishart_gp, config=chain, seed=0)
+    paper = partial(fit_skill, noise=KerstingNoise(n_iterations=1))
+    quick = {"gp-paper": paper, "wishart-gp": wishart}
     learned = cache(lambda fit, beyond: fit(continued(aligned, beyond)))
 
     @cache
@@ -57,7 +60,7 @@ def agents(demonstrations):
         if method is None:
             agent = make_agent(name, demonstrations)
         else:
-            fit = wishart if method.seeded else method.fit
+            fit = quick.get(name, method.fit)
             agent = method.follow(learned(fit, method.beyond))
         agent.inform(DoorGeometry.nominal(0.42))
         return agent

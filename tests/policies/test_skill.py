@@ -288,10 +288,18 @@ HOSTILE = {
 }
 
 
+WORST = ("identical", "two crossing", "all zero", "white noise")
+"""For the noise models that are not the default."""
+
+
 @pytest.mark.parametrize(
-    "noise", ["map", "homoscedastic", KerstingNoise(n_iterations=1)]
+    ("name", "noise"),
+    [
+        *((name, "map") for name in HOSTILE),
+        *((name, "homoscedastic") for name in WORST),
+        *((name, KerstingNoise(n_iterations=1)) for name in WORST),
+    ],
 )
-@pytest.mark.parametrize("name", list(HOSTILE))
 def test_hostile_demonstrations_give_finite_predictions(name, noise):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)

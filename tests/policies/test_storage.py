@@ -224,7 +224,7 @@ def test_frames_are_decompressed_to_no_more_than_the_budget():
     assert budget.left == 2**26 - 200
     with pytest.raises(ValueError, match="a chunk is cut off"):
         decompressed(frames[:-5], bz2.BZ2Decompressor, budget, "a chunk")
-    bomb = bz2.compress(bytes(2**27))
+    bomb = bz2.compress(bytes(2**26 + 2**20))
     tracemalloc.start()
     with pytest.raises(ValueError, match="unpacks to more than its size allows"):
         decompressed(bomb, bz2.BZ2Decompressor, budget, "a chunk")
@@ -303,13 +303,13 @@ def outcome(archive):
 
 @pytest.mark.filterwarnings("default")  # as a user has them: a warning is no refusal
 def test_whatever_is_in_a_file_it_is_read_rightly_or_refused_clearly(archive):
-    """Not one of 600 damaged files ends in another error."""
+    """Not one of 300 damaged files ends in another error."""
     content, refusals = archive.read_bytes(), 0
-    for seed in range(600):
+    for seed in range(300):
         archive.write_bytes(content)
         damaged(archive, seed)
         found = outcome(archive)
         if found != set(ARRAYS):
             assert found.startswith(f"{archive} cannot be read as a test: ")
             refusals += 1
-    assert 300 < refusals < 600
+    assert 150 < refusals < 300
