@@ -113,13 +113,9 @@ class Reference:
         precision: Float[np.ndarray, "6 6"],
         tolerance: float,
     ) -> "Reference":
-        """The reference with one more entry, in place of those nearer than a tolerance.
+        """The reference with one more entry, which replaces those at the same phase.
 
-        Args:
-            phase: t of the entry.
-            mean: μ of the entry.
-            precision: Σ⁻¹ of the entry.
-            tolerance: phases less than this apart coincide.
+        Phases that are less than ``tolerance`` apart coincide.
         """
         kept = np.abs(self.phases - phase) >= tolerance
         return Reference(
@@ -130,37 +126,15 @@ class Reference:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _Features:
-    """φ with k(t, t_i) = φ(t) φ(t_i)ᵀ for every reference phase t_i and any t."""
+class SmoothedReference:
+    """Mean and covariance of Eqs. (21) and (26) at any phase."""
 
     kernel: RBF
+    """k, of variance one."""
     nodes: Float[np.ndarray, " Q"]
     """Phases whose kernels span those of all reference phases."""
     root: Float[np.ndarray, "Q R"]
     """φ(t) = k(t, nodes) root."""
-
-    @classmethod
-    def spanning(cls, kernel: RBF, phases: Float[np.ndarray, " N"]) -> "_Features":
-        nodes = np.unique(phases)
-        middle, half = 0.5 * (nodes[0] + nodes[-1]), 0.5 * (nodes[-1] - nodes[0])
-        enough = _MORE_NODES + _NODES_PER_SCALE * 2.0 * half / kernel.length_scale
-        if enough < len(nodes):
-            # Fewer phases span as much if they lie denser towards the ends.
-            nodes = middle + half * np.cos(np.linspace(0.0, np.pi, int(enough)))
-        values, vectors = scipy.linalg.eigh(kernel(nodes, nodes), check_finite=False)
-        kept = values > _SMALLEST_EIGENVALUE * values[-1]
-        root = vectors[:, kept] / np.sqrt(values[kept])
-        return cls(kernel=kernel, nodes=nodes, root=root)
-
-    def __call__(self, times: Times) -> Float[np.ndarray, "M R"]:
-        return np.asarray(self.kernel(times, self.nodes) @ self.root)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class SmoothedReference:
-    """Mean and covariance of Eqs. (21) and (26) at any phase."""
-
-    features: _Features
     weights: Float[np.ndarray, "6 R"]
     """A⁻¹ Σ_i (φ_i ⊗ Σ_i⁻¹ μ_i) / λ."""
     blocks: Float[np.ndarray, "6 R R"]
@@ -170,24 +144,22 @@ class SmoothedReference:
     """N/λ_c, the variance far from every reference phase."""
 
     @classmethod
-    def fit(
-        cls,
-        reference: Reference,
-        length_scale: float,
-        mean_regularisation: float,
-        covariance_regularisation: float,
-    ) -> "SmoothedReference":
-        """Smooth a reference.
+    def fit(cls, reference: Reference, config: KMPConfig) -> "SmoothedReference":
+        """Smooth a reference."""
+        # Features φ with k(t, t_i) = φ(t) φ(t_i)ᵀ for every reference phase and any t.
+        kernel = RBF(length_scale=config.length_scale, signal_std=1.0)
+        nodes = np.unique(reference.phases)
+        middle, half = 0.5 * (nodes[0] + nodes[-1]), 0.5 * (nodes[-1] - nodes[0])
+        enough = _MORE_NODES + _NODES_PER_SCALE * 2.0 * half / kernel.length_scale
+        if enough < len(nodes):
+            # Fewer phases span as much if they lie denser towards the ends.
+            nodes = middle + half * np.cos(np.linspace(0.0, np.pi, int(enough)))
+        values, vectors = scipy.linalg.eigh(kernel(nodes, nodes), check_finite=False)
+        kept = values > _SMALLEST_EIGENVALUE * values[-1]
+        root = vectors[:, kept] / np.sqrt(values[kept])
+        rows = np.asarray(kernel(reference.phases, nodes) @ root)
 
-        Args:
-            reference: the reference to be smoothed.
-            length_scale: of the radial basis function kernel, whose variance is one.
-            mean_regularisation: λ.
-            covariance_regularisation: λ_c.
-        """
-        kernel = RBF(length_scale=length_scale, signal_std=1.0)
-        features = _Features.spanning(kernel, reference.phases)
-        rows = features(reference.phases)
+        # Λ, and solutions with A = I + Λ/λ and A_c = I + Λ/λ_c.
         size = rows.shape[1]
         weighed = rows[:, None, None, :] * reference.precisions[..., None]
         information = np.tensordot(rows, weighed, axes=(0, 0))
@@ -199,15 +171,21 @@ class SmoothedReference:
             return np.asarray(scipy.linalg.cho_solve(factor, right))
 
         targets = np.einsum("nde,ne->nd", reference.precisions, reference.means)
-        weights = solved(mean_regularisation, (targets.T @ rows).ravel())
-        inverse = solved(covariance_regularisation, np.eye(6 * size))
+        weights = solved(config.mean_regularisation, (targets.T @ rows).ravel())
+        inverse = solved(config.covariance_regularisation, np.eye(6 * size))
         blocks = inverse.reshape(6, size, 6, size)
         return cls(
-            features=features,
-            weights=weights.reshape(6, size) / mean_regularisation,
+            kernel=kernel,
+            nodes=nodes,
+            root=root,
+            weights=weights.reshape(6, size) / config.mean_regularisation,
             blocks=np.stack([blocks[d, :, d].T for d in range(6)]),
-            amplitude=len(reference.phases) / covariance_regularisation,
+            amplitude=len(reference.phases) / config.covariance_regularisation,
         )
+
+    def features(self, times: Times) -> Float[np.ndarray, "M R"]:
+        """φ(t)."""
+        return np.asarray(self.kernel(times, self.nodes) @ self.root)
 
     def moments(self, times: Times) -> tuple[Outputs, Outputs]:
         """Mean and variance of every output."""
@@ -219,7 +197,7 @@ class SmoothedReference:
     def covariance(self, times: Times) -> Covariances:
         """Covariance between phases of every output."""
         rows = self.features(times)
-        beyond = self.features.kernel(times, times) - rows @ rows.T
+        beyond = self.kernel(times, times) - rows @ rows.T
         covariance: np.ndarray = beyond + rows @ self.blocks.mT @ rows.T
         return self.amplitude * covariance
 
@@ -274,12 +252,7 @@ class KernelizedMovementPrimitive(MomentMovement):
 
     @cached_property
     def _smoothed(self) -> SmoothedReference:
-        return SmoothedReference.fit(
-            self.reference,
-            length_scale=self.config.length_scale,
-            mean_regularisation=self.config.mean_regularisation,
-            covariance_regularisation=self.config.covariance_regularisation,
-        )
+        return SmoothedReference.fit(self.reference, self.config)
 
     def _moments(self, times: Times) -> Moments:
         """Eq. (21), and the diagonal of Eq. (26)."""
