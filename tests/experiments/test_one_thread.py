@@ -228,6 +228,7 @@ import os
 import threading
 import warnings
 
+import scipy.linalg  # Limits hold for the BLAS libraries that are loaded.
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from gplfd_policies.arrays.one_thread import one_thread
