@@ -1,5 +1,8 @@
 """Demonstrations that several tests of the policies share."""
 
+from collections.abc import Iterator
+
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -40,3 +43,14 @@ def demonstrations() -> tuple[Demonstration, ...]:
 @pytest.fixture(scope="session")
 def skill(demonstrations: tuple[Demonstration, ...]) -> Skill:
     return fit_skill(align(demonstrations))
+
+
+@pytest.fixture(scope="module")
+def unchecked_types() -> Iterator[None]:
+    """Switch run-time type checks off, which take most of the time of small steps.
+
+    For slow modules; `test_movements` checks the types of every method.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+        yield

@@ -21,6 +21,8 @@ from gplfd_policies.movements.baselines.promp import fit_promp
 from gplfd_policies.movements.skill import Skill, fit_skill
 from gplfd_policies.movements.trajectory import ViaPoint
 
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
 TIMES = np.linspace(0.0, 1.0, 50)
 FORMS = sorted(ADAPTATIONS)
 GRID_FREE = ["exact", "process"]

@@ -20,6 +20,8 @@ from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis
 from gplfd_policies.movements.prior_mean import fit_residual
 
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
 TIMES = np.linspace(0.0, 1.0, 60)
 PATH = RBF(length_scale=0.3, signal_std=0.05)
 TIMING = RBF(length_scale=0.25, signal_std=0.04)

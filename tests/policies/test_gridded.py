@@ -9,6 +9,8 @@ from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.movements.trajectory import ViaPoint
 
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
 
 def test_interpolation_meets_the_movement(skill):
     movement = GriddedMovement(skill, None, 100)

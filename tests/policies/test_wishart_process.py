@@ -16,6 +16,8 @@ from gplfd_policies.movements.baselines.wishart_process import (
     sample_posterior,
 )
 
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
 MEAN = np.array([[4.0, 1.0], [1.0, 2.0]])
 
 
