@@ -10,14 +10,14 @@ from gplfd_experiments.analysis.report.recordings import recording_name
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies.runner import run_study
-from gplfd_experiments.workflows import extremes as module
-from gplfd_experiments.workflows.extremes import (
+from gplfd_experiments.workflows import study_recordings as module
+from gplfd_experiments.workflows.study_recordings import (
     COMPARED,
+    differences,
     extremes,
     record_extremes,
     same_door,
 )
-from gplfd_experiments.workflows.repetition import differences
 
 CONFIG = dataclasses.asdict(DoorConfig())
 
@@ -81,7 +81,7 @@ def test_doors_of_another_kind_are_not_compared(write_study, episode_result):
     radii = {"demonstrated_radii": [0.5]}
     results = [episode_result("gp"), episode_result("kmp", door="x", **door, **radii)]
     read = read_results(write_study(results)).episodes
-    assert [one.kind for one in read] == ["demonstrated radii"] * 2
+    assert [one.split for one in read] == ["demonstrated radii"] * 2
     assert [*same_door(read, 0.5, "gp")] == ["gp"]
 
 

@@ -9,10 +9,9 @@ import re
 import pytest
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.report.html import html_page
-from gplfd_experiments.analysis.report.markdown import markdown_page
 from gplfd_experiments.analysis.report.page import report, write_report
 from gplfd_experiments.analysis.report.recordings import RANKS, recording_name
+from gplfd_experiments.analysis.report.writing import html_page, markdown_page
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
 
@@ -142,7 +141,7 @@ def test_what_is_accepted_can_be_drawn(results, write_study, monkeypatch):
         text = mutated(rng.choice(results), rng)
         (folder / "tasks" / f"mutated-{number:03}.json").write_text(text)
     assert len(read_results(folder).all) > 60
-    write_report(folder)
+    write_report(read_results(folder), folder)
 
 
 @pytest.mark.parametrize(
@@ -259,7 +258,8 @@ def test_any_name_can_be_drawn(
     made = [
         make(name) for name in HOSTILE for make in (episode_result, learning_result)
     ]
-    write_report(write_study(made), reference=HOSTILE[0])
+    folder = write_study(made)
+    write_report(read_results(folder), folder, reference=HOSTILE[0])
 
 
 def test_a_user_s_policy_is_everywhere(
@@ -276,7 +276,7 @@ def test_a_user_s_policy_is_everywhere(
     (folder / "recordings").mkdir()
     file = recording_name(mine, "best")
     (folder / "recordings" / file).write_bytes(b"")
-    write_report(folder)
+    write_report(read_results(folder), folder)
     text = (folder / "report.md").read_text()
     assert "- `my_module:make`: `kind module, file my_module.py, sha256 ab12`" in text
     tables = re.findall(r"(?m)^\| [\s\S]*?\n\n", text)

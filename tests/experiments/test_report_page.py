@@ -18,9 +18,8 @@ from gplfd_experiments.analysis.report.document import (
     Paragraph,
     Section,
 )
-from gplfd_experiments.analysis.report.html import html_page, inline
-from gplfd_experiments.analysis.report.markdown import markdown_page
 from gplfd_experiments.analysis.report.page import report, write_report
+from gplfd_experiments.analysis.report.writing import html_page, inline, markdown_page
 from gplfd_experiments.analysis.results.measures import WALL_TIME
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import success_rate
@@ -101,7 +100,7 @@ def test_the_page_parses_and_refers_to_nothing_outside(
     study, policies, learning_result
 ):
     folder = study([*policies, learning_result("gp"), learning_result("kmp")])
-    text = write_report(folder).read_text()
+    text = write_report(read_results(folder), folder).read_text()
     page = Page(text)
     assert "script" not in page.tags
     assert "link" not in page.tags
@@ -122,7 +121,7 @@ def test_the_page_parses_and_refers_to_nothing_outside(
 def test_equal_results_give_equal_bytes(study, tmp_path, policies, learning_result):
     folder = study([*policies, learning_result("gp")])
     for out in ("first", "second"):
-        write_report(folder, tmp_path / out)
+        write_report(read_results(folder), folder, tmp_path / out)
     files = sorted(p for p in (tmp_path / "first").rglob("*") if p.is_file())
     assert len(files) == 12
     for file in files:
@@ -313,7 +312,7 @@ def test_errors_are_apart_and_come_first(study, policies, episode_result):
     del broken["metrics"]
     broken["error"] = "ValueError: too <few> demonstrations"
     folder = study([*policies, broken])
-    write_report(folder)
+    write_report(read_results(folder), folder)
     text = (folder / "report.md").read_text()
     first = text.splitlines()[2]
     assert first.startswith(
@@ -348,7 +347,7 @@ def test_a_policy_whose_episodes_all_failed_has_its_row(
 ):
     broken = [{**episode_result("mine", seed), **LOST} for seed in range(3)]
     folder = study([*policies, *broken])
-    write_report(folder)
+    write_report(read_results(folder), folder)
     text = (folder / "report.md").read_text()
     name, *row = cells(text)["mine`<br>lost: 3"].values()
     assert (name, set(row)) == ("`mine`<br>lost: 3", {"–"})
@@ -364,7 +363,7 @@ def test_parts_of_a_study_give_a_report(study, episode_result, learning_result):
     ):
         folder = study(results)
         assert expected in markdown(folder)
-        write_report(folder)
+        write_report(read_results(folder), folder)
 
 
 def test_any_policy_is_the_reference(study, policies):
@@ -375,9 +374,9 @@ def test_any_policy_is_the_reference(study, policies):
     )
     assert "`kmp` against each other policy on the same doors and seeds" in text
     assert "| `gp` | 0 : 8<br>**p 0.016**, n 8 |" in text
-    write_report(folder, reference="kmp")
+    write_report(read_results(folder), folder, reference="kmp")
     with_gp = (folder / "figures" / "success.svg").read_bytes()
-    write_report(folder)
+    write_report(read_results(folder), folder)
     assert (folder / "figures" / "success.svg").read_bytes() != with_gp
 
 
@@ -480,7 +479,7 @@ def test_recordings_are_linked_from_where_the_page_is(study, tmp_path, episode_r
     ]
     (recordings / "index.json").write_text(json.dumps({"episodes": entries}))
     out = tmp_path / "elsewhere"
-    write_report(folder, out)
+    write_report(read_results(folder), folder, out)
     text = (out / "report.md").read_text()
     assert "[comparison.rrd](../study/recordings/comparison.rrd)" in text
     assert (
@@ -555,7 +554,10 @@ def test_both_writers_keep_cells_apart():
             Section(
                 title="S",
                 anchor="s",
-                blocks=(Details(title="<D>", table=table),),
+                blocks=(
+                    Details(title="<D>", table=table),
+                    Table(columns=("c", "d"), rows=(), left=True),
+                ),
             ),
         ),
     )
@@ -566,6 +568,8 @@ def test_both_writers_keep_cells_apart():
     assert '<tr><th colspan="2" scope="rowgroup">group</th></tr>' in page
     assert "<details><summary>&lt;D&gt;</summary>" in page
     assert '<p class="warning">mind</p>' in page
+    assert "<table><thead>" in page.replace("\n", "")
+    assert '<table class="text">' in page
     Page(page)
 
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.report.panels import log_scale, short
+from gplfd_experiments.analysis.report.plots import log_scale, short
 from gplfd_experiments.analysis.results.grouping import Runs
 from gplfd_experiments.analysis.results.records import EpisodeResult
 from gplfd_experiments.analysis.results.trials import (
