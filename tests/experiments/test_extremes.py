@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 
 import pytest
 
@@ -91,9 +92,9 @@ def test_only_times_may_differ_in_a_repetition():
     assert differences(stored, again) == {"work": [1.0, 1.5]}
 
 
-@pytest.fixture
-def study(tmp_path):
-    """One short episode, run as a study does."""
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """The folder of one short episode, run as a study does."""
     task = EpisodeTask(
         policy="oracle",
         seed=0,
@@ -101,8 +102,14 @@ def study(tmp_path):
         door_config=CONFIG,
         demonstrations_per_door=1,
     )
-    list(run_study(tmp_path, [task]))
-    return tmp_path
+    folder = tmp_path_factory.mktemp("stored")
+    list(run_study(folder, [task]))
+    return folder
+
+
+@pytest.fixture
+def study(stored, tmp_path):
+    return shutil.copytree(stored, tmp_path / "study")
 
 
 def test_a_study_s_episode_is_repeated_exactly(study, caplog):
@@ -156,7 +163,7 @@ def renamed(study, policy):
     (study / "tasks" / "renamed.json").write_text(json.dumps(result))
 
 
-@pytest.mark.parametrize("error", [LookupError, RuntimeError, OSError, RecursionError])
+@pytest.mark.parametrize("error", [OSError, RecursionError])
 def test_what_a_policy_raises_is_noted_and_takes_no_other_along(
     study, monkeypatch, error
 ):

@@ -182,7 +182,12 @@ def prediction_scores(runs: Mapping[str, Sequence[LeftOut]]) -> Figure:
             for kind in kinds:
                 own = (one for one in runs[policy] if _left_out(one) == kind)
                 values = [value for value in map(measure.of, own) if value is not None]
-                _row_of_dots(axes, row + lifts[kind], values, tints[kind])
+                if values:
+                    height, tint = row + lifts[kind], tints[kind]
+                    look = {"ms": 2.2, "color": tint, "alpha": 0.35, "mew": 0}
+                    axes.plot(values, [height] * len(values), "o", **look)
+                    middle = [float(np.median(values))]
+                    axes.plot(middle, [height], "|", ms=8, mew=1.8, color=tint)
         axes.set_xlabel(measure.title)
         axes.set_yticks(range(len(order)), labels=map(short, order), parse_math=False)
         axes.grid(axis="y", color="#e6e9ee", linewidth=0.5)
@@ -196,14 +201,6 @@ def prediction_scores(runs: Mapping[str, Sequence[LeftOut]]) -> Figure:
 
 def _left_out(one: LeftOut) -> str:
     return one.task.held_out if isinstance(one, LearningTestResult) else "recording"
-
-
-def _row_of_dots(axes: Axes, height: float, values: Sequence[float], tint: str) -> None:
-    if not values:
-        return
-    look: dict[str, Any] = {"ms": 2.2, "color": tint, "alpha": 0.35, "mew": 0}
-    axes.plot(values, [height] * len(values), "o", **look)
-    axes.plot([float(np.median(values))], [height], "|", ms=8, mew=1.8, color=tint)
 
 
 def _doors(

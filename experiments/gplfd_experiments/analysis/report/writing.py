@@ -52,6 +52,18 @@ def inline(text: str) -> Markup:
     return written + text[end:]
 
 
+_TEMPLATES: Final = Environment(
+    loader=FileSystemLoader(Path(__file__).parent),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    keep_trailing_newline=True,
+)
+_TEMPLATES.filters["marked"] = inline
+_TEMPLATES.filters["kind"] = lambda block: type(block).__name__
+
+
 def html_page(document: Document, images: Mapping[str, bytes]) -> str:
     """Return a document as one text of HTML, by the template ``page.html.jinja``.
 
@@ -59,20 +71,10 @@ def html_page(document: Document, images: Mapping[str, bytes]) -> str:
         document: What it says.
         images: SVG of every picture by name.
     """
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters["marked"] = inline
-    environment.filters["kind"] = lambda block: type(block).__name__
     embedded = {
         name: base64.b64encode(image).decode("ascii") for name, image in images.items()
     }
-    page = environment.get_template("page.html.jinja")
+    page = _TEMPLATES.get_template("page.html.jinja")
     return page.render(document=document, images=embedded)
 
 
