@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from gplfd_experiments.analysis.figures.style import write_figure
 from gplfd_experiments.analysis.report.document import (
     Details,
     Document,
@@ -203,12 +204,10 @@ def test_no_bullet_is_empty(page_of, episode_result):
     assert "`gp` opened none of 1; nor did any other policy." in text
 
 
-def test_tests_of_a_column_are_corrected_together(write_study, episode_result):
+def test_tests_of_a_column_are_corrected_together(page_of, episode_result):
     others = [episode_result("promp", seed, opened=False) for seed in range(8)]
     others += [episode_result("kmp", seed, opened=False) for seed in range(8)]
-    text = markdown(
-        write_study([*(episode_result("gp", seed) for seed in range(8)), *others])
-    )
+    text = page_of([*(episode_result("gp", seed) for seed in range(8)), *others])
     # 2 · 2⁻⁸ for each, times two.
     assert "| `kmp` | 8 : 0<br>**p 0.016**, n 8 |" in text
     assert "| `promp` | 8 : 0<br>**p 0.016**, n 8 |" in text
@@ -240,8 +239,8 @@ def test_errors_are_apart_and_come_first(write_study, policies, episode_result):
     del broken["metrics"]
     broken["error"] = "ValueError: too <few> demonstrations"
     folder = write_study([*policies, broken])
-    write_report(read_results(folder), folder)
-    text = (folder / "report.md").read_text()
+    document = report(read_results(folder), folder, folder, "gp")
+    text = markdown_page(document)
     first = text.splitlines()[2]
     assert first.startswith(
         "> **Mind:** 1 of 49 episodes ended in an error of the policy and count as not "
@@ -251,7 +250,8 @@ def test_errors_are_apart_and_come_first(write_study, policies, episode_result):
     assert "| `gp`<br>errors: 1 | 16/17" in text
     assert cells(text)["gp`<br>errors: 1"]["policy error"] == "1"
     assert "1 × gp, 0.5: ValueError: too <few> demonstrations" in text
-    assert "too &lt;few&gt; demonstrations" in (folder / "report.html").read_text()
+    images = {picture.name: b"" for picture in document.pictures}
+    assert "too &lt;few&gt; demonstrations" in html_page(document, images)
 
 
 @pytest.mark.parametrize(
@@ -271,12 +271,10 @@ def test_errors_count_and_lost_episodes_do_not(broken, said, page_of, episode_re
 
 
 def test_a_policy_whose_episodes_all_failed_has_its_row(
-    write_study, policies, episode_result
+    page_of, policies, episode_result
 ):
     broken = [{**episode_result("mine", seed), **LOST} for seed in range(3)]
-    folder = write_study([*policies, *broken])
-    write_report(read_results(folder), folder)
-    text = (folder / "report.md").read_text()
+    text = page_of([*policies, *broken])
     name, *row = cells(text)["mine`<br>lost: 3"].values()
     assert (name, set(row)) == ("`mine`<br>lost: 3", {"–"})
 
@@ -302,10 +300,12 @@ def test_any_policy_is_the_reference(write_study, policies):
     )
     assert "`kmp` against each other policy on the same doors and seeds" in text
     assert "| `gp` | 0 : 8<br>**p 0.016**, n 8 |" in text
-    write_report(read_results(folder), folder, reference="kmp")
-    with_gp = (folder / "figures" / "success.svg").read_bytes()
-    write_report(read_results(folder), folder)
-    assert (folder / "figures" / "success.svg").read_bytes() != with_gp
+    drawn = []
+    for reference in ("gp", "kmp"):
+        first, *_ = report(read_results(folder), folder, folder, reference).pictures
+        write_figure(first.draw(), folder, reference)
+        drawn.append((folder / f"{reference}.svg").read_bytes())
+    assert drawn[0] != drawn[1]
 
 
 def test_without_the_reference_the_best_takes_its_place(page_of, policies):
