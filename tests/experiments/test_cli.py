@@ -290,6 +290,9 @@ def test_help_and_errors_have_no_colours_where_nobody_sees_them(
     assert gplfd("list", "--jsn") == 2
     printed = capsys.readouterr()
     assert "doctor" in printed.out
+    # The overview has the first paragraph of each command's description.
+    assert "Learn from demonstrations, open doors" in printed.out
+    assert "Writes DIR/" not in printed.out
     assert "Unrecognized options: --jsn" in printed.err
     assert "\x1b" not in printed.out + printed.err
 

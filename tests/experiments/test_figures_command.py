@@ -1,6 +1,7 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -24,6 +25,8 @@ def short_runs(
     def short(*_: Any, door: str, **__: Any) -> EpisodeLog:
         return make_log(n_steps=121, dt=0.05, door=door)
 
+    agent = SimpleNamespace(control="pose")
+    monkeypatch.setattr(material, "learned_agents", lambda *_: lambda: agent)
     monkeypatch.setattr(material, "rollout", short)
     monkeypatch.setitem(style._STYLE, "savefig.dpi", 40)  # type: ignore[index]
     two = {name: drawing.FIGURES[name] for name in ("fig03", "fig10")}

@@ -127,6 +127,9 @@ def test_values(runs, said):
 def test_nothing_is_said_of_values_that_nobody_can_be_compared_with():
     assert value_sentence(FORCE, {"gp": forces(2.0), "oracle": forces(1.0)}, "gp") == ""
     assert value_sentence(FORCE, {"kmp": forces(1.0)}, "gp") == ""
+    # Nor of tasks that only one of them ran.
+    apart = {"gp": forces(1.0), "kmp": {(99, "another"): 1.0}}
+    assert value_sentence(FORCE, apart, "gp") == ""
 
 
 def test_any_policy_may_be_the_one_that_is_compared():

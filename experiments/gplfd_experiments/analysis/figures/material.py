@@ -3,7 +3,7 @@
 import contextlib
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -33,6 +33,7 @@ from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import versions
+from gplfd_policies.agents.agent import Agent
 from gplfd_policies.registry.catalogue import policy_named
 
 POLICY: Final = "gp"
@@ -120,13 +121,16 @@ def material(folder: Path, doors: Iterable[str], *, seed: int) -> Material:
         save_demonstrations(path, given.demonstrations, given.radii)
     demonstrations = load_demonstrations(path)
     logs = {}
+    learned: Callable[[], Agent] | None = None
     for door, config in progress_bar(configs.items(), desc="episodes", unit="door"):
         path = kept / f"{POLICY}-{door}.npz"
         if path.is_file():
             logs[door] = EpisodeLog.load(path)
             continue
         one = task(door, config)
-        agent = learned_agents(one, policy_named(POLICY), demonstrations)()
+        if learned is None:
+            learned = learned_agents(one, policy_named(POLICY), demonstrations)
+        agent = learned()
         with contextlib.closing(make_environment(one, agent.control)) as env:
             log = rollout(env, agent, policy=POLICY, door=door, seed=one.reset_seed)
         log.save(path)
