@@ -346,19 +346,15 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
     for angle, meaning in _ANGLES.items():
         opened = partial(_rate, methodcaller("opened", angle))
         columns[f"to {angle}°"] = opened, meaning
-    for metrics, meaning in (*_COLUMNS.items(), *_DISTURBED.items()):
-        shown = (
-            any(one.number(metrics[0]) for one in disturbed)
-            if metrics in _DISTURBED
-            # Results of earlier versions lack it.
-            else metrics != (WALL_TIME,)
-            or any(one.number(WALL_TIME) is not None for one in episodes)
-        )
-        if shown:
-            ((head, cell),) = medians(
-                *map(EPISODE_MEASURES.__getitem__, metrics)
-            ).items()
-            columns[head] = cell, meaning
+    measured = dict(_COLUMNS)
+    if all(one.number(WALL_TIME) is None for one in episodes):
+        del measured[WALL_TIME,]  # Results of earlier versions lack it.
+    for metrics, meaning in _DISTURBED.items():
+        if any(one.number(metrics[0]) for one in disturbed):
+            measured[metrics] = meaning
+    for metrics, meaning in measured.items():
+        column = medians(*(EPISODE_MEASURES[metric] for metric in metrics))
+        columns |= {head: (cell, meaning) for head, cell in column.items()}
     columns[f"above {ADA_FORCE} N"] = (
         above,
         "opened doors with a peak force, tangential or radial, above the limit of ADA "
