@@ -19,7 +19,7 @@ from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.data.npz import save_demonstrations
-from gplfd_experiments.data.preparation.samples import usable
+from gplfd_experiments.data.preparation.samples import Notes, usable
 from gplfd_experiments.data.readers import read_recordings
 from gplfd_experiments.data.readers.selection import Selection
 from gplfd_experiments.data.teacher import Teacher
@@ -50,7 +50,8 @@ def test_what_was_written_is_read_back(
     again = read_recordings(out, Selection())
     assert len(again) == len(shown)
     for one, recorded in zip(shown, again, strict=True):
-        samples, notes = usable(recorded, None, None)
+        notes = Notes()
+        samples = usable(recorded, None, None, notes)
         assert len(notes) <= 1
         assert_allclose(samples.times, one.times - one.times[0], atol=1e-9)
         assert_allclose(samples.poses[:, :3], one.poses[:, :3], rtol=0, atol=apart)

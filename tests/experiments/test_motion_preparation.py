@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.spatial.se3 import relative_poses
 from gplfd_experiments.data.preparation import Motion, prepare
-from gplfd_experiments.data.preparation.hinge import find_hinge, suspicious_order
+from gplfd_experiments.data.preparation.frames import find_hinge, suspicious_order
 from gplfd_experiments.data.preparation.report import report, warnings_in
-from gplfd_experiments.data.preparation.samples import usable, without_spikes
+from gplfd_experiments.data.preparation.samples import Notes, usable, without_spikes
 from gplfd_experiments.data.preparation.settings import Preparation
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers import read_recordings
@@ -292,13 +292,14 @@ def test_a_hand_that_turns_freely_is_seldom_told_of_its_order() -> None:
     found as before, and none of the nine as they are.
     """
     rng = np.random.default_rng(0)
-    poses = [usable(free_motion(rng), None, None)[0].poses for _ in range(400)]
+    motions = [free_motion(rng) for _ in range(400)]
+    poses = [usable(raw, None, None, Notes()).poses for raw in motions]
     told = sum(suspicious_order(each) is not None for each in poses)
     assert told <= 3
     found, wrongly = 0, 0
     for file in sorted((ROOT / "examples/recordings/openbox").glob("*.csv")):
         (raw,) = read_recordings(file, Selection())
-        opened = without_spikes(usable(raw, None, 20.0)[0])[0].poses
+        opened = without_spikes(usable(raw, None, 20.0, Notes()), Notes()).poses
         wrongly += suspicious_order(opened) is not None
         for shift in (-1, 1):
             changed_order = np.hstack(
