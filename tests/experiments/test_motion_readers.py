@@ -39,7 +39,7 @@ from gplfd_experiments.data.preparation import prepare
 from gplfd_experiments.data.preparation.settings import Preparation
 from gplfd_experiments.data.raw import METRES, RawRecording
 from gplfd_experiments.data.readers import READERS, read_recordings
-from gplfd_experiments.data.readers.mat5 import read_arrays
+from gplfd_experiments.data.readers.matlab import read_arrays
 from gplfd_experiments.data.readers.selection import Selection
 from gplfd_policies.arrays.storage import DecodingBudget
 from gplfd_policies.demonstrations.demonstration import Demonstration

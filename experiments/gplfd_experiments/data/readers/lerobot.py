@@ -1,4 +1,4 @@
-"""LeRobot data sets, version 3: one recording per episode, from parquet files.
+"""LeRobot data sets, version 3: one motion per episode, from parquet files.
 
 The hand is a feature of the data set, ``observation.state`` where nothing is said; what
 its numbers are is told by their names in the data set, or by ``--columns``.
@@ -15,16 +15,12 @@ from gplfd_experiments.data.readers.parquet_pages import claim_columns
 from gplfd_experiments.data.readers.selection import Selection, chosen
 from gplfd_experiments.data.readers.tables import named_columns, recording
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.plain_data import entry, read_json
 from gplfd_policies.arrays.storage import DecodingBudget, regular_file
 
-try:
+with optional_libraries("LeRobot's data sets need pyarrow", "lerobot"):
     import pyarrow.parquet as parquet
-except ImportError as error:
-    raise ModuleNotFoundError(
-        f"LeRobot's data sets need pyarrow ({error}); in a checkout of gplfd: pip "
-        "install '.[lerobot]', elsewhere: pip install 'gplfd[lerobot]'"
-    ) from error
 
 INFO: Final = "meta/info.json"
 STATE: Final = "observation.state"
@@ -32,12 +28,7 @@ _VERSION: Final = "v3."
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
-    """Read every episode of a data set.
-
-    Raises:
-        ValueError: The data set is damaged, of another version, or its feature's
-            numbers have no names that are understood.
-    """
+    """Read every episode of a data set."""
     info = read_json(path / INFO)
     version = entry(info, "codebase_version", str)
     if not version.startswith(_VERSION):
@@ -45,16 +36,23 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             f"it is of version {version:.20}, read is {_VERSION}x; convert it with "
             "LeRobot's own script convert_dataset_v21_to_v30"
         )
-    features = entry(info, "features", dict[str, Any])
     vectors = {
         name: one
-        for name, one in features.items()
+        for name, one in entry(info, "features", dict[str, Any]).items()
         if isinstance(one, dict) and str(one.get("dtype", "")).startswith("float")
     }
     name, feature = chosen(
         selection.body or STATE, vectors, "feature of numbers", file=path.name
     )
-    heads = selection.columns or _names(feature)
+    # The names of its numbers: a list, or lists by group.
+    names = feature.get("names")
+    if isinstance(names, dict):
+        names = [one for group in names.values() for one in group]
+    if not selection.columns and not isinstance(names, list):
+        raise ValueError(
+            "its numbers have no names; give them in their order: --columns x,y,z,..."
+        )
+    heads = selection.columns or list(map(str, names))
     found = named_columns(heads, "--columns" if selection.columns else f"{name!r}")
     rate = float(entry(info, "fps", float))
     if not 0.0 < rate < 1e6:
@@ -64,7 +62,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         raise ValueError(
             f"{name} has {values.shape[1]} numbers, and {len(heads)} names"
         )
-    # The times are made here.
+    # The times are made here, in seconds.
     seconds = replace(selection, time_unit="s")
     recordings = []
     order = np.argsort(episodes, kind="stable")
@@ -76,18 +74,6 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         label = f"{path.name}: episode {episodes[own[0]]}"
         recordings.append(recording(label, columns, units | {"t": "s"}, seconds))
     return recordings
-
-
-def _names(feature: dict[str, Any]) -> list[str]:
-    """Return the names of a feature's numbers: a list, or lists by group."""
-    names = feature.get("names")
-    if isinstance(names, dict):
-        names = [one for group in names.values() for one in group]
-    if not isinstance(names, list):
-        raise ValueError(
-            "its numbers have no names; give them in their order: --columns x,y,z,..."
-        )
-    return list(map(str, names))
 
 
 def _table(path: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -123,7 +109,6 @@ def _rows(column: Any) -> FloatArray:
     if lists.null_count or len(lists) == 0 or len(flat) % len(lists):
         raise ValueError("a row lacks numbers")
     rows = np.asarray(flat, dtype=np.float64).reshape(len(lists), -1)
-    lengths = np.unique([len(one) for one in lists[:1]])
-    if lengths.tolist() != [rows.shape[1]]:
+    if len(lists[0]) != rows.shape[1]:
         raise ValueError("its rows differ in length")
     return rows

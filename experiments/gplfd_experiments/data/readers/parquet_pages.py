@@ -13,13 +13,11 @@ from typing import Any, BinaryIO, Final
 from gplfd_policies.arrays.storage import DecodingBudget
 
 _NUMBERS: Final = frozenset({"BOOLEAN", "INT32", "INT64", "FLOAT", "DOUBLE"})
-_LONGEST_HEADER: Final = 2**16
-"""Of a page [bytes]; statistics in it may hold two values."""
+_LONGEST_HEADER: Final = 2**16  # Of a page [bytes]; its statistics may hold two values.
+# Fields of a page header: two sizes, and one structure for each kind of page.
 _UNCOMPRESSED, _COMPRESSED = 2, 3
 _DATA, _DICTIONARY, _DATA_V2 = 5, 7, 8
-"""Fields of a page header: two sizes, and one structure for each kind of page."""
-_VALUES: Final = 1
-"""Field of each of these structures."""
+_VALUES: Final = 1  # Field of each of these structures.
 
 
 def claim_columns(
@@ -37,43 +35,30 @@ def claim_columns(
         ValueError: A column holds something else, a page is damaged, or the columns
             take more than the budget allows.
     """
-    for number in range(metadata.num_row_groups):
-        group = metadata.row_group(number)
-        for column in map(group.column, range(group.num_columns)):
-            name = column.path_in_schema
-            # The numbers of a list x stand in a column x.list.element.
-            if not any(f"{name}.".startswith(f"{one}.") for one in wanted):
-                continue
-            if column.physical_type not in _NUMBERS:
-                raise ValueError(
-                    f"column {name:.80} holds {column.physical_type}, not numbers"
-                )
-            _claim_pages(file, column, budget)
-
-
-def _claim_pages(file: BinaryIO, column: Any, budget: DecodingBudget) -> None:
-    """Claim every page of a column, compressed as it is and as numbers."""
-    place = column.data_page_offset
-    if column.has_dictionary_page and 0 < column.dictionary_page_offset < place:
-        place = column.dictionary_page_offset
-    end = place + column.total_compressed_size
-    while place < end:
-        file.seek(place)
-        stream = BytesIO(file.read(_LONGEST_HEADER))
-        header = _structure(stream)
-        kinds = (header.get(kind, {}) for kind in (_DATA, _DICTIONARY, _DATA_V2))
-        values = sum(kind.get(_VALUES, 0) for kind in kinds)
-        size = header.get(_UNCOMPRESSED, 0) + 8 * values
-        budget.claim(size, f"column {column.path_in_schema:.80}")
-        place += stream.tell() + max(0, header.get(_COMPRESSED, 0))
+    groups = map(metadata.row_group, range(metadata.num_row_groups))
+    for column in (one.column(n) for one in groups for n in range(one.num_columns)):
+        name = f"column {column.path_in_schema:.80}"
+        # The numbers of a list x stand in a column x.list.element.
+        if not f"{column.path_in_schema}.".startswith(tuple(f"{w}." for w in wanted)):
+            continue
+        if column.physical_type not in _NUMBERS:
+            raise ValueError(f"{name} holds {column.physical_type}, not numbers")
+        place = column.data_page_offset
+        if column.has_dictionary_page and 0 < column.dictionary_page_offset < place:
+            place = column.dictionary_page_offset
+        end = place + column.total_compressed_size
+        while place < end:
+            file.seek(place)
+            stream = BytesIO(file.read(_LONGEST_HEADER))
+            header = _structure(stream)
+            kinds = (header.get(kind, {}) for kind in (_DATA, _DICTIONARY, _DATA_V2))
+            values = sum(kind.get(_VALUES, 0) for kind in kinds)
+            budget.claim(header.get(_UNCOMPRESSED, 0) + 8 * values, name)
+            place += stream.tell() + max(0, header.get(_COMPRESSED, 0))
 
 
 def _structure(stream: BytesIO) -> dict[int, Any]:
-    """Return the integers and structures of a Thrift structure by field.
-
-    Raises:
-        ValueError: It is cut off, or has fields that no page header has.
-    """
+    """Return the integers and structures of a Thrift structure by field."""
     fields: dict[int, Any] = {}
     field = 0
     while head := _byte(stream):
