@@ -16,11 +16,8 @@ from gplfd_experiments.files.plain_data import entry, read_json
 
 SCHEMA: Final = "1.0"
 
-_BACKSET: Final = 0.06
-"""Of a handle for which none is given, as one without a latch [m]."""
-
-_BEYOND_GRIP: Final = 0.03
-"""A lever ends this far beyond the point where it is held [m]."""
+_BACKSET: Final = 0.06  # Of a handle for which none is given, as without a latch [m].
+_BEYOND_GRIP: Final = 0.03  # A lever ends so far beyond the point where it is held [m].
 
 Table = Mapping[str, Any]
 
@@ -49,28 +46,21 @@ def read_doorbench(path: str | Path) -> ImportedDoor:
     """
     spec = read_json(path)
     try:
-        return _imported(spec)
+        version = entry(spec, "schema_version", str)
+        if version != SCHEMA:
+            raise ValueError(f"its schema_version is {version!r}, not {SCHEMA!r}")
+        family = entry(spec, "family", str)
+        if family != "swing_single":
+            raise ValueError(f"its family is {family!r}, not 'swing_single'")
+        lost: list[str] = []
+        fields = _leaf(spec, lost) | _closer(spec, lost) | _handle(spec, lost)
+        if entry(_table(spec, "lock"), "engaged", bool):
+            lost.append("its lock is engaged; the door is left unlocked")
+        name = entry(spec, "id", str)
+        door = DoorConfig(**_within(fields, lost))
     except ValueError as error:
         raise ValueError(f"{path} is no door that can be imported: {error}") from error
-
-
-def _imported(spec: Table) -> ImportedDoor:
-    version = entry(spec, "schema_version", str)
-    if version != SCHEMA:
-        raise ValueError(f"its schema_version is {version!r}, not {SCHEMA!r}")
-    family = entry(spec, "family", str)
-    if family != "swing_single":
-        raise ValueError(f"its family is {family!r}, not 'swing_single'")
-    lost: list[str] = []
-    fields = _leaf(spec) | _hinge(spec, lost) | _closer(spec, lost)
-    fields |= _handle(spec, lost)
-    if entry(_table(spec, "lock"), "engaged", bool):
-        lost.append("its lock is engaged; the door is left unlocked")
-    return ImportedDoor(
-        name=entry(spec, "id", str),
-        door=DoorConfig(**_within(fields, lost)),
-        lost=tuple(lost),
-    )
+    return ImportedDoor(name=name, door=door, lost=tuple(lost))
 
 
 def _table(spec: Table, *names: str) -> Table:
@@ -79,11 +69,21 @@ def _table(spec: Table, *names: str) -> Table:
     return spec
 
 
-def _leaf(spec: Table) -> dict[str, Any]:
-    """Return the fields of the leaf and of where the handle is on it."""
-    leaf, latch = _table(spec, "leaf"), _table(spec, "physics", "latch")
+def _leaf(spec: Table, lost: list[str]) -> dict[str, Any]:
+    """Return the fields of the leaf, its hinge, and the handle's place on it."""
+    leaf, hinge = _table(spec, "leaf"), _table(spec, "hinge")
     width = entry(leaf, "width", float)
+    latch = _table(spec, "physics", "latch")
     backset = entry(latch, "backset_m", float) or _BACKSET
+    tilt = entry(hinge, "axis_tilt_deg", float)
+    if tilt:
+        lost.append(f"its hinge axis is tilted by {tilt:g}°; here it is upright")
+    side = entry(hinge, "side", str)
+    if side not in ("left", "right"):
+        raise ValueError(f"its hinge is at the {side!r}, neither left nor right")
+    physics = _table(spec, "physics", "hinge")
+    pushed = entry(_table(spec, "robot"), "is_push", bool)
+    widest = entry(_table(spec, "kinematics"), "max_open_deg", float)
     return {
         "radius": width - backset,
         "leaf_width": width,
@@ -91,26 +91,12 @@ def _leaf(spec: Table) -> dict[str, Any]:
         "leaf_thickness": entry(leaf, "thickness", float),
         "panel_mass": entry(_table(spec, "physics", "mass"), "total_kg", float),
         "handle_height": entry(_table(spec, "operator"), "height", float),
-    }
-
-
-def _hinge(spec: Table, lost: list[str]) -> dict[str, Any]:
-    hinge, physics = _table(spec, "hinge"), _table(spec, "physics", "hinge")
-    tilt = entry(hinge, "axis_tilt_deg", float)
-    if tilt:
-        lost.append(f"its hinge axis is tilted by {tilt:g}°; here it is upright")
-    side = entry(hinge, "side", str)
-    if side not in ("left", "right"):
-        raise ValueError(f"its hinge is at the {side!r}, neither left nor right")
-    kinematics = _table(spec, "kinematics")
-    pushed = entry(_table(spec, "robot"), "is_push", bool)
-    return {
         "swing": "push" if pushed else "pull",
         "hinge_side": side,
         "hinge_friction": entry(physics, "coulomb_torque_Nm", float),
         "hinge_damping": entry(physics, "air_damping_Nms_per_rad", float),
         "stiction": entry(physics, "stick_torque_Nm", float),
-        "stop_angle": math.radians(entry(kinematics, "max_open_deg", float)),
+        "stop_angle": math.radians(widest),
     }
 
 
@@ -134,12 +120,9 @@ def _closer(spec: Table, lost: list[str]) -> dict[str, Any]:
 
 
 def _handle(spec: Table, lost: list[str]) -> dict[str, Any]:
-    """Return the fields of handle and latch.
-
-    Raises:
-        ValueError: The handle is neither lever, knob nor fixed.
-    """
-    model, latch = entry(_table(spec, "operator"), "model", str), _latch(spec)
+    """Return the fields of handle and latch."""
+    latch = _table(spec, "physics", "latch")
+    model = entry(_table(spec, "operator"), "model", str)
     kind = model.partition("_")[0]
     if kind not in ("lever", "knob"):
         if entry(latch, "operator_travel", float) > 0.0:
@@ -165,10 +148,6 @@ def _handle(spec: Table, lost: list[str]) -> dict[str, Any]:
             "bolt_stiffness": entry(latch, "bolt_spring_rate_N_per_m", float),
         }
     return fields
-
-
-def _latch(spec: Table) -> Table:
-    return _table(spec, "physics", "latch")
 
 
 def _within(fields: dict[str, Any], lost: list[str]) -> dict[str, Any]:
