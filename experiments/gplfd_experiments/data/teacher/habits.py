@@ -1,9 +1,4 @@
-"""What an untidy recording of a person has that a tidy one has not.
-
-Haste and slowness, pauses in which the door goes back a little, a rest before the
-motion, an end that was cut off, samples that were dropped, and a frame in which the
-suit lost its hand.
-"""
+"""Faults of an untidy person and recording: haste, pauses, rests, lost samples."""
 
 import math
 from dataclasses import dataclass
@@ -13,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_experiments.files.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
-
-_LONGEST_BURST: Final = 6
-"""Samples that are lost at once, at most."""
+_LONGEST_BURST: Final = 6  # Samples that are lost at once, at most.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

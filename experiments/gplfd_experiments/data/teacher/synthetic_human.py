@@ -9,19 +9,13 @@ angle, uneven timing (the person hurries and hesitates, always forwards), the ha
 moving a little on the bar, a hand sensor that is not at the bar's centre, slow
 vertical drift of the suit, and the suit's sampling rate and coloured noise.
 
-An untidy person and recording are described by `gplfd_experiments.data.teacher.habits`:
-pauses, backward motion, rests, dropped samples, outliers.
+`Habits` describe an untidy person and recording: pauses, backward motion, rests,
+dropped samples, outliers. A handle that turns is pressed first, the door moved as soon
+as the latch is free, and the handle let go back while it opens. On request the person
+reaches for the handle first and takes hold of it.
 
-A handle that turns is pressed first, the door pulled or pushed as soon as the latch is
-free, and the handle let go back while it opens
-(`gplfd_experiments.data.teacher.handle_motion`).
-
-On request the person reaches for the handle first and takes hold of it
-(`gplfd_experiments.data.teacher.reach`).
-
-Not modelled: letting go, a suit whose axes are turned
-against the door, magnetic disturbance, and one person's habits that persist from one
-demonstration to the next.
+Not modelled: letting go, a suit whose axes are turned against the door, magnetic
+disturbance, and one person's habits that persist from one demonstration to the next.
 """
 
 import dataclasses
@@ -48,6 +42,7 @@ from gplfd_experiments.data.teacher.handle_motion import (
     draw_press,
     duration,
     let_back,
+    reached,
     worked,
 )
 from gplfd_experiments.data.teacher.random_motion import (
@@ -56,7 +51,6 @@ from gplfd_experiments.data.teacher.random_motion import (
     smooth_functions,
     uneven_timing,
 )
-from gplfd_experiments.data.teacher.reach import reached
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.demonstration import Demonstration
