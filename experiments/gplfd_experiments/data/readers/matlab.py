@@ -7,6 +7,7 @@ the process with a segmentation fault, and 184 bytes that claim 2³⁰ cells fil
 memory. It serves the tests as an oracle.
 """
 
+import io
 import math
 import struct
 from collections.abc import Iterator
@@ -58,11 +59,13 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     # Version 4 has no text in front, but a small number of four bytes, and no cells.
     if 0 not in first[:4]:
         return recordings(path.name, read_arrays(path, budget), selection)
-    listed = scipy.io.whosmat(path)
+    # In memory, since SciPy reserves what an array claims before it reads a file.
+    file = io.BytesIO(path.read_bytes())
+    listed = scipy.io.whosmat(file)
     for name, shape, _ in listed:
         budget.claim(8 * math.prod(shape), f"{name!r:.40}")
     names = [name for name, _, _ in listed]
-    content = scipy.io.loadmat(path, variable_names=names)
+    content = scipy.io.loadmat(file, variable_names=names)
     return recordings(path.name, {name: content[name] for name in names}, selection)
 
 
