@@ -1,4 +1,4 @@
-"""What MuJoCo's future depends on: the physics state and the model."""
+"""MuJoCo's physics state, and hashes of its model: a step depends on nothing else."""
 
 import hashlib
 from collections.abc import Mapping

@@ -22,7 +22,7 @@ from gplfd_experiments.data.minari.writing import (
     PER_STEP,
     REPRODUCING,
 )
-from gplfd_experiments.files.plain_data import entry, parsed_json, read_json
+from gplfd_experiments.files.plain_data import entry, naming, parsed_json, read_json
 from gplfd_experiments.files.provenance import content_hash
 from gplfd_policies.arrays.storage import DecodingBudget
 
@@ -100,7 +100,7 @@ class Dataset:
             budget = DecodingBudget(file.stat().st_size, least=_LARGEST_EPISODE)
             with h5py.File(file, "r") as main:
                 return _episode(member(main, f"episode_{number}"), budget)
-        # The hash is right, but who wrote it may have written anything.
+        # A right hash does not mean that the content is what gplfd writes.
         except Exception as error:
             raise ValueError(
                 f"{self.path}: episode {number} cannot be read: {error!s:.300}"
@@ -133,61 +133,56 @@ def open_dataset(path: str | Path) -> Dataset:
                 "it; give the folder that `gplfd demos record` wrote"
             )
     metadata = read_json(data / METADATA_FILE)
-    try:
-        return _dataset(folder, metadata, content_hash(data / MAIN_FILE))
-    except ValueError as error:
-        raise ValueError(f"{folder}: {error}") from error
-
-
-def _dataset(folder: Path, metadata: Mapping[str, Any], sha256: str) -> Dataset:
-    if KIND not in metadata:
-        raise ValueError(
-            "this data set was not recorded by `gplfd demos record`; it lacks the "
-            "physics states that a replay needs"
+    sha256 = content_hash(data / MAIN_FILE)
+    with naming(folder):
+        if KIND not in metadata:
+            raise ValueError(
+                "this data set was not recorded by `gplfd demos record`; it lacks the "
+                "physics states that a replay needs"
+            )
+        own = entry(metadata, KIND, dict[str, Any])
+        layout = entry(own, "layout", int)
+        if layout != LAYOUT:
+            raise ValueError(
+                f"the data set has layout {layout}, this gplfd reads {LAYOUT}; record "
+                "it again or install the version of gplfd that wrote it"
+            )
+        if entry(own, "sha256", str) != sha256:
+            raise ValueError(
+                f"{DATA}/{MAIN_FILE} is damaged or was changed after it was recorded; "
+                "copy or record the data set again"
+            )
+        origin = {name: entry(own, name, kind) for name, kind in _ORIGIN.items()}
+        missing = [name for name in REPRODUCING if name not in origin["versions"]]
+        if missing:
+            raise ValueError(
+                f"the data set does not say with which {', '.join(missing)} it was made"
+            )
+        n_episodes = entry(metadata, "total_episodes", int)
+        if n_episodes < 1:
+            raise ValueError("the data set holds no episode")
+        spec = parsed_json(entry(metadata, "env_spec", str))
+        environment = entry(spec, "id", str)
+        if not (environment.startswith(_NAMESPACE) and environment in gym.registry):
+            raise ValueError(
+                f"the data set was recorded in {environment}, which is no environment "
+                "of gplfd"
+            )
+        arguments = entry(spec, "kwargs", dict[str, Any])
+        limit = entry(spec, "max_episode_steps", int | None)
+        if limit is not None:
+            arguments["max_episode_steps"] = limit
+        arguments.pop("render_mode", None)  # A replay is not drawn.
+        return Dataset(
+            path=folder,
+            name=entry(metadata, "dataset_id", str),
+            policy=entry(metadata, "algorithm_name", str),
+            description=entry(metadata, "description", str),
+            environment=environment,
+            arguments=arguments,
+            origin={"minari": entry(metadata, "minari_version", str), **origin},
+            n_episodes=n_episodes,
         )
-    own = entry(metadata, KIND, dict[str, Any])
-    layout = entry(own, "layout", int)
-    if layout != LAYOUT:
-        raise ValueError(
-            f"the data set has layout {layout}, this gplfd reads {LAYOUT}; record it "
-            "again or install the version of gplfd that wrote it"
-        )
-    if entry(own, "sha256", str) != sha256:
-        raise ValueError(
-            f"{DATA}/{MAIN_FILE} is damaged or was changed after it was recorded; copy "
-            "or record the data set again"
-        )
-    origin = {name: entry(own, name, kind) for name, kind in _ORIGIN.items()}
-    missing = [name for name in REPRODUCING if name not in origin["versions"]]
-    if missing:
-        raise ValueError(
-            f"the data set does not say with which {', '.join(missing)} it was made"
-        )
-    n_episodes = entry(metadata, "total_episodes", int)
-    if n_episodes < 1:
-        raise ValueError("the data set holds no episode")
-    spec = parsed_json(entry(metadata, "env_spec", str))
-    environment = entry(spec, "id", str)
-    if not (environment.startswith(_NAMESPACE) and environment in gym.registry):
-        raise ValueError(
-            f"the data set was recorded in {environment}, which is no environment of "
-            "gplfd"
-        )
-    arguments = entry(spec, "kwargs", dict[str, Any])
-    limit = entry(spec, "max_episode_steps", int | None)
-    if limit is not None:
-        arguments["max_episode_steps"] = limit
-    arguments.pop("render_mode", None)  # Nobody watches a replay.
-    return Dataset(
-        path=folder,
-        name=entry(metadata, "dataset_id", str),
-        policy=entry(metadata, "algorithm_name", str),
-        description=entry(metadata, "description", str),
-        environment=environment,
-        arguments=arguments,
-        origin={"minari": entry(metadata, "minari_version", str), **origin},
-        n_episodes=n_episodes,
-    )
 
 
 def _episode(group: Any, budget: DecodingBudget) -> RecordedEpisode:

@@ -39,8 +39,8 @@ from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.rests import moving_span
 
-_LARGE: Final = 3.0  # A hand that moves further [m] is hardly recorded in metres.
-_SMALL: Final = 0.01  # Neither is one that moves less [m].
+# Spans of a motion outside of which its unit is probably not the metre [m].
+_SMALL, _LARGE = 0.01, 3.0
 _MOST_SAMPLES: Final = 10**6
 """Samples that are made of all motions together; an hour at 100 Hz has 360,000."""
 _MOST_MADE: Final = 20  # Or so many times as many as were recorded, if that is more.

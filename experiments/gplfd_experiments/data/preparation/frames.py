@@ -22,11 +22,11 @@ _UNLIKE: Final = 0.15
 _FAR_BETTER: Final = 0.3
 """In another order the difference must be less than this share of that as given."""
 _SHARE_TURNED: Final = (0.65, 1.2)
-"""A hand on a handle turns by this share of the opening angle: nine people's openings
-of a box have 0.70 to 0.98."""
+"""Least and largest turn of a hand on a handle as a share of the opening angle. Nine
+people's openings of a box have 0.70 to 0.98."""
 _IN_TIME: Final = 0.12
-"""And when the door does: what of its turning about the axis is not proportional to the
-opening angle is at most this share of its rotation (rms). They have 0.02 to 0.10."""
+"""Largest part of the hand's rotation (rms) that is not proportional to the opening
+angle. The nine people have 0.02 to 0.10."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

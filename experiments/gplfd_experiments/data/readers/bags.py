@@ -8,7 +8,6 @@ becomes the force, on the clock of the poses. Stamps are those of the messages' 
 
 import bz2
 import contextlib
-import functools
 import io
 import os
 from array import array
@@ -41,6 +40,9 @@ _JOINTS: Final = "sensor_msgs/msg/JointState"
 _WRENCH: Final = "geometry_msgs/msg/WrenchStamped"
 _TRANSFORMS: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
+_USUAL_TYPES: Final = get_typestore(Stores.ROS2_HUMBLE)
+"""Types of messages for bags that do not describe theirs."""
+
 Row = tuple[float, ...]
 """Position [m] and quaternion, the scalar first; or force [N] and torque [N m]."""
 
@@ -64,12 +66,6 @@ POSES: Final[Mapping[str, Callable[[Any], Row]]] = {
     "nav_msgs/msg/Odometry": lambda message: _pose(message.pose.pose),
 }
 """Types of messages that hold a pose, and how to take it."""
-
-
-@functools.cache
-def _messages() -> Any:
-    """Return the usual messages, for bags that do not describe theirs."""
-    return get_typestore(Stores.ROS2_HUMBLE)
 
 
 class _BoundedReader(io.BufferedReader):
@@ -200,7 +196,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     frames: set[str] = set()
     with (
         _bounded_decompression(size),
-        AnyReader([_BoundedPath(path)], default_typestore=_messages()) as bag,
+        AnyReader([_BoundedPath(path)], default_typestore=_USUAL_TYPES) as bag,
     ):
         # The topic of the hand, and the frame in it where it has several.
         topics = {one.topic: one.msgtype for one in bag.connections}

@@ -1,7 +1,7 @@
 """LeRobot data sets, version 3: one motion per episode, from parquet files.
 
-The hand is a feature of the data set, ``observation.state`` where nothing is said; what
-its numbers are is told by their names in the data set, or by ``--columns``.
+The hand is a feature of the data set, by default ``observation.state``. The names of
+its numbers stand in the data set, or are given by ``--columns``.
 """
 
 from dataclasses import replace

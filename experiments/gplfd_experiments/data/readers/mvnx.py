@@ -90,21 +90,20 @@ class _Frames:
         elif name == "frame":
             # Others than normal frames are poses of the calibration.
             self._in_frame = attributes.get("type") == "normal"
-            if self._in_frame:
-                self._start_frame(attributes.get("index", ""))
+            if not self._in_frame:
+                return
+            if not self.rate:
+                raise ValueError("frames come before the subject and its frameRate")
+            if self._place < 0:
+                _, self._place = chosen(
+                    self._segment, self._labels, "segment", file=self._file
+                )
+            index = attributes.get("index", "")
+            if not index.isdecimal() or len(index) > 15:
+                raise ValueError(f"a frame has the index {index!r:.40}")
+            self.indices.append(float(index))
         elif self._in_frame and name in _WIDTHS:
             self._parts, self._length = [], 0
-
-    def _start_frame(self, index: str) -> None:
-        if not self.rate:
-            raise ValueError("frames come before the subject and its frameRate")
-        if self._place < 0:
-            _, self._place = chosen(
-                self._segment, self._labels, "segment", file=self._file
-            )
-        if not index.isdecimal() or len(index) > 15:
-            raise ValueError(f"a frame has the index {index!r:.40}")
-        self.indices.append(float(index))
 
     def text(self, text: str) -> None:
         """Take a part of an element's text."""

@@ -49,7 +49,7 @@ ROTATION_VECTOR: Final = ("rx", "ry", "rz")
 FORCE: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 
 MANY_TURNS: Final = 7.0
-"""A rotation vector longer than this [rad] is hardly that of a hand."""
+"""A longer rotation vector [rad] is probably in degrees."""
 
 _CANONICAL: Final = {
     other: name for name, others in NAMES.items() for other in (name, *others)

@@ -67,7 +67,7 @@ MESSY: Final = Habits(
     dropped=0.05,
     outliers=1,
 )
-"""An ordinary recording that nobody has tidied up."""
+"""An ordinary recording, not tidied up."""
 
 
 def untidy_clock(

@@ -19,14 +19,14 @@ ROOM_RADII: Final = (0.53, 0.65, 0.78)
 
 # Pressing the handle: means and standard deviations.
 _PRESS_TIME: Final = (0.8, 0.15)  # Time in which the handle is pressed [s].
-_PRESS_SHARE: Final = (0.96, 0.03)  # Of its travel; nobody turns it beyond its stop.
+_PRESS_SHARE: Final = (0.96, 0.03)  # Of its travel, at most to its stop.
 _OVERLAP: Final = 0.85
 """Share of the pressing after which a person begins to pull; the bolt is free then."""
 _RETURN: Final = (math.radians(8.0), math.radians(25.0))
 """Opening angles between which the handle is let go back [rad]."""
 _KEPT: Final = 0.2
-"""Share of its turn that it keeps: a hand rests on it. One that took it back to its
-stop would meet the stop at a speed, and so would whoever learns from it."""
+"""Share of its turn that the handle keeps, since a hand rests on it. Otherwise the
+demonstrated handle, and the learned one, would hit its stop."""
 
 # Reaching for the handle.
 _DISTANCE: Final = (0.10, 0.25)  # Least and greatest distance at the beginning [m].
@@ -41,7 +41,7 @@ _GRIP_TIME: Final = (0.4, 0.1)  # The same of the time in which the hand closes 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Press:
-    """How the handle is turned, by a person who means to open the door."""
+    """How the handle is turned to open the door."""
 
     time: float = 0.0
     """How long it is pressed before the door is open [s]; 0 for a bar."""
