@@ -218,7 +218,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             take = _forward_kinematics(selection.urdf, selection.link)
         needed = [one for one in bag.connections if one.topic in (topic, force)]
         for connection, logged, content in bag.messages(needed):
-            message = bag.deserialize(content, connection.msgtype)
+            message: Any = bag.deserialize(content, connection.msgtype)
             if connection.topic != topic:
                 f, t = message.wrench.force, message.wrench.torque
                 wrench.add(message, logged, (f.x, f.y, f.z, t.x, t.y, t.z))

@@ -60,7 +60,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     if 0 not in first[:4]:
         return recordings(path.name, read_arrays(path, budget), selection)
     # In memory, since SciPy reserves what an array claims before it reads a file.
-    file = io.BytesIO(path.read_bytes())
+    file: Any = io.BytesIO(path.read_bytes())
     listed = scipy.io.whosmat(file)
     for name, shape, _ in listed:
         budget.claim(8 * math.prod(shape), f"{name!r:.40}")
