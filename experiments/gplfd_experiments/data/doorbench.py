@@ -52,10 +52,8 @@ class ImportedDoor:
 
     name: str
     """Its name there."""
-
     door: DoorConfig
     """What was read of it."""
-
     lost: tuple[str, ...]
     """What could not be represented, a line each."""
 

@@ -54,13 +54,10 @@ class LabelledDemonstrations:
 
     demonstrations: tuple[Demonstration, ...]
     """Demonstrations in the order of the file."""
-
     radii: tuple[float | None, ...]
     """Radius of each one's door [m]; None when unknown."""
-
     frame: str = FRAME
     """Frame of the poses, one of `FRAMES`."""
-
     signals: tuple[Mapping[str, NDArray[Any]], ...] = ()
     """What else was recorded with each, (N, d) arrays by name; empty for nothing."""
 

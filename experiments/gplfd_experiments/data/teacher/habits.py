@@ -25,28 +25,20 @@ class Habits:
     haste: float = quantity(1.0, unit="", low=1.0, high=4.0)
     """A person is up to this many times faster or slower than the teacher (uniform in
     the logarithm), each time anew."""
-
     pauses: int = quantity(0, unit="pauses", low=0, high=20)
     """Pauses in the motion, at places drawn uniformly."""
-
     longest_pause: float = quantity(1.0, unit="s", low=0.1, high=10.0)
     """A pause lasts between a fifth of this and this."""
-
     backward: float = quantity(0.0, unit="rad", low=0.0, high=0.3)
     """In a pause the door goes back by up to this, and forward again."""
-
     longest_rest: float = quantity(0.0, unit="s", low=0.0, high=10.0)
     """Up to this long nothing happens before the motion."""
-
     cut: float = quantity(0.0, unit="", low=0.0, high=0.5)
     """Up to this share of the motion's duration is missing at the end."""
-
     dropped: float = quantity(0.0, unit="", low=0.0, high=0.5)
     """Share of the samples that are lost, in bursts of up to six."""
-
     outliers: int = quantity(0, unit="outliers", low=0, high=20)
     """Samples in which the hand is somewhere else."""
-
     outlier_distance: float = quantity(0.1, unit="m", low=0.0, high=1.0)
     """How far away it is then."""
 

@@ -67,49 +67,36 @@ class TeacherConfig:
 
     duration_mean: float = quantity(6.0, unit="s", low=0.5, high=60.0)
     """Mean duration of an opening."""
-
     duration_std: float = quantity(0.8, unit="s", low=0.0, high=20.0)
     """Standard deviation of the duration; no opening is shorter than half the mean."""
-
     angle_mean: float = quantity(DEMONSTRATED_ANGLE, unit="rad", low=0.1, high=2.5)
     """Mean final door angle."""
-
     angle_std: float = quantity(math.radians(1.0), unit="rad", low=0.0, high=0.5)
     """Standard deviation of the final door angle."""
-
     timing_std: float = quantity(0.25, low=0.0, high=1.0)
     """Unevenness of the timing: standard deviation of the log of the local speed-up
     (0 = exactly minimum jerk)."""
-
     wobble_position_std: float = quantity(0.002, unit="m", low=0.0, high=1.0)
     """Hand moving on the bar: standard deviation per axis."""
-
     wobble_rotation_std: float = quantity(
         math.radians(1.0), unit="rad", low=0.0, high=1.0
     )
     """Hand turning on the bar: standard deviation per axis."""
-
     wobble_time: float = quantity(1.0, unit="s", low=0.05, high=60.0)
     """Correlation time of the wobble."""
-
     grasp_offset_std: float = quantity(0.01, unit="m", low=0.0, high=1.0)
     """Sensor's place on the hand relative to the bar, constant in a demonstration:
     standard deviation per axis."""
-
     vertical_drift_std: float = quantity(0.001, unit="m/s", low=0.0, high=1.0)
     """Suit's height drift: standard deviation of its rate."""
-
     sampling_rate: float = quantity(60.0, unit="Hz", low=10.0, high=1000.0)
     """Suit's sampling rate."""
-
     noise_position_std: float = quantity(0.001, unit="m", low=0.0, high=1.0)
     """Suit's position noise after its filters: standard deviation per axis."""
-
     noise_rotation_std: float = quantity(
         math.radians(0.3), unit="rad", low=0.0, high=1.0
     )
     """Suit's orientation noise after its filters: standard deviation per axis."""
-
     noise_bandwidth: float = quantity(1.0, unit="Hz", low=0.1, high=500.0)
     """Cut-off frequency of the suit's noise. The sensor fusion follows its smooth
     gyroscopes at short times, and what remains is corrected over about a second."""
