@@ -28,11 +28,14 @@ from gplfd_policies.demonstrations.demonstration import Demonstration
 
 @pytest.fixture(autouse=True)
 def shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Demonstration, ...]:
-    """Two demonstrations in a file of the working folder, one with a gripper."""
+    """Two demonstrations with two signals in a file of the working folder."""
     monkeypatch.chdir(tmp_path)
     both = Teacher().demonstrate_doors([0.35, 0.5], 1, rng=np.random.default_rng(0))
-    gripper = [{"gripper": np.full((len(one.times), 2), 0.04)} for one in both]
-    save_demonstrations("demonstrations.npz", both, signals=gripper)
+    signals = [
+        {"gripper": np.full((len(one.times), 2), 0.04), "grasped": one.times[:, None]}
+        for one in both
+    ]
+    save_demonstrations("demonstrations.npz", both, signals=signals)
     return both
 
 
@@ -79,6 +82,7 @@ def test_robomimic_finds_what_it_looks_for(shown: tuple[Demonstration, ...]) -> 
         assert_array_equal(demo["actions"][:-1, :3], position[1:])
         assert_array_equal(demo["next_obs/robot0_eef_pos"][:-1], position[1:])
         assert_array_equal(demo["obs/robot0_gripper_qpos"][()], 0.04)
+        assert_array_equal(demo["obs/grasped"][:, 0], shown[1].times)
         assert demo["dones"][()].sum() == demo["dones"][-1] == 1
 
 
