@@ -164,10 +164,15 @@ class Teacher:
         share, opened = worked(progress, press, opening)
         angles = np.maximum(final_angle * minimum_jerk(opened) - back, 0.0)
         turns = let_back(press, share, angles)
-        positions, rotations = self._hand(door, times, angles, turns, hand_rng)
-        positions, rotations = self._suit(times, positions, rotations, suit_rng)
-        relative = rotations * rotations[0].inv()
-        poses = np.hstack([positions - positions[0], relative.as_rotvec()])
+        # The sensor on the hand, which is off the bar's centre and moves a little on it.
+        path = DoorGeometry.of(door).easy_hand_poses(angles, turns)
+        handle = Rotation.from_rotvec(path[:, 3:])
+        offset = config.grasp_offset_std * hand_rng.standard_normal(3)
+        wobble = smooth_functions(times, config.wobble_time, 6, hand_rng)
+        slip = offset + config.wobble_position_std * wobble[:, :3]
+        turn = Rotation.from_rotvec(config.wobble_rotation_std * wobble[:, 3:])
+        positions, rotations = path[:, :3] + handle.apply(slip), handle * turn
+        poses = self._measured(times, positions, rotations, suit_rng, origin=0)
         if tidy:
             return Demonstration(times=times, poses=poses)
         kept, poses = lose_samples(self.habits, poses, habit_rng)
@@ -240,37 +245,19 @@ class Teacher:
         motion_rng, suit_rng = rng.spawn(2)
         rate, uneven = self.config.sampling_rate, self.config.timing_std
         times, positions, rotations = reached(rate, uneven, motion_rng)
-        positions, rotations = self._suit(times, positions, rotations, suit_rng)
-        relative = rotations * rotations[-1].inv()
-        poses = np.hstack([positions - positions[-1], relative.as_rotvec()])
+        poses = self._measured(times, positions, rotations, suit_rng, origin=-1)
         return Demonstration(times=times, poses=poses)
 
-    def _hand(
-        self,
-        door: DoorConfig,
-        times: FloatArray,
-        angles: FloatArray,
-        turns: FloatArray,
-        rng: np.random.Generator,
-    ) -> tuple[FloatArray, Rotation]:
-        """Where the sensor on the hand really is: (N, 3) [m] and N rotations."""
-        config = self.config
-        path = DoorGeometry.of(door).easy_hand_poses(angles, turns)
-        handle = Rotation.from_rotvec(path[:, 3:])
-        offset = config.grasp_offset_std * rng.standard_normal(3)
-        wobble = smooth_functions(times, config.wobble_time, 6, rng)
-        slip = offset + config.wobble_position_std * wobble[:, :3]
-        turn = Rotation.from_rotvec(config.wobble_rotation_std * wobble[:, 3:])
-        return path[:, :3] + handle.apply(slip), handle * turn
-
-    def _suit(
+    def _measured(
         self,
         times: FloatArray,
         positions: FloatArray,
         rotations: Rotation,
         rng: np.random.Generator,
-    ) -> tuple[FloatArray, Rotation]:
-        """What the suit reports for these positions (N, 3) and N rotations."""
+        *,
+        origin: int,
+    ) -> FloatArray:
+        """Return what the suit reports, (N, 6) [m, rad], relative to a sample."""
         config = self.config
         drift_rate = config.vertical_drift_std * rng.standard_normal()
         noise = coloured_noise(
@@ -279,4 +266,6 @@ class Teacher:
         measured = positions + config.noise_position_std * noise[:, :3]
         measured[:, 1] += drift_rate * times
         error = Rotation.from_rotvec(config.noise_rotation_std * noise[:, 3:])
-        return measured, error * rotations
+        turned = error * rotations
+        relative = turned * turned[origin].inv()
+        return np.hstack([measured - measured[origin], relative.as_rotvec()])
