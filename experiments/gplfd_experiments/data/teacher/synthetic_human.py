@@ -164,7 +164,7 @@ class Teacher:
         share, opened = worked(progress, press, opening)
         angles = np.maximum(final_angle * minimum_jerk(opened) - back, 0.0)
         turns = let_back(press, share, angles)
-        # The sensor on the hand, which is off the bar's centre and moves a little on it.
+        # The sensor on the hand, off the bar's centre and moving a little on it.
         path = DoorGeometry.of(door).easy_hand_poses(angles, turns)
         handle = Rotation.from_rotvec(path[:, 3:])
         offset = config.grasp_offset_std * hand_rng.standard_normal(3)
