@@ -6,6 +6,7 @@ refusals, and files that would fill the memory.
 """
 
 import contextlib
+import importlib
 import json
 import os
 import shutil
@@ -16,8 +17,8 @@ import sys
 import tracemalloc
 import warnings
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -276,8 +277,10 @@ class Kind:
     selection: Selection = ANY
     damaged: str = ""
     text: bool = False
+    signals: Mapping[str, Any] = field(default_factory=dict)
 
 
+FORCES = {"force": FORCE}
 COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 PARQUET = "data/chunk-000/file-000.parquet"
 MM, CM = (Selection(quaternions="wxyz", units=unit) for unit in ("mm", "cm"))
@@ -285,15 +288,17 @@ KINDS = {
     "csv": Kind("csv", write_csv, "a.csv", text=True),
     "npz": Kind("numpy", write_npz, "a.npz"),
     "npy": Kind("numpy", write_npy, "a.npy", Selection(columns=COLUMNS, units="m")),
-    "mat": Kind("matlab", write_mat, "a.mat", MM),
+    "mat": Kind("matlab", write_mat, "a.mat", MM, signals=FORCES),
     "mat-4": Kind("matlab", partial(write_mat, format="4"), "a.mat", MM),
     "mat-cells": Kind("matlab", write_mat_cells, "b.mat", CM),
     "mvnx": Kind("mvnx", write_mvnx, "a.mvnx", text=True),
     "bvh": Kind("bvh", write_bvh, "a.bvh", Selection(units="cm"), text=True),
     "c3d": Kind("c3d", write_c3d, "a.c3d", Selection(body="A,B,C")),
-    "mcap": Kind("ros", write_one_file, "a.mcap"),
+    "mcap": Kind("ros", write_one_file, "a.mcap", signals=FORCES),
     "db3": Kind("ros", partial(write_one_file, storage=StoragePlugin.SQLITE3), "a.db3"),
-    "robomimic": Kind("robomimic", write_robomimic, "a.hdf5"),
+    "robomimic": Kind(
+        "robomimic", write_robomimic, "a.hdf5", signals={"gripper": FORCE[:, :2]}
+    ),
     "lerobot": Kind("lerobot", write_lerobot, "set", damaged=PARQUET),
     "lerobot-info": Kind(
         "lerobot", write_lerobot, "set", damaged="meta/info.json", text=True
@@ -345,6 +350,8 @@ def test_reads_what_was_written(written: tuple[Kind, Path]) -> None:
         atol = 1e-15 if kind.reader == "ros" else 0.0
         assert_allclose(np.asarray(one.times), times, rtol=0, atol=atol)
         assert one.quaternions is not None
+        for name, signal in kind.signals.items():
+            assert_allclose(one.signals[name], signal, rtol=0, atol=1e-12)
         # Markers of a body tell its orientation relative to its first.
         expected = rotations * rotations[0].inv() if float32 else rotations
         turned = Rotation.from_quat(one.quaternions, scalar_first=True)
@@ -443,15 +450,30 @@ def test_damaged_files_are_read_or_refused(written: tuple[Kind, Path]) -> None:
 
 
 # ------------------------------------------------------------------ particular kinds
-def test_bags_hold_forces_and_robomimic_grippers(tmp_path: Path) -> None:
-    write_one_file(tmp_path / "a.mcap")
-    (bag,) = read_recordings(tmp_path / "a.mcap", Selection())
-    assert_allclose(bag.signals["force"], FORCE, atol=1e-12)
+def test_demonstrations_of_robomimic_are_ordered_by_their_numbers(
+    tmp_path: Path,
+) -> None:
     write_robomimic(tmp_path / "a.hdf5")
-    first, second = read_recordings(tmp_path / "a.hdf5", Selection())
-    assert first.name.endswith("demo_2")
-    assert second.name.endswith("demo_10")
-    assert_array_equal(first.signals["gripper"], FORCE[:, :2])
+    found = read_recordings(tmp_path / "a.hdf5", ANY)
+    assert [one.name for one in found] == ["a.hdf5: demo_2", "a.hdf5: demo_10"]
+
+
+@pytest.mark.parametrize(
+    ("module", "library", "extra"),
+    [
+        ("bags", "rosbags.highlevel", "ros"),
+        ("robomimic", "h5py", "robomimic"),
+        ("lerobot", "pyarrow.parquet", "lerobot"),
+    ],
+)
+def test_a_library_that_is_missing_is_named_with_its_extra(
+    monkeypatch: pytest.MonkeyPatch, module: str, library: str, extra: str
+) -> None:
+    name = f"gplfd_experiments.data.readers.{module}"
+    monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ModuleNotFoundError, match=rf"pip install 'gplfd\[{extra}\]'"):
+        importlib.import_module(name)
 
 
 @pytest.mark.parametrize(
