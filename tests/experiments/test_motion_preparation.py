@@ -69,8 +69,6 @@ def texts(motion: Motion, *, warnings: bool | None = None) -> str:
 def test_as_recorded_is_as_recorded() -> None:
     raw = door()
     motion = only(raw)
-    assert raw.times is not None
-    assert raw.quaternions is not None
     assert_array_equal(motion.demonstration.times, raw.times)
     poses = motion.demonstration.poses
     assert_allclose(poses[:, :3], raw.positions, rtol=0, atol=1e-15)
@@ -98,8 +96,6 @@ def test_samples_out_of_order_repeated_and_missing() -> None:
     rows = np.r_[0:100, 150, 100:200, 199, 199, 200 : len(raw.positions)]
     positions = raw.positions[rows].copy()
     positions[50] = np.nan
-    assert raw.times is not None
-    assert raw.quaternions is not None
     quaternions = raw.quaternions[rows].copy()
     quaternions[60] = 0.0
     messy = replace(
@@ -117,7 +113,6 @@ def test_samples_out_of_order_repeated_and_missing() -> None:
 
 def test_signs_of_quaternions_do_not_matter() -> None:
     raw = door()
-    assert raw.quaternions is not None
     signs = np.where(np.arange(len(raw.positions)) % 7 < 3, -1.02, 0.98)
     motion = only(replace(raw, quaternions=raw.quaternions * signs[:, None]))
     assert_allclose(
@@ -128,7 +123,6 @@ def test_signs_of_quaternions_do_not_matter() -> None:
 
 def test_no_quaternions_at_all_are_refused() -> None:
     raw = door()
-    assert raw.quaternions is not None
     with pytest.raises(ValueError, match=r"quaternion of sample 0 has norm 1\.5"):
         only(replace(raw, quaternions=1.5 * raw.quaternions))
 
@@ -178,7 +172,6 @@ def test_positions_that_are_none_are_missing() -> None:
 
 def test_gaps_are_bridged_or_refused() -> None:
     raw = door()
-    assert raw.times is not None
     kept = (raw.times < 0.9) | (raw.times > 1.3)
     gappy = replace(
         raw,
@@ -317,7 +310,6 @@ def test_one_that_is_unlike_the_others_is_named() -> None:
 # ------------------------------------------------------------------ filter and rate
 def test_the_filter_halves_its_cutoff_and_keeps_slow_motion() -> None:
     raw = door(seconds=4.0)
-    assert raw.times is not None
     wave = np.sin(2.0 * math.pi * 10.0 * raw.times)
     shaken = replace(raw, positions=raw.positions + 0.01 * wave[:, None])
     settings = replace(AS_RECORDED, cutoff=10.0)
@@ -520,7 +512,6 @@ def test_a_door_that_is_closed_again_is_noticed(angle: float) -> None:
     raw = door(angle=angle)
     turns = {"positions": np.vstack([raw.positions, raw.positions[-2::-1]])}
     turns["times"] = np.arange(len(turns["positions"])) / RATE
-    assert raw.quaternions is not None
     turns["quaternions"] = np.vstack([raw.quaternions, raw.quaternions[-2::-1]])
     motion = only(replace(raw, **turns), replace(AS_RECORDED, frame="hinge"))
     said = "opened to 69° after 2.00 s, then closed to 0°: to learn to open, cut there"
