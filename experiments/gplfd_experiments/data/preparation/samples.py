@@ -130,7 +130,7 @@ def usable(
         ),
         signals={name: _filled(times, array) for name, array in raw.signals.items()},
     )
-    return _continuous(_in_order(raw.name, samples[there], notes), notes)
+    return _in_order(raw.name, samples[there], notes)
 
 
 def _filled(times: FloatArray, signal: FloatArray) -> FloatArray:
@@ -144,7 +144,7 @@ def _filled(times: FloatArray, signal: FloatArray) -> FloatArray:
 
 
 def _in_order(name: str, samples: Samples, notes: Notes) -> Samples:
-    """Sort by time, keep one sample of each, and count from the first."""
+    """Sort by time from the first sample, without repeated stamps and changed signs."""
     backwards = int(np.count_nonzero(np.diff(samples.times) < 0.0))
     if backwards:
         samples = samples[np.argsort(samples.times, kind="stable")]
@@ -163,11 +163,7 @@ def _in_order(name: str, samples: Samples, notes: Notes) -> Samples:
             f"{name}: time stamps span {times[-1]:.3g} s in steps of usually "
             f"{samples.step:.3g} s; look at the first and the last, and at the unit"
         )
-    return replace(samples, times=times)
-
-
-def _continuous(samples: Samples, notes: Notes) -> Samples:
-    """Change signs of quaternions so that successive ones are close."""
+    # Of a quaternion's two signs, the one that is close to the sample before.
     quaternions = samples.poses[:, 3:]
     overlap = np.einsum("ij,ij->i", quaternions[1:], quaternions[:-1])
     changes = np.where(overlap < 0.0, -1.0, 1.0)
@@ -175,7 +171,7 @@ def _continuous(samples: Samples, notes: Notes) -> Samples:
         notes.add(f"{flips} quaternions changed sign")
     signs = np.concatenate([[1.0], np.cumprod(changes)])
     poses = np.hstack([samples.poses[:, :3], quaternions * signs[:, None]])
-    return replace(samples, poses=poses)
+    return replace(samples, times=times, poses=poses)
 
 
 def without_spikes(samples: Samples, notes: Notes) -> Samples:

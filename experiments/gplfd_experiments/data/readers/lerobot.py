@@ -99,7 +99,15 @@ def _table(path: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
                 table = opened.read(columns=wanted)
             episodes.append(table["episode_index"].to_numpy())
             frames.append(table["frame_index"].to_numpy())
-            values.append(_rows(table[name]))
+            # Lists of equal length become rows.
+            lists = table[name].combine_chunks()
+            flat = lists.flatten().to_numpy(zero_copy_only=False)
+            if lists.null_count or len(lists) == 0 or len(flat) % len(lists):
+                raise ValueError("a row lacks numbers")
+            rows = np.asarray(flat, dtype=np.float64).reshape(len(lists), -1)
+            if len(lists[0]) != rows.shape[1]:
+                raise ValueError("its rows differ in length")
+            values.append(rows)
         # Arrow answers damage with errors of every kind.
         except Exception as error:
             raise ValueError(f"{file.relative_to(path)}: {error!s:.300}") from error
@@ -108,18 +116,6 @@ def _table(path: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
         np.concatenate(frames).astype(np.float64),
         np.concatenate(values).astype(np.float64),
     )
-
-
-def _rows(column: Any) -> FloatArray:
-    """Return lists of equal length as rows."""
-    lists = column.combine_chunks()
-    flat = lists.flatten().to_numpy(zero_copy_only=False)
-    if lists.null_count or len(lists) == 0 or len(flat) % len(lists):
-        raise ValueError("a row lacks numbers")
-    rows = np.asarray(flat, dtype=np.float64).reshape(len(lists), -1)
-    if len(lists[0]) != rows.shape[1]:
-        raise ValueError("its rows differ in length")
-    return rows
 
 
 def _claim_columns(

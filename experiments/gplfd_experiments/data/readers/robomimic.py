@@ -33,7 +33,13 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         if "data" not in file:
             raise ValueError(f"it has no group 'data' but {', '.join(file)!s:.200}")
         data = member(file, "data")
-        rate = selection.recorded_rate or _rate(data.attrs.get("env_args"))
+        # The environment's control frequency, if the file says it.
+        rate, said = selection.recorded_rate, data.attrs.get("env_args")
+        arguments = json.loads(said) if isinstance(said, str) else None
+        settings = arguments.get("env_kwargs") if isinstance(arguments, dict) else None
+        control = settings.get("control_freq") if isinstance(settings, dict) else None
+        if not rate and isinstance(control, int | float) and 0.0 < control < 1e6:
+            rate = float(control)
         recordings = []
         for name in sorted(
             data, key=lambda n: list(map(int, re.findall(r"\d{1,9}", n)))
@@ -79,11 +85,3 @@ def _array(
     if found.ndim != 2 or width not in (None, found.shape[1]):
         raise ValueError(f"obs/{name} has shape {found.shape}, must be (N, {width})")
     return found
-
-
-def _rate(arguments: Any) -> float | None:
-    """Return the environment's control frequency [Hz], if the file says it."""
-    found = json.loads(arguments) if isinstance(arguments, str) else None
-    settings = found.get("env_kwargs") if isinstance(found, dict) else None
-    rate = settings.get("control_freq") if isinstance(settings, dict) else None
-    return float(rate) if isinstance(rate, int | float) and 0.0 < rate < 1e6 else None
