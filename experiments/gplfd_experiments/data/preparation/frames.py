@@ -14,7 +14,8 @@ from gplfd_experiments.files.arrays import FloatArray
 
 _STAYS_OPEN: Final = 0.75  # Least final angle of a door, as a share of its widest.
 _SHORTEST: Final = math.radians(10.0)  # Arc from which a hinge can be found [rad].
-_ROUND: Final = 0.05  # Largest distance (rms) from the circle by its radius.
+_ROUND: Final = 0.05
+"""Largest distance (rms) from the circle, as a share of its radius."""
 _LEAST_TURN: Final = math.radians(20.0)
 """Arc that shows whether orientations turn with it [rad]."""
 _UNLIKE: Final = 0.15
