@@ -280,7 +280,7 @@ def arc_agent() -> type[ArcAgent]:
     return ArcAgent
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_log() -> Callable[..., EpisodeLog]:
     return log_by_formula
 
