@@ -19,7 +19,7 @@ from gplfd_policies.arrays.storage import (
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 KIND: Final = "gplfd demonstrations"
-"""Content of the file."""
+"""What the file says it holds."""
 
 VERSION: Final = 2
 """Version of the layout below."""
@@ -54,15 +54,12 @@ class LabelledDemonstrations:
 
     demonstrations: tuple[Demonstration, ...]
     """Demonstrations in the order of the file."""
-
     radii: tuple[float | None, ...]
     """Radius of each one's door [m]; None when unknown."""
-
     frame: str = FRAME
     """Frame of the poses, one of `FRAMES`."""
-
     signals: tuple[Mapping[str, NDArray[Any]], ...] = ()
-    """Other signals recorded with each, (N, d) arrays by name; may be empty."""
+    """What else was recorded with each, (N, d) arrays by name; empty for nothing."""
 
     def __post_init__(self) -> None:
         number = len(self.demonstrations)
@@ -109,7 +106,7 @@ def save_demonstrations(
         radii: Radius of each one's door [m]; None where, or altogether when, unknown.
             An unknown radius is stored as NaN.
         frame: Frame of the poses, one of `FRAMES`.
-        signals: Other signals recorded with each, (N, d) arrays by name; or none.
+        signals: What else was recorded with each, (N, d) arrays by name; or nothing.
 
     Raises:
         ValueError: As `LabelledDemonstrations`.
@@ -138,7 +135,7 @@ def save_demonstrations(
 
 
 def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
-    """Read a file of `save_demonstrations`.
+    """Read what `save_demonstrations` wrote.
 
     Args:
         path: The file, or a folder with `FILE`, such as one of `gplfd demos import`.
@@ -185,46 +182,33 @@ def hash_of(demonstrations: Sequence[Demonstration]) -> str:
 
 
 def _labelled(members: Members) -> LabelledDemonstrations:
+    def numbers(name: str) -> NDArray[Any]:
+        array = members(name)
+        if array.dtype.kind not in "iuf":
+            raise ValueError(f"{name} holds {array.dtype}, must hold numbers")
+        return array
+
     units = str(members("units"))
     if units != UNITS:
         raise ValueError(f"units is {units!r:.80}, must be {UNITS!r}")
     names = members("signals")
     if names.dtype.kind != "U" or names.ndim != 1:
         raise ValueError("signals must be a list of names")
-    radii = _numbers(members, "radii")
+    radii = numbers("radii")
     if radii.ndim != 1:
         raise ValueError(f"radii has shape {radii.shape}, must be a list of numbers")
+    demonstrations, signals = [], []
+    for number in range(radii.size):
+        times, poses = numbers(f"times_{number}"), numbers(f"poses_{number}")
+        try:
+            demonstrations.append(Demonstration(times=times, poses=poses))
+        except ValueError as error:
+            raise ValueError(f"demonstration {number}: {error}") from error
+        arrays = {str(name): numbers(f"{name}_{number}") for name in names}
+        signals.append({name: array for name, array in arrays.items() if array.size})
     return LabelledDemonstrations(
-        demonstrations=tuple(
-            _demonstration(members, number) for number in range(radii.size)
-        ),
+        demonstrations=tuple(demonstrations),
         radii=tuple(None if math.isnan(r) else float(r) for r in radii),
         frame=str(members("frame")),
-        signals=tuple(_signals(members, names, n) for n in range(radii.size))
-        if names.size
-        else (),
+        signals=tuple(signals) if names.size else (),
     )
-
-
-def _signals(
-    members: Members, names: NDArray[Any], number: int
-) -> dict[str, NDArray[Any]]:
-    """Return the other signals that were recorded with a demonstration."""
-    arrays = {str(name): _numbers(members, f"{name}_{number}") for name in names}
-    return {name: array for name, array in arrays.items() if array.size}
-
-
-def _demonstration(members: Members, number: int) -> Demonstration:
-    times = _numbers(members, f"times_{number}")
-    poses = _numbers(members, f"poses_{number}")
-    try:
-        return Demonstration(times=times, poses=poses)
-    except ValueError as error:
-        raise ValueError(f"demonstration {number}: {error}") from error
-
-
-def _numbers(members: Members, name: str) -> NDArray[Any]:
-    array = members(name)
-    if array.dtype.kind not in "iuf":
-        raise ValueError(f"{name} holds {array.dtype}, must hold numbers")
-    return array

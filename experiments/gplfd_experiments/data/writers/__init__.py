@@ -12,7 +12,6 @@ from gplfd_policies.demonstrations.npz import load_demonstrations
 WRITERS: Final = ("robomimic", "lerobot")
 """Every form that is written; each is a module of this package, and of the readers."""
 
-
 _FINEST: Final = 100
 _PICTURE_RATE: Final = 10
 
