@@ -1,12 +1,17 @@
 """Demonstrations that several tests of the policies share."""
 
+from collections.abc import Callable, Iterator, Sequence
+
+import jaxtyping
 import numpy as np
 import pytest
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import Skill, fit_skill
+from gplfd_policies.registry.method import Method, TrainingInput
 
 RADII = (0.35, 0.50, 0.65)
 
@@ -40,3 +45,34 @@ def demonstrations() -> tuple[Demonstration, ...]:
 @pytest.fixture(scope="session")
 def skill(demonstrations: tuple[Demonstration, ...]) -> Skill:
     return fit_skill(align(demonstrations))
+
+
+@pytest.fixture(scope="module")
+def unchecked_types() -> Iterator[None]:
+    """Switch run-time type checks off, which take nine tenths of a control step.
+
+    For modules that run many steps; `test_registry` takes some of every policy.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+        yield
+
+
+@pytest.fixture(scope="session")
+def learned() -> Callable[[Method, Sequence[Demonstration]], Movement]:
+    """Learn movements, each once for all methods that learn alike.
+
+    Without type checks: the tests of each method have them.
+    """
+    movements: dict[str, Movement] = {}
+
+    def learn(method: Method, lesson: Sequence[Demonstration]) -> Movement:
+        how = method.fit, method.align, method.beyond, method.seeded
+        key = f"{how} {[id(one) for one in lesson]}"
+        if key not in movements:
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+                movements[key] = method.learn(TrainingInput(demonstrations=lesson))
+        return movements[key]
+
+    return learn

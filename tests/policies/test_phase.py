@@ -9,10 +9,13 @@ from gplfd_policies.movements.empirical import EmpiricalDistribution
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.phase.heading import Heading, directions
-from gplfd_policies.phase.path_phase import PathPhase
+from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
 
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
 FINAL_ANGLE = np.radians(67.0)
+TRUSTING = PathPhaseConfig(noise=PhaseNoise(heading=0.0))
 
 
 NOWHERE = np.float64(0.0)
@@ -67,7 +70,7 @@ def test_phase_std_is_the_size_of_the_errors(skill):
     errors = np.repeat([noise.position, noise.rotation], 3)
     angle, found = 0.4, []
     for _ in range(300):
-        estimator = PathPhase(skill, skill.aligned, window=(1.0, 1.0))
+        estimator = PathPhase(skill, skill.aligned, PathPhaseConfig(window=(1.0, 1.0)))
         pose = handle_pose_on_arc(rng.uniform(0.35, 0.65), angle)
         seen = turned(pose[None], noise.heading * rng.normal())[0]
         found.append(follow(estimator, [seen + errors * rng.normal(size=6)])[:, 0])
@@ -158,8 +161,7 @@ def nearest_by_hand(skill, pose, previous):
 
 @pytest.mark.parametrize("previous", [0.0, 0.0123, 0.3071, 0.7513, 0.9987, 1.0])
 def test_search_is_the_one_that_is_defined(skill, previous):
-    trusting = PhaseNoise(heading=0.0)
-    estimator = PathPhase(skill, skill.aligned, noise=trusting)
+    estimator = PathPhase(skill, skill.aligned, TRUSTING)
     rng = np.random.default_rng(0)
     for _ in range(20):
         there = np.clip(previous + rng.uniform(-0.06, 0.06), 0.0, 1.0)
@@ -236,7 +238,7 @@ def test_phase_does_not_depend_on_the_heading(skill, radius, yaw):
     poses = np.array([handle_pose_on_arc(radius, angle) for angle in angles])
     straight, _ = follow(PathPhase(skill, skill.aligned), poses)
     askew, std = follow(PathPhase(skill, skill.aligned), turned(poses, yaw))
-    trusting = PathPhase(skill, skill.aligned, noise=PhaseNoise(heading=0.0))
+    trusting = PathPhase(skill, skill.aligned, TRUSTING)
     misled, _ = follow(trusting, turned(poses, yaw))
     opened = (angles > np.radians(20.0)) & (angles < np.radians(62.0))
     error = np.abs(askew - straight)[opened]
@@ -258,7 +260,7 @@ def test_heading_is_found_from_the_path(skill):
         for angle in np.linspace(0.0, FINAL_ANGLE, 300):
             pose = handle_pose_on_arc(radius, angle)[None]
             x, _, z = turned(pose, np.radians(degrees))[0, :3]
-            heading.see(np.hypot(x, z), np.arctan2(-z, x))
+            heading.update(np.hypot(x, z), np.arctan2(-z, x))
             stds.append(np.sqrt(heading.variance))
         assert abs(np.degrees(heading.yaw) - degrees) < 3.0 * np.degrees(stds[-1])
         assert np.degrees(heading.yaw) == pytest.approx(degrees, abs=1.5)
@@ -273,7 +275,7 @@ def test_trusted_heading_is_never_doubted(skill):
     phases = np.linspace(0.0, 1.0, 201)
     heading = Heading(skill.aligned, phases, prior_std=0.0, position_std=2e-3)
     for distance in np.linspace(0.0, 0.6, 60):
-        heading.see(distance, 0.3)
+        heading.update(distance, 0.3)
         assert (heading.yaw, heading.variance) == (0.0, 0.0)
 
 
@@ -291,7 +293,7 @@ def test_heading_is_the_posterior_of_its_model(skill):
     steps = np.linspace(-2.5, 2.5, 401)
     surprise = yaws**2 / prior**2 + steps**2
     for distance, angle in [(0.05, 0.1), (0.1, 0.16), (0.2, 0.3), (0.3, 0.36)]:
-        heading.see(distance, angle)
+        heading.update(distance, angle)
         there = np.interp(distance * np.exp(-gamma * steps), curve[first], known)
         variance = 2.0 * n**2 / distance**2
         variance += np.interp(distance, curve[first], spread[first])

@@ -16,13 +16,14 @@ from gplfd_policies.registry.catalogue import tuned
 from gplfd_policies.registry.method import TrainingInput
 from gplfd_policies.registry.tuning_spaces import SPACES, Setting, tuned_settings
 
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
 GRID = np.linspace(0.0, 1.0, 40)
 SHARES = st.floats(0.0, 1.0)
 VIA_POINT = ViaPoint(phase=0.3, pose=handle_pose_on_arc(0.42, 0.35), std=1e-3)
 
 
-def adapted(method, demonstrations):
-    movement = method.learn(TrainingInput(demonstrations=demonstrations))
+def adapted(method, movement):
     adaptation = begin_adaptation(movement, method.adaptation, GRID)
     adaptation.observe(VIA_POINT)
     return adaptation.trajectory()
@@ -30,11 +31,15 @@ def adapted(method, demonstrations):
 
 @pytest.mark.parametrize("name", SPACES)
 @pytest.mark.filterwarnings("ignore:sensor noise")
-def test_published_settings_are_those_of_the_registered_method(name, demonstrations):
+def test_published_settings_are_those_of_the_registered_method(
+    name, demonstrations, learned
+):
     registered = POLICIES[name].method
     again = SPACES[name].method(registered, SPACES[name].published)
     assert again.config == registered.config
-    ours, theirs = (adapted(one, demonstrations) for one in (again, registered))
+    ours, theirs = (
+        adapted(one, learned(one, demonstrations)) for one in (again, registered)
+    )
     np.testing.assert_array_equal(ours.mean, theirs.mean)
     np.testing.assert_array_equal(ours.std, theirs.std)
 
@@ -62,7 +67,8 @@ def test_extreme_settings_learn_and_adapt(name, share, demonstrations):
     space = SPACES[name]
     values = space.at([share] * len(space.settings))
     method = space.method(POLICIES[name].method, values)
-    assert np.isfinite(adapted(method, demonstrations).mean).all()
+    movement = method.learn(TrainingInput(demonstrations=demonstrations[:4]))
+    assert np.isfinite(adapted(method, movement).mean).all()
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What the reference agents do about a door, without a simulator."""
+"""What the model-based policies do about a door, without a simulator."""
 
 import numpy as np
 import pytest
@@ -8,6 +8,8 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies import batch_agents, make_agent
 from gplfd_policies.agents.model_based.path import HandPath, turned_towards
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
 
 LEARNING_NOTHING = ("hinge-fit", "reflex", "chord", "compliant-pull")
 
