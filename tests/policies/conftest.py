@@ -1,6 +1,9 @@
 """Demonstrations that several tests of the policies share."""
 
+import inspect
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 
 import jaxtyping
 import numpy as np
@@ -62,7 +65,8 @@ def unchecked_types() -> Iterator[None]:
 def learned() -> Callable[[Method, Sequence[Demonstration]], Movement]:
     """Learn movements, each once for all methods that learn alike.
 
-    Without type checks: the tests of each method have them.
+    From 80 samples instead of 200, and without type checks: tests of each method have
+    both.
     """
     movements: dict[str, Movement] = {}
 
@@ -70,6 +74,8 @@ def learned() -> Callable[[Method, Sequence[Demonstration]], Movement]:
         how = method.fit, method.align, method.beyond, method.seeded
         key = f"{how} {[id(one) for one in lesson]}"
         if key not in movements:
+            if "n_samples" in inspect.signature(method.align).parameters:
+                method = replace(method, align=partial(method.align, n_samples=80))
             with pytest.MonkeyPatch.context() as patch:
                 patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
                 movements[key] = method.learn(TrainingInput(demonstrations=lesson))

@@ -6,8 +6,16 @@ import pytest
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_policies import batch_agents, make_agent
+from gplfd_policies import as_agent, batch_agents, make_agent
+from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
+from gplfd_policies.agents.model_based.oracle import OracleAgent, ToldHandleAgent
 from gplfd_policies.agents.model_based.path import HandPath, turned_towards
+from gplfd_policies.agents.model_based.pulling import (
+    ChordAgent,
+    CompliantPullAgent,
+    ReflexAgent,
+)
+from gplfd_policies.agents.model_based.yielding import Yielding
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -29,8 +37,9 @@ def follow(agent, door, periods, lag=0.2):
     return angle, steps
 
 
-@pytest.mark.parametrize("name", ["hinge-fit", "reflex", "chord"])
-@pytest.mark.parametrize("radius", [0.3, 0.65])
+@pytest.mark.parametrize(
+    ("name", "radius"), [("hinge-fit", 0.65), ("reflex", 0.3), ("chord", 0.65)]
+)
 def test_a_door_is_opened_along_its_circle(name, radius):
     door = DoorGeometry.nominal(radius)
     angle, steps = follow(make_agent(name, ()), door, 1000)
@@ -96,13 +105,6 @@ def test_the_oracle_follows_the_door_that_it_is_told():
     for pose, door in zip(poses, doors, strict=True):
         expected = door.hand_poses(DEMONSTRATED_ANGLE)
         np.testing.assert_allclose(pose, expected, atol=1e-12)
-
-
-def test_the_oracle_must_be_told():
-    agent = make_agent("oracle", ())
-    agent.reset(observation(np.zeros(6)))
-    with pytest.raises(ValueError, match=r"told the door .* agent\.inform\(door\)"):
-        agent.act(observation(np.zeros(6)))
 
 
 def test_a_hand_that_stands_still_adds_nothing_to_its_way():
@@ -197,9 +199,59 @@ def test_what_is_told_the_handle_sees_the_leaf_through_it():
     assert phases[99] == 0.0
 
 
-@pytest.mark.parametrize("name", ["oracle", "hinge-fit-told"])
-def test_who_is_told_must_be_told(name):
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("oracle", r"told the door .* agent\.inform\(door\)"),
+        ("hinge-fit-told", r"told the handle .* agent\.inform\(door\)"),
+    ],
+)
+def test_who_is_told_must_be_told(name, message):
     agent = make_agent(name, ())
     agent.reset(observation(np.zeros(6)))
-    with pytest.raises(ValueError, match="must be told"):
+    with pytest.raises(ValueError, match=message):
         agent.act(observation(np.zeros(6)))
+
+
+@pytest.mark.parametrize(
+    ("usual", "quicker"),
+    [
+        (HingeFitAgent(), HingeFitAgent(speed=0.5, acceleration=0.5)),
+        (HingeFitAgent(acceleration=1.0), HingeFitAgent(acceleration=1.0, speed=0.4)),
+        (ReflexAgent(), ReflexAgent(speed=0.2)),
+        (ChordAgent(), ChordAgent(lead=0.03)),
+        (ChordAgent(), ChordAgent(lead_rate=0.1)),
+        (OracleAgent(), OracleAgent(duration=3.0)),
+    ],
+)
+def test_their_speed_is_an_argument(usual, quicker):
+    door = DoorGeometry.nominal(0.5)
+    opened = []
+    for agent in map(as_agent, (usual, quicker)):
+        agent.inform(door)
+        opened.append(follow(agent, door, 150)[0])
+    assert opened[1] > 1.05 * opened[0]
+
+
+def test_how_a_handle_is_turned_is_an_argument():
+    start = observation(np.zeros(6))
+    for usual, slower in (
+        (OracleAgent(), OracleAgent(turning=1.6)),
+        (ToldHandleAgent(), ToldHandleAgent(turning=2.0)),
+    ):
+        turns = []
+        for agent in (usual, slower):
+            agent.inform(LATCHED)
+            agent.reset(start)
+            turns.append([-agent.act(start).action[3] for _ in range(60)][-1])
+        assert turns[1] < 0.6 * turns[0]
+
+
+def test_pull_and_compliance_are_arguments():
+    start = observation(np.zeros(6))
+    weak, strong = (CompliantPullAgent(force=force) for force in (10.0, 20.0))
+    ahead = [[agent.act(start) for _ in range(20)][-1] for agent in (weak, strong)]
+    np.testing.assert_allclose(ahead[1].action, 2.0 * ahead[0].action)
+    stiff = Yielding(stiffness=(500.0, 50.0))
+    step = [stiff.step(np.zeros(6), np.full(6, 5.0)) for _ in range(500)][-1]
+    np.testing.assert_allclose(step.action[:3], 5.0 / 500.0, rtol=0.2)

@@ -13,7 +13,6 @@ from gplfd_policies import POLICIES, ViaPoint
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.registry.built_in import TABLE_1
 from gplfd_policies.registry.catalogue import tuned
-from gplfd_policies.registry.method import TrainingInput
 from gplfd_policies.registry.tuning_spaces import SPACES, Setting, tuned_settings
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
@@ -63,11 +62,11 @@ def test_every_corner_is_a_method(name):
 @pytest.mark.parametrize("share", [0.0, 1.0])
 @pytest.mark.parametrize("name", SPACES)
 @pytest.mark.filterwarnings("ignore:sensor noise", "ignore:Expectation max")
-def test_extreme_settings_learn_and_adapt(name, share, demonstrations):
+def test_extreme_settings_learn_and_adapt(name, share, demonstrations, learned):
     space = SPACES[name]
     values = space.at([share] * len(space.settings))
     method = space.method(POLICIES[name].method, values)
-    movement = method.learn(TrainingInput(demonstrations=demonstrations[:4]))
+    movement = learned(method, demonstrations)
     assert np.isfinite(adapted(method, movement).mean).all()
 
 

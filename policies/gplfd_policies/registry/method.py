@@ -146,7 +146,7 @@ class Method:
     """Which stiffness has which uncertainty; it takes the place of the config's."""
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
     """How it follows the movement otherwise: load, timing, via-points."""
-    handle: HandleConfig = field(default_factory=HandleConfig)
+    handle_config: HandleConfig = field(default_factory=HandleConfig)
     """When and how far a handle is turned beyond the demonstrated turn."""
 
     def __post_init__(self) -> None:
@@ -194,7 +194,7 @@ class Method:
             GriddedMovement(movement, self.adaptation, _GRID),
             phases=self.phases(movement),
             config=replace(self.config, profile=self.profile(movement.aligned)),
-            handle_config=self.handle,
+            handle_config=self.handle_config,
         )
 
     def __call__(self, training: TrainingInput) -> CompliantAgent:
