@@ -1,6 +1,6 @@
 """One contract of all parts of the controller: a row of a batch is as if alone."""
 
-from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -28,12 +28,10 @@ from gplfd_policies.handles.adapter import HandleCompensation, HandleConfig, Han
 
 N, DT = 5, 0.01
 LEVER = TurnedHandle(point=(0.0, 0.0, 0.1), axis=(-1.0, 0.0, 0.0), travel=0.8)
-
-Step = Callable[..., tuple[Any, ...]]
-"""Arrays of some rows, by name, and the rows; returns what comes of them."""
+Values = dict[str, Any]
 
 
-def inputs(rng: np.random.Generator) -> dict[str, np.ndarray]:
+def inputs(rng: np.random.Generator) -> Values:
     directions = rng.normal(size=(N, 3))
     return {
         "wrench": 15.0 * rng.normal(size=(N, 6)),
@@ -44,125 +42,105 @@ def inputs(rng: np.random.Generator) -> dict[str, np.ndarray]:
     }
 
 
-def admittance(shape: tuple[int, ...]) -> tuple[Any, Step]:
-    part = Admittance(DEFAULT_DYNAMICS, shape)
-
-    def step(values: dict[str, Any], rows: Any = ALL_ROWS) -> tuple[Any, ...]:
-        found = part.step(values["stiffness"], values["wrench"], DT, rows)
-        return found, part.velocity[rows]
-
-    return part, step
-
-
-def governor(shape: tuple[int, ...]) -> tuple[Any, Step]:
-    part = StiffnessGovernor(DEFAULT_PROFILE, DEFAULT_DYNAMICS, shape)
-
-    def step(values: dict[str, Any], rows: Any = ALL_ROWS) -> tuple[Any, ...]:
-        found = part.step(values["stiffness"], DT, rows)
-        return found.stiffness, found.rate, found.margin
-
-    return part, step
-
-
-def load(part: Any) -> tuple[Any, Step]:
-    def step(values: dict[str, Any], rows: Any = ALL_ROWS) -> tuple[Any, ...]:
-        fields = ("wrench", "direction", "pose", "displacement")
-        contact = ContactState(**{name: values[name] for name in fields})
-        found = part.update(contact, rows)
-        return (
-            found.compliant_wrench,
-            found.compensated_load,
-            found.pace,
-            found.path_lag,
-        )
-
-    return part, step
-
-
-def handle_load(shape: tuple[int, ...]) -> tuple[Any, Step]:
+def handle_load(shape: tuple[int, ...]) -> HandleLoad:
     handles = HandleCompensation([LEVER] * (shape or (1,))[0], shape, HandleConfig())
-    return load(HandleLoad(LearnedLoad(), DEFAULT_PROFILE, handles, shape, DT))
+    return HandleLoad(LearnedLoad(), DEFAULT_PROFILE, handles, shape, DT)
 
 
-def renderer(rendering: Any, shape: tuple[int, ...]) -> tuple[Any, Step]:
-    part = rendering.renderer(ARM_DYNAMICS, DT, shape)
-
-    def step(values: dict[str, Any], rows: Any = ALL_ROWS) -> tuple[Any, ...]:
-        action = part.step(
-            values["pose"],
-            values["direction"],
-            values["stiffness"],
-            compliant_wrench=values["wrench"],
-            compensated_force=values["displacement"],
-            rows=rows,
-        )
-        margin = part.contact_margin(values["stiffness"])
-        return action, margin, part.displacement(values["pose"][..., :3], rows)
-
-    return part, step
+def displaced(part: Any, given: Values, rows: Any) -> tuple[Any, ...]:
+    found = part.step(given["stiffness"], given["wrench"], DT, rows)
+    return found, part.velocity[rows]
 
 
-PARTS = {
-    "admittance": admittance,
-    "governor": governor,
-    "learned load": lambda shape: load(LearnedLoad().begin(DEFAULT_PROFILE, shape)),
-    "carried load": lambda shape: load(CarriedLoad().begin(DEFAULT_PROFILE, shape)),
-    "yield to all": lambda shape: load(YieldToAll().begin(DEFAULT_PROFILE, shape)),
+def governed(part: Any, given: Values, rows: Any) -> tuple[Any, ...]:
+    found = part.step(given["stiffness"], DT, rows)
+    return tuple(getattr(found, one.name) for one in fields(found))
+
+
+def loaded(part: Any, given: Values, rows: Any) -> tuple[Any, ...]:
+    contact = {one.name: given[one.name] for one in fields(ContactState)[:-1]}
+    found = part.update(ContactState(**contact), rows)
+    return tuple(getattr(found, one.name) for one in fields(found))
+
+
+def rendered(part: Any, given: Values, rows: Any) -> tuple[Any, ...]:
+    action = part.step(
+        given["pose"],
+        given["direction"],
+        given["stiffness"],
+        compliant_wrench=given["wrench"],
+        compensated_force=given["displacement"],
+        rows=rows,
+    )
+    margin = part.contact_margin(given["stiffness"])
+    return action, margin, part.displacement(given["pose"][..., :3], rows)
+
+
+MAKE = {
+    "admittance": lambda shape: Admittance(DEFAULT_DYNAMICS, shape),
+    "governor": lambda shape: StiffnessGovernor(
+        DEFAULT_PROFILE, DEFAULT_DYNAMICS, shape
+    ),
+    "learned load": lambda shape: LearnedLoad().begin(DEFAULT_PROFILE, shape),
+    "carried load": lambda shape: CarriedLoad().begin(DEFAULT_PROFILE, shape),
+    "yield to all": lambda shape: YieldToAll().begin(DEFAULT_PROFILE, shape),
     "handle load": handle_load,
-    "virtual rendering": lambda shape: renderer(VirtualRendering(), shape),
-    "arm rendering": lambda shape: renderer(ArmRendering(), shape),
+    "virtual rendering": lambda shape: VirtualRendering().renderer(
+        DEFAULT_DYNAMICS, DT, shape
+    ),
+    "arm rendering": lambda shape: ArmRendering().renderer(ARM_DYNAMICS, DT, shape),
+}
+STEPS = {
+    **{name: loaded if "load" in name else rendered for name in MAKE},
+    "admittance": displaced,
+    "governor": governed,
+    "yield to all": loaded,
 }
 
 
+def row_of(values: Values, row: Any) -> Values:
+    # Copies: alone, an array begins where memory does.
+    return {name: each[row].copy() for name, each in values.items()}
+
+
 @pytest.mark.bits
-@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize("name", MAKE)
 def test_a_row_of_a_batch_is_as_if_alone(name: str) -> None:
     """Rows are left out and reset at different times; the others go on."""
     rng = np.random.default_rng(0)
-    part, together = PARTS[name]((N,))
-    alone = [PARTS[name](()) for _ in range(N)]
+    together, alone = MAKE[name]((N,)), [MAKE[name](()) for _ in range(N)]
     for time in range(25):
         if time in (5, 20):
-            part.reset(np.array([1, 3]))
-            alone[1][0].reset()
-            alone[3][0].reset()
-        values = inputs(rng)
-        rows = np.flatnonzero(rng.random(N) < 0.7)
-        found = together({key: each[rows] for key, each in values.items()}, rows)
+            together.reset(np.array([1, 3]))
+            alone[1].reset()
+            alone[3].reset()
+        values, rows = inputs(rng), np.flatnonzero(rng.random(N) < 0.7)
+        found = STEPS[name](together, row_of(values, rows), rows)
         for index, row in enumerate(rows):
-            # Copies: alone, an array begins where memory does.
-            own = {key: each[row].copy() for key, each in values.items()}
-            for batch, single in zip(found, alone[row][1](own), strict=True):
+            own = STEPS[name](alone[row], row_of(values, row), ALL_ROWS)
+            for batch, single in zip(found, own, strict=True):
                 np.testing.assert_array_equal(batch[index], single)
 
 
-@pytest.mark.parametrize("name", PARTS)
-def test_a_reset_forgets_everything(name: str) -> None:
-    part, step = PARTS[name](())
-    first = {key: each[0] for key, each in inputs(np.random.default_rng(1)).items()}
-    expected = [np.copy(each) for each in step(first)]
-    rng = np.random.default_rng(2)
-    for _ in range(5):
-        step({key: each[0] for key, each in inputs(rng).items()})
-    part.reset()
-    for found, before in zip(step(first), expected, strict=True):
-        np.testing.assert_array_equal(found, before)
-
-
-@pytest.mark.parametrize("name", PARTS)
-def test_results_may_be_changed(name: str) -> None:
-    """And nothing that was given has been."""
-    one, other = (PARTS[name](())[1] for _ in range(2))
-    rng = np.random.default_rng(3)
-    for _ in range(3):
-        values = {key: each[0] for key, each in inputs(rng).items()}
-        kept = {key: each.copy() for key, each in values.items()}
-        for changed, expected in zip(one(values), other(kept), strict=True):
-            np.testing.assert_array_equal(changed, expected)
-            if isinstance(changed, np.ndarray) and name != "yield to all":
-                changed[...] = 9.0
-        for key, each in values.items():
-            np.testing.assert_array_equal(each, kept[key])
+@pytest.mark.parametrize("name", MAKE)
+def test_what_is_given_stays_and_what_is_returned_may_be_changed(name: str) -> None:
+    """And a reset forgets everything."""
+    part, other = MAKE[name](()), MAKE[name](())
+    for _ in range(2):
+        rng = np.random.default_rng(3)
+        for _ in range(3):
+            given = row_of(inputs(rng), 0)
+            kept = {key: each.copy() for key, each in given.items()}
+            found = STEPS[name](part, given, ALL_ROWS)
+            expected = STEPS[name](other, kept, ALL_ROWS)
+            for changed, same in zip(found, expected, strict=True):
+                np.testing.assert_array_equal(changed, same)
+                if isinstance(changed, np.ndarray) and name != "yield to all":
+                    changed[...] = 9.0
+            for key, each in given.items():
+                np.testing.assert_array_equal(each, kept[key])
+        part.reset()
+        other = MAKE[name](())
 
 
 @pytest.mark.bits
@@ -186,10 +164,9 @@ def test_a_mask_selects_rows() -> None:
 @pytest.mark.parametrize("dt", [0.0, -0.01, np.nan])
 @pytest.mark.parametrize("name", ["admittance", "governor"])
 def test_a_period_that_is_not_positive_is_refused(name: str, dt: float) -> None:
-    part, _ = PARTS[name](())
-    arrays = (np.full(6, 100.0), np.zeros(6))[: 2 if name == "admittance" else 1]
+    arrays = [np.ones(6)] * (2 if name == "admittance" else 1)
     with pytest.raises(ValueError, match="dt must be positive"):
-        part.step(*arrays, dt)
+        MAKE[name](()).step(*arrays, dt)
 
 
 def test_rows_that_did_not_act_keep_their_action() -> None:
