@@ -69,11 +69,13 @@ def learned() -> Callable[[Method, Sequence[Demonstration]], Movement]:
     both.
     """
     movements: dict[str, Movement] = {}
+    lessons = []  # kept, so that no other demonstration gets the identity of one
 
     def learn(method: Method, lesson: Sequence[Demonstration]) -> Movement:
         how = method.fit, method.align, method.beyond, method.seeded
         key = f"{how} {[id(one) for one in lesson]}"
         if key not in movements:
+            lessons.append(lesson)
             if "n_samples" in inspect.signature(method.align).parameters:
                 method = replace(method, align=partial(method.align, n_samples=80))
             with pytest.MonkeyPatch.context() as patch:

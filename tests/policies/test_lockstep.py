@@ -14,6 +14,7 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import POLICIES, fit_skill, make_agent
+from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.agents.lockstep import AgentBatch, batch_agents
 from gplfd_policies.agents.model_based.oracle import OracleAgent
 from gplfd_policies.arrays.rows import ALL_ROWS
@@ -25,6 +26,7 @@ from gplfd_policies.gp.kersting import KerstingNoise
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
 RADII = (0.38, 0.50, 0.62)
+LEVER = DoorConfig(radius=0.65, handle="lever", latch="spring")
 FIELDS = [field.name for field in dataclasses.fields(AgentStep)]
 
 
@@ -45,27 +47,36 @@ WAYS_TO_FOLLOW = {
 
 
 @pytest.fixture(scope="module")
-def lessons(demonstrations):
-    return demonstrations[:4], demonstrations, demonstrations[:4]
-
-
-@pytest.fixture(scope="module")
-def agents_of(lessons, learned):
+def agents_of(demonstrations, learned):
     """One agent per door, by name; learned once: a reset makes them as new.
 
-    The paper's method learns in one iteration instead of ten, which take half a minute
-    and change nothing of how it is followed.
+    ``"levers"`` are those of ``"gp"`` that were taught to turn a handle. The paper's
+    method learns in one iteration instead of ten, which take half a minute and change
+    nothing of how it is followed.
     """
     quick = {"gp-paper": partial(fit_skill, noise=KerstingNoise(n_iterations=1))}
 
     @cache
     def make(name):
+        one, other = demonstrations, demonstrations[:4]
+        if name == "levers":
+            name = "gp"
+            one, other = (
+                Teacher().standard_demonstrations(seed=seed, like=LEVER)
+                for seed in (0, 1)
+            )
         method = POLICIES[name].method
         if method is None:
-            agents = [make_agent(name, lesson) for lesson in lessons]
+            agents = [make_agent(name, one) for _ in RADII]
         else:
             method = dataclasses.replace(method, fit=quick.get(name, method.fit))
-            agents = [method.follow(learned(method, lesson)) for lesson in lessons]
+            movements = [learned(method, lesson) for lesson in (other, one, other)]
+            # One stiffness law for all: those of one configuration act at once.
+            config = method.follow(movements[0]).config
+            agents = [
+                dataclasses.replace(method.follow(movement), config=config)
+                for movement in movements
+            ]
         for agent, radius in zip(agents, RADII, strict=True):
             agent.inform(DoorGeometry.nominal(radius))
         return agents
@@ -74,21 +85,32 @@ def agents_of(lessons, learned):
 
 
 class Doors:
-    """Doors that are opened step by step, whatever is commanded, and pull and shake."""
+    """Doors that are opened step by step, whatever is commanded, and pull and shake.
 
-    def __init__(self):
-        self.angles, self.rng = np.zeros(len(RADII)), np.random.default_rng(0)
+    A handle is turned first, meanwhile the doors hold the hands back.
+    """
+
+    def __init__(self, geometries):
+        self.geometries, self.rng = geometries, np.random.default_rng(0)
+        self.angles, self.turned = np.zeros(len(geometries)), 0.0
 
     def observe(self):
+        self.turned = min(self.turned + 0.1, 1.0)
         poses = [
-            handle_pose_on_arc(radius, angle)
-            for radius, angle in zip(RADII, self.angles, strict=True)
+            door.hand_poses(angle, 1.1 * self.turned * door.travel)
+            for door, angle in zip(self.geometries, self.angles, strict=True)
         ]
-        shape = (len(RADII), 6)
+        shape = (len(self.geometries), 6)
+        wrenches = self.rng.normal(size=shape) * [9.0, 3.0, 3.0, 0.1, 0.1, 0.1]
+        wrenches[:, 0] -= 15.0 * (self.geometries[0].travel > 0.0)
         return {
             "ee_pose": np.array(poses) + 1e-4 * self.rng.normal(size=shape),
-            "wrench": self.rng.normal(size=shape) * [9.0, 3.0, 3.0, 0.1, 0.1, 0.1],
+            "wrench": wrenches,
         }
+
+
+BARS = [DoorGeometry.nominal(radius) for radius in RADII]
+LEVERS = [DoorGeometry.of(LEVER)] * 3
 
 
 def row_of(observations, row):
@@ -102,9 +124,11 @@ def assert_same_row(steps, row, step):
         np.testing.assert_array_equal(getattr(steps, name)[row], expected)
 
 
-def steps_of(batch, closing=None, active=lambda time: np.ones(3, dtype=bool)):
+def steps_of(
+    batch, geometries=BARS, closing=None, active=lambda time: np.ones(3, bool)
+):
     """Open doors with a batch; return observations, steps and who acted, by time."""
-    doors, history = Doors(), []
+    doors, history = Doors(geometries), []
     observations = doors.observe()
     batch.reset(observations)
     for time in range(40):
@@ -115,12 +139,13 @@ def steps_of(batch, closing=None, active=lambda time: np.ones(3, dtype=bool)):
             batch.reset(observations, np.arange(3) == 1)
         steps = batch.act(observations, None if acting.all() else acting)
         history.append((observations, steps, acting))
-        doors.angles += 0.009 * acting
+        doors.angles += 0.009 * acting * (time > 20 or geometries is BARS)
     return history
 
 
-@pytest.mark.parametrize("name", WAYS_TO_FOLLOW)
-@pytest.mark.filterwarnings("ignore:sensor noise")
+@pytest.mark.bits
+@pytest.mark.parametrize("name", [*WAYS_TO_FOLLOW, "levers"])
+@pytest.mark.filterwarnings("ignore::UserWarning")
 def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
     """Row 0 ends early; 1 pauses and then begins anew; 2 starts late and goes on."""
 
@@ -129,7 +154,10 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
 
     batch = batch_agents(agents_of(name))
     assert isinstance(batch, AgentBatch)
-    history = steps_of(batch, closing=20, active=active)
+    at_once = isinstance(agents_of(name)[0], CompliantAgent)
+    assert type(batch).__name__ == ("_AllAtOnce" if at_once else "_OneByOne")
+    geometries = LEVERS if name == "levers" else BARS
+    history = steps_of(batch, geometries, closing=20, active=active)
     if name == "gp":
         assert np.sum([steps.via_point for _, steps, _ in history], axis=0).min() > 3
     forecasts = [batch.forecast(row) for row in range(3)]
@@ -204,10 +232,11 @@ def test_no_other_member_changes_what_one_does(seven, order, count, layout, seed
         angles += rng.uniform(0.0, 0.1, count)
 
 
-@pytest.mark.parametrize("name", ["gp-fixed", "oracle"])
+@pytest.mark.parametrize("name", ["gp-fixed", "oracle", "levers"])
+@pytest.mark.filterwarnings("ignore::UserWarning")
 def test_agents_that_do_not_act_hold_still(name, agents_of):
     """And nothing that was given or returned changes afterwards."""
-    batch, doors = batch_agents(agents_of(name)), Doors()
+    batch, doors = batch_agents(agents_of(name)), Doors(BARS)
     batch.reset(doors.observe())
     observations = doors.observe()
     given = {name: rows.copy() for name, rows in observations.items()}
@@ -247,25 +276,21 @@ def test_batches_of_one_configuration_decide_at_once(agents_of):
         dataclasses.replace(agent, config=ComplianceConfig(load=rule))
         for agent in agents_of("gp-fixed")
     ]
-    batch, doors = batch_agents(agents), Doors()
+    batch, doors = batch_agents(agents), Doors(BARS)
     batch.reset(doors.observe())
     batch.act(doors.observe())
     batch.act(doors.observe(), np.array([True, False, True]))
     assert calls == [3, 2]
 
 
-@pytest.mark.parametrize("other", ["gp-clock", "gp-constant-500", "oracle", "lever"])
+@pytest.mark.parametrize("other", ["gp-clock", "gp-constant-500", "oracle", "levers"])
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_agents_of_any_configuration_act_together(other, agents_of):
     """Also where one was taught to turn a handle, and the others were not."""
-    if other == "lever":
-        lever = DoorConfig(handle="lever", latch="spring")
-        shown = Teacher().standard_demonstrations(seed=0, like=lever)
-        last = make_agent("gp", shown[:2])
-        assert last.handle is not None
-    else:
-        last = agents_of(other)[2]
-    agents = [*agents_of("gp")[:2], last]
+    agents = [*agents_of("gp")[:2], agents_of(other)[2]]
+    if other == "levers":
+        assert agents[2].handle is not None
+        agents[2] = dataclasses.replace(agents[2], config=agents[0].config)
     history = steps_of(batch_agents(agents))
     for row, agent in enumerate(agents):
         agent.reset(row_of(history[0][0], row))

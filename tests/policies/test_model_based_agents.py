@@ -26,6 +26,14 @@ def observation(pose, force=(0.0, 0.0, 0.0)):
     return {"ee_pose": np.array(pose), "wrench": np.array([*force, 0.0, 0.0, 0.0])}
 
 
+def acted(agent, periods, force=(0.0, 0.0, 0.0), door=None):
+    """Let an agent act whose hand stands still under a constant force."""
+    if door is not None:
+        agent.inform(door)
+    agent.reset(observation(np.zeros(6)))
+    return [agent.act(observation(np.zeros(6), force)) for _ in range(periods)]
+
+
 def follow(agent, door, periods, lag=0.2):
     """Let a hand that a door guides follow the commands without any force."""
     angle, steps = 0.0, []
@@ -63,26 +71,18 @@ def test_hinge_fit_follows_the_circle_to_where_demonstrations_end():
 
 
 def test_hinge_fit_nulls_a_lasting_radial_force():
-    agent, force = make_agent("hinge-fit", ()), [0.0, 0.0, 2.0]
-    agent.reset(observation(np.zeros(6)))
-    moved = [agent.act(observation(np.zeros(6), force)) for _ in range(100)][-1]
+    moved = acted(make_agent("hinge-fit", ()), 100, force=[0.0, 0.0, 2.0])[-1]
     # 2 N over 100 N s/m for a second, nearly.
     assert (moved.action - moved.desired)[2] == pytest.approx(0.02, rel=0.05)
 
 
 def test_hinge_fit_waits_for_a_door_that_does_not_give():
-    agent = make_agent("hinge-fit", ())
-    agent.reset(observation(np.zeros(6)))
-    for _ in range(300):
-        step = agent.act(observation(np.zeros(6), [-25.0, 0.0, 0.0]))
+    step = acted(make_agent("hinge-fit", ()), 300, force=[-25.0, 0.0, 0.0])[-1]
     assert np.abs(step.action[:3]).max() < 1e-3
 
 
 def test_compliant_pull_moves_where_its_force_leads():
-    agent = make_agent("compliant-pull", ())
-    agent.reset(observation(np.zeros(6)))
-    for _ in range(100):
-        step = agent.act(observation(np.zeros(6), [-16.0, 0.0, 3.0]))
+    step = acted(make_agent("compliant-pull", ()), 100, force=[-16.0, 0.0, 3.0])[-1]
     assert abs(step.action[0]) < 1e-9 < 0.02 < step.action[2]
 
 
@@ -140,10 +140,8 @@ LATCHED = DoorGeometry.of(DoorConfig(radius=0.6, handle="lever", latch="spring")
 
 
 def test_the_oracle_turns_the_handle_first_and_lets_it_go_back():
-    agent = make_agent("oracle", ())
-    agent.inform(LATCHED)
-    agent.reset(observation(np.zeros(6)))
-    poses = np.array([agent.act(observation(np.zeros(6))).action for _ in range(700)])
+    steps = acted(make_agent("oracle", ()), 700, door=LATCHED)
+    poses = np.array([step.action for step in steps])
     turned = LATCHED.hand_poses(0.0, LATCHED.travel)
     # 0.8 s later the handle is turned, and nothing else has happened.
     np.testing.assert_allclose(poses[79], turned, atol=1e-12)
@@ -164,11 +162,7 @@ def test_the_oracle_turns_the_handle_first_and_lets_it_go_back():
 )
 def test_the_oracle_pushes_what_is_round_with_half_of_the_turn(fields, share):
     door = DoorGeometry.of(DoorConfig(radius=0.6, hinge_side="left", **fields))
-    agent = make_agent("oracle", ())
-    agent.inform(door)
-    agent.reset(observation(np.zeros(6)))
-    for _ in range(700):
-        pose = agent.act(observation(np.zeros(6))).action
+    pose = acted(make_agent("oracle", ()), 700, door=door)[-1].action
     opened = door.hand_poses(DEMONSTRATED_ANGLE)
     np.testing.assert_allclose(pose[:3], opened[:3], atol=1e-12)
     np.testing.assert_allclose(pose[3:], share * opened[3:], atol=1e-12)
@@ -207,10 +201,8 @@ def test_what_is_told_the_handle_sees_the_leaf_through_it():
     ],
 )
 def test_who_is_told_must_be_told(name, message):
-    agent = make_agent(name, ())
-    agent.reset(observation(np.zeros(6)))
     with pytest.raises(ValueError, match=message):
-        agent.act(observation(np.zeros(6)))
+        acted(make_agent(name, ()), 1)
 
 
 @pytest.mark.parametrize(
@@ -233,25 +225,20 @@ def test_their_speed_is_an_argument(usual, quicker):
     assert opened[1] > 1.05 * opened[0]
 
 
-def test_how_a_handle_is_turned_is_an_argument():
-    start = observation(np.zeros(6))
-    for usual, slower in (
-        (OracleAgent(), OracleAgent(turning=1.6)),
-        (ToldHandleAgent(), ToldHandleAgent(turning=2.0)),
-    ):
-        turns = []
-        for agent in (usual, slower):
-            agent.inform(LATCHED)
-            agent.reset(start)
-            turns.append([-agent.act(start).action[3] for _ in range(60)][-1])
-        assert turns[1] < 0.6 * turns[0]
+@pytest.mark.parametrize("agent", [OracleAgent, ToldHandleAgent])
+def test_how_a_handle_is_turned_is_an_argument(agent):
+    usual, slower = (
+        -acted(one, 60, door=LATCHED)[-1].action[3]
+        for one in (agent(), agent(turning=2.0))
+    )
+    assert slower < 0.6 * usual
 
 
 def test_pull_and_compliance_are_arguments():
-    start = observation(np.zeros(6))
-    weak, strong = (CompliantPullAgent(force=force) for force in (10.0, 20.0))
-    ahead = [[agent.act(start) for _ in range(20)][-1] for agent in (weak, strong)]
-    np.testing.assert_allclose(ahead[1].action, 2.0 * ahead[0].action)
+    weak, strong = (
+        acted(CompliantPullAgent(force=force), 20)[-1].action for force in (10.0, 20.0)
+    )
+    np.testing.assert_allclose(strong, 2.0 * weak)
     stiff = Yielding(stiffness=(500.0, 50.0))
     step = [stiff.step(np.zeros(6), np.full(6, 5.0)) for _ in range(500)][-1]
     np.testing.assert_allclose(step.action[:3], 5.0 / 500.0, rtol=0.2)

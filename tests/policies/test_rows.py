@@ -47,7 +47,7 @@ def handle_load(shape: tuple[int, ...]) -> HandleLoad:
     return HandleLoad(LearnedLoad(), DEFAULT_PROFILE, handles, shape, DT)
 
 
-def displaced(part: Any, given: Values, rows: Any) -> tuple[Any, ...]:
+def admitted(part: Any, given: Values, rows: Any) -> tuple[Any, ...]:
     found = part.step(given["stiffness"], given["wrench"], DT, rows)
     return found, part.velocity[rows]
 
@@ -64,6 +64,7 @@ def loaded(part: Any, given: Values, rows: Any) -> tuple[Any, ...]:
 
 
 def rendered(part: Any, given: Values, rows: Any) -> tuple[Any, ...]:
+    displaced = part.displacement(given["pose"][..., :3], rows)
     action = part.step(
         given["pose"],
         given["direction"],
@@ -73,7 +74,7 @@ def rendered(part: Any, given: Values, rows: Any) -> tuple[Any, ...]:
         rows=rows,
     )
     margin = part.contact_margin(given["stiffness"])
-    return action, margin, part.displacement(given["pose"][..., :3], rows)
+    return action, margin, displaced
 
 
 MAKE = {
@@ -92,7 +93,7 @@ MAKE = {
 }
 STEPS = {
     **{name: loaded if "load" in name else rendered for name in MAKE},
-    "admittance": displaced,
+    "admittance": admitted,
     "governor": governed,
     "yield to all": loaded,
 }

@@ -114,6 +114,14 @@ def test_a_tuned_policy_has_the_settings_and_says_them():
     assert (config.components, config.regularisation) == (5, 1e-3)
 
 
+def test_settings_beside_the_fit_are_those_of_via_points_and_adaptation():
+    changes = {"via_std_factor": 2.0, "empirical_share": 0.7}
+    method = tuned("gp", SPACES["gp"].published | changes).method
+    published = POLICIES["gp"].method.config.via_std
+    assert method.config.via_std == tuple(2.0 * each for each in published)
+    assert method.adaptation.keywords == {"empirical_share": 0.7}
+
+
 def test_a_file_of_tuned_settings_is_read(tmp_path):
     file = tmp_path / "tuned.json"
     settings = {"clusters": 3, "width": 0.5}

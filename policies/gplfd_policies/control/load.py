@@ -158,13 +158,7 @@ class LearnedLoad:
 
 
 class LoadLearner:
-    """State of `LearnedLoad`.
-
-    Args:
-        rule: Its parameters.
-        profile: Stiffness as a function of uncertainty.
-        shape: Leading axes of all arrays.
-    """
+    """State of `LearnedLoad`."""
 
     def __init__(
         self, rule: LearnedLoad, profile: StiffnessProfile, shape: tuple[int, ...]

@@ -32,6 +32,7 @@ from gplfd_policies.demonstrations.turned_handle import TurnedHandle
 from gplfd_policies.movements.trajectory import ViaPoint
 from gplfd_policies.phase.phase_rule import PhaseEstimate, PhaseRule, Phases, Poses
 
+Pose = Float[np.ndarray, " 6"]
 Vectors = Float[np.ndarray, "*N 3"]
 Amount = Float[Numbers, "*N"]
 
@@ -149,19 +150,8 @@ class HandleCompensation:
                 row[:] = handle.held(pose, gear**power * turn)
         return geared
 
-    def axis_pose(
-        self,
-        pose: Float[np.ndarray, " 6"],
-        mean: Float[np.ndarray, " 6"],
-        number: int,
-    ) -> Float[np.ndarray, " 6"]:
-        """Return the hand pose with the handle's own motion as expected.
-
-        Args:
-            pose: Of the hand [m, rad].
-            mean: What the policy expects of it [m, rad].
-            number: The row's.
-        """
+    def axis_pose(self, pose: Pose, mean: Pose, number: int) -> Pose:
+        """Return a row's hand pose [m, rad] with the handle's motion of the mean."""
         return np.array(self._handles[number].told(pose.tolist(), mean.tolist()))
 
     def opening_phases(self, phases: Amount, rows: Rows = ALL_ROWS) -> Amount:
@@ -174,6 +164,8 @@ class HandleCompensation:
     ) -> Float[np.ndarray, "*S 6"]:
         """Return poses (..., *N, 6) with the axes' positions instead of the hands'."""
         numbers, positions = self._of(rows), poses.copy()
+        if not numbers:
+            return positions
         columns = positions.reshape(-1, len(numbers), 6)
         for column, number in enumerate(numbers):
             columns[:, column] = self._handles[number].places(columns[:, column])
@@ -231,12 +223,7 @@ class HandleCompensation:
 
 
 class HandlePhases:
-    """A phase rule for hands whose handles are turned further than demonstrated.
-
-    Args:
-        rule: The rule.
-        handles: The handles of the rows.
-    """
+    """A phase rule for hands whose handles are turned further than demonstrated."""
 
     def __init__(self, rule: PhaseRule, handles: HandleCompensation) -> None:
         self._rule, self._handles = rule, handles
@@ -258,12 +245,7 @@ class HandlePhases:
 
 
 class HandleMovements(GriddedMovements):
-    """Movements of hands that turn handles; their paths are those of the axes.
-
-    Args:
-        movements: As of `GriddedMovements`.
-        handles: The handles of the rows.
-    """
+    """Movements of hands that turn handles; their paths are those of the axes."""
 
     def __init__(
         self,
@@ -306,13 +288,6 @@ class HandleLoad:
     back, and the policy would learn from the hand that the handle is to go back. So the
     load of the handle is compensated along the way about its axis, and that of the
     door, which is another, along the path of the axis.
-
-    Args:
-        rule: The load rule.
-        profile: Stiffness as a function of uncertainty.
-        handles: The handles of the rows.
-        shape: Leading axes of all arrays: () for one hand, (N,) for N hands.
-        period: Time between two control steps [s].
     """
 
     def __init__(
@@ -333,13 +308,9 @@ class HandleLoad:
         self._handle.reset(rows)
 
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
-        """Update the states by the contact of these rows and return the response.
+        """Return the response to a contact whose direction is that of the door's path.
 
         A handle whose door does not move is turned further meanwhile.
-
-        Args:
-            contact: Contact of their hands, with the direction of the door's path.
-            rows: The rows that are meant.
         """
         poses = contact.pose
         axes = self._handles.axis_positions(poses, rows)
