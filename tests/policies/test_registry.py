@@ -1,6 +1,8 @@
 """Policies by name."""
 
+import dataclasses
 import pickle
+from functools import partial
 
 import jaxtyping
 import numpy as np
@@ -19,7 +21,10 @@ from gplfd_policies.adaptation import (
 )
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
 from gplfd_policies.control.rendering import ArmRendering
+from gplfd_policies.handles.adapter import HandleConfig
+from gplfd_policies.phase.path_phase import PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
+from gplfd_policies.registry.method import path_phase, profile_of_spread
 
 
 @pytest.fixture(scope="module")
@@ -232,3 +237,20 @@ def test_model_based_policies_need_no_demonstrations():
     assert learn_nothing >= {"hinge-fit", "oracle"}
     for name in learn_nothing:
         make_agent(name, ())
+
+
+def test_settings_of_phase_and_handles_are_those_of_a_method(demonstrations, learned):
+    """A study varies them by a policy of its own."""
+    window, handle = PathPhaseConfig(window=(0.1, 0.1)), HandleConfig(max_gear=2.0)
+    method = dataclasses.replace(
+        POLICIES["gp"].method,
+        phases=partial(path_phase, config=window),
+        profile=partial(profile_of_spread, resolution=(4e-3, 3e-2)),
+        handle_config=handle,
+    )
+    movement = learned(method, demonstrations)
+    agent, usual = method.follow(movement), POLICIES["gp"].method.follow(movement)
+    assert agent.phases.settings == window
+    assert agent.handle_config == handle
+    beta = agent.config.profile.beta / usual.config.profile.beta
+    np.testing.assert_allclose(beta, [2.0, 4.0, 2.0, 1.0, 1.0, 1.0])

@@ -36,6 +36,7 @@ _START_TOLERANCE: Final = (0.05, 0.2)
 """How far from the closed handle a demonstration may start [m, rad]."""
 _LARGEST_REACH: Final = 3.0
 """How far from it a demonstration may ever be [m]."""
+_PATH_PHASE: Final = PathPhaseConfig()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -65,20 +66,24 @@ class TrainingInput:
         object.__setattr__(self, "demonstrations", several)
 
 
-def path_phase(movement: Movement) -> PhaseRule:
-    """Find the phase of a pose on the path, by the movement's own mean and spread."""
-    return PathPhase(movement, movement.aligned)
+def path_phase(movement: Movement, config: PathPhaseConfig = _PATH_PHASE) -> PhaseRule:
+    """Find the phase of a pose on the path, by the movement's own mean and spread.
+
+    Other settings by ``functools.partial``, as with the functions below.
+    """
+    return PathPhase(movement, movement.aligned, config)
 
 
 def heading_trusting_phase(movement: Movement) -> PhaseRule:
     """Find it on the path as if the robot stood exactly straight to the door."""
-    config = PathPhaseConfig(noise=PhaseNoise(heading=0.0))
-    return PathPhase(movement, movement.aligned, config)
+    return path_phase(movement, PathPhaseConfig(noise=PhaseNoise(heading=0.0)))
 
 
-def demonstrated_phase(movement: Movement) -> PhaseRule:
+def demonstrated_phase(
+    movement: Movement, config: PathPhaseConfig = _PATH_PHASE
+) -> PhaseRule:
     """Find it by the demonstrations' mean and spread: for movements without any."""
-    return PathPhase(EmpiricalDistribution(movement.aligned), movement.aligned)
+    return PathPhase(EmpiricalDistribution(movement.aligned), movement.aligned, config)
 
 
 def clock_phase(movement: Movement) -> PhaseRule:
