@@ -1,6 +1,9 @@
 """Demonstrations that several tests of the policies share."""
 
-from collections.abc import Iterator
+import inspect
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 
 import jaxtyping
 import numpy as np
@@ -9,7 +12,9 @@ import pytest
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import Skill, fit_skill
+from gplfd_policies.registry.method import Method, TrainingInput
 
 RADII = (0.35, 0.50, 0.65)
 
@@ -47,10 +52,35 @@ def skill(demonstrations: tuple[Demonstration, ...]) -> Skill:
 
 @pytest.fixture(scope="module")
 def unchecked_types() -> Iterator[None]:
-    """Switch run-time type checks off, which take most of the time of small steps.
+    """Switch run-time type checks off, which take nine tenths of a control step.
 
-    For slow modules; `test_movements` checks the types of every method.
+    For modules that run many steps; `test_registry` takes some of every policy.
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
         yield
+
+
+@pytest.fixture(scope="session")
+def learned() -> Callable[[Method, Sequence[Demonstration]], Movement]:
+    """Learn movements, each once for all methods that learn alike.
+
+    From 80 samples instead of 200, and without type checks: tests of each method have
+    both.
+    """
+    movements: dict[str, Movement] = {}
+    lessons = []  # kept, so that no other demonstration gets the identity of one
+
+    def learn(method: Method, lesson: Sequence[Demonstration]) -> Movement:
+        how = method.fit, method.align, method.beyond, method.seeded
+        key = f"{how} {[id(one) for one in lesson]}"
+        if key not in movements:
+            lessons.append(lesson)
+            if "n_samples" in inspect.signature(method.align).parameters:
+                method = replace(method, align=partial(method.align, n_samples=80))
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+                movements[key] = method.learn(TrainingInput(demonstrations=lesson))
+        return movements[key]
+
+    return learn

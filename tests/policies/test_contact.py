@@ -129,33 +129,5 @@ def test_phase_at_unit_gain_is_half_a_turn_with_the_tolerated_delay():
     assert np.abs(loop + 1.0).min() < 1e-4
 
 
-@pytest.mark.bits
-def test_margins_of_many_are_the_margins_of_each():
-    rng = np.random.default_rng(0)
-    stiffness = rng.uniform(10.0, 500.0, (5, 6))
-    damping = rng.uniform(1.0, 80.0, (5, 6))
-    mass = DEFAULT_DYNAMICS.mass
-    together = HELD_HAND.margin(stiffness, damping, mass)
-    strided = HELD_HAND.margin(np.asfortranarray(stiffness), damping, mass)
-    np.testing.assert_array_equal(together, strided)
-    for row in range(5):
-        alone = HELD_HAND.margin(stiffness[row], damping[row], mass)
-        np.testing.assert_array_equal(together[row], alone)
-
-
 def test_held_hand_is_that_of_the_robot():
     np.testing.assert_array_equal(HELD_HAND.stiffness, np.repeat(SERVO_STIFFNESS, 3))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"stiffness": np.full(6, np.nan)}, r"must be six positive finite numbers"),
-        ({"stiffness": np.zeros(6)}, r"stiffness must be six positive.*got \[0. 0."),
-        ({"delay": -0.1}, r"delay must be finite and >= 0 \[s\], got -0.1"),
-        ({"period": 0.0}, r"period must be positive and finite \[s\], got 0.0"),
-    ],
-)
-def test_impossible_loops_are_refused(change, message):
-    with pytest.raises(ValueError, match=message):
-        ContactLoop(**{"stiffness": np.ones(6), "delay": 0.03} | change)

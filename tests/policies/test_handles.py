@@ -1,48 +1,155 @@
-"""What many hands do about their handles: gears, what doors are told by, turning on."""
+"""Handles that are turned first: axis, gear, load compensation, and batches of them."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
 
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
-from gplfd_policies.demonstrations.turned_handle import TurnedHandle
-from gplfd_policies.handles.compensation import Handles
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_policies.control.load import ContactState, LearnedLoad
+from gplfd_policies.control.stiffness import DEFAULT_PROFILE
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
+from gplfd_policies.handles.adapter import HandleCompensation, HandleConfig, HandleLoad
+from gplfd_policies.movements.movement import EmpiricalDistribution
+from gplfd_policies.phase.path_phase import PathPhase
 
 LEVER = DoorConfig(radius=0.65, handle="lever", latch="spring")
+# Preparing demonstrations says what it found.
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
+
 GEOMETRY = DoorGeometry.of(LEVER)
+ARM = LEVER.handle_length - 0.03
 EXACT = TurnedHandle(
-    point=(0.0, 0.0, LEVER.handle_length - 0.03),
-    axis=(-1.0, 0.0, 0.0),
-    travel=0.8,
-    opens=0.2,
+    point=(0.0, 0.0, ARM), axis=(-1.0, 0.0, 0.0), travel=0.8, opens=0.2
 )
 PULL = np.array([1.0, 0.0, 0.0])
 PERIOD = 0.01
 
 
-def held_shut(handles: Handles, turn: float, force: float = 15.0) -> bool:
+def shown(door: DoorConfig, seed: int = 0) -> TurnedHandle | None:
+    return turned_handle(align(Teacher().standard_demonstrations(seed=seed, like=door)))
+
+
+# --- The handle that demonstrations turn -------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_demonstrations_tell_where_a_lever_s_axis_is(seed: int) -> None:
+    """To the centimetre by which the sensor is beside the place of the grasp."""
+    handle = shown(LEVER, seed)
+    assert handle is not None
+    assert_allclose(handle.point, EXACT.point, atol=0.012)
+    assert_allclose(handle.axis, EXACT.axis, atol=0.06)
+
+
+def test_a_left_hinged_door_s_lever_points_to_the_other_side() -> None:
+    handle = shown(DoorConfig(handle="lever", latch="spring", hinge_side="left"))
+    assert handle is not None
+    assert_allclose(handle.point, (0.0, 0.0, -ARM), atol=0.012)
+    assert_allclose(handle.axis, (1.0, 0.0, 0.0), atol=0.06)
+
+
+def test_a_bar_is_no_handle_that_turns() -> None:
+    assert shown(DoorConfig()) is None
+
+
+def test_a_hand_that_turns_while_it_goes_on_turns_no_handle() -> None:
+    """About one axis first and about another later, but no point of it rests."""
+    s = np.linspace(0.0, 1.0, 200)
+    first, later = np.minimum(s / 0.4, 1.0), np.maximum(s - 0.4, 0.0)
+    turns = Rotation.from_rotvec(np.outer(2.0 * later, [0.0, 1.0, 0.0]))
+    turns = turns * Rotation.from_rotvec(np.outer(0.5 * first, [1.0, 0.0, 0.0]))
+    poses = np.hstack([np.outer(s, [0.5, 0.0, 0.0]), turns.as_rotvec()])
+    aligned = align([Demonstration(times=5.0 * s, poses=poses)] * 2)
+    assert turned_handle(aligned) is None
+
+
+def test_the_axis_goes_along_the_door_s_circle_whatever_the_handle_does() -> None:
+    angles = np.linspace(0.0, 1.2, 13)
+    turns = 0.7 * np.sin(5.0 * angles) ** 2
+    places = EXACT.places(GEOMETRY.hand_poses(angles, turns))[:, :3]
+    closed = EXACT.places(GEOMETRY.hand_poses(angles))[:, :3]
+    assert_allclose(places, closed, atol=1e-12)
+    assert_array_equal(EXACT.places(np.zeros((1, 6)))[:, :3], np.zeros((1, 3)))
+
+
+@pytest.mark.parametrize(
+    ("angle", "turn"), [(0.0, 0.3), (0.5, 0.7), (1.0, 0.0), (1.2, -0.1)]
+)
+def test_a_hand_s_turn_is_the_leaf_s_and_the_handle_s(
+    angle: float, turn: float
+) -> None:
+    """And its way is where it goes while the handle turns."""
+    before, here, after = GEOMETRY.hand_poses(angle, turn + np.array([-1e-4, 0, 1e-4]))
+    leaf, handle = EXACT.turns(here[3:].tolist())
+    assert_allclose(leaf, (0.0, angle, 0.0), atol=1e-12)
+    assert handle == pytest.approx(turn)
+    way = (after - before)[:3]
+    assert_allclose(EXACT.way(here.tolist()), way / np.linalg.norm(way), atol=1e-6)
+
+
+def test_a_handle_that_goes_back_tells_nothing_of_the_door() -> None:
+    """It goes back because the policy has it go: the phase is that of the leaf."""
+    aligned = align(Teacher().standard_demonstrations(seed=0, like=LEVER))
+    angles = np.linspace(0.0, 0.6, 200)
+    pressed = np.minimum(np.linspace(0.0, 4.0, 200), 1.0) * 0.75
+    phases = []
+    for kept in (1.0, 0.2):
+        back = np.where(angles > 0.15, kept, 1.0)
+        rule, phase = PathPhase(EmpiricalDistribution(aligned), aligned), np.zeros(())
+        opening = np.maximum(angles - 0.15, 0.0)
+        for pose in GEOMETRY.hand_poses(opening, pressed * back):
+            phase = rule.update(pose, phase, phase).phase
+        phases.append(float(phase))
+    assert phases[0] > 0.3
+    assert phases[0] == pytest.approx(phases[1], abs=0.01)
+
+
+def test_a_knob_has_no_way() -> None:
+    handle = shown(DoorConfig(handle="knob", latch="spring"))
+    assert handle is not None
+    assert handle.way([0.0] * 6) == (0.0, 0.0, 0.0)
+
+
+# --- How far it is turned on this door ---------------------------------------
+
+
+def compensation(**config: float) -> HandleCompensation:
+    return HandleCompensation([EXACT], (), HandleConfig(**config))
+
+
+def held_shut(handles: HandleCompensation, turn: float, force: float = 15.0) -> bool:
     pose = GEOMETRY.hand_poses(0.0, turn)
-    return bool(handles.turned_on(pose, PULL, np.float64(force), PERIOD))
+    return bool(handles.turn_further(pose, PULL, np.float64(force), PERIOD))
 
 
-def turned_further(seconds: float = 0.2) -> Handles:
+def turned_further(seconds: float = 0.2, **config: float) -> HandleCompensation:
     """Return the handle of a door that did not give for a while."""
-    handles, turn = Handles([EXACT], ()), 0.8
+    handles, turn = compensation(**config), 0.8
     for _ in range(round(seconds / PERIOD)):
         assert held_shut(handles, turn)
         turn = float(0.8 * gear(handles))
     return handles
 
 
-def gear(handles: Handles) -> float:
-    """Return what a turn of 1 rad that was shown is on the member's own handle."""
-    return -float(handles.asked(GEOMETRY.hand_poses(0.0, 1.0))[3])
+def gear(handles: HandleCompensation) -> float:
+    """Return what a turn of 1 rad that was shown is on the row's own handle."""
+    return -float(handles.add_handle_motion(GEOMETRY.hand_poses(0.0, 1.0))[3])
 
 
 def test_a_door_that_does_not_give_has_its_handle_turned_on() -> None:
     assert gear(turned_further(0.2)) == pytest.approx(1.1)
-    assert gear(turned_further(0.4)) == pytest.approx(1.2)
+    assert gear(turned_further(0.2, gear_rate=1.0)) == pytest.approx(1.2)
+    handles = turned_further(0.4)
+    assert gear(handles) == pytest.approx(1.2)
+    handles.reset()
+    assert gear(handles) == pytest.approx(1.0)
 
 
 def test_a_handle_goes_back_as_shown_from_further_away() -> None:
@@ -51,30 +158,33 @@ def test_a_handle_goes_back_as_shown_from_further_away() -> None:
     angles, turns = np.array([0.0, 0.1, 0.4, 1.0]), np.array([0.8, 0.8, 0.3, 0.1])
     for angle, turn in zip(angles, turns, strict=True):
         shown, own = GEOMETRY.hand_poses(angle, np.array([turn, 1.1 * turn]))
-        assert_allclose(handles.asked(shown), own, atol=1e-12)
-        assert_allclose(handles.shown(own), shown, atol=1e-12)
+        assert_allclose(handles.add_handle_motion(shown), own, atol=1e-12)
+        assert_allclose(handles.remove_handle_motion(own), shown, atol=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("angle", "turn", "force"),
+    ("angle", "turn", "force", "config"),
     [
-        pytest.param(0.0, 0.8, 9.0, id="a light door"),
-        pytest.param(0.0, 0.5, 15.0, id="still being turned"),
-        pytest.param(0.03, 0.8, 15.0, id="open"),
+        pytest.param(0.0, 0.8, 9.0, {"latched_force": 8.0}, id="a light door"),
+        pytest.param(0.0, 0.5, 15.0, {"following_share": 0.6}, id="still being turned"),
+        pytest.param(0.03, 0.8, 15.0, {"closed_distance": 0.03}, id="open"),
     ],
 )
 def test_no_handle_is_turned_on_without_need(
-    angle: float, turn: float, force: float
+    angle: float, turn: float, force: float, config: dict[str, float]
 ) -> None:
-    handles = Handles([EXACT], ())
+    """But the thresholds are settings."""
     pose = GEOMETRY.hand_poses(angle, turn)
-    assert not handles.turned_on(pose, PULL, np.float64(force), PERIOD)
+    handles = compensation()
+    assert not handles.turn_further(pose, PULL, np.float64(force), PERIOD)
     assert gear(handles) == pytest.approx(1.0)
+    eager = compensation(**config)
+    assert eager.turn_further(pose, PULL, np.float64(force), PERIOD)
 
 
 def test_a_handle_at_its_stop_is_not_turned_further() -> None:
     """Nor while the hand turns on the lever, which does not follow."""
-    handles = Handles([EXACT], ())
+    handles = compensation()
     while held_shut(handles, 0.8):
         pass
     assert 0.8 * gear(handles) == pytest.approx(1.0, abs=0.01)
@@ -82,28 +192,23 @@ def test_a_handle_at_its_stop_is_not_turned_further() -> None:
     stop = GEOMETRY.hand_poses(0.0, 0.8)
     for angle in np.linspace(0.8, 1.2, 100):
         stop[3] = -angle
-        handles.turned_on(stop, PULL, np.float64(15.0), PERIOD)
+        handles.turn_further(stop, PULL, np.float64(15.0), PERIOD)
     assert 0.8 * gear(handles) == pytest.approx(1.0, abs=0.02)
 
 
 def test_a_knob_is_turned_on_by_the_hand_s_turn_alone() -> None:
-    knob = TurnedHandle(point=(0.0, 0.0, 0.0), axis=(-1.0, 0.0, 0.0), travel=0.8)
-    handles = Handles([knob], ())
+    knob = replace(EXACT, point=(0.0, 0.0, 0.0))
+    handles = HandleCompensation([knob], (), HandleConfig())
     pose = np.array([0.004, -0.008, 0.003, -0.8, 0.0, 0.0])
-    assert handles.turned_on(pose, PULL, np.float64(15.0), PERIOD)
+    assert handles.turn_further(pose, PULL, np.float64(15.0), PERIOD)
 
 
-def test_handles_are_turned_on_within_bounds() -> None:
-    handles = turned_further(1.1)
+@pytest.mark.parametrize("most", [1.2, 1.6])
+def test_handles_are_turned_on_within_bounds(most: float) -> None:
+    handles = compensation(max_gear=most)
     while held_shut(handles, 2.0):
         pass
-    assert gear(handles) == pytest.approx(1.6)
-
-
-def test_reset_forgets_how_far_a_handle_turns() -> None:
-    handles = turned_further()
-    handles.reset()
-    assert gear(handles) == pytest.approx(1.0)
+    assert gear(handles) == pytest.approx(most)
 
 
 @pytest.mark.parametrize(("angle", "turn"), [(0.0, 0.4), (0.2, 0.8), (0.9, 0.1)])
@@ -112,44 +217,94 @@ def test_a_door_is_told_by_its_axis_and_its_leaf(angle: float, turn: float) -> N
     mean = GEOMETRY.hand_poses(angle + 0.02, 0.6)
     expected = GEOMETRY.hand_poses(angle, 0.6)
     way = np.array(EXACT.way(mean.tolist()))
-    expected[:3] += way * (way @ (EXACT.place(mean.tolist()) - places(expected)))
-    handles = Handles([EXACT], ())
+    beside = np.subtract(EXACT.place(mean.tolist()), EXACT.place(expected.tolist()))
+    expected[:3] += way * (way @ beside)
     for lag in (0.0, 0.01):
         pose = GEOMETRY.hand_poses(angle, turn)
         pose[:3] += lag * way
-        assert_allclose(handles.told(pose, mean, 0), expected, atol=1e-12)
-
-
-def places(pose: np.ndarray) -> np.ndarray:
-    return np.array(EXACT.place(pose.tolist()))
-
-
-def test_a_bar_tells_all_that_the_hand_does() -> None:
-    handles, pose = Handles([None], ()), np.arange(6.0) / 10.0
-    assert handles.told(pose, np.zeros(6), 0) is pose
-    assert_array_equal(handles.shown(pose), pose)
-    assert_array_equal(handles.asked(pose), pose)
-    assert not handles.turned_on(pose, PULL, np.float64(50.0), PERIOD)
-    assert not handles.hooked()
-    assert handles.opening(np.float64(0.1)) == 0.1
+        assert_allclose(compensation().axis_pose(pose, mean, 0), expected, atol=1e-12)
 
 
 def test_a_door_s_way_begins_where_its_handle_s_axis_moves() -> None:
-    handles = Handles([None, EXACT], (2,))
-    assert_array_equal(handles.opening(np.array([0.1, 0.1])), [0.1, 0.2])
-    assert_array_equal(handles.opening(np.array([0.3, 0.3])), [0.3, 0.3])
-    assert_array_equal(handles.hooked(), [False, True])
+    handles = HandleCompensation(
+        [replace(EXACT, opens=0.1), EXACT], (2,), HandleConfig()
+    )
+    assert_array_equal(handles.opening_phases(np.array([0.05, 0.05])), [0.1, 0.2])
+    assert_array_equal(handles.opening_phases(np.array([0.3, 0.3])), [0.3, 0.3])
 
 
+@pytest.mark.bits
 def test_one_hand_and_many_turn_handles_alike() -> None:
-    members = np.array([1, 2])
-    many = Handles([None, EXACT, EXACT], (3,))
+    rows = np.array([1, 2])
+    many = HandleCompensation([EXACT] * 3, (3,), HandleConfig())
     poses = GEOMETRY.hand_poses(0.0, np.array([0.3, 0.8]))
     forces, paths = np.array([15.0, 15.0]), np.tile(PULL, (2, 1))
     for _ in range(20):
-        turned = many.turned_on(poses, paths, forces, PERIOD, members)
+        turned = many.turn_further(poses, paths, forces, PERIOD, rows)
         assert_array_equal(turned, [False, True])
-    alone = turned_further()
-    asked = many.asked(np.tile(poses[1], (3, 1)))
+    asked = many.add_handle_motion(np.tile(poses[1], (3, 1)))
     assert_array_equal(asked[:2], poses[[1, 1]])
-    assert_array_equal(asked[2], alone.asked(poses[1]))
+    assert_array_equal(asked[2], turned_further().add_handle_motion(poses[1]))
+
+
+# --- Its load, and the door's ------------------------------------------------
+
+PRESSED = GEOMETRY.hand_poses(0.0, 0.7)
+WAY = np.array(EXACT.way(PRESSED.tolist()))
+
+
+def contact(force: np.ndarray) -> ContactState:
+    wrench = np.concatenate([force, np.zeros(3)])
+    return ContactState(
+        wrench=wrench, direction=PULL, pose=PRESSED, displacement=np.zeros(3)
+    )
+
+
+@pytest.fixture
+def load() -> HandleLoad:
+    return HandleLoad(LearnedLoad(), DEFAULT_PROFILE, compensation(), (), PERIOD)
+
+
+def test_the_spring_of_a_lever_is_carried_while_the_door_is_pulled(
+    load: HandleLoad,
+) -> None:
+    """And what is across both ways is yielded to, as it is where nothing turns."""
+    spring, across = -6.0 * WAY, 3.0 * np.cross(PULL, WAY)
+    response = load.update(contact(spring + across - 8.0 * PULL))
+    assert_allclose(response.compliant_wrench[:3], across, atol=1e-9)
+    assert response.compensated_load == pytest.approx(8.0)
+
+
+def test_what_presses_a_lever_further_is_yielded_to(load: HandleLoad) -> None:
+    response = load.update(contact(6.0 * WAY))
+    assert_allclose(response.compliant_wrench[:3], 6.0 * WAY)
+
+
+def test_a_door_behind_a_handle_may_be_heavier_than_a_friction_grasp_holds(
+    load: HandleLoad,
+) -> None:
+    bar = LearnedLoad().begin(DEFAULT_PROFILE)
+    for hand, carried in ((bar, 25.0), (load, 45.0)):
+        response = hand.update(contact(-45.0 * PULL))
+        assert response.compensated_load == pytest.approx(carried)
+
+
+def test_a_hand_that_turns_the_handle_further_does_not_pull_harder(
+    load: HandleLoad,
+) -> None:
+    light = load.update(contact(-9.0 * PULL))
+    assert light.pace > 0.9
+    stuck = replace(contact(-15.0 * PULL), pose=GEOMETRY.hand_poses(0.0, 0.8))
+    assert load.update(stuck).pace <= 0.0
+
+
+def test_turning_a_handle_teaches_nothing_of_the_door(load: HandleLoad) -> None:
+    """A door behind a light lever is expected to be as heavy as any other."""
+    for turn in np.linspace(0.0, 0.7, 60):
+        pose = GEOMETRY.hand_poses(0.0, turn)
+        way = np.array(EXACT.way(pose.tolist()))
+        load.update(replace(contact(-2.0 * way), direction=way, pose=pose))
+    held = load.update(contact(-20.0 * PULL))
+    assert held.compensated_load == pytest.approx(20.0)
+    stop = load.update(contact(-20.0 * WAY)).compliant_wrench[:3] @ -WAY
+    assert 14.0 < stop < 18.0

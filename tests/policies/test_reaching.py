@@ -17,6 +17,8 @@ from gplfd_policies.agents.reaching import (
 )
 from gplfd_policies.movements.movement import Movement
 
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
 ELSEWHERE = np.array([0.136, 0.02, -0.064, 0.0, 0.05, 0.0])
 
 

@@ -1,13 +1,16 @@
 """Policies by name."""
 
+import dataclasses
 import pickle
+from functools import partial
 
+import jaxtyping
 import numpy as np
 import pytest
-from jaxtyping import config
 from scipy.spatial.transform import Rotation
 
 from gplfd_env import DoorGeometry
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, TrainingInput, align, make_agent
 from gplfd_policies.adaptation import (
     ExactAdaptation,
@@ -18,12 +21,29 @@ from gplfd_policies.adaptation import (
 )
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
 from gplfd_policies.control.rendering import ArmRendering
+from gplfd_policies.handles.adapter import HandleConfig
+from gplfd_policies.phase.path_phase import PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
+from gplfd_policies.registry.method import path_phase, profile_of_spread
+
+
+@pytest.fixture(scope="module")
+def agent_of(demonstrations, learned):
+    """Agents by name, whose movements are learned once for all that learn alike."""
+
+    def make(name):
+        method = POLICIES[name].method
+        if method is None:
+            return make_agent(name, demonstrations)
+        return method.follow(learned(method, demonstrations))
+
+    return make
 
 
 @pytest.mark.parametrize("name", sorted(POLICIES))
-def test_every_policy_makes_a_finite_first_step(name, demonstrations):
-    agent = make_agent(name, demonstrations, seed=0)
+def test_every_policy_makes_finite_steps(name, agent_of):
+    """From the closed handle on, and until the first via-point is taken."""
+    agent = agent_of(name)
     agent.inform(DoorGeometry.nominal(0.5))
     observation = {"ee_pose": np.zeros(6), "wrench": np.zeros(6)}
     agent.reset(observation)
@@ -32,19 +52,22 @@ def test_every_policy_makes_a_finite_first_step(name, demonstrations):
     # Three components, which suit the whole path best, begin beside its start.
     off = 0.02 if name == "gmm-gp-tuned" else 0.01
     assert np.abs(step.action[:3]).max() < off
+    for angle in (0.02, 0.04, 0.06):
+        pose = handle_pose_on_arc(0.5, angle)
+        step = agent.act({"ee_pose": pose, "wrench": np.full(6, -0.3)})
+        assert np.isfinite(step.action).all()
 
 
 def stiffness(translation):
     return (float(translation),) * 3 + (0.1 * translation,) * 3
 
 
-def parts(name, demonstrations):
-    agent = make_agent(name, demonstrations)
+def parts(agent):
     noise = agent.movement.learned.processes.outputs[0].noise
     return {
         "form": type(agent.movement.distribution),
         "phase": type(agent.phases),
-        "heading": getattr(agent.phases, "noise", PhaseNoise()).heading,
+        "heading": getattr(agent.phases.settings, "noise", PhaseNoise()).heading,
         "load": type(agent.config.load),
         "damped": agent.config.dynamics.least_damping.any(),
         "rendering": type(agent.config.rendering),
@@ -58,69 +81,67 @@ def parts(name, demonstrations):
     }
 
 
+CONSTANT = {
+    k: dict.fromkeys(("k_min", "k_max"), stiffness(k)) | {"published middle": True}
+    for k in (100, 200, 330, 500)
+}
+DIFFERENCES = {
+    "gp-product": {"form": ProductAdaptation},
+    "gp-exact": {"form": ExactAdaptation},
+    "gp-independent-phase": {"form": IndependentPhaseAdaptation},
+    "gp-own-clock": {"form": OwnClockAdaptation},
+    "gp-fixed": {"form": NoAdaptation},
+    "gp-clock": {"phase": ClockPhase},
+    "gp-heading-trusting": {"heading": 0.0},
+    "gp-homoscedastic": {"noise varies": False},
+    "gp-carried-load": {"load": CarriedLoad},
+    "gp-undamped": {"damped": False},
+    "gp-one-centimetre": {"published middle": True},
+    "gp-within-demonstrations": {"goes on": False},
+    "gp-impedance": {
+        "control": "impedance",
+        "mass": 4.0,
+        "damped": False,
+        "rendering": ArmRendering,
+    },
+    **{f"gp-constant-{k}": differs for k, differs in CONSTANT.items()},
+    # These learn from other alignments.
+    "gp-untrimmed": {},
+    "gp-dtw-euclidean": {},
+    "gp-directions": {},
+    "gp-paper": {
+        "form": ProductAdaptation,
+        "load": YieldToAll,
+        "damped": False,
+        "goes on": False,
+        "published middle": True,
+        "k_min": (100.0,) * 6,
+        "k_max": (500.0,) * 6,
+    },
+}
+
+
+@pytest.mark.parametrize("name", DIFFERENCES)
+@pytest.mark.filterwarnings("ignore:sensor noise")
+def test_ablations_differ_from_gp_where_their_name_says(name, agent_of):
+    assert parts(agent_of(name)) == parts(agent_of("gp")) | DIFFERENCES[name]
+
+
 @pytest.mark.parametrize(
-    ("name", "differs"),
+    ("scale", "shift", "message"),
     [
-        ("gp-product", {"form": ProductAdaptation}),
-        ("gp-exact", {"form": ExactAdaptation}),
-        ("gp-independent-phase", {"form": IndependentPhaseAdaptation}),
-        ("gp-own-clock", {"form": OwnClockAdaptation}),
-        ("gp-fixed", {"form": NoAdaptation}),
-        ("gp-clock", {"phase": ClockPhase}),
-        ("gp-heading-trusting", {"heading": 0.0}),
-        ("gp-untrimmed", {}),
-        ("gp-homoscedastic", {"noise varies": False}),
-        ("gp-carried-load", {"load": CarriedLoad}),
-        ("gp-undamped", {"damped": False}),
-        ("gp-one-centimetre", {"published middle": True}),
-        ("gp-within-demonstrations", {"goes on": False}),
-        (
-            "gp-impedance",
-            {
-                "control": "impedance",
-                "mass": 4.0,
-                "damped": False,
-                "rendering": ArmRendering,
-            },
-        ),
-        (
-            "gp-constant-500",
-            {"k_min": (500.0,) * 3 + (50.0,) * 3} | {"published middle": True},
-        ),
-        *(
-            (
-                f"gp-constant-{k}",
-                dict.fromkeys(("k_min", "k_max"), stiffness(k))
-                | {"published middle": True},
-            )
-            for k in (100, 200, 330)
-        ),
-        ("gp-dtw-euclidean", {}),
-        ("gp-directions", {}),
-        (
-            "gp-paper",
-            {
-                "form": ProductAdaptation,
-                "load": YieldToAll,
-                "damped": False,
-                "goes on": False,
-                "published middle": True,
-                "k_min": (100.0,) * 6,
-                "k_max": (500.0,) * 6,
-            },
-        ),
+        (1.0, [1.0, 2.0, 3.0], r"demonstration 1 .* closed handle"),
+        (1.0, [0.0, 0.1, 0.0], r"demonstration 1 .* closed handle"),
+        (1000.0, [0.0, 0.0, 0.0], "in metres"),
     ],
 )
-@pytest.mark.filterwarnings("ignore:sensor noise")
-def test_ablations_differ_from_gp_where_their_name_says(name, differs, demonstrations):
-    assert parts(name, demonstrations) == parts("gp", demonstrations) | differs
-
-
-@pytest.mark.parametrize("shift", [[1.0, 2.0, 3.0], [0.0, 0.1, 0.0]])
-def test_demonstrations_must_start_at_the_closed_handle(shift, demonstrations):
+def test_demonstrations_must_start_at_the_closed_handle(
+    scale, shift, message, demonstrations
+):
     one = demonstrations[0]
-    moved = Demonstration(times=one.times, poses=one.poses + np.pad(shift, (0, 3)))
-    with pytest.raises(ValueError, match=r"demonstration 1 .* closed handle"):
+    poses = one.poses * np.repeat([scale, 1.0], 3) + np.pad(shift, (0, 3))
+    moved = Demonstration(times=one.times, poses=poses)
+    with pytest.raises(ValueError, match=message):
         make_agent("gp", [one, moved])
 
 
@@ -160,27 +181,16 @@ def test_remedy_for_demonstrations_that_start_elsewhere_works(demonstrations):
     np.testing.assert_allclose(remedied, one.poses, atol=1e-12)
 
 
-@pytest.mark.parametrize("given", ["one", "arrays", "aligned"])
+@pytest.mark.parametrize(
+    "wrong", [lambda ones: ones[0], lambda ones: [one.poses for one in ones], align]
+)
 def test_only_sequences_of_demonstrations_are_learned_from(
-    given, demonstrations, monkeypatch
+    wrong, demonstrations, monkeypatch
 ):
     # What a user meets, whose types nobody checks.
-    monkeypatch.setattr(config, "jaxtyping_disable", True)
-    wrong = {
-        "one": demonstrations[0],
-        "arrays": [one.poses for one in demonstrations],
-        "aligned": align(demonstrations),
-    }[given]
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     with pytest.raises(TypeError, match=r"sequence of .*Demonstration, got .*\[demo"):
-        make_agent("gp", wrong)
-
-
-def test_millimetres_are_noticed(demonstrations):
-    one = demonstrations[0]
-    scale = np.repeat([1000.0, 1.0], 3)
-    wrong = Demonstration(times=one.times, poses=one.poses * scale)
-    with pytest.raises(ValueError, match="in metres"):
-        make_agent("gp", [wrong])
+        make_agent("gp", wrong(demonstrations))
 
 
 @pytest.mark.parametrize("name", ["gp", "gp-product", "gp-fixed"])
@@ -190,7 +200,7 @@ def test_same_demonstrations_give_the_same_bits(name, demonstrations):
         agent = make_agent(name, demonstrations)
         observation = {"ee_pose": np.zeros(6), "wrench": np.full(6, 0.3)}
         agent.reset(observation)
-        actions.append([agent.act(observation).action for _ in range(50)])
+        actions.append([agent.act(observation).action for _ in range(10)])
     np.testing.assert_array_equal(*actions)
 
 
@@ -201,30 +211,46 @@ def test_policies_can_be_sent_to_other_processes(name):
     assert repr(policy.method) == repr(POLICIES[name].method)
 
 
-def test_agents_can_be_kept_in_the_middle_of_an_episode(demonstrations):
-    agent = make_agent("gp", demonstrations)
+def test_agents_can_be_kept_in_the_middle_of_an_episode(agent_of):
+    agent = agent_of("gp")
     observation = {"ee_pose": np.full(6, 0.01), "wrench": np.full(6, 0.3)}
     agent.reset(observation)
-    for _ in range(30):
+    for _ in range(10):
         agent.act(observation)
     again = pickle.loads(pickle.dumps(agent))
-    for _ in range(30):
+    for _ in range(10):
         kept, other = agent.act(observation), again.act(observation)
         np.testing.assert_array_equal(kept.action, other.action)
 
 
-def test_unknown_policy_lists_what_exists(demonstrations):
-    with pytest.raises(ValueError, match=r"did you mean 'gp-fixed'.*gp-product"):
-        make_agent("gp-fixd", demonstrations)
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("gp-fixd", r"did you mean 'gp-fixed'.*gp-product"), ("gp", "at least one")],
+)
+def test_an_unknown_policy_or_no_demonstration_is_an_error(name, message):
+    with pytest.raises(ValueError, match=message):
+        make_agent(name, ())
 
 
-def test_no_demonstrations_is_an_error():
-    with pytest.raises(ValueError, match="at least one"):
-        make_agent("gp", ())
-
-
-def test_references_need_no_demonstrations():
+def test_model_based_policies_need_no_demonstrations():
     learn_nothing = {name for name, one in POLICIES.items() if one.kind == "reference"}
     assert learn_nothing >= {"hinge-fit", "oracle"}
     for name in learn_nothing:
         make_agent(name, ())
+
+
+def test_settings_of_phase_and_handles_are_those_of_a_method(demonstrations, learned):
+    """A study varies them by a policy of its own."""
+    window, handle = PathPhaseConfig(window=(0.1, 0.1)), HandleConfig(max_gear=2.0)
+    method = dataclasses.replace(
+        POLICIES["gp"].method,
+        phases=partial(path_phase, config=window),
+        profile=partial(profile_of_spread, resolution=(4e-3, 3e-2)),
+        handle_config=handle,
+    )
+    movement = learned(method, demonstrations)
+    agent, usual = method.follow(movement), POLICIES["gp"].method.follow(movement)
+    assert agent.phases.settings == window
+    assert agent.handle_config == handle
+    beta = agent.config.profile.beta / usual.config.profile.beta
+    np.testing.assert_allclose(beta, [2.0, 4.0, 2.0, 1.0, 1.0, 1.0])

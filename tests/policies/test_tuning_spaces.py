@@ -13,16 +13,16 @@ from gplfd_policies import POLICIES, ViaPoint
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.registry.built_in import TABLE_1
 from gplfd_policies.registry.catalogue import tuned
-from gplfd_policies.registry.method import TrainingInput
 from gplfd_policies.registry.tuning_spaces import SPACES, Setting, tuned_settings
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
 
 GRID = np.linspace(0.0, 1.0, 40)
 SHARES = st.floats(0.0, 1.0)
 VIA_POINT = ViaPoint(phase=0.3, pose=handle_pose_on_arc(0.42, 0.35), std=1e-3)
 
 
-def adapted(method, demonstrations):
-    movement = method.learn(TrainingInput(demonstrations=demonstrations))
+def adapted(method, movement):
     adaptation = begin_adaptation(movement, method.adaptation, GRID)
     adaptation.observe(VIA_POINT)
     return adaptation.trajectory()
@@ -30,11 +30,15 @@ def adapted(method, demonstrations):
 
 @pytest.mark.parametrize("name", SPACES)
 @pytest.mark.filterwarnings("ignore:sensor noise")
-def test_published_settings_are_those_of_the_registered_method(name, demonstrations):
+def test_published_settings_are_those_of_the_registered_method(
+    name, demonstrations, learned
+):
     registered = POLICIES[name].method
     again = SPACES[name].method(registered, SPACES[name].published)
     assert again.config == registered.config
-    ours, theirs = (adapted(one, demonstrations) for one in (again, registered))
+    ours, theirs = (
+        adapted(one, learned(one, demonstrations)) for one in (again, registered)
+    )
     np.testing.assert_array_equal(ours.mean, theirs.mean)
     np.testing.assert_array_equal(ours.std, theirs.std)
 
@@ -58,11 +62,12 @@ def test_every_corner_is_a_method(name):
 @pytest.mark.parametrize("share", [0.0, 1.0])
 @pytest.mark.parametrize("name", SPACES)
 @pytest.mark.filterwarnings("ignore:sensor noise", "ignore:Expectation max")
-def test_extreme_settings_learn_and_adapt(name, share, demonstrations):
+def test_extreme_settings_learn_and_adapt(name, share, demonstrations, learned):
     space = SPACES[name]
     values = space.at([share] * len(space.settings))
     method = space.method(POLICIES[name].method, values)
-    assert np.isfinite(adapted(method, demonstrations).mean).all()
+    movement = learned(method, demonstrations)
+    assert np.isfinite(adapted(method, movement).mean).all()
 
 
 @pytest.mark.parametrize(
@@ -107,6 +112,14 @@ def test_a_tuned_policy_has_the_settings_and_says_them():
     assert policy.summary == "gmr, tuned: components 5, regularisation 0.001"
     config = policy.method.fit.keywords["config"]
     assert (config.components, config.regularisation) == (5, 1e-3)
+
+
+def test_settings_beside_the_fit_are_those_of_via_points_and_adaptation():
+    changes = {"via_std_factor": 2.0, "empirical_share": 0.7}
+    method = tuned("gp", SPACES["gp"].published | changes).method
+    published = POLICIES["gp"].method.config.via_std
+    assert method.config.via_std == tuple(2.0 * each for each in published)
+    assert method.adaptation.keywords == {"empirical_share": 0.7}
 
 
 def test_a_file_of_tuned_settings_is_read(tmp_path):

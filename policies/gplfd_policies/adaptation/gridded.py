@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gplfd_policies.adaptation.forms import begin_adaptation
-from gplfd_policies.arrays.members import EVERY_MEMBER, Members, Numbers
+from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
 from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose
 from gplfd_policies.movements.movement import Adaptation, AdaptationForm, Movement
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
@@ -159,9 +159,9 @@ class GriddedMovements:
         """The members' numbers, from 0."""
         return self._numbers
 
-    def reset(self, members: Members = EVERY_MEMBER) -> None:
-        """Forget the via-points of these members."""
-        for member in np.ravel(self._numbers[members]).tolist():
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
+        """Forget the via-points of these rows."""
+        for member in np.ravel(self._numbers[rows]).tolist():
             self._movements[member].reset()
             self._renew(member)
 
@@ -171,18 +171,18 @@ class GriddedMovements:
         self._renew(member)
 
     def at(
-        self, phases: Float[Numbers, "*S"], members: Members = EVERY_MEMBER
+        self, phases: Float[Numbers, "*S"], rows: Rows = ALL_ROWS
     ) -> tuple[Float[np.ndarray, "*S 6"], Float[np.ndarray, "*S 6"]]:
-        """Return means and standard deviations of these members.
+        """Return means and standard deviations of these rows.
 
         Args:
             phases: Phases in [0, 1], one per member along the last axis.
-            members: Whose they are.
+            rows: The rows that are meant.
         """
         position = phases * (self._n_grid - 1)
         left = position.astype(np.int64)
         share = np.asarray(position - left)[..., None]
-        row = self._first_row[members] + left
+        row = self._first_row[rows] + left
         table = self._table
         both = (1.0 - share) * table.take(row, 0) + share * table.take(row + 1, 0)
         return both[..., :6], both[..., 6:]
@@ -195,7 +195,7 @@ class GriddedMovements:
         return means[0], stds[0]
 
     def ahead(
-        self, phases: Float[Numbers, "*N"], members: Members = EVERY_MEMBER
+        self, phases: Float[Numbers, "*N"], rows: Rows = ALL_ROWS
     ) -> tuple[
         Float[np.ndarray, "*N 6"], Float[np.ndarray, "*N 6"], Float[np.ndarray, "*N 3"]
     ]:
@@ -203,16 +203,16 @@ class GriddedMovements:
 
         Args:
             phases: Phases in [0, 1], one per member.
-            members: Whose they are.
+            rows: The rows that are meant.
 
         Returns:
             Means and standard deviations [m, rad], and unit vectors in the task frame.
         """
-        means, stds = self.at(look_ahead(phases, phases), members)
+        means, stds = self.at(look_ahead(phases, phases), rows)
         return means[0], stds[0], self.direction(means[1:])
 
     def hand_poses(
-        self, poses: Float[np.ndarray, "*N 6"], members: Members = EVERY_MEMBER
+        self, poses: Float[np.ndarray, "*N 6"], rows: Rows = ALL_ROWS
     ) -> Float[np.ndarray, "*N 6"]:
         """Return the hand poses for poses of the movements: the same."""
         return poses

@@ -1,8 +1,8 @@
-"""One agent: what acts in an episode, and the one that the paper describes.
+"""The agent interface, a user's agent behind it, and the compliant agent.
 
-The paper is Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979; `gplfd_policies.control.compliance` is what its agent
-does.
+The compliant agent is that of Arduengo et al., *Gaussian-Process-based Robot Learning
+from Demonstration*, arXiv:2002.09979; `gplfd_policies.control.compliance` is its
+control step.
 """
 
 import textwrap
@@ -17,21 +17,22 @@ from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
 from gplfd_policies.control.steps import AgentStep, Observation
-from gplfd_policies.handles.adapter import controller_of
+from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
+from gplfd_policies.handles.adapter import HandleConfig, controller_of
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.phase.phase_rule import PhaseRule
 
 
 @runtime_checkable
 class Agent(Protocol):
-    """What acts in one episode; `as_agent` makes one of anything that can act."""
+    """What acts in one episode; `as_agent` makes one of any object with ``act``."""
 
     @property
     def control(self) -> Control:
         """What it commands, and with it the environment: poses, or stiffness, too."""
 
     def inform(self, door: DoorGeometry) -> None:
-        """Take in which door the next episode has; for an oracle, else ignored."""
+        """Receive the door of the next episode; only an oracle uses it."""
 
     def reset(self, observation: Observation) -> None:
         """Begin an episode at the closed, grasped door."""
@@ -73,10 +74,10 @@ def as_agent(candidate: object) -> Agent:
 
 
 class CheckedAgent:
-    """An agent of one's own: what it leaves out is filled in, what it does checked.
+    """A user's agent: what it leaves out is filled in, what it returns is checked.
 
     Args:
-        candidate: What acts; see `as_agent`.
+        candidate: The user's object; see `as_agent`.
     """
 
     def __init__(self, candidate: Any) -> None:
@@ -113,8 +114,21 @@ class CheckedAgent:
         """
         self._step += 1
         given = self._candidate.act(observation)
-        step = _as_step(given, self.control)
-        if step is not None:
+        try:
+            numbers = np.array(given, dtype=np.float64)
+        except (TypeError, ValueError):
+            step = given
+        else:
+            step = None
+            if self.control == "pose" and numbers.shape == (6,):
+                step = AgentStep(action=numbers)
+            elif self.control == "impedance" and numbers.shape == (12,):
+                step = AgentStep(action=numbers[:6], stiffness=numbers[6:])
+        if (
+            isinstance(step, AgentStep)
+            and step.action.shape == (6,)
+            and np.isfinite(step.command(self.control)).all()
+        ):
             return step
         raise ValueError(
             f"{type(self._candidate).__name__}.act returned "
@@ -151,28 +165,6 @@ _WANTED: Final = {
 }
 
 
-def _as_step(given: Any, control: Control) -> AgentStep | None:
-    """Return a command or a step as a step; None if it is neither, or not finite."""
-    try:
-        numbers = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        step = given
-    else:
-        step = _parted(numbers, control)
-    if not isinstance(step, AgentStep) or step.action.shape != (6,):
-        return None
-    return step if np.isfinite(step.command(control)).all() else None
-
-
-def _parted(command: np.ndarray, control: Control) -> AgentStep | None:
-    """Return a command as a step; None if it has another shape."""
-    if control == "pose" and command.shape == (6,):
-        return AgentStep(action=command)
-    if control == "impedance" and command.shape == (12,):
-        return AgentStep(action=command[:6], stiffness=command[6:])
-    return None
-
-
 @dataclass(frozen=True, slots=True)
 class CompliantAgent:
     """Follows a learned movement with variable-stiffness admittance control.
@@ -183,27 +175,39 @@ class CompliantAgent:
 
     Attributes:
         movement: The movement on a grid of phases, adapted in place.
-        phases: Tells where along the task an observed pose lies.
+        phases: Finds where along the task an observed pose lies.
         config: Stiffness, load, timing and via-points.
+        handle_config: When and how far a handle is turned beyond the demonstration.
+        handle: The handle that the demonstrations turn; None of a bar.
     """
 
     movement: GriddedMovement
     phases: PhaseRule
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
+    handle_config: HandleConfig = field(default_factory=HandleConfig)
+    handle: TurnedHandle | None = field(init=False, repr=False, compare=False)
     _controller: ComplianceController = field(init=False, repr=False, compare=False)
 
     @one_thread
     def __post_init__(self) -> None:
-        controller = controller_of(self.movement, self.phases, self.config)
+        handle = turned_handle(self.movement.learned.aligned)
+        controller = controller_of(
+            self.movement,
+            self.phases,
+            self.config,
+            [] if handle is None else [handle],
+            self.handle_config,
+        )
+        object.__setattr__(self, "handle", handle)
         object.__setattr__(self, "_controller", controller)
 
     @property
     def control(self) -> Control:
-        """What renders its stiffness."""
+        """Where its stiffness is realised."""
         return self.config.rendering.control
 
     def inform(self, door: DoorGeometry) -> None:
-        """Ignore it: what it knows of doors it has learned and will observe."""
+        """Ignore the door: the agent learns and observes all that it uses."""
 
     @one_thread
     def reset(self, observation: Observation) -> None:
@@ -222,5 +226,5 @@ class CompliantAgent:
 
     @one_thread
     def forecast(self) -> GaussianTrajectory:
-        """Return the movement as it stands, over the whole task."""
+        """Return the current movement over the whole task."""
         return self.movement.trajectory()

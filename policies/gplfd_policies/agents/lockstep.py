@@ -5,7 +5,7 @@ one configuration that act in lockstep share it, and decide as they would alone.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Protocol, SupportsIndex, runtime_checkable
 
 import numpy as np
@@ -13,8 +13,8 @@ import numpy as np
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_policies.agents.agent import Agent, CompliantAgent, as_agent
-from gplfd_policies.arrays.members import members_of
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.rows import Rows, rows_of
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
 from gplfd_policies.handles.adapter import controller_of
@@ -26,34 +26,34 @@ Mask = np.ndarray
 
 @runtime_checkable
 class AgentBatch(Protocol):
-    """N agents in lockstep, each with a door of its own."""
+    """N agents in lockstep, one per row, each with its own door."""
 
     @property
     def control(self) -> Control:
         """What all of them command."""
 
     def inform(self, doors: Sequence[DoorGeometry]) -> None:
-        """Tell every member the door of its next episode; for oracles, else ignored."""
+        """Give every agent the door of its next episode; only oracles use it."""
 
     def reset(self, observations: Observation, mask: Mask | None = None) -> None:
-        """Let members begin an episode at the closed, grasped door.
+        """Let agents begin an episode at the closed, grasped door.
 
         Args:
-            observations: One row per member of the batch, (N, ...).
-            mask: Which members begin, (N,); None means all.
+            observations: One row per agent of the batch, (N, ...).
+            mask: Which agents begin, (N,); None means all.
         """
 
     def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
         """Return the commands for the next control period.
 
         Args:
-            observations: One row per member of the batch, (N, ...).
-            mask: Which members act, (N,); None means all. The others' rows are not
-                looked at, and nothing changes for them.
+            observations: One row per agent of the batch, (N, ...).
+            mask: Which agents act, (N,); None means all. The others' rows are not
+                read, and nothing changes for them.
         """
 
-    def forecast(self, member: SupportsIndex) -> GaussianTrajectory | None:
-        """Return what one member now expects of the whole task, or None."""
+    def forecast(self, row: SupportsIndex) -> GaussianTrajectory | None:
+        """Return what one agent now expects of the whole task, or None."""
 
 
 @one_thread
@@ -64,13 +64,13 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
     any more.
 
     Args:
-        agents: One per member, each an object of its own, as `make_agent` makes them,
-            or anything else that `gplfd_policies.agents.agent.as_agent` takes.
+        agents: One per row, each an object of its own, as `make_agent` makes them, or
+            anything else that `gplfd_policies.agents.agent.as_agent` takes.
 
     Returns:
-        A batch that decides for all members at once if they are `CompliantAgent`s with
-        one configuration, as those are that learned from the same demonstrations, and
-        asks one after the other if not.
+        A batch that computes all rows at once if they are `CompliantAgent`s with one
+        configuration for one kind of handle, as those are that learned from the same
+        demonstrations, and calls one agent after the other if not.
 
     Raises:
         ValueError: If there is no agent, one is given twice, one cannot act, or some
@@ -90,103 +90,103 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
             "others pose and stiffness (their attribute control); make a batch of each"
         )
     alike = [agent for agent in checked if isinstance(agent, CompliantAgent)]
-    if len(alike) < len(checked):
-        return _OneByOne(checked)
-    if any(_shared(agent) != _shared(alike[0]) for agent in alike):
-        return _OneByOne(checked)
-    return _AllAtOnce(alike)
+    if len(alike) == len(checked) and all(
+        _shared(agent) == _shared(alike[0]) for agent in alike
+    ):
+        return _AllAtOnce(alike)
+    return _OneByOne(checked)
 
 
 def _shared(agent: CompliantAgent) -> tuple[object, ...]:
-    """Everything that members of one batch share; records of arrays as their bytes."""
+    """Return what the agents of one batch share; records of arrays as their bytes."""
 
     def comparable(part: object) -> object:
         if isinstance(part, StiffnessProfile | VirtualDynamics):
             return [np.ravel(each).tobytes() for each in _values(part)]
         return part
 
-    rule = type(agent.phases), agent.phases.settings
-    return (agent.movement.n_grid, rule, *map(comparable, _values(agent.config)))
+    return (
+        agent.movement.n_grid,
+        type(agent.phases),
+        agent.phases.settings,
+        agent.handle is None,
+        agent.handle_config,
+        *map(comparable, _values(agent.config)),
+    )
 
 
 def _values(record: Any) -> list[Any]:
     return [getattr(record, one.name) for one in dataclasses.fields(record)]
 
 
-class _AllAtOnce:
-    """Compliant agents with one configuration."""
-
-    def __init__(self, agents: Sequence[CompliantAgent]) -> None:
-        self._movements = [agent.movement for agent in agents]
-        rule = agents[0].phases.stacked([agent.phases for agent in agents])
-        self._controller = controller_of(self._movements, rule, agents[0].config)
-        self._actions = np.full((len(agents), 6), np.nan)
-        self.control: Control = agents[0].control
-
-    def inform(self, doors: Sequence[DoorGeometry]) -> None:
-        """Ignore them, as each agent does."""
-
-    @one_thread
-    def reset(self, observations: Observation, mask: Mask | None = None) -> None:
-        """Let members begin an episode."""
-        self._controller.reset(members_of(mask, len(self._movements)))
-
-    @one_thread
-    def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
-        """Return the commands for the next control period."""
-        members = members_of(mask, len(self._movements))
-        poses, wrenches = observations["ee_pose"], observations["wrench"]
-        steps = self._controller.decide(
-            poses[members], wrenches[members], members
-        ).among(members, self._actions)
-        self._actions = steps.action
-        return steps
-
-    @one_thread
-    def forecast(self, member: SupportsIndex) -> GaussianTrajectory:
-        """Return what one member now expects of the whole task."""
-        return self._movements[member].trajectory()
-
-
 class _OneByOne:
-    """Any agents, asked one after the other."""
+    """Any agents, called one after the other."""
 
     def __init__(self, agents: Sequence[Agent]) -> None:
         self._agents = tuple(agents)
-        self._numbers = np.arange(len(agents))
         self._actions = np.full((len(agents), 6), np.nan)
         self.control: Control = agents[0].control
 
     @one_thread
     def inform(self, doors: Sequence[DoorGeometry]) -> None:
-        """Tell every member the door of its next episode."""
         for agent, door in zip(self._agents, doors, strict=True):
             agent.inform(door)
 
     @one_thread
     def reset(self, observations: Observation, mask: Mask | None = None) -> None:
-        """Let members begin an episode."""
-        for member in self._numbers[members_of(mask, self._numbers.size)].tolist():
-            self._agents[member].reset(_row(observations, member))
+        self._reset(observations, rows_of(mask, len(self._agents)))
 
     @one_thread
     def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
-        """Return the commands for the next control period."""
-        members = members_of(mask, self._numbers.size)
-        steps = AgentStep.stacked(
-            [
-                self._agents[member].act(_row(observations, member))
-                for member in self._numbers[members].tolist()
-            ]
-        ).among(members, self._actions)
+        rows = rows_of(mask, len(self._agents))
+        steps = self._decide(observations, rows).among(rows, self._actions)
         self._actions = steps.action
         return steps
 
     @one_thread
-    def forecast(self, member: SupportsIndex) -> GaussianTrajectory | None:
-        """Return what one member now expects of the whole task."""
-        return self._agents[member].forecast()
+    def forecast(self, row: SupportsIndex) -> GaussianTrajectory | None:
+        return self._agents[row].forecast()
+
+    def _reset(self, observations: Observation, rows: Rows) -> None:
+        for agent, observation in self._each(observations, rows):
+            agent.reset(observation)
+
+    def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
+        """Return the steps of these rows alone."""
+        return AgentStep.stacked(
+            [
+                agent.act(observation)
+                for agent, observation in self._each(observations, rows)
+            ]
+        )
+
+    def _each(
+        self, observations: Observation, rows: Rows
+    ) -> Iterator[tuple[Agent, Observation]]:
+        for row in np.arange(len(self._agents))[rows].tolist():
+            yield (
+                self._agents[row],
+                {name: values[row] for name, values in observations.items()},
+            )
 
 
-def _row(observations: Observation, member: int) -> Observation:
-    return {name: rows[member] for name, rows in observations.items()}
+class _AllAtOnce(_OneByOne):
+    """Compliant agents with one configuration, computed together."""
+
+    def __init__(self, agents: Sequence[CompliantAgent]) -> None:
+        super().__init__(agents)
+        first = agents[0]
+        self._controller = controller_of(
+            [agent.movement for agent in agents],
+            first.phases.stacked([agent.phases for agent in agents]),
+            first.config,
+            [agent.handle for agent in agents if agent.handle is not None],
+            first.handle_config,
+        )
+
+    def _reset(self, observations: Observation, rows: Rows) -> None:
+        self._controller.reset(rows)
+
+    def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
+        poses, wrenches = observations["ee_pose"][rows], observations["wrench"][rows]
+        return self._controller.decide(poses, wrenches, rows)

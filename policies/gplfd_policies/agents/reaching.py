@@ -1,4 +1,4 @@
-"""Reaching for a handle as it was demonstrated, and what is done with it then.
+"""Reaching for a handle as it was demonstrated, then opening with another agent.
 
 The reach is a movement like any other: six heteroscedastic Gaussian processes, learned
 from demonstrations that begin at many places and end at the handle. Where a hand begins
@@ -87,8 +87,8 @@ class ReachingAgent:
     """Reaches for the handle, waits until the gripper has closed, and lets another act.
 
     Args:
-        reach: What was learned of reaching.
-        then: What opens the door.
+        reach: The learned reach.
+        then: The agent that opens the door.
     """
 
     @one_thread
@@ -99,11 +99,11 @@ class ReachingAgent:
 
     @property
     def control(self) -> Control:
-        """What it commands: the same as who opens the door."""
+        """What it commands: the same as the agent that opens the door."""
         return self._then.control
 
     def inform(self, door: DoorGeometry) -> None:
-        """Pass on which door the next episode has."""
+        """Pass on the door of the next episode."""
         self._then.inform(door)
 
     @one_thread

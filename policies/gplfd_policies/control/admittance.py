@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_policies.arrays.members import EVERY_MEMBER, Members
+from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.control.stiffness import VirtualDynamics
 
 
@@ -40,25 +40,25 @@ class Admittance:
         """Rate of e [m/s, rad/s]."""
         return self._velocity.copy()
 
-    def reset(self, members: Members = EVERY_MEMBER) -> None:
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Return to rest at the desired pose."""
-        self._displacement[members] = 0.0
-        self._velocity[members] = 0.0
+        self._displacement[rows] = 0.0
+        self._velocity[rows] = 0.0
 
     def step(
         self,
         stiffness: Float[np.ndarray, "*N 6"],
         wrench: Float[np.ndarray, "*N 6"],
         dt: float,
-        members: Members = EVERY_MEMBER,
+        rows: Rows = ALL_ROWS,
     ) -> Float[np.ndarray, "*N 6"]:
         """Advance by one control period.
 
         Args:
-            stiffness: k_p of these members on each axis [N/m, N m/rad].
+            stiffness: k_p of these rows on each axis [N/m, N m/rad].
             wrench: Force and torque on their hands, task frame [N, N m].
             dt: Control period h [s].
-            members: Whose they are.
+            rows: The rows that are meant.
 
         Returns:
             The displacement e at its end [m, rad], (*N, 6); yours to change.
@@ -68,12 +68,12 @@ class Admittance:
         """
         if not dt > 0.0:
             raise ValueError(f"dt must be positive [s], got {dt}")
-        mass, before = self._dynamics.mass, self._displacement[members]
+        mass, before = self._dynamics.mass, self._displacement[rows]
         damping = self._dynamics.damping(stiffness)
         impulse = dt * (wrench - stiffness * before)
         inertia = mass + dt * (damping + dt * stiffness)
-        velocity = (mass * self._velocity[members] + impulse) / inertia
+        velocity = (mass * self._velocity[rows] + impulse) / inertia
         displacement = before + dt * velocity
-        self._velocity[members] = velocity
-        self._displacement[members] = displacement
+        self._velocity[rows] = velocity
+        self._displacement[rows] = displacement
         return np.asarray(displacement)

@@ -5,28 +5,27 @@ Demonstration*, arXiv:2002.09979: the door's motion, observed while opening it, 
 the movement; its uncertainty sets the stiffness; the virtual dynamics move the
 set-point of a position-controlled arm.
 
-Written once for one hand and for many: arrays of many have a leading axis of members,
-each with a door of its own, which share the cost of NumPy's calls. What a member does
-depends on no other, to the last bit: arithmetic is element by element, a sum over a
-direction is taken by NumPy in one order wherever it lies, and matrices (of one member's
-policy) have the same shape in company as alone. Products that NumPy leaves to BLAS, as
-``vecdot``, are not used across members: some kernels add in an order that depends on
-where in memory a row begins.
+One implementation serves one hand and many. The arrays of many hands have a leading
+axis of rows, each with its own door, which share the cost of NumPy's calls. A row's
+result does not depend on the other rows, to the last bit: arithmetic is elementwise,
+a sum over a direction is taken by NumPy in one order, and matrices (of one row's
+policy) have the same shape in a batch as alone. BLAS products such as ``vecdot`` are
+not used across rows: some kernels add in an order that depends on the memory address.
 """
 
 import math
 from dataclasses import dataclass, field
-from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
-from gplfd_policies.arrays.members import EVERY_MEMBER, Members, Numbers
-from gplfd_policies.control.load import Encounter, LearnedLoad, Load, LoadRule
+from gplfd_policies.arrays.rows import ALL_ROWS, Rows
+from gplfd_policies.control.load import ContactState, LearnedLoad, Load, LoadRule
 from gplfd_policies.control.rendering import Rendering, VirtualRendering
-from gplfd_policies.control.stability import GovernedStiffness, StiffnessGovernor
+from gplfd_policies.control.stability import StiffnessGovernor
 from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
@@ -38,11 +37,6 @@ from gplfd_policies.movements.trajectory import ViaPoint
 from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseObserver
 
 Poses = Float[np.ndarray, "*N 6"]
-Phases = Float[Numbers, "*N"]
-Due = Bool[np.ndarray | np.bool_, "*N"]
-
-_LOST: Final = 0.1
-"""A phase that falls by more had been found in the wrong place."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -50,7 +44,7 @@ class ComplianceConfig:
     """How an agent moves through the task, yields, and takes via-points."""
 
     load: LoadRule = field(default_factory=LearnedLoad)
-    """What is done about the door's resistance."""
+    """How the load of the door is compensated."""
 
     profile: StiffnessProfile = DEFAULT_PROFILE
     """Stiffness as a function of uncertainty, Eq. (24)."""
@@ -61,26 +55,26 @@ class ComplianceConfig:
     rendering: Rendering = field(default_factory=VirtualRendering)
     """What renders it: virtual dynamics, or the arm itself."""
 
-    control_period: float = CONTROL_PERIOD
+    control_period: float = quantity(CONTROL_PERIOD, above=0.0, unit="s")
     """Time between two commands [s]."""
 
-    via_spacing: float = 0.01
+    via_spacing: float = quantity(0.01, above=0.0)
     """Progress between two via-points, in phase."""
 
     via_std: tuple[float, float] = POSE_ERROR
     """Noise of an observed via-point: position [m], rotation [rad]."""
 
-    max_turn_lead: float = 0.05
+    max_turn_lead: float = quantity(0.05, above=0.0)
     """How far the set-point's rotation may run ahead of the hand, in phase. It turns
     with the handle: turning first would only twist the hand on the bar."""
 
+    phase_drop: float = quantity(0.1, above=0.0)
+    """Fall of the observed phase below the last via-point, in phase, from which that
+    phase counts as wrong and via-points are taken again. Tuned: ten times
+    `via_spacing`, more than a door swings back."""
+
     def __post_init__(self) -> None:
-        for name in ("control_period", "via_spacing", "max_turn_lead"):
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise ValueError(
-                    f"ComplianceConfig.{name} must be positive and finite, got {value}"
-                )
+        check_quantities(self)
         if not isinstance(self.load, LoadRule):
             raise ValueError(
                 "ComplianceConfig.load must be a load rule, with begin(profile, shape) "
@@ -101,34 +95,16 @@ class ComplianceConfig:
             )
 
 
-class _Memory:
-    """What is carried from one step to the next, besides the controllers' states."""
-
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self.phase = np.zeros(shape)
-        self.observed_phase = np.zeros(shape)
-        self.last_via = np.zeros(shape)
-        self.std = np.full((*shape, 6), np.nan)  # NaN: none yet
-        self.fresh = True
-
-    def reset(self, members: Members) -> None:
-        """Forget what these members carry."""
-        for phase in (self.phase, self.observed_phase, self.last_via):
-            phase[members] = 0.0
-        self.std[members] = np.nan
-        self.fresh = True
-
-
 class ComplianceController:
-    """Decides for one hand, or for many with one rule of the phase and one config.
+    """Controls one hand, or many with one phase rule and one config.
 
     `gplfd_policies.handles.adapter.controller_of` makes one, with adapters around
     movements, phases and load where handles turn.
 
     Args:
         movements: The movements that are followed; adapted in place.
-        phases: Tells where along the task the observed poses lie.
-        load: `ComplianceConfig.load` at work.
+        phases: Finds the phases of observed poses.
+        load: State of `ComplianceConfig.load`.
         config: Stiffness, timing and via-points.
     """
 
@@ -141,152 +117,133 @@ class ComplianceController:
     ) -> None:
         self._movements, self._phases = movements, phases
         self._load, self._config = load, config
-        shape = self._movements.durations.shape
+        shape = movements.durations.shape
         self._governor = StiffnessGovernor(config.profile, config.dynamics, shape)
         self._renderer = config.rendering.renderer(
             config.dynamics, config.control_period, shape
         )
-        self._memory = _Memory(shape)
         self._via_noise = np.repeat(config.via_std, 3)
+        self._command_phase = np.zeros(shape)
+        self._observed_phase = np.zeros(shape)
+        self._last_via = np.zeros(shape)
+        self._std = np.full((*shape, 6), np.nan)  # NaN before the first step
 
-    def reset(self, members: Members = EVERY_MEMBER) -> None:
-        """Let these members forget their last doors and begin at closed ones."""
-        self._movements.reset(members)
-        self._governor.reset(members)
-        self._renderer.reset(members)
-        self._load.reset(members)
-        self._memory.reset(members)
-        self._phases.reset(members)
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
+        """Let these rows begin an episode at the closed door."""
+        self._movements.reset(rows)
+        self._phases.reset(rows)
+        self._load.reset(rows)
+        self._governor.reset(rows)
+        self._renderer.reset(rows)
+        for phase in (self._command_phase, self._observed_phase, self._last_via):
+            phase[rows] = 0.0
+        self._std[rows] = np.nan
 
-    def decide(
-        self, poses: Poses, wrenches: Poses, members: Members = EVERY_MEMBER
-    ) -> AgentStep:
-        """Return what these members do in the next control period, and why.
+    def decide(self, poses: Poses, wrenches: Poses, rows: Rows = ALL_ROWS) -> AgentStep:
+        """Return the commands of these rows for the next control period.
 
         Args:
-            poses: Poses of these members' hands, task frame [m, rad].
+            poses: Poses of these rows' hands, task frame [m, rad].
             wrenches: Forces and moments on them [N, N m].
-            members: Whose they are. Nothing changes for the others.
+            rows: The rows that act. Nothing changes for the others.
         """
-        memory = self._memory
-        # A copy: the rule may return it, and the command phase moves on below.
-        command = memory.phase[members].copy()
+        config, movements = self._config, self._movements
+        period = config.control_period
+
+        # 1. Observe: phase of the hand, and what the policy expects there. The copy is
+        # needed because a phase rule may return the command phase, which changes below.
+        command_phase = self._command_phase[rows].copy()
         seen = self._phases.update(
-            poses, memory.observed_phase[members], command, members
+            poses, self._observed_phase[rows], command_phase, rows
         )
-        observed_phase = memory.observed_phase[members] = seen.phase
-        mean, mean_std, direction = self._movements.ahead(observed_phase, members)
-        via_point = self._adapt(poses, observed_phase, seen.std, members)
-        if via_point.any():
-            _, _, direction = self._movements.ahead(observed_phase, members)
-        encounter = Encounter(
-            wrench=wrenches,
-            direction=direction,
-            pose=poses,
-            displacement=self._renderer.displacement(poses[..., :3], members),
+        observed_phase = self._observed_phase[rows] = seen.phase
+        predicted_mean, predicted_std, direction = movements.ahead(observed_phase, rows)
+
+        # 2. Adapt the movements of rows that have moved on by `via_spacing`, or whose
+        # phase has fallen so far that the last via-point was taken at a wrong one.
+        last_via = self._last_via[rows]
+        lost = observed_phase < last_via - config.phase_drop
+        due = (observed_phase >= last_via + config.via_spacing) | lost
+        if due.any():
+            self._last_via[rows] = np.where(due, observed_phase, last_via)
+            # A phase error displaces all outputs together along the path.
+            rate = self._phases.rate(observed_phase, rows)
+            along = rate * np.asarray(seen.std)[..., None]
+            # Indexed by `due`, the arrays of one hand have a leading axis, too.
+            for number, phase, pose, error in zip(
+                movements.numbers[rows][due].tolist(),
+                np.asarray(observed_phase)[due].tolist(),
+                poses[due],
+                along[due],
+                strict=True,
+            ):
+                via_point = ViaPoint(
+                    phase=phase, pose=pose, std=self._via_noise, along=error
+                )
+                movements.observe(number, via_point)
+            _, _, direction = movements.ahead(observed_phase, rows)
+
+        # 3. Load: what is compensated, what is yielded to, and whether the clock waits.
+        response = self._load.update(
+            ContactState(
+                wrench=wrenches,
+                direction=direction,
+                pose=poses,
+                displacement=self._renderer.displacement(poses[..., :3], rows),
+            ),
+            rows,
         )
-        response = self._load.meet(encounter, members)
-        phase, rate = self._advance(response.pace, members)
-        desired, velocity, std = self._set_point(phase, rate, observed_phase, members)
-        # Where the hand is held off, along the path, the policy is not to be trusted.
-        doubt = np.asarray(response.give)[..., None] * direction
-        std[..., :3] = np.sqrt(std[..., :3] * std[..., :3] + doubt * doubt)
-        std_rate = self._rate_of(std, members)
-        governed = self._govern(std, members)
+
+        # 4. Set-point: the mean at the command phase one period later. Its rotation
+        # leads the hand by less than its position.
+        step = response.pace * period / movements.durations[rows]
+        phase = np.minimum(np.maximum(command_phase + step, 0.0), 1.0)
+        phase_rate = (phase - command_phase) / period
+        self._command_phase[rows] = phase
+        turn_phase = np.minimum(phase, observed_phase + config.max_turn_lead)
+        means, stds = movements.at(
+            np.array([*look_ahead(phase, phase), turn_phase]), rows
+        )
+        slope = (means[2, ..., :3] - means[1, ..., :3]) / LOOK_AHEAD
+        velocity = slope * np.asarray(phase_rate)[..., None]
+        desired = means[0]
+        desired[..., 3:] = means[3, ..., 3:]
+        desired = movements.hand_poses(desired, rows)
+
+        # 5. Stiffness from uncertainty, Eq. (24), as fast as it may rise. A hand that
+        # lags along the path shows that the policy is wrong there: the lag is added.
+        std = stds[0]
+        lag = np.asarray(response.path_lag)[..., None] * direction
+        std[..., :3] = np.sqrt(std[..., :3] * std[..., :3] + lag * lag)
+        previous = self._std[rows]
+        previous = np.where(np.isnan(previous), std, previous)
+        self._std[rows] = std
+        governed = self._governor.step(config.profile.stiffness(std), period, rows)
+
+        # 6. Render it, Eq. (22).
         action = self._renderer.step(
             desired,
             velocity,
             governed.stiffness,
-            yielded=response.wrench,
-            carried=(response.wrench - wrenches)[..., :3],
-            members=members,
+            compliant_wrench=response.compliant_wrench,
+            compensated_force=(response.compliant_wrench - wrenches)[..., :3],
+            rows=rows,
         )
         return AgentStep(
             action=action,
             desired=desired,
             std=std,
-            std_rate=std_rate,
+            std_rate=(std - previous) / period,
             stiffness=governed.stiffness,
             stiffness_rate=governed.rate,
             stability_margin=governed.margin,
             contact_margin=self._renderer.contact_margin(governed.stiffness),
-            carried_load=response.carried,
-            give=response.give,
+            carried_load=response.compensated_load,
+            give=response.path_lag,
             phase=phase,
             observed_phase=observed_phase,
             phase_misfit=seen.misfit,
-            predicted_mean=self._movements.hand_poses(mean, members),
-            predicted_std=mean_std,
-            via_point=via_point,
+            predicted_mean=movements.hand_poses(predicted_mean, rows),
+            predicted_std=predicted_std,
+            via_point=due,
         )
-
-    def _adapt(
-        self,
-        poses: Poses,
-        phases: Phases,
-        phase_stds: Phases,
-        members: Members,
-    ) -> Due:
-        """Condition the movements of members that have come far enough; say which."""
-        last_via = self._memory.last_via[members]
-        # Far back, the phase was lost before: what was taken then is not where it was.
-        lost = phases < last_via - _LOST
-        due = (phases >= last_via + self._config.via_spacing) | lost
-        if not due.any():
-            return due
-        self._memory.last_via[members] = np.where(due, phases, last_via)
-        # An error of the phase moves all outputs together along the path.
-        rate, phase_std = self._phases.rate(phases, members), np.asarray(phase_stds)
-        along = rate * phase_std[..., None]
-        # Indexed by `due`, the arrays of one hand have a leading axis, too.
-        numbers, seen = self._movements.numbers[members][due], np.asarray(phases)[due]
-        for member, phase, pose, error in zip(
-            numbers.tolist(), seen.tolist(), poses[due], along[due], strict=True
-        ):
-            via_point = ViaPoint(
-                phase=phase, pose=pose, std=self._via_noise, along=error
-            )
-            self._movements.observe(member, via_point)
-        return due
-
-    def _set_point(
-        self, phase: Phases, rate: Phases, observed_phase: Phases, members: Members
-    ) -> tuple[Poses, Float[np.ndarray, "*N 3"], Poses]:
-        """Mean, its velocity and σ at the command phase, which moves at a rate.
-
-        The rotation leads by less than the pull.
-        """
-        turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
-        asked = np.array([*look_ahead(phase, phase), turn_phase])
-        means, stds = self._movements.at(asked, members)
-        along = (means[2, ..., :3] - means[1, ..., :3]) / LOOK_AHEAD
-        velocity = along * np.asarray(rate)[..., None]
-        desired = means[0]
-        desired[..., 3:] = means[3, ..., 3:]
-        return self._movements.hand_poses(desired, members), velocity, stds[0]
-
-    def _advance(self, pace: Phases, members: Members) -> tuple[Phases, Phases]:
-        """Return the command phase a period later, and its rate [1/s]."""
-        period, durations = self._config.control_period, self._movements.durations
-        before = self._memory.phase[members]
-        step = pace * period / durations[members]
-        moved: Phases = np.minimum(np.maximum(before + step, 0.0), 1.0)
-        rate = (moved - before) / period  # now: `before` may be a view
-        self._memory.phase[members] = moved
-        return moved, rate
-
-    def _rate_of(self, std: Poses, members: Members) -> Poses:
-        """Rate of the σ that is really used: between steps, not along one curve."""
-        memory = self._memory
-        previous = memory.std[members]
-        if memory.fresh:
-            previous = np.where(np.isnan(previous), std, previous)
-        rate: Poses = (std - previous) / self._config.control_period
-        memory.std[members] = std
-        memory.fresh = memory.fresh and bool(np.isnan(memory.std).any())
-        return rate
-
-    def _govern(self, std: Poses, members: Members) -> GovernedStiffness:
-        """Return the stiffness that σ asks for, as fast as it may rise."""
-        wished = self._config.profile.stiffness(std)
-        return self._governor.step(wished, self._config.control_period, members)

@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import freeze
 
 Axes = Float[np.ndarray, "*N 6"]
@@ -43,10 +44,11 @@ class ContactLoop:
     delay: float
     """τ: longest time from a command to its effect on the measured force, beyond the
     period for which it is given [s]."""
-    period: float = CONTROL_PERIOD
+    period: float = quantity(CONTROL_PERIOD, above=0.0, unit="s")
     """h: time between two commands [s]."""
 
     def __post_init__(self) -> None:
+        check_quantities(self)
         freeze(self, "stiffness")
         held = self.stiffness
         if held.shape != (6,) or not (np.isfinite(held) & (held > 0.0)).all():
@@ -57,10 +59,6 @@ class ContactLoop:
         if not 0.0 <= self.delay < math.inf:
             raise ValueError(
                 f"ContactLoop.delay must be finite and >= 0 [s], got {self.delay}"
-            )
-        if not 0.0 < self.period < math.inf:
-            raise ValueError(
-                f"ContactLoop.period must be positive and finite [s], got {self.period}"
             )
 
     @property

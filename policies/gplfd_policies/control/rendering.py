@@ -1,10 +1,10 @@
-"""How a stiffness is rendered at the hand: by virtual dynamics, or by the arm itself.
+"""Where compliance is realised: in the set-point (virtual dynamics) or in the arm.
 
-Both ways are given the same: the desired pose, the stiffness, the force to yield to and
-the force to carry. What they differ in is who is soft. Virtual dynamics move the
-set-point of a stiff arm by the measured force, Eq. (22) of Arduengo et al.,
-*Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979. A
-commanded stiffness makes the arm soft, and what displaces the hand needs no measuring.
+Both renderings get the desired pose, the stiffness, the wrench to yield to and the
+force to compensate. Virtual dynamics move the set-point of a stiff arm by the measured
+force, Eq. (22) of Arduengo et al., *Gaussian-Process-based Robot Learning from
+Demonstration*, arXiv:2002.09979. A commanded stiffness makes the arm itself compliant,
+without force measurement.
 """
 
 import math
@@ -16,7 +16,8 @@ from jaxtyping import Float
 
 from gplfd_env.conventions.constants import Control
 from gplfd_env.spatial.se3 import compose_rotvecs
-from gplfd_policies.arrays.members import EVERY_MEMBER, Members
+from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.contact import HELD_HAND
 from gplfd_policies.control.stiffness import VirtualDynamics
@@ -34,15 +35,15 @@ Range = tuple[tuple[float, float], tuple[float, float]]
 class Renderer(Protocol):
     """Turns decisions of one hand, or of many, into set-points."""
 
-    def reset(self, members: Members = EVERY_MEMBER) -> None:
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Begin at rest at the desired pose."""
 
-    def displacement(self, hands: Vectors, members: Members = EVERY_MEMBER) -> Vectors:
+    def displacement(self, hands: Vectors, rows: Rows = ALL_ROWS) -> Vectors:
         """Return how far hands have been displaced from their desired positions [m].
 
         Args:
-            hands: Where these members' hands are, task frame [m].
-            members: Whose they are.
+            hands: Positions of these rows' hands, task frame [m].
+            rows: The rows that are meant.
         """
 
     def contact_margin(self, stiffness: Axes) -> Axes:
@@ -58,19 +59,21 @@ class Renderer(Protocol):
         velocity: Vectors,
         stiffness: Axes,
         *,
-        yielded: Axes,
-        carried: Vectors,
-        members: Members = EVERY_MEMBER,
+        compliant_wrench: Axes,
+        compensated_force: Vectors,
+        rows: Rows = ALL_ROWS,
     ) -> Axes:
-        """Return the set-points of these members for the next control period.
+        """Return the set-points of these rows for the next control period.
 
         Args:
             desired: Where the policy wants the hand, task frame [m, rad].
             velocity: How fast its position moves along the path [m/s].
             stiffness: How stiffly [N/m, N m/rad].
-            yielded: What of the wrench on the hand is to displace it [N, N m].
-            carried: Force that the hand is to exert without being displaced [N].
-            members: Whose they are.
+            compliant_wrench: Part of the wrench on the hand that is to displace it
+                [N, N m].
+            compensated_force: Force that the hand is to exert without being displaced
+                [N].
+            rows: The rows that are meant.
         """
 
 
@@ -103,10 +106,10 @@ class VirtualRendering:
         self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
     ) -> Renderer:
         """Return an `Admittance` around the desired pose."""
-        return _Displaced(dynamics, period, shape)
+        return _VirtualRenderer(dynamics, period, shape)
 
 
-class _Displaced:
+class _VirtualRenderer:
     def __init__(
         self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
     ) -> None:
@@ -114,15 +117,13 @@ class _Displaced:
         self._dynamics, self._period = dynamics, period
         self._held = replace(HELD_HAND, period=period)
 
-    def reset(self, members: Members = EVERY_MEMBER) -> None:
-        self._admittance.reset(members)
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
+        self._admittance.reset(rows)
 
-    def displacement(self, hands: Vectors, members: Members = EVERY_MEMBER) -> Vectors:
-        """Return e of Eq. (22)."""
-        return self._admittance.displacement[members][..., :3]
+    def displacement(self, hands: Vectors, rows: Rows = ALL_ROWS) -> Vectors:
+        return self._admittance.displacement[rows][..., :3]  # e of Eq. (22)
 
     def contact_margin(self, stiffness: Axes) -> Axes:
-        """Return the margin of the loop that admittance and held hand close."""
         damping = self._dynamics.damping(stiffness)
         return self._held.margin(stiffness, damping, self._dynamics.mass)
 
@@ -132,12 +133,12 @@ class _Displaced:
         velocity: Vectors,
         stiffness: Axes,
         *,
-        yielded: Axes,
-        carried: Vectors,
-        members: Members = EVERY_MEMBER,
+        compliant_wrench: Axes,
+        compensated_force: Vectors,
+        rows: Rows = ALL_ROWS,
     ) -> Axes:
-        """Displace by what is to be yielded to; the stiff arm carries the rest."""
-        offset = self._admittance.step(stiffness, yielded, self._period, members)
+        # The stiff arm exerts the compensated force without a lead.
+        offset = self._admittance.step(stiffness, compliant_wrench, self._period, rows)
         action: Axes = desired + offset
         action[..., 3:] = compose_rotvecs(offset[..., 3:], desired[..., 3:])
         return action
@@ -149,46 +150,61 @@ class ArmRendering:
 
     But for two leads, without which a soft arm would lag behind the policy:
 
-    * A force f that is to be carried would stretch a spring k by f/k. The set-point
+    * A force f that is to be compensated would stretch a spring k by f/k. The set-point
       leads by f (1/k - 1/K), K the greatest stiffness of the arm: a hand that lags by x
       pulls along its load with K x, as the stiff arm of the other rendering does. Of a
-      held hand's force the share 1 - k/K < 1 comes back as carried load, so that it
+      held hand's force the share 1 - k/K < 1 comes back as compensated load, so that it
       settles at every delay. The loop of `gplfd_policies.control.contact` does not
       exist.
     * The servo's damper brakes the hand's own motion, that of the virtual dynamics its
       deviation. The set-point leads by d v/k where it moves at v, smoothed: load sets
       the clock's pace, and with it v, which sets the load.
+
+    Raises:
+        ValueError: If the smoothing is negative or not finite.
     """
 
     control: ClassVar[Control] = "impedance"
     stiffness_range: ClassVar[Range] = ((20.0, 2000.0), (1.0, 100.0))
 
+    smoothing: float = quantity(0.2, low=0.0, unit="s")
+    """Time constant of the velocity by which the set-point leads [s]; 0 for none. As
+    the load comes to its limit, the pace falls by 0.16 per newton, and at 0.2 m/s with
+    it the force of the lead by 2.7 N per newton: unsmoothed, it would alternate from
+    period to period."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
     def renderer(
         self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
     ) -> Renderer:
         """Return what leads the desired pose."""
-        return _Led(dynamics, period / (period + _SMOOTHING), shape)
+        share = period / (period + self.smoothing)
+        return _ArmRenderer(dynamics, share, self.stiffness_range[0][1], shape)
 
 
-class _Led:
+class _ArmRenderer:
     def __init__(
-        self, dynamics: VirtualDynamics, share: float, shape: tuple[int, ...]
+        self,
+        dynamics: VirtualDynamics,
+        share: float,
+        stiffest: float,
+        shape: tuple[int, ...],
     ) -> None:
-        self._dynamics, self._share = dynamics, share
+        self._dynamics, self._share, self._stiffest = dynamics, share, stiffest
         self._velocity = np.zeros((*shape, 3))
-        self._rest = np.zeros((*shape, 3))
+        self._rest = np.zeros((*shape, 3))  # where the load alone would hold the hand
 
-    def reset(self, members: Members = EVERY_MEMBER) -> None:
-        self._velocity[members] = 0.0
-        self._rest[members] = 0.0
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
+        self._velocity[rows] = 0.0
+        self._rest[rows] = 0.0
 
-    def displacement(self, hands: Vectors, members: Members = EVERY_MEMBER) -> Vectors:
-        """Return how far hands are from where they would be under the load alone."""
-        return np.asarray(hands - self._rest[members])
+    def displacement(self, hands: Vectors, rows: Rows = ALL_ROWS) -> Vectors:
+        return np.asarray(hands - self._rest[rows])
 
     def contact_margin(self, stiffness: Axes) -> Axes:
-        """Return infinity: there is no loop that a held hand could close."""
-        return np.full(stiffness.shape, np.inf)
+        return np.full(stiffness.shape, np.inf)  # there is no loop through the command
 
     def step(
         self,
@@ -196,26 +212,17 @@ class _Led:
         velocity: Vectors,
         stiffness: Axes,
         *,
-        yielded: Axes,
-        carried: Vectors,
-        members: Members = EVERY_MEMBER,
+        compliant_wrench: Axes,
+        compensated_force: Vectors,
+        rows: Rows = ALL_ROWS,
     ) -> Axes:
-        """Lead by load and damper; what is to be yielded to displaces by itself."""
-        before = self._velocity[members]
+        before = self._velocity[rows]
         smooth = before + self._share * (velocity - before)
-        self._velocity[members] = smooth
+        self._velocity[rows] = smooth
         damping = self._dynamics.damping(stiffness)[..., :3]
-        pull = carried + damping * smooth
-        rest = desired[..., :3] - carried / _STIFFEST
-        self._rest[members] = rest
+        pull = compensated_force + damping * smooth
+        rest = desired[..., :3] - compensated_force / self._stiffest
+        self._rest[rows] = rest
         action = desired.copy()
         action[..., :3] = rest + pull / stiffness[..., :3]
         return action
-
-
-_SMOOTHING: Final = 0.2
-"""Time constant of the velocity by which the set-point leads [s]. As the load comes to
-its limit, the pace falls by 0.16 per newton, and at 0.2 m/s with it the force of the
-lead by 2.7 N per newton: unsmoothed, it would alternate from period to period."""
-
-_STIFFEST: Final = ArmRendering.stiffness_range[0][1]

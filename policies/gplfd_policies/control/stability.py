@@ -3,9 +3,9 @@
 Kronander & Billard, *Stability Considerations for Variable Impedance Control*, IEEE
 T-RO 32(5), 2016: the system M ë + D(t) ė + K(t) e = 0 is globally asymptotically stable
 if for some γ > 0 the matrices γM - D and K̇ + γḊ - 2γK are negative (semi-) definite.
-With diagonal matrices and d = 2δ√(m k), this bounds the rate of every k. Functions
-called ``printed_*`` keep the constants of the paper, which are on the safe side but
-larger than needed.
+With diagonal matrices and d = 2δ√(m k), this bounds the rate of every k. With
+``printed=True`` the bounds keep the constants of Arduengo et al., arXiv:2002.09979,
+which are on the safe side but larger than needed.
 
 Only a *rising* stiffness is bounded, and the stiffness rises when the uncertainty
 *falls*.
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_policies.arrays.members import EVERY_MEMBER, Members
+from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
 
 _USED_SHARE = 0.999
@@ -41,6 +41,8 @@ def rate_bound(
     stiffness: Float[np.ndarray, "*T 6"],
     k_min: Float[np.ndarray, " 6"],
     dynamics: VirtualDynamics,
+    *,
+    printed: bool = False,
 ) -> Float[np.ndarray, "*T 6"]:
     """Return the tight bound on dk/dt at a stiffness: 2γ k^{3/2}/(√k + δγ√m).
 
@@ -52,33 +54,26 @@ def rate_bound(
         stiffness: Stiffness k [N/m, N m/rad].
         k_min: Least stiffness that ever occurs, which sets γ.
         dynamics: Virtual mass and damping ratio.
+        printed: Whether to return Eq. (23) as printed, with 2δ for δ: sufficient, not
+            tight. At k_min it is Eq. (27) as printed, with 1 + 4δ² for 1 + 2δ².
 
     Returns:
         Bound on the rate [N/(m s), N m/(rad s)].
     """
-    return _pointwise_bound(stiffness, decay_rate(k_min, dynamics), dynamics, 1.0)
-
-
-def printed_rate_bound(
-    stiffness: Float[np.ndarray, "*T 6"],
-    k_min: Float[np.ndarray, " 6"],
-    dynamics: VirtualDynamics,
-) -> Float[np.ndarray, "*T 6"]:
-    """Return Eq. (23) as printed: 2γ k^{3/2}/(√k + 2δγ√m), sufficient, not tight.
-
-    At k_min it is Eq. (27) as printed, with 1 + 4δ² for 1 + 2δ². Arguments and result
-    are those of `rate_bound`.
-    """
-    return _pointwise_bound(stiffness, decay_rate(k_min, dynamics), dynamics, 2.0)
+    gamma = decay_rate(k_min, dynamics)
+    share = 2.0 if printed else 1.0
+    resistance = share * dynamics.damping_ratio * gamma * np.sqrt(dynamics.mass)
+    root = np.sqrt(stiffness)
+    return np.asarray(2.0 * gamma * stiffness * root / (root + resistance))
 
 
 def uncertainty_fall_bound(
-    profile: StiffnessProfile, dynamics: VirtualDynamics
+    profile: StiffnessProfile, dynamics: VirtualDynamics, *, printed: bool = False
 ) -> Float[np.ndarray, " 6"]:
     """Return the bound on -dσ/dt that keeps the profile stable at every σ, Eq. (28).
 
     16δ k_min^{3/2}/(α (k_max - k_min)(1 + 2δ²)√m): the bound at k_min over the largest
-    slope of the profile. Infinite where the stiffness is constant.
+    slope of the profile, Eq. (26). Infinite where the stiffness is constant.
 
     Note:
         Eq. (28) is printed as a bound on +dσ/dt, and the text concludes that falling
@@ -88,41 +83,15 @@ def uncertainty_fall_bound(
     Args:
         profile: The stiffness profile, Eq. (24).
         dynamics: Virtual mass and damping ratio.
+        printed: Whether to return the right side as printed, with 1 + 4δ² for 1 + 2δ².
 
     Returns:
         Bound on the rate at which σ may fall [m/s, rad/s].
     """
-    constant = rate_bound(profile.k_min, profile.k_min, dynamics)
-    return _over_steepest(constant, profile)
-
-
-def printed_uncertainty_fall_bound(
-    profile: StiffnessProfile, dynamics: VirtualDynamics
-) -> Float[np.ndarray, " 6"]:
-    """Return the right side of Eq. (28) as printed, with 1 + 4δ² for 1 + 2δ²."""
-    constant = printed_rate_bound(profile.k_min, profile.k_min, dynamics)
-    return _over_steepest(constant, profile)
-
-
-def _pointwise_bound(
-    stiffness: Float[np.ndarray, "*T 6"],
-    gamma: Float[np.ndarray, " 6"],
-    dynamics: VirtualDynamics,
-    damping_share: float,
-) -> Float[np.ndarray, "*T 6"]:
-    """Return 2γ k^{3/2}/(√k + cδγ√m) with c = `damping_share`."""
-    resistance = damping_share * dynamics.damping_ratio * gamma * np.sqrt(dynamics.mass)
-    root = np.sqrt(stiffness)
-    return np.asarray(2.0 * gamma * stiffness * root / (root + resistance))
-
-
-def _over_steepest(
-    bound: Float[np.ndarray, " 6"], profile: StiffnessProfile
-) -> Float[np.ndarray, " 6"]:
-    """Divide a stiffness rate by the profile's largest slope, Eq. (26)."""
+    constant = rate_bound(profile.k_min, profile.k_min, dynamics, printed=printed)
     steepest = profile.alpha * (profile.k_max - profile.k_min) / 4.0
     unlimited = np.full(6, np.inf)
-    return np.asarray(np.divide(bound, steepest, out=unlimited, where=steepest > 0))
+    return np.asarray(np.divide(constant, steepest, out=unlimited, where=steepest > 0))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -168,26 +137,24 @@ class StiffnessGovernor:
         self._twice_gamma = 2.0 * gamma
         self._resistance = dynamics.damping_ratio * gamma * np.sqrt(dynamics.mass)
         self._stiffness = np.full((*shape, 6), np.nan)  # NaN: none yet
-        self._fresh = True
 
-    def reset(self, members: Members = EVERY_MEMBER) -> None:
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget the stiffness; the next step starts at its target."""
-        self._stiffness[members] = np.nan
-        self._fresh = True
+        self._stiffness[rows] = np.nan
 
     def step(
         self,
         target: Float[np.ndarray, "*N 6"],
         dt: float,
-        members: Members = EVERY_MEMBER,
+        rows: Rows = ALL_ROWS,
     ) -> GovernedStiffness:
         """Move towards the target for one control period.
 
         Args:
-            target: Wished stiffness of these members [N/m, N m/rad].
+            target: Wished stiffness of these rows [N/m, N m/rad].
             dt: Time since the last step [s]. The first step after a reset takes the
                 target as it is, with rate zero.
-            members: Whose it is.
+            rows: The rows that are meant.
 
         Returns:
             The stiffness to render, its rate and its margin.
@@ -198,13 +165,11 @@ class StiffnessGovernor:
         if not dt > 0.0:
             raise ValueError(f"dt must be positive [s], got {dt}")
         wished = np.maximum(target, self._k_min)
-        previous = self._stiffness[members]
-        if self._fresh:
-            previous = np.where(np.isnan(previous), wished, previous)
+        previous = self._stiffness[rows]
+        previous = np.where(np.isnan(previous), wished, previous)
         root = np.sqrt(previous)
         bound = self._twice_gamma * previous * root / (root + self._resistance)
         allowed = np.minimum(wished, previous + dt * _USED_SHARE * bound)
         rate = (allowed - previous) / dt
-        self._stiffness[members] = allowed
-        self._fresh = self._fresh and bool(np.isnan(self._stiffness).any())
+        self._stiffness[rows] = allowed
         return GovernedStiffness(stiffness=allowed, rate=rate, margin=bound - rate)

@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from gplfd_env.conventions.constants import Control
-from gplfd_policies.arrays.members import Members, Numbers
+from gplfd_policies.arrays.rows import Numbers, Rows
 
 Observation = Mapping[str, Float[np.ndarray, "..."]]
-"""What the robot measures, by name; of a batch, one row per member."""
+"""Measurements of the robot by name; of a batch, with a leading axis."""
 
 Poses = Float[np.ndarray, "*N 6"]
 Phases = Float[Numbers, "*N"]
@@ -26,7 +26,7 @@ _NAN: Final[Any] = math.nan
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AgentStep:
-    """What an agent decided in one control step, and why; read-only.
+    """Decision of an agent in one control step, with its reasons; read-only.
 
     The steps of N agents are one record whose arrays have a leading axis N. Everything
     but `action` may be left out: what an agent has no notion of is NaN.
@@ -55,9 +55,10 @@ class AgentStep:
     """Delay that a held hand tolerates beyond the longest expected [s], see
     `gplfd_policies.control.contact`."""
     carried_load: Phases | float = _NAN
-    """Resistance along the path that the hand carries without yielding [N]."""
+    """Compensated load: resistance along the path that the hand bears without yielding
+    [N]."""
     give: Phases | float = _NAN
-    """How far the hand is held off along the path; part of `std` [m]."""
+    """Lag of the hand behind the set-point along the path; part of `std` [m]."""
     phase: Phases | float = _NAN
     """Command phase: where along the task the set-point is, 0..1."""
     observed_phase: Phases | float = _NAN
@@ -103,9 +104,9 @@ class AgentStep:
             return self.action
         return np.concatenate([self.action, self.stiffness], axis=-1)
 
-    def row(self, member: SupportsIndex) -> AgentStep:
+    def row(self, number: SupportsIndex) -> AgentStep:
         """Return what one of N agents decided."""
-        return AgentStep(**{name: getattr(self, name)[member] for name in STEP_SHAPES})
+        return AgentStep(**{name: getattr(self, name)[number] for name in STEP_SHAPES})
 
     @classmethod
     def stacked(cls, steps: Sequence[AgentStep]) -> AgentStep:
@@ -119,20 +120,20 @@ class AgentStep:
             }
         )
 
-    def among(self, members: Members, last_actions: Poses) -> AgentStep:
-        """Return the steps of a whole batch of which only these members acted.
+    def among(self, rows: Rows, last_actions: Poses) -> AgentStep:
+        """Return the steps of a whole batch of which only these rows acted.
 
         Args:
-            members: Numbers of the rows of this record within the batch.
-            last_actions: What every member of the batch last did, (N, 6). A member that
-                did not act keeps it; all else of it is NaN.
+            rows: Where the rows of this record are in the batch.
+            last_actions: Last action of every row of the batch, (N, 6). A row that did
+                not act keeps it; all else of it is NaN.
         """
-        if isinstance(members, tuple):
+        if isinstance(rows, tuple):
             return self
         everyone = AgentStep(action=last_actions)
         fields = {name: getattr(everyone, name).copy() for name in STEP_SHAPES}
         for name, array in fields.items():
-            array[members] = getattr(self, name)
+            array[rows] = getattr(self, name)
         return AgentStep(**fields)
 
 

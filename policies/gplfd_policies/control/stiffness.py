@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import expit
 
+from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import read_only
 from gplfd_policies.control.contact import HELD_HAND
 
@@ -129,12 +130,13 @@ class VirtualDynamics:
 
     mass: Float[np.ndarray, " 6"]
     """Virtual mass [kg] and inertia [kg m²] per axis."""
-    damping_ratio: float
+    damping_ratio: float = quantity(1.0, above=0.0)
     """δ: 1 is critical damping at every stiffness."""
     least_damping: Float[np.ndarray, " 6"] = field(default_factory=lambda: np.zeros(6))
     """d is never less than this [N s/m, N m s/rad]; zero for none."""
 
     def __post_init__(self) -> None:
+        check_quantities(self)
         for name in ("mass", "least_damping"):
             object.__setattr__(self, name, _six(name, getattr(self, name)))
         if np.any(self.mass <= 0):
@@ -143,10 +145,6 @@ class VirtualDynamics:
             raise ValueError(
                 "least_damping must not be negative on any axis, got "
                 f"{self.least_damping}"
-            )
-        if not 0.0 < self.damping_ratio < np.inf:
-            raise ValueError(
-                f"damping_ratio must be positive and finite, got {self.damping_ratio}"
             )
 
     def damping(

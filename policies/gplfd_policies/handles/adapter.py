@@ -1,131 +1,335 @@
 """Lets a controller for doors with a fixed handle open doors whose handle turns.
 
 The controller of `gplfd_policies.control.compliance` knows a movement, a phase rule and
-a load rule, and no handle. Where the demonstrations turn a handle first, this module
-puts an adapter around each of the three:
+a load rule, and no handle. Where the demonstrations turn a handle first,
+`controller_of` puts an adapter around each of the three:
 
 * the phase is found for the hand as it would hold the handle as it was demonstrated;
-* a via-point is the pose of the handle's axis, not of the hand, and the direction of
-  the path is that of the axis;
+* a via-point is a pose of the handle's axis, not of the hand, and the direction of the
+  path is that of the axis;
 * the load is compensated twice, along the turn of the handle and along the door's path.
+
+What the adapters share is `HandleCompensation`: how far each handle of a batch turns.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.adaptation.gridded import (
     GriddedMovement,
     GriddedMovements,
     look_ahead,
 )
-from gplfd_policies.arrays.members import EVERY_MEMBER, Members
+from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
-from gplfd_policies.demonstrations.turned_handle import turned_handle
-from gplfd_policies.handles.compensation import Handles
-from gplfd_policies.handles.load import HandleAndDoor
+from gplfd_policies.control.load import ContactState, LoadResponse, LoadRule
+from gplfd_policies.control.stiffness import StiffnessProfile
+from gplfd_policies.demonstrations.turned_handle import TurnedHandle
 from gplfd_policies.movements.trajectory import ViaPoint
 from gplfd_policies.phase.phase_rule import PhaseEstimate, PhaseRule, Phases, Poses
+
+Pose = Float[np.ndarray, " 6"]
+Vectors = Float[np.ndarray, "*N 3"]
+Amount = Float[Numbers, "*N"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HandleConfig:
+    """When and how far a handle is turned beyond the demonstrated turn.
+
+    The hand cannot observe whether the bolt is free. It observes that the door does not
+    move under load, and then turns the handle further, up to a stop.
+
+    Raises:
+        ValueError: If a number is outside its range.
+    """
+
+    latched_force: float = quantity(10.0, above=0.0, unit="N")
+    """Force along the path from which a door that does not move may be latched [N].
+    Tuned, below the least limit for opening a door, 22.2 N (ADA 404.2.9)."""
+    closed_distance: float = quantity(0.01, above=0.0, unit="m")
+    """A door whose handle's axis has come less far along its path is closed [m]."""
+    following_share: float = quantity(0.8, low=0.0, high=1.0)
+    """Share of the commanded turn from which a handle counts as following it; one that
+    does not is at its stop. Tuned."""
+    gear_rate: float = quantity(0.5, low=0.0, unit="1/s")
+    """Growth of the gear while the door does not move [1/s]: 0.4 rad/s where 0.8 rad
+    was demonstrated, half of the demonstrated pace."""
+    max_gear: float = quantity(1.6, low=1.0)
+    """Greatest gear: no handle turns further than about 75°."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
 
 
 def controller_of(
     movements: GriddedMovement | Sequence[GriddedMovement],
     phases: PhaseRule,
     config: ComplianceConfig,
+    handles: Sequence[TurnedHandle],
+    handle_config: HandleConfig,
 ) -> ComplianceController:
-    """Return the controller of one hand or many, for bars and for turned handles.
+    """Return the controller of one hand or many, for bars or for turned handles.
 
     Args:
-        movements: The movement that is followed, or one per member, on grids of one
-            size; adapted in place.
-        phases: Tells where along the task the observed poses lie.
+        movements: The movement that is followed, or one per row, on grids of one size;
+            adapted in place.
+        phases: Finds the phases of observed poses.
         config: Stiffness, load, timing and via-points.
+        handles: The handle that each row turns; empty for bars.
+        handle_config: When and how far handles are turned beyond the demonstration.
     """
-    alone = isinstance(movements, GriddedMovement)
-    each = [movements] if isinstance(movements, GriddedMovement) else movements
-    shape = () if alone else (len(each),)
-    turned = [turned_handle(one.learned.aligned) for one in each]
-    if all(handle is None for handle in turned):
+    shape = () if isinstance(movements, GriddedMovement) else (len(movements),)
+    if not handles:
         load = config.load.begin(config.profile, shape)
         return ComplianceController(GriddedMovements(movements), phases, load, config)
-    handles = Handles(turned, shape)
+    compensation = HandleCompensation(handles, shape, handle_config)
     return ComplianceController(
-        HandleMovements(movements, handles),
-        HandlePhases(phases, handles),
-        HandleAndDoor(
-            config.load, config.profile, handles, shape, config.control_period
+        HandleMovements(movements, compensation),
+        HandlePhases(phases, compensation),
+        HandleLoad(
+            config.load, config.profile, compensation, shape, config.control_period
         ),
         config,
     )
 
 
-class HandlePhases:
-    """A phase rule that sees hands without how far they have turned handles on.
+class HandleCompensation:
+    """Handle compensation for a batch of hands.
+
+    * A door's path is that of the handle's axis
+      (`gplfd_policies.demonstrations.turned_handle`), not the hand's.
+    * The turn of the handle is the policy's own doing, and the hand moves along the way
+      about its axis as the handle's spring has it. Neither is information on the door.
+    * Between the demonstrated turn and the turn of the hand is a gear, 1 at first:
+      observed turns are divided by it, commanded turns multiplied. So the handle also
+      goes back as demonstrated, from further away.
+
+    All is computed in single numbers, so that one hand and many give the same bits.
 
     Args:
-        rule: The rule.
-        handles: What the members turn.
-    """
-
-    def __init__(self, rule: PhaseRule, handles: Handles) -> None:
-        self._rule, self._handles = rule, handles
-
-    def reset(self, members: Members = EVERY_MEMBER) -> None:
-        """Let these members begin at the start of the task."""
-        self._rule.reset(members)
-
-    def update(
-        self,
-        poses: Poses,
-        previous: Phases,
-        command: Phases,
-        members: Members = EVERY_MEMBER,
-    ) -> PhaseEstimate:
-        """Return the phases of observed poses; see `PhaseRule.update`."""
-        shown = self._handles.shown(poses, members)
-        return self._rule.update(shown, previous, command, members)
-
-    def rate(self, phases: Phases, members: Members = EVERY_MEMBER) -> Poses:
-        """Return dμ/ds of these members' demonstrations at phases, (A, 6)."""
-        return self._rule.rate(phases, members)
-
-
-class HandleMovements(GriddedMovements):
-    """Movements of hands that turn handles; what they say of a path is of the axis.
-
-    Args:
-        movements: As of `GriddedMovements`.
-        handles: What the members turn.
+        handles: The handle that each row turns.
+        shape: Leading axes of all arrays: () for one hand, (N,) for N hands.
+        config: When and how far they are turned beyond the demonstration.
     """
 
     def __init__(
-        self, movements: GriddedMovement | Sequence[GriddedMovement], handles: Handles
+        self,
+        handles: Sequence[TurnedHandle],
+        shape: tuple[int, ...],
+        config: HandleConfig,
+    ) -> None:
+        self._handles, self._config = tuple(handles), config
+        self._numbers = np.arange(len(self._handles)).reshape(shape)
+        self._gears = [1.0] * len(self._handles)
+
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
+        """Forget how far these rows' handles turn."""
+        for number in self._of(rows):
+            self._gears[number] = 1.0
+
+    def remove_handle_motion(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
+        """Return the poses that hands would have on handles as demonstrated."""
+        return self._geared(poses, -1.0, rows)
+
+    def add_handle_motion(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
+        """Return poses on handles as demonstrated as poses on these rows' handles."""
+        return self._geared(poses, 1.0, rows)
+
+    def _geared(self, poses: Poses, power: float, rows: Rows) -> Poses:
+        geared = poses.copy()
+        for number, row in zip(self._of(rows), geared.reshape(-1, 6), strict=True):
+            handle, gear = self._handles[number], self._gears[number]
+            if gear != 1.0:
+                pose = row.tolist()
+                _, turn = handle.turns(pose[3:])
+                row[:] = handle.held(pose, gear**power * turn)
+        return geared
+
+    def axis_pose(self, pose: Pose, mean: Pose, number: int) -> Pose:
+        """Return a row's hand pose [m, rad] with the handle's motion of the mean."""
+        return np.array(self._handles[number].told(pose.tolist(), mean.tolist()))
+
+    def opening_phases(self, phases: Amount, rows: Rows = ALL_ROWS) -> Amount:
+        """Return phases, but none before the one at which a row's door opens."""
+        opens = [self._handles[number].opens for number in self._of(rows)]
+        return np.maximum(phases, np.reshape(opens, np.shape(phases)))
+
+    def axis_positions(
+        self, poses: Float[np.ndarray, "*S 6"], rows: Rows = ALL_ROWS
+    ) -> Float[np.ndarray, "*S 6"]:
+        """Return poses (..., *N, 6) with the axes' positions instead of the hands'."""
+        numbers, positions = self._of(rows), poses.copy()
+        if not numbers:
+            return positions
+        columns = positions.reshape(-1, len(numbers), 6)
+        for column, number in enumerate(numbers):
+            columns[:, column] = self._handles[number].places(columns[:, column])
+        return positions
+
+    def turning_directions(self, poses: Poses, rows: Rows = ALL_ROWS) -> Vectors:
+        """Return the unit vectors along which hands move while their handles turn."""
+        hands = poses.reshape(-1, 6).tolist()
+        directions = [
+            self._handles[number].way(pose)
+            for number, pose in zip(self._of(rows), hands, strict=True)
+        ]
+        return np.reshape(directions, (*poses.shape[:-1], 3))
+
+    def turn_further(
+        self,
+        poses: Poses,
+        direction: Vectors,
+        load: Amount,
+        period: float,
+        rows: Rows = ALL_ROWS,
+    ) -> np.ndarray:
+        """Turn handles further whose doors do not move; return which, bool (*N).
+
+        A handle is turned further if the door holds the hand back, has not moved, and
+        the handle has come as far as was commanded.
+
+        Args:
+            poses: Of the hands [m, rad].
+            direction: Of their doors' paths, unit vectors.
+            load: What holds the hands back along them [N].
+            period: Time since the last call [s].
+            rows: The rows that are meant.
+        """
+        config = self._config
+        turned = np.zeros(np.shape(load), dtype=np.bool_)
+        numbers = poses.reshape(-1, 6), direction.reshape(-1, 3), np.ravel(load)
+        for index, (number, pose, path, force) in enumerate(
+            zip(self._of(rows), *(each.tolist() for each in numbers), strict=True)
+        ):
+            handle, gear = self._handles[number], self._gears[number]
+            if force < config.latched_force or gear >= config.max_gear:
+                continue
+            along = sum(p * u for p, u in zip(handle.place(pose), path, strict=True))
+            follows = config.following_share * gear * handle.travel
+            if along < config.closed_distance and handle.turned(pose) >= follows:
+                gear = min(gear + config.gear_rate * period, config.max_gear)
+                self._gears[number] = gear
+                turned.flat[index] = True
+        return turned
+
+    def _of(self, rows: Rows) -> list[int]:
+        numbers: list[int] = np.ravel(self._numbers[rows]).tolist()
+        return numbers
+
+
+class HandlePhases:
+    """A phase rule for hands whose handles are turned further than demonstrated."""
+
+    def __init__(self, rule: PhaseRule, handles: HandleCompensation) -> None:
+        self._rule, self._handles = rule, handles
+
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
+        """Let these rows begin at the start of the task."""
+        self._rule.reset(rows)
+
+    def update(
+        self, poses: Poses, previous: Phases, command: Phases, rows: Rows = ALL_ROWS
+    ) -> PhaseEstimate:
+        """Return the phases of observed poses; see `PhaseRule.update`."""
+        demonstrated = self._handles.remove_handle_motion(poses, rows)
+        return self._rule.update(demonstrated, previous, command, rows)
+
+    def rate(self, phases: Phases, rows: Rows = ALL_ROWS) -> Poses:
+        """Return dμ/ds of these rows' demonstrations at phases, (A, 6)."""
+        return self._rule.rate(phases, rows)
+
+
+class HandleMovements(GriddedMovements):
+    """Movements of hands that turn handles; their paths are those of the axes."""
+
+    def __init__(
+        self,
+        movements: GriddedMovement | Sequence[GriddedMovement],
+        handles: HandleCompensation,
     ) -> None:
         super().__init__(movements)
         self._handles = handles
 
-    def reset(self, members: Members = EVERY_MEMBER) -> None:
-        """Forget the via-points of these members, and how far their handles turn."""
-        super().reset(members)
-        self._handles.reset(members)
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
+        """Forget the via-points of these rows, and how far their handles turn."""
+        super().reset(rows)
+        self._handles.reset(rows)
 
     def observe(self, member: int, via_point: ViaPoint) -> None:
-        """Condition a member's movement on a via-point, given as a pose of the hand."""
+        """Condition a row's movement on a via-point, given as a pose of the hand."""
         expected, _ = self.at_member(member, via_point.phase)
-        pose = self._handles.told(via_point.pose, expected, member)
+        pose = self._handles.axis_pose(via_point.pose, expected, member)
         super().observe(member, replace(via_point, pose=pose))
 
     def ahead(
-        self, phases: Phases, members: Members = EVERY_MEMBER
+        self, phases: Phases, rows: Rows = ALL_ROWS
     ) -> tuple[Poses, Poses, Float[np.ndarray, "*N 3"]]:
         """Return mean, σ, and the direction of the axis's path where it opens next."""
-        points = look_ahead(phases, self._handles.opening(phases, members))
-        means, stds = self.at(points, members)
-        chord = self._handles.places(means[1:], members)
+        points = look_ahead(phases, self._handles.opening_phases(phases, rows))
+        means, stds = self.at(points, rows)
+        chord = self._handles.axis_positions(means[1:], rows)
         return means[0], stds[0], self.direction(chord)
 
-    def hand_poses(self, poses: Poses, members: Members = EVERY_MEMBER) -> Poses:
-        """Return poses of the movements as hands on these members' own handles."""
-        return self._handles.asked(poses, members)
+    def hand_poses(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
+        """Return poses of the movements as hands on these rows' own handles."""
+        return self._handles.add_handle_motion(poses, rows)
+
+
+class HandleLoad:
+    """A load rule applied twice: to the spring of the handle, and to the door.
+
+    The spring of a lever resists the hand as long as it is turned, and while the door
+    opens its force is across the path. A hand that yields to it lets the handle go
+    back, and the policy would learn from the hand that the handle is to go back. So the
+    load of the handle is compensated along the way about its axis, and that of the
+    door, which is another, along the path of the axis.
+    """
+
+    def __init__(
+        self,
+        rule: LoadRule,
+        profile: StiffnessProfile,
+        handles: HandleCompensation,
+        shape: tuple[int, ...],
+        period: float,
+    ) -> None:
+        self._handles, self._period = handles, period
+        self._door = rule.begin(profile, shape)
+        self._handle = rule.begin(profile, shape)
+
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
+        """Forget these rows' doors."""
+        self._door.reset(rows)
+        self._handle.reset(rows)
+
+    def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
+        """Return the response to a contact whose direction is that of the door's path.
+
+        A handle whose door does not move is turned further meanwhile.
+        """
+        poses = contact.pose
+        axes = self._handles.axis_positions(poses, rows)
+        turning = replace(
+            contact,
+            direction=self._handles.turning_directions(poses, rows),
+            pose=poses - axes,
+        )
+        of_handle = self._handle.update(turning, rows)
+        opening = replace(
+            contact,
+            wrench=of_handle.compliant_wrench,
+            pose=axes,
+            hook_grasp=True,
+        )
+        response = self._door.update(opening, rows)
+        turned = self._handles.turn_further(
+            poses, contact.direction, response.compensated_load, self._period, rows
+        )
+        # A hand that turns the handle further does not pull harder at the same time.
+        pace = np.where(turned, np.minimum(response.pace, 0.0), response.pace)
+        return replace(response, pace=pace)

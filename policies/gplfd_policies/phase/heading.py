@@ -1,38 +1,47 @@
-"""How far the demonstrations' heading is from that of the door in front of the robot.
+"""Heading error: the angle between the demonstrated and the actual door.
 
 A robot that stands askew sees the whole motion turned about the vertical by one unknown
-angle ψ, its heading error. A phase that is told from the direction of the hand's
+angle ψ, its heading error. A phase estimate from the direction of the hand's
 displacement would take ψ for progress: on a door, whose chord turns half as fast as its
-leaf, for 2ψ of it. What tells the two apart is the path so far: a heading error turns
-all of it, progress bends it.
+leaf, for 2ψ of it. The path so far distinguishes the two: a heading error turns all of
+it, progress bends it.
 """
 
 from __future__ import annotations
 
 import copy
 import math
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 
+from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
 _SIZES: Final = np.linspace(-2.5, 2.5, 41)
 """Sizes that are compared, in standard deviations of the logarithm of size."""
 
-_SIZE_STD: Final = 0.25
-"""Standard deviation of the logarithm of size beyond the demonstrations' own."""
-
-_SPACING: Final = 1.0 / 16.0
-"""Distance between two directions that are taken in, over the demonstrated distance.
-Nearer ones share the errors of the hand's place on the bar, and count as one."""
-
-_KNOWN: Final = math.radians(0.5)
-"""What the demonstrations' own heading is known to at best [rad]."""
-
 _NEAREST: Final = 1e-9
 """A distance [m] that divides."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HeadingConfig:
+    """How the heading error is estimated."""
+
+    size_std: float = quantity(0.25, low=0.0)
+    """Standard deviation of the logarithm of size in addition to the demonstrations'
+    own. Tuned."""
+    spacing: float = quantity(1.0 / 16.0, above=0.0)
+    """Distance between two directions that are used, over the demonstrated distance.
+    Nearer ones share the errors of the hand's place on the bar, and count as one."""
+    least_std: float = quantity(math.radians(0.5), low=0.0, unit="rad")
+    """What the demonstrations' own heading is known to at best [rad]. Tuned."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
 
 
 class Heading:
@@ -60,6 +69,7 @@ class Heading:
         prior_std: τ, what the heading errs by before the path is seen [rad]; 0 for a
             heading that is trusted.
         position_std: n, error of a position [m].
+        config: How the heading error is estimated.
     """
 
     def __init__(
@@ -69,20 +79,21 @@ class Heading:
         *,
         prior_std: float,
         position_std: float,
+        config: HeadingConfig = HeadingConfig(),
     ) -> None:
         level = np.hypot(*_positions(aligned, phases)[..., [0, 2]].T).T
         direction, variances = directions(aligned, phases)
-        # Where a path comes back nearer to its start, the way out tells.
+        # Where a path comes back nearer to its start, the way out counts.
         distances = np.maximum.accumulate(level.mean(axis=0))
         self._distances, first = np.unique(distances, return_index=True)
         angles = np.arctan2(-direction[first, 2], direction[first, 0])
         self._angles, self._variances = np.unwrap(angles), variances[first]
         sizes = np.log(np.maximum(level.max(axis=1), _NEAREST))
-        spread = math.hypot(np.std(sizes, ddof=min(1, sizes.size - 1)), _SIZE_STD)
+        spread = math.hypot(np.std(sizes, ddof=min(1, sizes.size - 1)), config.size_std)
         self._shrinking = np.exp(-spread * _SIZES)
         self._prior, self._position_variance = prior_std**2, position_std**2
-        self._least = min(_KNOWN, prior_std) ** 2
-        self._spacing = max(float(self._distances[-1]) * _SPACING, _NEAREST)
+        self._least = min(config.least_std, prior_std) ** 2
+        self._spacing = max(float(self._distances[-1]) * config.spacing, _NEAREST)
         self.reset()
 
     def reset(self) -> None:
@@ -101,8 +112,8 @@ class Heading:
         another.reset()
         return another
 
-    def see(self, distance: float, angle: float) -> None:
-        """Take in where the hand is, if it has come far enough since the last time.
+    def update(self, distance: float, angle: float) -> None:
+        """Update the estimate if the hand has come far enough since the last time.
 
         Args:
             distance: From the start of the path, in the horizontal plane [m].
@@ -118,10 +129,7 @@ class Heading:
         self._weight += weight
         self._sums[0] += weight * error
         self._sums[1] += weight * error**2
-        self._estimate()
-
-    def _estimate(self) -> None:
-        """Mean and variance of ψ, from the sums along the path so far."""
+        # Mean and variance of the mixture over sizes, from the sums so far.
         gain = self._prior / (1.0 + self._prior * self._weight)
         yaws = gain * self._sums[0]
         surprise = self._sums[1] - gain * self._sums[0] ** 2 + _SIZES**2

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -16,11 +16,13 @@ from gplfd_policies.adaptation import (
     ProcessAdaptation,
     ProductAdaptation,
 )
-from gplfd_policies.agents.model_based.compliant_pull import CompliantPullAgent
-from gplfd_policies.agents.model_based.displacement import ChordAgent, ReflexAgent
 from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
-from gplfd_policies.agents.model_based.oracle import OracleAgent
-from gplfd_policies.agents.model_based.told_handle import ToldHandleAgent
+from gplfd_policies.agents.model_based.oracle import OracleAgent, ToldHandleAgent
+from gplfd_policies.agents.model_based.pulling import (
+    ChordAgent,
+    CompliantPullAgent,
+    ReflexAgent,
+)
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
 from gplfd_policies.control.rendering import ARM_DYNAMICS, ArmRendering
@@ -44,6 +46,7 @@ from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
     fit_wishart_gp,
 )
+from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.registry.method import (
     FixedProfile,
@@ -54,22 +57,6 @@ from gplfd_policies.registry.method import (
     heading_trusting_phase,
 )
 from gplfd_policies.registry.policy import Policy
-
-
-def _reference(agent: Callable[[], object], summary: str) -> Policy:
-    make = partial(_untaught, agent)
-    return Policy(summary=summary, make=make, kind="reference")
-
-
-def _untaught(agent: Callable[[], object], training: TrainingInput) -> object:
-    return agent()
-
-
-def _constant_stiffness(translation: float) -> Method:
-    """Return `GP` at one stiffness [N/m]; in rotation at a tenth of it [N m/rad]."""
-    constant = np.repeat([translation, 0.1 * translation], 3)
-    profile = replace(DEFAULT_PROFILE, k_min=constant, k_max=constant)
-    return replace(GP, profile=FixedProfile(profile=profile))
 
 
 def _positions_alone(demonstrations: Sequence[Demonstration]) -> AlignedDemonstrations:
@@ -129,156 +116,149 @@ TABLE_1: Final = (
 )
 """The methods of the paper's Table 1, the paper's own and ours."""
 
+
+def _ablation(summary: str, **changes: Any) -> Policy:
+    """Return `GP` with other fields."""
+    return Policy(summary=summary, make=replace(GP, **changes), kind="ablation")
+
+
+def _constant(translation: float) -> FixedProfile:
+    """Return one stiffness [N/m]; in rotation a tenth of it [N m/rad]."""
+    constant = np.repeat([translation, 0.1 * translation], 3)
+    profile = replace(DEFAULT_PROFILE, k_min=constant, k_max=constant)
+    return FixedProfile(profile=profile)
+
+
+def _method(summary: str, fit: Callable[..., Movement], **fields: Any) -> Policy:
+    return Policy(summary=summary, make=Method(fit=fit, **fields))
+
+
+def _model_based(agent: Callable[[], object], summary: str) -> Policy:
+    make = partial(_untaught, agent)
+    return Policy(summary=summary, make=make, kind="reference")
+
+
+def _untaught(agent: Callable[[], object], training: TrainingInput) -> object:
+    return agent()
+
+
 AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
     {
         "gp": Policy(
             summary="heteroscedastic GP with online adaptation and variable stiffness",
             make=GP,
         ),
-        "gp-product": Policy(
-            summary="gp with the paper's adaptation (product of Gaussians)",
-            make=replace(GP, adaptation=ProductAdaptation),
-            kind="ablation",
+        "gp-product": _ablation(
+            "gp with the paper's adaptation (product of Gaussians)",
+            adaptation=ProductAdaptation,
         ),
-        "gp-exact": Policy(
-            summary="gp with joint conditioning on demonstrations and via-points",
-            make=replace(GP, adaptation=ExactAdaptation),
-            kind="ablation",
+        "gp-exact": _ablation(
+            "gp with joint conditioning on demonstrations and via-points",
+            adaptation=ExactAdaptation,
         ),
-        "gp-independent-phase": Policy(
-            summary="gp that treats phase uncertainty as independent noise per output",
-            make=replace(GP, adaptation=IndependentPhaseAdaptation),
-            kind="ablation",
+        "gp-independent-phase": _ablation(
+            "gp that treats phase uncertainty as independent noise per output",
+            adaptation=IndependentPhaseAdaptation,
         ),
-        "gp-own-clock": Policy(
-            summary="gp that also adapts the timing of the motion",
-            make=replace(GP, adaptation=OwnClockAdaptation, accepts_prior_mean=False),
-            kind="ablation",
+        "gp-own-clock": _ablation(
+            "gp that also adapts the timing of the motion",
+            adaptation=OwnClockAdaptation,
+            accepts_prior_mean=False,
         ),
-        "gp-fixed": Policy(
-            summary="gp without adaptation (follows the mean of the demonstrations)",
-            make=replace(GP, adaptation=None),
-            kind="ablation",
+        "gp-fixed": _ablation(
+            "gp without adaptation (follows the mean of the demonstrations)",
+            adaptation=None,
         ),
-        "gp-homoscedastic": Policy(
-            summary="gp with one noise level for the whole motion (homoscedastic)",
-            make=replace(GP, fit=partial(fit_skill, noise="homoscedastic")),
-            kind="ablation",
+        "gp-homoscedastic": _ablation(
+            "gp with one noise level for the whole motion (homoscedastic)",
+            fit=partial(fit_skill, noise="homoscedastic"),
         ),
-        "gp-dtw-euclidean": Policy(
-            summary="gp with dynamic time warping on poses instead of task completion",
-            make=replace(GP, align=partial(align, method="dtw-euclidean")),
-            kind="ablation",
+        "gp-dtw-euclidean": _ablation(
+            "gp with dynamic time warping on poses instead of task completion",
+            align=partial(align, method="dtw-euclidean"),
         ),
-        "gp-directions": Policy(
-            summary="gp that also aligns demonstrations by direction of motion",
-            make=replace(GP, align=partial(align, method="directions")),
-            kind="ablation",
+        "gp-directions": _ablation(
+            "gp that also aligns demonstrations by direction of motion",
+            align=partial(align, method="directions"),
         ),
-        "gp-untrimmed": Policy(
-            summary="gp without trimming of rests at both ends of demonstrations",
-            make=replace(GP, align=partial(align, trim_rests=False)),
-            kind="ablation",
+        "gp-untrimmed": _ablation(
+            "gp without trimming of rests at both ends of demonstrations",
+            align=partial(align, trim_rests=False),
         ),
-        "gp-clock": Policy(
-            summary="gp with the phase of observations taken from the clock",
-            make=replace(GP, phases=clock_phase),
-            kind="ablation",
+        "gp-clock": _ablation(
+            "gp with the phase of observations taken from the clock", phases=clock_phase
         ),
-        "gp-heading-trusting": Policy(
-            summary="gp without tolerance for heading errors in the phase estimate",
-            make=replace(GP, phases=heading_trusting_phase),
-            kind="ablation",
+        "gp-heading-trusting": _ablation(
+            "gp without tolerance for heading errors in the phase estimate",
+            phases=heading_trusting_phase,
         ),
-        "gp-position-only": Policy(
-            summary="gp that learns positions only (constant orientation)",
-            make=replace(GP, align=_positions_alone),
-            kind="ablation",
+        "gp-position-only": _ablation(
+            "gp that learns positions only (constant orientation)",
+            align=_positions_alone,
         ),
-        "gp-carried-load": Policy(
-            summary="gp that compensates loads of up to 25 N along the path",
-            make=replace(GP, config=ComplianceConfig(load=CarriedLoad())),
-            kind="ablation",
+        "gp-carried-load": _ablation(
+            "gp that compensates loads of up to 25 N along the path",
+            config=ComplianceConfig(load=CarriedLoad()),
         ),
-        "gp-undamped": Policy(
-            summary="gp without the additional damping for contact",
-            make=replace(GP, config=ComplianceConfig(dynamics=UNDAMPED)),
-            kind="ablation",
+        "gp-undamped": _ablation(
+            "gp without the additional damping for contact",
+            config=ComplianceConfig(dynamics=UNDAMPED),
         ),
-        "gp-within-demonstrations": Policy(
-            summary="gp that stops where the demonstrations end",
-            make=replace(GP, beyond=0.0),
-            kind="ablation",
+        "gp-within-demonstrations": _ablation(
+            "gp that stops where the demonstrations end", beyond=0.0
         ),
-        "gp-one-centimetre": Policy(
-            summary="gp with medium stiffness at the published 1 cm and 0.05 rad",
-            make=replace(GP, profile=FixedProfile(profile=DEFAULT_PROFILE)),
-            kind="ablation",
+        "gp-one-centimetre": _ablation(
+            "gp with medium stiffness at the published 1 cm and 0.05 rad",
+            profile=FixedProfile(profile=DEFAULT_PROFILE),
         ),
         "gp-paper": Policy(
             summary="the paper's method (Kersting noise, product of Gaussians)",
             make=PAPER,
         ),
-        "gp-constant-100": Policy(
-            summary="gp with constant stiffness of 100 N/m (its minimum)",
-            make=_constant_stiffness(100.0),
-            kind="ablation",
+        "gp-constant-100": _ablation(
+            "gp with constant stiffness of 100 N/m (its minimum)",
+            profile=_constant(100.0),
         ),
-        "gp-constant-200": Policy(
-            summary="gp with constant stiffness of 200 N/m",
-            make=_constant_stiffness(200.0),
-            kind="ablation",
+        "gp-constant-200": _ablation(
+            "gp with constant stiffness of 200 N/m", profile=_constant(200.0)
         ),
-        "gp-constant-330": Policy(
-            summary="gp with constant stiffness of 330 N/m",
-            make=_constant_stiffness(330.0),
-            kind="ablation",
+        "gp-constant-330": _ablation(
+            "gp with constant stiffness of 330 N/m", profile=_constant(330.0)
         ),
-        "gp-constant-500": Policy(
-            summary="gp with constant stiffness of 500 N/m (its maximum)",
-            make=_constant_stiffness(500.0),
-            kind="ablation",
+        "gp-constant-500": _ablation(
+            "gp with constant stiffness of 500 N/m (its maximum)",
+            profile=_constant(500.0),
         ),
-        "gp-impedance": Policy(
-            summary="gp with stiffness realised by the arm's impedance control",
-            make=replace(
-                GP,
-                config=ComplianceConfig(
-                    rendering=ArmRendering(), dynamics=ARM_DYNAMICS
-                ),
-            ),
-            kind="ablation",
+        "gp-impedance": _ablation(
+            "gp with stiffness realised by the arm's impedance control",
+            config=ComplianceConfig(rendering=ArmRendering(), dynamics=ARM_DYNAMICS),
         ),
-        "dmp": Policy(
-            summary="dynamic movement primitive; no uncertainty, no via-points",
-            make=Method(fit=fit_dmp, phases=demonstrated_phase),
+        "dmp": _method(
+            "dynamic movement primitive; no uncertainty, no via-points",
+            fit_dmp,
+            phases=demonstrated_phase,
         ),
-        "promp": Policy(
-            summary="probabilistic movement primitive with online conditioning",
-            make=Method(fit=fit_promp, adaptation=OwnAdaptation),
+        "promp": _method(
+            "probabilistic movement primitive with online conditioning",
+            fit_promp,
+            adaptation=OwnAdaptation,
         ),
-        "gmr": Policy(
-            summary="Gaussian-mixture regression; no via-points",
-            make=Method(fit=fit_gmr),
+        "gmr": _method("Gaussian-mixture regression; no via-points", fit_gmr),
+        "tp-gmm": _method(
+            "task-parameterised mixture, frames at handle and estimated hinge",
+            fit_tp_gmm,
+            adaptation=OwnAdaptation,
         ),
-        "tp-gmm": Policy(
-            summary="task-parameterised mixture, frames at handle and estimated hinge",
-            make=Method(fit=fit_tp_gmm, adaptation=OwnAdaptation),
+        "local-gp": _method(
+            "local Gaussian processes (reconstruction); no via-points",
+            partial(fit_local_gp, config=LocalGPConfig()),
+            accepts_prior_mean=True,
         ),
-        "local-gp": Policy(
-            summary="local Gaussian processes (reconstruction); no via-points",
-            make=Method(
-                fit=partial(fit_local_gp, config=LocalGPConfig()),
-                accepts_prior_mean=True,
-            ),
-        ),
-        "wishart-gp": Policy(
-            summary="GP, Wishart-process covariance (reconstruction); no via-points",
-            make=Method(
-                fit=partial(fit_wishart_gp, config=WishartGPConfig()),
-                seeded=True,
-                accepts_prior_mean=True,
-            ),
+        "wishart-gp": _method(
+            "GP, Wishart-process covariance (reconstruction); no via-points",
+            partial(fit_wishart_gp, config=WishartGPConfig()),
+            seeded=True,
+            accepts_prior_mean=True,
         ),
         "kmp": Policy(
             summary="kernelised movement primitive, regularisation tuned for doors",
@@ -288,24 +268,25 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             summary="kernelised movement primitive with the published regularisation",
             make=KMP,
         ),
-        "gmm-gp": Policy(
-            summary="GP with a Gaussian-mixture prior and online conditioning",
-            make=Method(fit=fit_gmm_gp, adaptation=OwnAdaptation),
+        "gmm-gp": _method(
+            "GP with a Gaussian-mixture prior and online conditioning",
+            fit_gmm_gp,
+            adaptation=OwnAdaptation,
         ),
-        "hinge-fit": _reference(
+        "hinge-fit": _model_based(
             HingeFitAgent, "estimates the hinge from the hand's path; compliant"
         ),
-        "hinge-fit-told": _reference(
+        "hinge-fit-told": _model_based(
             ToldHandleAgent, "knows the handle and turns it, then acts as hinge-fit"
         ),
-        "reflex": _reference(
+        "reflex": _model_based(
             ReflexAgent, "moves in the last direction of motion; compliant across it"
         ),
-        "chord": _reference(ChordAgent, "pulls in the last direction of motion"),
-        "compliant-pull": _reference(
+        "chord": _model_based(ChordAgent, "pulls in the last direction of motion"),
+        "compliant-pull": _model_based(
             CompliantPullAgent, "pulls straight back with a constant force; compliant"
         ),
-        "oracle": _reference(
+        "oracle": _model_based(
             OracleAgent, "knows the door and follows its exact arc; stiff"
         ),
     }

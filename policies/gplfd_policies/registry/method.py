@@ -22,23 +22,23 @@ from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.handles.adapter import HandleConfig
 from gplfd_policies.movements.movement import (
     AdaptationForm,
     EmpiricalDistribution,
     Movement,
 )
 from gplfd_policies.movements.prior_mean import PriorMean, Stretched, fit_residual
-from gplfd_policies.phase.path_phase import PathPhase
+from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise, PhaseRule
 
 _GRID: Final = 100
 """Phases at which an agent knows its movement."""
 _START_TOLERANCE: Final = (0.05, 0.2)
 """How far from the closed handle a demonstration may start [m, rad]."""
-_RESOLUTION: Final = (1e-3, 3e-2)
-"""What of a pose is still open when it has been observed for long [m, rad]."""
 _LARGEST_REACH: Final = 3.0
 """How far from it a demonstration may ever be [m]."""
+_PATH_PHASE: Final = PathPhaseConfig()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -68,20 +68,24 @@ class TrainingInput:
         object.__setattr__(self, "demonstrations", several)
 
 
-def path_phase(movement: Movement) -> PhaseRule:
-    """Find the phase of a pose on the path, by the movement's own mean and spread."""
-    return PathPhase(movement, movement.aligned)
+def path_phase(movement: Movement, config: PathPhaseConfig = _PATH_PHASE) -> PhaseRule:
+    """Find the phase of a pose on the path, by the movement's own mean and spread.
+
+    Other settings by ``functools.partial``, as with the functions below.
+    """
+    return PathPhase(movement, movement.aligned, config)
 
 
 def heading_trusting_phase(movement: Movement) -> PhaseRule:
-    """Find it on the path by a robot that is sure to stand straight to the door."""
-    noise = PhaseNoise(heading=0.0)
-    return PathPhase(movement, movement.aligned, noise=noise)
+    """Find it on the path as if the robot stood exactly straight to the door."""
+    return path_phase(movement, PathPhaseConfig(noise=PhaseNoise(heading=0.0)))
 
 
-def demonstrated_phase(movement: Movement) -> PhaseRule:
+def demonstrated_phase(
+    movement: Movement, config: PathPhaseConfig = _PATH_PHASE
+) -> PhaseRule:
     """Find it by the demonstrations' mean and spread: for movements without any."""
-    return PathPhase(EmpiricalDistribution(movement.aligned), movement.aligned)
+    return PathPhase(EmpiricalDistribution(movement.aligned), movement.aligned, config)
 
 
 def clock_phase(movement: Movement) -> PhaseRule:
@@ -89,17 +93,24 @@ def clock_phase(movement: Movement) -> PhaseRule:
     return ClockPhase()
 
 
-def profile_of_spread(aligned: AlignedDemonstrations) -> StiffnessProfile:
-    """Let the demonstrations say what is much and what is little uncertainty.
+def profile_of_spread(
+    aligned: AlignedDemonstrations, resolution: tuple[float, float] = (1e-3, 3e-2)
+) -> StiffnessProfile:
+    """Scale the stiffness profile by the spread of the demonstrations.
 
-    `spread_profile` of their spread over the demonstrated task (root mean square), and
-    of what observation leaves; `DEFAULT_PROFILE` where a single one has no spread.
+    `spread_profile` of their spread over the demonstrated task (root mean square);
+    `DEFAULT_PROFILE` where a single one has no spread.
+
+    Args:
+        aligned: The demonstrations.
+        resolution: Residual pose uncertainty after a long observation [m, rad]. Tuned;
+            another one by ``functools.partial``.
     """
     poses = aligned.demonstrated.poses
     if len(poses) < 2:
         return DEFAULT_PROFILE
     spread = np.sqrt(poses.var(axis=0, ddof=1).mean(axis=0))
-    return spread_profile(spread, np.repeat(_RESOLUTION, 3))
+    return spread_profile(spread, np.repeat(resolution, 3))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -142,6 +153,8 @@ class Method:
     """Which stiffness has which uncertainty; it takes the place of the config's."""
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
     """How it follows the movement otherwise: load, timing, via-points."""
+    handle_config: HandleConfig = field(default_factory=HandleConfig)
+    """When and how far a handle is turned beyond the demonstrated turn."""
 
     def __post_init__(self) -> None:
         if self.config.profile is not DEFAULT_PROFILE:
@@ -188,6 +201,7 @@ class Method:
             GriddedMovement(movement, self.adaptation, _GRID),
             phases=self.phases(movement),
             config=replace(self.config, profile=self.profile(movement.aligned)),
+            handle_config=self.handle_config,
         )
 
     def __call__(self, training: TrainingInput) -> CompliantAgent:
@@ -197,10 +211,7 @@ class Method:
 
 
 def _check_starts(demonstrated: Iterable[Float[np.ndarray, "_ 6"]]) -> None:
-    """Raise unless demonstrations begin at the closed handle of a door, in metres.
-
-    Only who acts on a door needs this; motions of any task can be learned.
-    """
+    """Raise unless demonstrations begin at the closed handle of a door, in metres."""
     for number, poses in enumerate(demonstrated):
         start, reach = poses[0], np.abs(poses[:, :3]).max()
         if reach > _LARGEST_REACH:

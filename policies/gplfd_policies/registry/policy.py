@@ -15,7 +15,7 @@ class PolicyOrigin:
     """
 
     name: str
-    """What it was asked for by."""
+    """The name under which it was requested."""
     kind: Literal["built-in", "package", "module"] = "built-in"
     """An entry of `POLICIES` in ``registry.catalogue``, an installed package's entry
     point, or an attribute of a module of the user's."""
@@ -43,7 +43,7 @@ class PolicyOrigin:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Policy:
-    """What stands behind a policy's name."""
+    """A registered policy: a summary, how agents are made, and where it was found."""
 
     summary: str
     """One line for people."""
@@ -51,8 +51,8 @@ class Policy:
     """Learns from the training input and returns an agent, or anything that
     `gplfd_policies.agents.agent.as_agent` takes: a `Method`, or any function."""
     kind: Literal["method", "ablation", "reference"] = "method"
-    """Something to compare; what is left of it without one idea, or with another in its
-    place; or what every method is measured against, which learns nothing."""
+    """A method; a method with one part removed or replaced; or a model-based policy,
+    which learns nothing and which every method is measured against."""
     origin: PolicyOrigin | None = None
     """Where it was found; `policy_named` in ``registry.catalogue`` fills it in."""
 

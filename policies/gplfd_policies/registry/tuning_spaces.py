@@ -24,14 +24,16 @@ from gplfd_policies.movements.baselines.gmm_gp import (
     LengthScaleConfig,
     fit_gmm_gp,
 )
-from gplfd_policies.movements.baselines.gmr import GMRConfig
+from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
 from gplfd_policies.movements.baselines.kmp import KMPConfig, fit_kmp
 from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
 from gplfd_policies.movements.baselines.promp import ProMPConfig, fit_promp
+from gplfd_policies.movements.baselines.tp_gmm import fit_tp_gmm
 from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
     fit_wishart_gp,
 )
+from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.registry.method import Method
 
@@ -82,12 +84,20 @@ def _linear(published: Value, low: Value, high: Value) -> Setting:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Space:
-    """What may be set in a method."""
+    """What may be set in a method.
+
+    Two settings are not of the fit: ``via_std_factor`` multiplies the standard
+    deviation of via-points, and ``empirical_share`` belongs to `ProcessAdaptation`.
+    """
 
     settings: Mapping[str, Setting]
     """By name."""
-    change: Callable[..., Method]
-    """Takes the registered method and a value per setting."""
+    fit: Callable[..., Movement]
+    """How the method learns."""
+    config: Callable[..., object]
+    """Makes the configuration of the fit from the values of its settings."""
+    argument: str = "config"
+    """Name under which the fit takes it."""
 
     @property
     def published(self) -> Values:
@@ -116,84 +126,37 @@ class Space:
                     f"{type(setting.published).__name__} from {setting.low} to "
                     f"{setting.high}"
                 )
-        return self.change(registered, **values)
+        own = dict(values)
+        method = registered
+        if "via_std_factor" in own:
+            factor = own.pop("via_std_factor")
+            position, rotation = method.config.via_std
+            via_std = (factor * position, factor * rotation)
+            method = replace(method, config=replace(method.config, via_std=via_std))
+        if "empirical_share" in own:
+            share = own.pop("empirical_share")
+            adaptation = partial(ProcessAdaptation, empirical_share=share)
+            method = replace(method, adaptation=adaptation)
+        fit = partial(self.fit, **{self.argument: self.config(**own)})
+        return replace(method, fit=fit)
 
 
-def _via(method: Method, factor: float) -> Method:
-    """Take via-points for more or less exact than the agents do."""
-    position, rotation = method.config.via_std
-    std = (factor * position, factor * rotation)
-    return replace(method, config=replace(method.config, via_std=std))
+def _kmp_config(components: int, **values: Any) -> KMPConfig:
+    return KMPConfig(mixture=GMRConfig(components=components), **values)
 
 
-def _dmp(method: Method, **values: Any) -> Method:
-    return replace(method, fit=partial(fit_dmp, config=DMPConfig(**values)))
-
-
-def _promp(method: Method, via_std_factor: float, **values: Any) -> Method:
-    fit = partial(fit_promp, config=ProMPConfig(**values))
-    return _via(replace(method, fit=fit), via_std_factor)
-
-
-def _mixture(method: Method, **values: Any) -> Method:
-    return replace(method, fit=partial(method.fit, config=GMRConfig(**values)))
-
-
-def _tp_gmm(method: Method, via_std_factor: float, **values: Any) -> Method:
-    return _via(_mixture(method, **values), via_std_factor)
-
-
-def _local_gp(method: Method, **values: Any) -> Method:
-    return replace(method, fit=partial(fit_local_gp, config=LocalGPConfig(**values)))
-
-
-def _wishart_gp(method: Method, **values: Any) -> Method:
-    config = WishartGPConfig(**values)
-    return replace(method, fit=partial(fit_wishart_gp, config=config))
-
-
-def _kmp(
-    method: Method, components: int, via_std_factor: float, **values: Any
-) -> Method:
-    config = KMPConfig(mixture=GMRConfig(components=components), **values)
-    return _via(replace(method, fit=partial(fit_kmp, config=config)), via_std_factor)
-
-
-def _gmm_gp(
-    method: Method,
-    components: int,
-    weight_power: float,
-    shortest_length_scale: float,
-    via_std_factor: float,
-) -> Method:
+def _gmm_gp_config(
+    components: int, weight_power: float, shortest_length_scale: float
+) -> GMMGPConfig:
     scales = LengthScaleConfig()
-    scales = replace(
-        scales, length_scale_range=(shortest_length_scale, scales.length_scale_range[1])
-    )
-    config = GMMGPConfig(
+    longest = scales.length_scale_range[1]
+    return GMMGPConfig(
         mixture=GMRConfig(components=components),
-        length_scales=scales,
+        length_scales=replace(
+            scales, length_scale_range=(shortest_length_scale, longest)
+        ),
         weight_power=weight_power,
     )
-    fit = partial(fit_gmm_gp, config=config)
-    return _via(replace(method, fit=fit), via_std_factor)
-
-
-def _gp_paper(method: Method, via_std_factor: float, **values: Any) -> Method:
-    fit = partial(fit_skill, noise=KerstingNoise(**values))
-    return _via(replace(method, fit=fit), via_std_factor)
-
-
-def _gp(
-    method: Method, shortest_scale: float, empirical_share: float, via_std_factor: float
-) -> Method:
-    noise = MapNoise(shortest_scale=shortest_scale)
-    changed = replace(
-        method,
-        fit=partial(fit_skill, noise=noise),
-        adaptation=partial(ProcessAdaptation, empirical_share=empirical_share),
-    )
-    return _via(changed, via_std_factor)
 
 
 _VIA_STD_FACTOR: Final = _log(1.0, 0.2, 10.0)
@@ -202,7 +165,8 @@ _VIA_STD_FACTOR: Final = _log(1.0, 0.2, 10.0)
 SPACES: Final[Mapping[str, Space]] = MappingProxyType(
     {
         "dmp": Space(
-            change=_dmp,
+            fit=fit_dmp,
+            config=DMPConfig,
             settings={
                 "n_basis": _linear(30, 10, 60),
                 "alpha": _log(25.0, 10.0, 60.0),
@@ -210,7 +174,8 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             },
         ),
         "promp": Space(
-            change=_promp,
+            fit=fit_promp,
+            config=ProMPConfig,
             settings={
                 "n_basis": _linear(20, 8, 40),
                 "overlap": _linear(0.7, 0.3, 0.95),
@@ -219,14 +184,16 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             },
         ),
         "gmr": Space(
-            change=_mixture,
+            fit=fit_gmr,
+            config=GMRConfig,
             settings={
                 "components": _linear(10, 3, 20),
                 "regularisation": _log(4e-6, 1e-7, 1e-2),
             },
         ),
         "tp-gmm": Space(
-            change=_tp_gmm,
+            fit=fit_tp_gmm,
+            config=GMRConfig,
             settings={
                 "components": _linear(10, 3, 20),
                 "regularisation": _log(4e-6, 1e-7, 1e-2),
@@ -234,14 +201,16 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             },
         ),
         "local-gp": Space(
-            change=_local_gp,
+            fit=fit_local_gp,
+            config=LocalGPConfig,
             settings={
                 "clusters": _linear(8, 2, 16),
                 "width": _log(0.35, 0.15, 2.0),
             },
         ),
         "wishart-gp": Space(
-            change=_wishart_gp,
+            fit=fit_wishart_gp,
+            config=WishartGPConfig,
             settings={
                 "degrees": _linear(7, 6, 20),
                 "length_scale": _log(0.15, 0.05, 1.0),
@@ -249,7 +218,8 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             },
         ),
         "kmp": Space(
-            change=_kmp,
+            fit=fit_kmp,
+            config=_kmp_config,
             settings={
                 "components": _linear(8, 4, 15),
                 "length_scale": _log(0.144, 0.05, 0.6),
@@ -259,7 +229,8 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             },
         ),
         "gmm-gp": Space(
-            change=_gmm_gp,
+            fit=fit_gmm_gp,
+            config=_gmm_gp_config,
             settings={
                 "components": _linear(6, 3, 12),
                 "weight_power": _linear(1.0, 0.4, 1.0),
@@ -268,7 +239,9 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             },
         ),
         "gp-paper": Space(
-            change=_gp_paper,
+            fit=fit_skill,
+            config=KerstingNoise,
+            argument="noise",
             settings={
                 "n_iterations": _linear(10, 2, 30),
                 "shortest_scale": _log(0.15, 0.1, 0.6),
@@ -276,7 +249,9 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             },
         ),
         "gp": Space(
-            change=_gp,
+            fit=fit_skill,
+            config=MapNoise,
+            argument="noise",
             settings={
                 "shortest_scale": _log(0.15, 0.1, 0.6),
                 "empirical_share": _linear(0.3, 0.0, 0.9),

@@ -16,12 +16,12 @@ import inspect
 import operator
 import os
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Final
+from typing import Any, Final
 
 from gplfd_policies.registry.module_files import (
     content_hash,
@@ -70,7 +70,19 @@ def module_policy(name: str, folder: Path) -> Policy:
     if name.endswith(f".py:{attribute}") and not file.is_file():
         raise ValueError(f"policy {name!r}: there is no file {file}")
     try:
-        module = _imported(module_name, first)
+        # The folder is first on the path for this import only.
+        importlib.invalidate_caches()
+        sys.path.insert(0, str(first))
+        try:
+            module = _imported(module_name, first)
+        finally:
+            with contextlib.suppress(ValueError):  # the module may have removed it
+                sys.path.remove(str(first))
+        expected = module_file(module_name, first)
+        if expected is not None and expected.resolve() != Path(_file(module)).resolve():
+            raise ValueError(
+                f"module {module_name!r} is already {_file(module)}; rename {expected}"
+            )
         policy = _policy(module, attribute)
         source = _source(module, module_files(module_name, first), first)
     except ValueError as error:
@@ -90,7 +102,7 @@ def source_files(origin: PolicyOrigin) -> tuple[str, ...]:
 
 def packaged_names() -> tuple[str, ...]:
     """Return the names that installed packages offer, without importing anything."""
-    return tuple(sorted({offer.name for offer in _offers()}))
+    return tuple(sorted({entry.name for entry in _offers()}))
 
 
 def packaged_policy(name: str) -> Policy | None:
@@ -99,16 +111,26 @@ def packaged_policy(name: str) -> Policy | None:
     Raises:
         ValueError: If it cannot be used, or several packages offer the name.
     """
-    offers = [offer for offer in _offers() if offer.name == name]
+    offers = [entry for entry in _offers() if entry.name == name]
     if not offers:
         return None
     if len(offers) > 1:
-        packages = " and ".join(sorted(offer.package for offer in offers))
+        packages = " and ".join(sorted(map(_package, offers)))
         raise ValueError(f"policy {name!r} is offered by {packages}; uninstall one")
+    entry = offers[0]
     try:
-        return _loaded(offers[0])
+        module = _imported(entry.module)
+        policy = _policy(module, entry.attr)
+        origin = PolicyOrigin(
+            name=name,
+            kind="package",
+            distribution=entry.dist.name if entry.dist else "",
+            version=entry.dist.version if entry.dist else "",
+            **_source(module),
+        )
     except ValueError as error:
-        raise ValueError(f"policy {name!r} of {offers[0].package}: {error}") from error
+        raise ValueError(f"policy {name!r} of {_package(entry)}: {error}") from error
+    return dataclasses.replace(policy, origin=origin)
 
 
 def packaged_policies(taken: Collection[str]) -> tuple[PackagedPolicy, ...]:
@@ -118,63 +140,29 @@ def packaged_policies(taken: Collection[str]) -> tuple[PackagedPolicy, ...]:
         taken: Names that packages cannot use.
     """
     listed = []
-    for offer in sorted(_offers(), key=lambda offer: offer.name):
+    for entry in sorted(_offers(), key=operator.attrgetter("name")):
         policy, problem = None, "a built-in policy has this name"
-        if offer.name not in taken:
+        if entry.name not in taken:
             try:
-                policy, problem = packaged_policy(offer.name), ""
+                policy, problem = packaged_policy(entry.name), ""
             except ValueError as error:
                 problem = str(error)
         listed.append(
             PackagedPolicy(
-                name=offer.name, package=offer.package, policy=policy, problem=problem
+                name=entry.name, package=_package(entry), policy=policy, problem=problem
             )
         )
     return tuple(listed)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Offer:
-    """An entry point, whichever library read it."""
-
-    name: str
-    module: str
-    attribute: str
-    distribution: str
-    version: str
-
-    @property
-    def package(self) -> str:
-        return f"{self.distribution} {self.version}".strip() or "a package"
-
-
-def _offers() -> list[_Offer]:
-    # The class is not `importlib.metadata.EntryPoint` once something has imported the
+def _offers() -> list[Any]:
+    # Their class is not `importlib.metadata.EntryPoint` once something has imported the
     # backport, as Dask does: that takes the finding over.
-    return [
-        _Offer(
-            name=entry.name,
-            module=entry.module,
-            attribute=entry.attr,
-            distribution=entry.dist.name if entry.dist else "",
-            version=entry.dist.version if entry.dist else "",
-        )
-        for entry in entry_points(group=GROUP)
-    ]
+    return list(entry_points(group=GROUP))
 
 
-def _loaded(offer: _Offer) -> Policy:
-    with _importing(offer.module):
-        module = importlib.import_module(offer.module)
-    policy = _policy(module, offer.attribute)
-    origin = PolicyOrigin(
-        name=offer.name,
-        kind="package",
-        distribution=offer.distribution,
-        version=offer.version,
-        **_source(module),
-    )
-    return dataclasses.replace(policy, origin=origin)
+def _package(entry: Any) -> str:
+    return f"{entry.dist.name} {entry.dist.version}" if entry.dist else "a package"
 
 
 def _place(name: str, folder: Path) -> tuple[str, Path, str]:
@@ -186,33 +174,14 @@ def _place(name: str, folder: Path) -> tuple[str, Path, str]:
     return file.stem, file.parent, attribute
 
 
-def _imported(name: str, folder: Path) -> ModuleType:
-    """Import a module with a folder first on the path, for this import only."""
-    importlib.invalidate_caches()
-    sys.path.insert(0, str(folder))
-    try:
-        with _importing(name, folder):
-            module = importlib.import_module(name)
-    finally:
-        with contextlib.suppress(ValueError):  # the module may have removed it
-            sys.path.remove(str(folder))
-    expected = module_file(name, folder)
-    if expected is not None and expected.resolve() != Path(_file(module)).resolve():
-        raise ValueError(
-            f"module {name!r} is already {_file(module)}; rename {expected}"
-        )
-    return module
-
-
-@contextlib.contextmanager
-def _importing(name: str, folder: Path | None = None) -> Iterator[None]:
-    """Say in one sentence why a module, perhaps of a folder, cannot be imported.
+def _imported(name: str, folder: Path | None = None) -> ModuleType:
+    """Import a module, perhaps of a folder, or say in one sentence why it cannot be.
 
     Raises:
         ValueError: Whatever went wrong.
     """
     try:
-        yield
+        return importlib.import_module(name)
     # Anything: it is the user's code that runs here.
     except (Exception, SystemExit) as error:
         missing = error.name if isinstance(error, ModuleNotFoundError) else None
@@ -239,8 +208,14 @@ def _policy(module: ModuleType, attribute: str) -> Policy:
     try:
         found = operator.attrgetter(attribute)(module)
     except AttributeError:
+        own = [
+            name
+            for name, value in vars(module).items()
+            if callable(value) and getattr(value, "__module__", "") == module.__name__
+        ]
+        there = ", ".join(sorted(own)) or "no functions"
         raise ValueError(
-            f"module {where} has no {attribute!r}; it has {_functions(module)}"
+            f"module {where} has no {attribute!r}; it has {there}"
         ) from None
     if isinstance(found, Policy):
         return found
@@ -268,24 +243,10 @@ def _file(module: ModuleType) -> str:
     return getattr(module, "__file__", None) or "part of Python"
 
 
-def _functions(module: ModuleType) -> str:
-    own = [
-        name
-        for name, value in vars(module).items()
-        if callable(value) and getattr(value, "__module__", "") == module.__name__
-    ]
-    return ", ".join(sorted(own)) or "no functions"
-
-
 def _source(
     module: ModuleType, files: Sequence[Path] = (), folder: Path | None = None
 ) -> dict[str, str]:
-    """Return file and content hash of a module.
-
-    Args:
-        module: Imported.
-        files: What it consists of; by default its own file.
-        folder: Where they are.
+    """Return file and content hash of a module, or of several files of a folder.
 
     Raises:
         ValueError: If a file has changed since this process first looked.

@@ -17,10 +17,7 @@ from gplfd_experiments.analysis.figures.material import POLICY, Material
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import CompliantAgent
-from gplfd_policies.control.stability import (
-    printed_uncertainty_fall_bound,
-    uncertainty_fall_bound,
-)
+from gplfd_policies.control.stability import uncertainty_fall_bound
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, StiffnessProfile
 from gplfd_policies.registry.catalogue import make_agent
 
@@ -89,7 +86,7 @@ def stability(log: EpisodeLog, profile: StiffnessProfile) -> Stability:
         fixed_stiffness=profile.stiffness(fixed),
         fixed_fall=-fixed_rate,
         tight=least(uncertainty_fall_bound(profile, DEFAULT_DYNAMICS)),
-        printed=least(printed_uncertainty_fall_bound(profile, DEFAULT_DYNAMICS)),
+        printed=least(uncertainty_fall_bound(profile, DEFAULT_DYNAMICS, printed=True)),
         used=log.stiffness_rate / bound,
         governed=wished - log.stiffness > _INTERVENTION,
     )

@@ -1,7 +1,7 @@
-"""Reference agents: what a learned policy has to be measured against.
+"""Model-based policies: what a learned policy has to be measured against.
 
-None of them learns from a demonstration. The oracle is told the door; the others
-observe what every agent observes, the hand's pose and the force on it, and know of
-doors what an engineer knows, from a whole circle (`hinge_fit`) to nothing at all
-(`compliant_pull`).
+None of them learns from a demonstration. The oracle knows the door; the others
+observe what every agent observes, the hand's pose and the force on it, and use a model
+of doors, from a whole circle (`hinge_fit`) to a constant pull (`pulling`). Their tuned
+numbers are arguments of their classes.
 """

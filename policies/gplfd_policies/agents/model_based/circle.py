@@ -40,8 +40,6 @@ from gplfd_env.doors.geometry import DoorGeometry
 Points = Float[np.ndarray, "N 3"]
 Parameters = Float[np.ndarray, " 4"]
 
-_FAR: Final = 3.0
-"""c: of residuals of so many standard deviations half the weight is left."""
 _LOWEST: Final = np.array([-0.5, -0.5, -0.5, 0.2])
 _HIGHEST: Final = np.array([0.5, 0.5, 0.5, 10.0])
 """Bounds of (ω, κ) [rad, 1/m]: small angles, of which the prior speaks; and a straight
@@ -64,6 +62,8 @@ class CirclePrior:
     """Deviation of the hinge axis from upright, ω_t and ω_n [rad]."""
     noise: float = 1e-3
     """σ: of a point of the path [m]."""
+    far: float = 3.0
+    """c: residual, in standard deviations, of which half the weight is left. Tuned."""
 
     @property
     def mean(self) -> Parameters:
@@ -117,23 +117,21 @@ class Circle:
             points: All that was seen of the path, finite [m].
             steps: How many; one if this estimate is one point old.
         """
-        circle = self
+        prior, information, circle = self.prior, self.prior.information, self
         for _ in range(steps):
-            circle = circle._step(points)
+            local = (points @ circle.axes).T
+            distances, slopes = _distances(local, circle.curvature)
+            squares = np.add.reduce(distances**2, axis=0) / prior.noise**2
+            weights = 1.0 / (prior.noise**2 * (1.0 + squares / prior.far**2))
+            weighted, flat = (weights * slopes).reshape(4, -1), slopes.reshape(4, -1)
+            gradient = information * (circle.parameters - prior.mean)
+            gradient += weighted @ distances.ravel()
+            step = np.linalg.solve(np.diag(information) + weighted @ flat.T, gradient)
+            # Turns are small: that of a step may be added.
+            parameters = circle.parameters - step
+            bounded = np.minimum(np.maximum(parameters, _LOWEST), _HIGHEST)
+            circle = Circle(prior=prior, parameters=bounded)
         return circle
-
-    def _step(self, points: Points) -> Circle:
-        prior, information = self.prior, self.prior.information
-        distances, slopes = _distances((points @ self.axes).T, self.curvature)
-        squares = np.add.reduce(distances**2, axis=0) / prior.noise**2
-        weights = 1.0 / (prior.noise**2 * (1.0 + squares / _FAR**2))
-        weighted, flat = (weights * slopes).reshape(4, -1), slopes.reshape(4, -1)
-        gradient = information * (self.parameters - prior.mean)
-        gradient += weighted @ distances.ravel()
-        step = np.linalg.solve(np.diag(information) + weighted @ flat.T, gradient)
-        # Turns are small: that of a step may be added.
-        bounded = np.minimum(np.maximum(self.parameters - step, _LOWEST), _HIGHEST)
-        return Circle(prior=prior, parameters=bounded)
 
 
 def fit_circle(points: Points, prior: CirclePrior = UPRIGHT) -> Circle:

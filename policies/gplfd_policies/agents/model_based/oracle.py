@@ -1,36 +1,71 @@
-"""The oracle is told the door: its errors are the robot's, not a policy's."""
+"""Agents that are told the door, or how its handle turns: privileged information.
+
+The errors of the oracle are the robot's, not a policy's. `ToldHandleAgent` shows what
+it is worth to know how far a handle has to be turned, and nothing else.
+"""
 
 import math
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
+from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
 from gplfd_policies.control.steps import AgentStep, Observation
 
-_DURATION = 6.0
-"""Time from the closed door to `DEMONSTRATED_ANGLE` [s]."""
-
-_TURNING = 0.8
-"""Time in which a handle is turned before [s]."""
-
-_LET_BACK = (math.radians(8.0), math.radians(25.0))
-"""Opening angles between which it is let go back [rad]."""
+Pose = Float[np.ndarray, " 6"]
 
 
-class OracleAgent:
+class _HandleTurner:
+    """Turns a handle before the door opens, and lets it go back while it opens."""
+
+    _door: DoorGeometry | None = None
+    _turned = 0.0
+    _turning: float
+    _let_back: tuple[float, float]
+
+    def inform(self, door: DoorGeometry) -> None:
+        """Receive the door of the next episode."""
+        self._door = door
+
+    def _turns_handle(self, door: DoorGeometry) -> bool:
+        """Turn the handle on for a period; return whether it was still to be turned."""
+        if door.travel > 0.0 and self._turned < 1.0:
+            self._turned = min(1.0, self._turned + CONTROL_PERIOD / self._turning)
+            return True
+        return False
+
+    def _kept(self, angle: float) -> float:
+        """Return the share of the turn that is kept at an opening angle [rad]."""
+        begins, ends = self._let_back
+        return 1.0 - _minimum_jerk((angle - begins) / (ends - begins))
+
+
+class OracleAgent(_HandleTurner):
     """Turns the handle and follows the true arc with minimum-jerk timing, not yielding.
 
     The handle is let go back while the door opens, and held as is easy for the arm, see
     `gplfd_env.DoorGeometry.easy_hand_poses`.
+
+    Args:
+        duration: Time from the closed door to `DEMONSTRATED_ANGLE` [s].
+        turning: Time in which a handle is turned before [s].
+        let_back: Opening angles between which it is let go back [rad].
     """
 
-    def __init__(self) -> None:
-        self._door: DoorGeometry | None = None
-        self._turned = self._phase = 0.0
-
-    def inform(self, door: DoorGeometry) -> None:
-        """Take in which door comes next: privileged information."""
-        self._door = door
+    def __init__(
+        self,
+        *,
+        duration: float = 6.0,
+        turning: float = 0.8,
+        let_back: tuple[float, float] = (math.radians(8.0), math.radians(25.0)),
+    ) -> None:
+        self._duration, self._turning, self._let_back = duration, turning, let_back
+        self._phase = 0.0
 
     def reset(self, observation: Observation) -> None:
         """Begin at the closed door."""
@@ -42,23 +77,83 @@ class OracleAgent:
         Raises:
             ValueError: It was not told the door.
         """
-        if self._door is None:
+        door = self._door
+        if door is None:
             raise ValueError(
                 "the oracle must be told the door before the episode: agent.inform("
                 "door), with a gplfd_env.DoorGeometry such as DoorGeometry.nominal(0.5)"
                 " or env.unwrapped.door_geometry"
             )
-        if self._door.travel > 0.0 and self._turned < 1.0:
-            self._turned = min(1.0, self._turned + CONTROL_PERIOD / _TURNING)
-        else:
-            self._phase = min(1.0, self._phase + CONTROL_PERIOD / _DURATION)
+        if not self._turns_handle(door):
+            self._phase = min(1.0, self._phase + CONTROL_PERIOD / self._duration)
         s = self._phase
         angle = _minimum_jerk(s, DEMONSTRATED_ANGLE)
-        begins, ends = _LET_BACK
-        kept = 1.0 - _minimum_jerk((angle - begins) / (ends - begins))
-        turn = self._door.travel * _minimum_jerk(self._turned) * kept
-        pose = self._door.easy_hand_poses(angle, turn)
+        turn = door.travel * _minimum_jerk(self._turned) * self._kept(angle)
+        pose = door.easy_hand_poses(angle, turn)
         return AgentStep(action=pose, desired=pose, phase=s, observed_phase=s)
+
+
+class ToldHandleAgent(_HandleTurner):
+    """Turns the handle as it was told, then opens the door by a circle fit.
+
+    While the handle is turned by θ, the leaf's own motion is seen and commanded through
+    the handle's known displacement: of poses as rigid motions, hand = leaf ∘ handle(θ).
+
+    Args:
+        turning: Time in which the handle is turned [s].
+        let_back: Opening angles between which it is let go back [rad].
+    """
+
+    def __init__(
+        self,
+        *,
+        turning: float = 1.0,
+        let_back: tuple[float, float] = (math.radians(8.0), math.radians(25.0)),
+    ) -> None:
+        self._turning, self._let_back = turning, let_back
+        self._opener = HingeFitAgent()
+
+    def reset(self, observation: Observation) -> None:
+        """Begin at the closed door."""
+        self._turned = 0.0
+        self._opener.reset(observation)
+
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command for the next control period.
+
+        Raises:
+            ValueError: It was not told the handle.
+        """
+        door = self._door
+        if door is None:
+            raise ValueError(
+                "hinge-fit-told must be told the handle before the episode: "
+                "agent.inform(door), with a gplfd_env.DoorGeometry such as "
+                "env.unwrapped.door_geometry"
+            )
+        if self._turns_handle(door):
+            pose = door.hand_poses(0.0, _minimum_jerk(self._turned) * door.travel)
+            return AgentStep(action=pose, desired=pose, phase=0.0, observed_phase=0.0)
+        # The opener sees and commands the leaf: the hand without the handle's turn.
+        kept = self._kept(self._opener.observed_angle)
+        handle = door.hand_poses(0.0, kept * door.travel)
+        back = Rotation.from_rotvec(-handle[3:])
+        inverse = np.concatenate([-back.apply(handle[:3]), -handle[3:]])
+        leaf = _composed(observation["ee_pose"], inverse)
+        step = self._opener.act({**observation, "ee_pose": leaf})
+        return replace(
+            step,
+            action=_composed(step.action, handle),
+            desired=_composed(step.desired, handle),
+        )
+
+
+def _composed(first: Pose, second: Pose) -> Pose:
+    """Return first ∘ second."""
+    # Copies: SciPy refuses what is read-only.
+    turn = Rotation.from_rotvec(first[3:].copy())
+    rotation = (turn * Rotation.from_rotvec(second[3:].copy())).as_rotvec()
+    return np.concatenate([first[:3] + turn.apply(second[:3]), rotation])
 
 
 def _minimum_jerk(progress: float, whole: float = 1.0) -> float:

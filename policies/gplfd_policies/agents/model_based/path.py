@@ -1,4 +1,4 @@
-"""What an agent remembers of its hand's way through one opening."""
+"""Path of the hand through one opening, in stretches."""
 
 import math
 from typing import Final
@@ -8,19 +8,21 @@ from jaxtyping import Float
 
 Point = Float[np.ndarray, " 3"]
 
-_SPACING: Final = 0.005
-"""Length of a stretch [m]: several times the noise of a position, so that a hand that
-stands still adds nothing."""
-_CHORD: Final = 12
-"""Stretches that the last displacement spans: six centimetres."""
 _PULL: Final = np.array([1.0, 0.0, 0.0])
 """The direction in which a closed door is pulled, task frame."""
 
 
 class HandPath:
-    """The hand's way since the closed door in stretches, a mean position of each."""
+    """The hand's path since the closed door in stretches, a mean position of each.
 
-    def __init__(self) -> None:
+    Args:
+        spacing: Length of a stretch [m]: several times the noise of a position, so that
+            a hand that stands still adds nothing. Tuned.
+        chord: Number of stretches that the last displacement spans. Tuned.
+    """
+
+    def __init__(self, *, spacing: float = 0.005, chord: int = 12) -> None:
+        self._spacing, self._chord = spacing, chord
         self.reset()
 
     @property
@@ -34,10 +36,10 @@ class HandPath:
         self._sum, self._count = np.zeros(3), 0
 
     def add(self, position: Point) -> bool:
-        """Take in where the hand is [m]; return whether this ends a stretch."""
+        """Add a position of the hand [m]; return whether it ends a stretch."""
         self._sum += position
         self._count += 1
-        if math.dist(position, self._last) < _SPACING:
+        if math.dist(position, self._last) < self._spacing:
             return False
         self._last = position.copy()
         self._points = np.vstack([self._points, self._sum / self._count])
@@ -50,10 +52,12 @@ class HandPath:
         Before there is any it is the direction of the pull: as if the hand had come
         straight to the handle.
         """
-        missing = _CHORD - len(self._points)
-        if missing == _CHORD:
+        missing = self._chord - len(self._points)
+        if missing == self._chord:
             return _PULL
-        start = -missing * _SPACING * _PULL if missing > 0 else self._points[-_CHORD]
+        start = -missing * self._spacing * _PULL
+        if missing <= 0:
+            start = self._points[-self._chord]
         chord = self._points[-1] - start
         return np.asarray(chord / np.sqrt(chord @ chord))
 

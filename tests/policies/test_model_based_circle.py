@@ -1,4 +1,4 @@
-"""The circle fit of the reference agents."""
+"""The circle fit of the model-based policies."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What the reference agents do about a door, without a simulator."""
+"""What the model-based policies do about a door, without a simulator."""
 
 import numpy as np
 import pytest
@@ -6,14 +6,32 @@ import pytest
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_policies import batch_agents, make_agent
+from gplfd_policies import as_agent, batch_agents, make_agent
+from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
+from gplfd_policies.agents.model_based.oracle import OracleAgent, ToldHandleAgent
 from gplfd_policies.agents.model_based.path import HandPath, turned_towards
+from gplfd_policies.agents.model_based.pulling import (
+    ChordAgent,
+    CompliantPullAgent,
+    ReflexAgent,
+)
+from gplfd_policies.agents.model_based.yielding import Yielding
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
 
 LEARNING_NOTHING = ("hinge-fit", "reflex", "chord", "compliant-pull")
 
 
 def observation(pose, force=(0.0, 0.0, 0.0)):
     return {"ee_pose": np.array(pose), "wrench": np.array([*force, 0.0, 0.0, 0.0])}
+
+
+def acted(agent, periods, force=(0.0, 0.0, 0.0), door=None):
+    """Let an agent act whose hand stands still under a constant force."""
+    if door is not None:
+        agent.inform(door)
+    agent.reset(observation(np.zeros(6)))
+    return [agent.act(observation(np.zeros(6), force)) for _ in range(periods)]
 
 
 def follow(agent, door, periods, lag=0.2):
@@ -27,8 +45,9 @@ def follow(agent, door, periods, lag=0.2):
     return angle, steps
 
 
-@pytest.mark.parametrize("name", ["hinge-fit", "reflex", "chord"])
-@pytest.mark.parametrize("radius", [0.3, 0.65])
+@pytest.mark.parametrize(
+    ("name", "radius"), [("hinge-fit", 0.65), ("reflex", 0.3), ("chord", 0.65)]
+)
 def test_a_door_is_opened_along_its_circle(name, radius):
     door = DoorGeometry.nominal(radius)
     angle, steps = follow(make_agent(name, ()), door, 1000)
@@ -52,26 +71,18 @@ def test_hinge_fit_follows_the_circle_to_where_demonstrations_end():
 
 
 def test_hinge_fit_nulls_a_lasting_radial_force():
-    agent, force = make_agent("hinge-fit", ()), [0.0, 0.0, 2.0]
-    agent.reset(observation(np.zeros(6)))
-    moved = [agent.act(observation(np.zeros(6), force)) for _ in range(100)][-1]
+    moved = acted(make_agent("hinge-fit", ()), 100, force=[0.0, 0.0, 2.0])[-1]
     # 2 N over 100 N s/m for a second, nearly.
     assert (moved.action - moved.desired)[2] == pytest.approx(0.02, rel=0.05)
 
 
 def test_hinge_fit_waits_for_a_door_that_does_not_give():
-    agent = make_agent("hinge-fit", ())
-    agent.reset(observation(np.zeros(6)))
-    for _ in range(300):
-        step = agent.act(observation(np.zeros(6), [-25.0, 0.0, 0.0]))
+    step = acted(make_agent("hinge-fit", ()), 300, force=[-25.0, 0.0, 0.0])[-1]
     assert np.abs(step.action[:3]).max() < 1e-3
 
 
 def test_compliant_pull_moves_where_its_force_leads():
-    agent = make_agent("compliant-pull", ())
-    agent.reset(observation(np.zeros(6)))
-    for _ in range(100):
-        step = agent.act(observation(np.zeros(6), [-16.0, 0.0, 3.0]))
+    step = acted(make_agent("compliant-pull", ()), 100, force=[-16.0, 0.0, 3.0])[-1]
     assert abs(step.action[0]) < 1e-9 < 0.02 < step.action[2]
 
 
@@ -94,13 +105,6 @@ def test_the_oracle_follows_the_door_that_it_is_told():
     for pose, door in zip(poses, doors, strict=True):
         expected = door.hand_poses(DEMONSTRATED_ANGLE)
         np.testing.assert_allclose(pose, expected, atol=1e-12)
-
-
-def test_the_oracle_must_be_told():
-    agent = make_agent("oracle", ())
-    agent.reset(observation(np.zeros(6)))
-    with pytest.raises(ValueError, match=r"told the door .* agent\.inform\(door\)"):
-        agent.act(observation(np.zeros(6)))
 
 
 def test_a_hand_that_stands_still_adds_nothing_to_its_way():
@@ -136,10 +140,8 @@ LATCHED = DoorGeometry.of(DoorConfig(radius=0.6, handle="lever", latch="spring")
 
 
 def test_the_oracle_turns_the_handle_first_and_lets_it_go_back():
-    agent = make_agent("oracle", ())
-    agent.inform(LATCHED)
-    agent.reset(observation(np.zeros(6)))
-    poses = np.array([agent.act(observation(np.zeros(6))).action for _ in range(700)])
+    steps = acted(make_agent("oracle", ()), 700, door=LATCHED)
+    poses = np.array([step.action for step in steps])
     turned = LATCHED.hand_poses(0.0, LATCHED.travel)
     # 0.8 s later the handle is turned, and nothing else has happened.
     np.testing.assert_allclose(poses[79], turned, atol=1e-12)
@@ -160,11 +162,7 @@ def test_the_oracle_turns_the_handle_first_and_lets_it_go_back():
 )
 def test_the_oracle_pushes_what_is_round_with_half_of_the_turn(fields, share):
     door = DoorGeometry.of(DoorConfig(radius=0.6, hinge_side="left", **fields))
-    agent = make_agent("oracle", ())
-    agent.inform(door)
-    agent.reset(observation(np.zeros(6)))
-    for _ in range(700):
-        pose = agent.act(observation(np.zeros(6))).action
+    pose = acted(make_agent("oracle", ()), 700, door=door)[-1].action
     opened = door.hand_poses(DEMONSTRATED_ANGLE)
     np.testing.assert_allclose(pose[:3], opened[:3], atol=1e-12)
     np.testing.assert_allclose(pose[3:], share * opened[3:], atol=1e-12)
@@ -195,9 +193,52 @@ def test_what_is_told_the_handle_sees_the_leaf_through_it():
     assert phases[99] == 0.0
 
 
-@pytest.mark.parametrize("name", ["oracle", "hinge-fit-told"])
-def test_who_is_told_must_be_told(name):
-    agent = make_agent(name, ())
-    agent.reset(observation(np.zeros(6)))
-    with pytest.raises(ValueError, match="must be told"):
-        agent.act(observation(np.zeros(6)))
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("oracle", r"told the door .* agent\.inform\(door\)"),
+        ("hinge-fit-told", r"told the handle .* agent\.inform\(door\)"),
+    ],
+)
+def test_who_is_told_must_be_told(name, message):
+    with pytest.raises(ValueError, match=message):
+        acted(make_agent(name, ()), 1)
+
+
+@pytest.mark.parametrize(
+    ("usual", "quicker"),
+    [
+        (HingeFitAgent(), HingeFitAgent(speed=0.5, acceleration=0.5)),
+        (HingeFitAgent(acceleration=1.0), HingeFitAgent(acceleration=1.0, speed=0.4)),
+        (ReflexAgent(), ReflexAgent(speed=0.2)),
+        (ChordAgent(), ChordAgent(lead=0.03)),
+        (ChordAgent(), ChordAgent(lead_rate=0.1)),
+        (OracleAgent(), OracleAgent(duration=3.0)),
+    ],
+)
+def test_their_speed_is_an_argument(usual, quicker):
+    door = DoorGeometry.nominal(0.5)
+    opened = []
+    for agent in map(as_agent, (usual, quicker)):
+        agent.inform(door)
+        opened.append(follow(agent, door, 150)[0])
+    assert opened[1] > 1.05 * opened[0]
+
+
+@pytest.mark.parametrize("agent", [OracleAgent, ToldHandleAgent])
+def test_how_a_handle_is_turned_is_an_argument(agent):
+    usual, slower = (
+        -acted(one, 60, door=LATCHED)[-1].action[3]
+        for one in (agent(), agent(turning=2.0))
+    )
+    assert slower < 0.6 * usual
+
+
+def test_pull_and_compliance_are_arguments():
+    weak, strong = (
+        acted(CompliantPullAgent(force=force), 20)[-1].action for force in (10.0, 20.0)
+    )
+    np.testing.assert_allclose(strong, 2.0 * weak)
+    stiff = Yielding(stiffness=(500.0, 50.0))
+    step = [stiff.step(np.zeros(6), np.full(6, 5.0)) for _ in range(500)][-1]
+    np.testing.assert_allclose(step.action[:3], 5.0 / 500.0, rtol=0.2)

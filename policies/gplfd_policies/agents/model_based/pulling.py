@@ -1,0 +1,97 @@
+"""The simplest agents that open doors: they pull, back or where the hand just went.
+
+A handle moves along the tangent of its circle, and the last few centimetres of its path
+are nearly that; `ChordAgent` and `ReflexAgent` use no other model of a door, and
+`CompliantPullAgent` uses none.
+"""
+
+import numpy as np
+
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE
+from gplfd_policies.agents.model_based.path import HandPath, turned_towards
+from gplfd_policies.agents.model_based.yielding import Yielding
+from gplfd_policies.control.load import CarriedLoad
+from gplfd_policies.control.steps import AgentStep, Observation
+
+
+class CompliantPullAgent:
+    """Pulls straight back with a constant force and yields to everything else.
+
+    Args:
+        force: Force with which the set-point is drawn away from the door [N]. Tuned.
+    """
+
+    def __init__(self, *, force: float = 16.0) -> None:
+        self._pull = np.array([force, 0.0, 0.0, 0.0, 0.0, 0.0])
+        self._yielding = Yielding()
+
+    def reset(self, observation: Observation) -> None:
+        """Begin at the closed door."""
+        self._yielding.reset()
+
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command for the next control period."""
+        return self._yielding.step(np.zeros(6), observation["wrench"] + self._pull)
+
+
+class ChordAgent:
+    """Commands a point ahead of the hand, in the direction of its last displacement.
+
+    Args:
+        lead: How far the set-point is ahead of the hand [m]: 30 N of the robot's servo.
+        lead_rate: How fast it gets there [m/s]. Tuned.
+    """
+
+    def __init__(self, *, lead: float = 0.015, lead_rate: float = 0.015) -> None:
+        self._greatest_lead, self._lead_rate = lead, lead_rate
+        self._path = HandPath()
+        self._lead, self._action = 0.0, np.zeros(6)
+
+    def reset(self, observation: Observation) -> None:
+        """Forget the last door and begin at the closed one."""
+        self._path.reset()
+        self._lead, self._action = 0.0, np.zeros(6)
+
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command for the next control period."""
+        hand = observation["ee_pose"][:3]
+        self._path.add(hand)
+        direction = self._path.direction()
+        turn = turned_towards(direction)
+        if np.linalg.norm(turn) < DEMONSTRATED_ANGLE:
+            farther = self._lead + self._lead_rate * CONTROL_PERIOD
+            self._lead = min(farther, self._greatest_lead)
+            self._action = np.concatenate([hand + self._lead * direction, turn])
+        return AgentStep(action=self._action)
+
+
+class ReflexAgent:
+    """Moves on in the direction of the last displacement; yields to what is across.
+
+    Args:
+        speed: Of the set-point [m/s]. Tuned.
+    """
+
+    def __init__(self, *, speed: float = 0.12) -> None:
+        self._speed = speed
+        self._path, self._yielding = HandPath(), Yielding()
+        self._load = CarriedLoad()
+        self._position = np.zeros(3)
+
+    def reset(self, observation: Observation) -> None:
+        """Forget the last door and begin at the closed one."""
+        self._path.reset()
+        self._yielding.reset()
+        self._position = np.zeros(3)
+
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command for the next control period."""
+        self._path.add(observation["ee_pose"][:3])
+        direction = self._path.direction()
+        turn = turned_towards(direction)
+        load = self._load.compensate(observation["wrench"], direction)
+        if np.linalg.norm(turn) < DEMONSTRATED_ANGLE:
+            self._position += self._speed * CONTROL_PERIOD * load.pace * direction
+        desired = np.concatenate([self._position, turn])
+        return self._yielding.step(desired, load.compliant_wrench)

@@ -1,0 +1,36 @@
+"""Rows of a batch: which of its episodes a call is about."""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Int
+
+Numbers = np.ndarray | np.float64 | np.int64
+"""One number per row; of a batch without a leading axis a scalar of NumPy."""
+
+Rows = tuple[()] | Int[np.ndarray, " A"]
+"""Index of the leading axis: numbers of rows, or the empty index for all of them."""
+
+ALL_ROWS: Final = ()
+"""All rows, also of arrays without a leading axis; it makes views, not copies."""
+
+
+def rows_of(mask: np.ndarray | None, count: int) -> Rows:
+    """Return the rows that a mask selects.
+
+    Args:
+        mask: True for each selected row, (N,); None selects all.
+        count: Number of rows N.
+
+    Raises:
+        ValueError: If the mask is not boolean of shape (N,).
+    """
+    if mask is None:
+        return ALL_ROWS
+    given = np.asarray(mask)
+    if given.dtype != np.bool_ or given.shape != (count,):
+        raise ValueError(
+            f"mask must be boolean of shape ({count},), one entry per member, got "
+            f"{given.dtype} of shape {given.shape}"
+        )
+    return ALL_ROWS if given.all() else np.flatnonzero(given)

@@ -1,0 +1,144 @@
+"""What the settings of controller, phase and handles refuse, and how they say it."""
+
+from dataclasses import replace
+from typing import Any
+
+import jaxtyping
+import numpy as np
+import pytest
+
+from gplfd_policies.control.compliance import ComplianceConfig
+from gplfd_policies.control.contact import ContactLoop
+from gplfd_policies.control.load import CarriedLoad, LearnedLoad
+from gplfd_policies.control.rendering import ArmRendering
+from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.control.stiffness import (
+    DEFAULT_PROFILE,
+    PAPER_DYNAMICS,
+    PAPER_PROFILE,
+    VirtualDynamics,
+)
+from gplfd_policies.handles.adapter import HandleConfig
+from gplfd_policies.phase.heading import HeadingConfig
+from gplfd_policies.phase.path_phase import PathPhaseConfig
+from gplfd_policies.phase.phase_rule import PhaseNoise
+
+ONES, NAN, INF = np.ones(6), np.nan, np.inf
+ACTIONS = np.arange(18.0).reshape(3, 6)
+LOOP = ContactLoop(stiffness=ONES, delay=0.03)
+LEARNED = ("limit", "hook_grasp_gain", "least", "stretch", "reach", "lag", "step")
+
+NUMBERS = [
+    *((LearnedLoad, name, value) for name in LEARNED for value in (0.0, INF)),
+    *((CarriedLoad, "limit", value) for value in (0.0, -1.0, INF, NAN)),
+    (ComplianceConfig, "control_period", 0.0),
+    (ComplianceConfig, "via_spacing", -0.1),
+    (ComplianceConfig, "max_turn_lead", NAN),
+    (ComplianceConfig, "phase_drop", 0.0),
+    (ArmRendering, "smoothing", -0.1),
+    (HandleConfig, "latched_force", 0.0),
+    (HandleConfig, "closed_distance", -0.01),
+    (HandleConfig, "following_share", 1.1),
+    (HandleConfig, "gear_rate", -0.1),
+    (HandleConfig, "max_gear", 0.9),
+    (PhaseNoise, "position", -1e-3),
+    (PhaseNoise, "rotation", NAN),
+    (PhaseNoise, "heading", -0.1),
+    (HeadingConfig, "size_std", -0.1),
+    (HeadingConfig, "spacing", 0.0),
+    (HeadingConfig, "least_std", -0.1),
+    (PathPhaseConfig, "least_std", 0.0),
+    (PathPhaseConfig, "largest_std", INF),
+    (PathPhaseConfig, "lost_misfit", -1.0),
+    (PathPhaseConfig, "clearer_share", 1.5),
+]
+
+
+@pytest.mark.parametrize(("record", "name", "value"), NUMBERS)
+def test_a_number_outside_its_range_is_refused(
+    record: type, name: str, value: float
+) -> None:
+    message = rf"^{record.__name__}\.{name} = {value} is outside [\[(]"
+    with pytest.raises(ValueError, match=message):
+        record(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("record", "changes", "message"),
+    [
+        (CarriedLoad(), {"limit": 0.0}, r"to carry nothing use YieldToAll"),
+        (LearnedLoad(), {"least": 30.0}, r"least must not exceed limit, got 30"),
+        (
+            PathPhaseConfig(),
+            {"window": (0.1, NAN)},
+            r"PathPhaseConfig\.window must be two finite phases >= 0",
+        ),
+        (
+            ComplianceConfig(),
+            {"via_std": (-1e-3, 0.0)},
+            r"ComplianceConfig\.via_std must be two finite numbers >= 0",
+        ),
+        (
+            ComplianceConfig(),
+            {"load": object()},
+            r"ComplianceConfig\.load must be a load rule, with begin\(profile",
+        ),
+        (
+            ComplianceConfig(rendering=ArmRendering()),
+            {"profile": PAPER_PROFILE},
+            r"asks for .* 500\..*its rendering can do from .* to .* 100\. *100\.\]",
+        ),
+        (
+            ComplianceConfig(rendering=ArmRendering()),
+            {"profile": replace(DEFAULT_PROFILE, k_min=np.full(6, 5.0))},
+            r"asks for \[5\. 5\..* from \[20\. 20\.",
+        ),
+        (PAPER_PROFILE, {"k_min": np.zeros(6)}, "0 < k_min <= k_max"),
+        (PAPER_PROFILE, {"k_min": np.full(6, 501.0)}, "0 < k_min <= k_max"),
+        (PAPER_PROFILE, {"alpha": np.zeros(6)}, "set k_min = k_max"),
+        (PAPER_PROFILE, {"beta": np.full(6, -0.1)}, "beta not negative"),
+        (PAPER_PROFILE, {"beta": np.full(6, NAN)}, "beta must be six finite numbers"),
+        (PAPER_DYNAMICS, {"mass": np.zeros(6)}, "mass must be positive"),
+        (PAPER_DYNAMICS, {"mass": np.full(6, INF)}, "mass must be six finite numbers"),
+        (
+            PAPER_DYNAMICS,
+            {"least_damping": np.full(6, -1.0)},
+            "least_damping must not be negative",
+        ),
+        (LOOP, {"stiffness": np.ones(5)}, r"six positive finite numbers"),
+        (LOOP, {"stiffness": np.full(6, NAN)}, r"six positive finite numbers"),
+        (LOOP, {"stiffness": np.zeros(6)}, r"stiffness must be six positive.*\[0. 0."),
+        (LOOP, {"delay": -0.1}, r"delay must be finite and >= 0 \[s\], got -0.1"),
+        (LOOP, {"period": 0.0}, r"ContactLoop\.period = 0\.0 is outside \(0, inf\)"),
+        (PAPER_DYNAMICS, {"damping_ratio": NAN}, r"damping_ratio = nan is outside"),
+        (
+            AgentStep(action=ONES),
+            {"action": np.zeros(3)},
+            r"AgentStep\.action .* \(6,\), got \(3,\)",
+        ),
+        (
+            AgentStep(action=ONES),
+            {"action": 0.5},
+            r"AgentStep\.action .* \(6,\), got \(\)",
+        ),
+        (AgentStep(action=ACTIONS), {"std": ONES}, r"\.std .* \(3, 6\), got \(6,\)"),
+        (AgentStep(action=ONES), {"phase": ONES}, r"\.phase .* \(\), got \(6,\)"),
+    ],
+)
+def test_an_unusable_setting_is_refused(
+    record: Any,
+    changes: dict[str, Any],
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # What a user meets, whose types nobody checks.
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    with pytest.raises(ValueError, match=message):
+        replace(record, **changes)
+
+
+def test_ranges_that_touch_their_limits_are_allowed() -> None:
+    ComplianceConfig(profile=PAPER_PROFILE)
+    PhaseNoise(position=0.0, rotation=0.0, heading=0.0)
+    HandleConfig(following_share=1.0, gear_rate=0.0, max_gear=1.0)
+    VirtualDynamics(mass=ONES, damping_ratio=1.0, least_damping=np.zeros(6))
