@@ -20,7 +20,7 @@ from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.records import DEMONSTRATED, NON_STANDARD
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.console.progress import counter
-from gplfd_experiments.studies import jobs, runner, session, store
+from gplfd_experiments.studies import jobs, runner, store
 from gplfd_experiments.studies.engines import Lost
 from gplfd_experiments.studies.settings import StudySettings
 from gplfd_experiments.studies.settings_file import read_settings, write_settings
@@ -37,7 +37,7 @@ def ran(
         "skill": learning_result("gp")["metrics"],
     }
 
-    def run_job(job: Any) -> list[Any]:
+    def run_job(job: Any, **_: Any) -> list[Any]:
         tasks.extend(job)
         return [
             jobs.failed(task, "ValueError: cannot learn")
@@ -46,7 +46,7 @@ def ran(
             for task in job
         ]
 
-    def without_error(job: Any) -> list[Any]:
+    def without_error(job: Any, **_: Any) -> list[Any]:
         results = run_job(job)
         for result in results:
             if "metrics" in result:
@@ -77,7 +77,7 @@ def test_an_address_without_a_scheduler_leaves_no_folder(
 def test_an_error_of_every_policy_is_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fail(job: Any) -> list[Any]:
+    def fail(job: Any, **_: Any) -> list[Any]:
         return [jobs.failed(task, f"ValueError: {task.policy}") for task in job]
 
     monkeypatch.setattr(runner, "run_job", fail)
@@ -151,7 +151,7 @@ def test_files_that_are_deleted_meanwhile_are_missed(
     out = tmp_path / "out"
     measured = runner.run_job
 
-    def delete(job: Any) -> list[Any]:
+    def delete(job: Any, **_: Any) -> list[Any]:
         if job[0].seed == 2:
             shutil.rmtree(out)
         return measured(job)
@@ -178,7 +178,7 @@ def test_a_result_that_is_damaged_meanwhile_is_named(
 ) -> None:
     measured = runner.run_job
 
-    def damage(job: Any) -> list[Any]:
+    def damage(job: Any, **_: Any) -> list[Any]:
         for file in files(tmp_path):
             file.write_text(file.read_text().replace('"success"', '"sucess"'))
         return measured(job)
@@ -246,13 +246,13 @@ def test_a_policy_that_hangs_is_named(
 
     measured = runner.run_job
 
-    def hang(job: Any) -> list[Any]:
+    def hang(job: Any, **_: Any) -> list[Any]:
         if job[0].seed == 1:
             assert warned.wait(60.0)
         return measured(job)
 
-    monkeypatch.setattr(session, "_PATIENCE", 0.01)
-    monkeypatch.setattr(session.LOG, "warning", warn)
+    monkeypatch.setattr(runner, "_PATIENCE", 0.01)
+    monkeypatch.setattr(runner.LOG, "warning", warn)
     monkeypatch.setattr(runner, "run_job", hang)
     options = ["--policies", "gp", "--doors", "small", "--seeds", "2", "--no-skill"]
     assert benchmark(tmp_path, *options) == 0

@@ -6,13 +6,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from gplfd_experiments.episodes.disturbance_metrics import (
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import (
     door_acceleration,
+    episode_metrics,
     release,
     sustained,
 )
-from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.metrics import episode_metrics
 
 MakeLog = Callable[..., EpisodeLog]
 DT = 0.01

@@ -15,9 +15,8 @@ from typing import Any
 
 import pytest
 
-from gplfd_experiments.studies.engines import ATTEMPTS, Lost, engine_named
+from gplfd_experiments.studies.engines import ATTEMPTS, Lost, Serial, engine_named
 from gplfd_experiments.studies.engines.processes import Processes
-from gplfd_experiments.studies.engines.serial import Serial
 from gplfd_experiments.studies.plan import checked, tasks
 from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.settings import StudySettings

@@ -16,10 +16,10 @@ from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.conventions.constants import Base
 from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_experiments.episodes.agents import learned
+from gplfd_experiments.episodes.build import learned
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
-from gplfd_experiments.episodes.rollouts import rollouts
+from gplfd_experiments.episodes.rollout import rollouts
 from gplfd_policies import POLICIES, batch_agents
 from gplfd_policies.registry.method import TrainingInput
 

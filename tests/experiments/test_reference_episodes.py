@@ -9,7 +9,7 @@ import pytest
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
-from gplfd_experiments.episodes.rollouts import rollouts
+from gplfd_experiments.episodes.rollout import rollouts
 from gplfd_policies import batch_agents, make_agent
 
 

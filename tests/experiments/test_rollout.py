@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from gplfd_experiments.episodes.log import PER_STEP, EpisodeLog
-from gplfd_experiments.episodes.recorder import ForecastRecorder
-from gplfd_experiments.episodes.rollout import Progress, rollout
+from gplfd_experiments.episodes.rollout import ForecastRecorder, Progress, rollout
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 

@@ -12,8 +12,7 @@ from threadpoolctl import threadpool_limits
 from gplfd_env import ENVIRONMENT_ID, ENVIRONMENT_IDS
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.rollout import rollout
-from gplfd_experiments.episodes.rollouts import rollouts
+from gplfd_experiments.episodes.rollout import rollout, rollouts
 from gplfd_policies.agents.lockstep import batch_agents
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.registry.catalogue import make_agent

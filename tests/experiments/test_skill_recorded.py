@@ -22,7 +22,7 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.studies.jobs import run_job
 from gplfd_experiments.studies.learning_tests.folds import aligned_to
 from gplfd_experiments.studies.learning_tests.methods import learn
-from gplfd_experiments.studies.learning_tests.recorded import recorded_metrics
+from gplfd_experiments.studies.learning_tests.scores import recorded_metrics
 from gplfd_experiments.studies.plan import recorded_tasks
 from gplfd_experiments.studies.tasks import RecordedTask, task_from
 from gplfd_policies import POLICIES
@@ -192,7 +192,7 @@ def test_recordings_that_no_method_can_learn_from_are_reported(
     Path("out").mkdir()
     Path("out/skill.rrd").write_text("of an earlier go")
     for module in (
-        "gplfd_experiments.studies.learning_tests.recorded",
+        "gplfd_experiments.studies.learning_tests.scores",
         "gplfd_experiments.workflows.skills",
     ):
         monkeypatch.setattr(f"{module}.learn", refused)

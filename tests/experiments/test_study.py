@@ -30,7 +30,7 @@ from gplfd_experiments.studies.result_format import (
     lost,
 )
 from gplfd_experiments.studies.runner import run_study
-from gplfd_experiments.studies.store import made_by_other_code
+from gplfd_experiments.studies.store import stored_results
 from gplfd_experiments.studies.tasks import SkillTask, jobs_of, task_from
 
 DOORS = {"small": {"radius": 0.35}, "large": {"radius": 0.65}}
@@ -69,7 +69,7 @@ def runs(monkeypatch, succeeded):
     """Replace what a worker does by a record of which jobs ran."""
     done = []
 
-    def fake(job):
+    def fake(job, **_):
         done.append(job)
         return [
             jobs.failed(task, "ValueError: cannot learn from this")
@@ -243,7 +243,7 @@ def test_a_task_that_failed_is_run_again(tmp_path, runs, succeeded, monkeypatch)
         *["ValueError: cannot learn from this"] * 2,
         *[None] * 2,
     ]
-    monkeypatch.setattr(runner, "run_job", lambda job: list(map(succeeded, job)))
+    monkeypatch.setattr(runner, "run_job", lambda job, **_: list(map(succeeded, job)))
     assert list(run_study(tmp_path, study)) == [succeeded(task) for task in study[:2]]
     assert list(run_study(tmp_path, study)) == []
 
@@ -282,12 +282,12 @@ def test_a_damaged_result_is_named_and_its_task_run_again(
     path = store.result_path(tmp_path, study[0])
     text = damage(path.read_text())
     path.write_text(text, encoding="utf-8", errors="surrogateescape")
-    (reason,) = store.damaged_results(tmp_path, study)
+    (reason,) = stored_results(tmp_path, study).damaged
     assert reason.startswith(str(path))
     assert re.search(message, reason)
-    assert made_by_other_code(tmp_path, study) == 0
+    assert stored_results(tmp_path, study).from_other_code == 0
     assert list(run_study(tmp_path, study)) == results[:1]
-    assert store.damaged_results(tmp_path, study) == ()
+    assert stored_results(tmp_path, study).damaged == ()
 
 
 def test_a_version_of_results_has_its_metrics():
@@ -322,9 +322,9 @@ def test_a_later_version_s_result_is_neither_read_nor_replaced(tmp_path, runs):
     later = json.dumps(json.loads(path.read_text()) | {"format_version": 99})
     path.write_text(later)
     said = f"{path}: it has version 99 of gplfd result, .* up to version {VERSION}"
-    for look in (run_study, store.damaged_results):
+    for look in (run_study, stored_results):
         with pytest.raises(NewerFormatError, match=said):
-            list(look(tmp_path, [task]))
+            next(iter(look(tmp_path, [task])))
     assert path.read_text() == later
 
 
@@ -427,10 +427,11 @@ def code(monkeypatch):
 def test_results_of_other_code_are_counted(tmp_path, runs, code, change):
     old = episodes(("gp", "broken"), range(2))
     list(run_study(tmp_path, old))
-    assert made_by_other_code(tmp_path, old) == 0
+    assert stored_results(tmp_path, old).from_other_code == 0
     code.update(change)
     # Neither what failed nor what is still missing will be another code's result.
-    assert made_by_other_code(tmp_path, episodes(("gp", "broken"), range(3))) == 4
+    more = episodes(("gp", "broken"), range(3))
+    assert stored_results(tmp_path, more).from_other_code == 4
 
 
 def test_results_of_unknown_code_are_other_code(tmp_path, runs):
@@ -440,4 +441,4 @@ def test_results_of_unknown_code_are_other_code(tmp_path, runs):
     stored = json.loads(path.read_text())
     del stored["versions"], stored["git"]
     path.write_text(json.dumps(stored))
-    assert made_by_other_code(tmp_path, [task]) == 1
+    assert stored_results(tmp_path, [task]).from_other_code == 1

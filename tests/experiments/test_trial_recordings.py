@@ -139,7 +139,7 @@ def test_the_command_records_when_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorded: list[Path] = []
-    monkeypatch.setattr("gplfd_experiments.studies.session.carry_out", lambda *_: 0)
+    monkeypatch.setattr("gplfd_experiments.studies.runner.run_or_resume", lambda *_: 0)
     monkeypatch.setattr(module, "record_trials", recorded.append)
     arguments = ["trials", "--trials", "stop", "--out", str(tmp_path), "--quiet"]
     assert main(arguments) == 0

@@ -414,7 +414,7 @@ def test_the_command_runs_a_part_and_goes_on(
     ran = []
     metrics = episode_result("gp")["metrics"]
 
-    def run_job(job: Any) -> list[Any]:
+    def run_job(job: Any, **_: Any) -> list[Any]:
         ran.extend(job)
         return [
             {"task": t.definition, **jobs.code_state(), "metrics": metrics} for t in job

@@ -8,8 +8,7 @@ from gplfd_env.doors.config import DOORS
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.studies import engines
-from gplfd_experiments.studies.engines import Lost
-from gplfd_experiments.studies.engines.serial import Serial
+from gplfd_experiments.studies.engines import Lost, Serial
 from gplfd_experiments.studies.learning_tests.scores import method_metrics
 from gplfd_experiments.studies.settings import PRESETS
 from gplfd_experiments.studies.tuning import objective, search

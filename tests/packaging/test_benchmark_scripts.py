@@ -15,7 +15,7 @@ import tyro
 
 from gplfd_experiments.data.npz import save_demonstrations
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_experiments.studies.learning_tests.recorded import recorded_metrics
+from gplfd_experiments.studies.learning_tests.scores import recorded_metrics
 from gplfd_policies import POLICIES
 
 ROOT = Path(__file__).parents[2]

@@ -1,6 +1,6 @@
-"""Everything that happened in one episode, as arrays over the control steps.
+"""Log of an episode: arrays over the control steps.
 
-Metrics, figures and recordings read logs; none of them simulates again.
+Metrics, figures and recordings read logs; none of them simulates.
 """
 
 import dataclasses

@@ -15,9 +15,9 @@ from gplfd_experiments.data.npz import load_demonstrations
 from gplfd_experiments.recording.learned import record_learned
 from gplfd_experiments.studies.engines import Engine
 from gplfd_experiments.studies.learning_tests.methods import learn
-from gplfd_experiments.studies.learning_tests.recorded import FEWEST
+from gplfd_experiments.studies.learning_tests.scores import FEWEST
 from gplfd_experiments.studies.plan import recorded_tasks
-from gplfd_experiments.studies.session import carry_out
+from gplfd_experiments.studies.runner import run_or_resume
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.skill import Skill, fit_skill
@@ -130,7 +130,7 @@ def judge(
             f"--reference {reference} is not among the judged: {', '.join(names)}"
         )
     _check_same_recordings(folder, tasks[0].recordings)
-    errors = carry_out(tasks, options, folder, engine, given)
+    errors = run_or_resume(tasks, options, folder, engine, given)
     write_report(folder, None, reference)
     print(overview(read_results(folder).recorded))
     _record(given, folder / RECORDING, reference)

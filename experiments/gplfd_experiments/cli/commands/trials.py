@@ -62,7 +62,7 @@ class Trials:
             from gplfd_experiments.analysis.results.reading import read_results
             from gplfd_experiments.analysis.results.trials_file import trial_answers
             from gplfd_experiments.files.plain_data import json_text
-            from gplfd_experiments.studies.session import carry_out
+            from gplfd_experiments.studies.runner import run_or_resume
             from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 
         tasks = trial_tasks(
@@ -71,7 +71,7 @@ class Trials:
             part=self.part,
         )
         engine = self.where.made()
-        errors = carry_out(tasks, recorded(self), self.out, engine)
+        errors = run_or_resume(tasks, recorded(self), self.out, engine)
         if self.record:
             with postponed_interruption():
                 from gplfd_experiments.workflows.trial_recordings import record_trials
