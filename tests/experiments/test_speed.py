@@ -11,11 +11,10 @@ import pytest
 
 from gplfd_experiments.cli.commands.speed import PartName
 from gplfd_experiments.files.table import text_table
-from gplfd_experiments.speed import fit, peers, timing
-from gplfd_experiments.speed.known_process import KnownProcess
+from gplfd_experiments.speed import peers, policies, timing
+from gplfd_experiments.speed.known_process import KnownProcess, score
 from gplfd_experiments.speed.parts import PARTS, announcement
 from gplfd_experiments.speed.report import at_least, at_most, between, value_table
-from gplfd_experiments.speed.scores import score
 from gplfd_experiments.speed.timing import Timed, Timing, after, measure, repeated
 from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 from gplfd_policies.movements.skill import fit_skill
@@ -201,7 +200,7 @@ def test_dtw_python_finds_paths_of_our_cost() -> None:
     assert np.abs(a[rows] - b[columns]).sum() == pytest.approx(ours.cost)
 
 
-CPU_TIMES = {fit.OURS: 2.0, fit.HETGPY: 70.0, fit.SKLEARN: 9.0}
+CPU_TIMES = {policies.OURS: 2.0, policies.HETGPY: 70.0, policies.SKLEARN: 9.0}
 
 
 @pytest.fixture
@@ -214,17 +213,17 @@ def small_fit(monkeypatch: pytest.MonkeyPatch) -> None:
             for name in actions
         }
 
-    monkeypatch.setattr(fit, "_SAMPLES", 25)
-    monkeypatch.setattr(fit, "measure", measure)
+    monkeypatch.setattr(policies, "_SAMPLES", 25)
+    monkeypatch.setattr(policies, "measure", measure)
 
 
 @pytest.mark.usefixtures("small_fit")
 def test_libraries_are_compared_on_the_same_data() -> None:
-    comparison = fit.compare_fits(repeats=1)
+    comparison = policies.compare_fits(repeats=1)
     for kind in ("independent", "smooth"):
         ours, theirs, truth = (
             comparison.rows[f"{name}, {kind}"]
-            for name in (fit.OURS, fit.HETGPY, "the true model")
+            for name in (policies.OURS, policies.HETGPY, "the true model")
         )
         assert ours["ratio"] == 1.0
         assert theirs["ratio"] == 35.0

@@ -10,10 +10,13 @@ import pytest
 import gplfd_env.scene.build
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.envs.door_opening import DoorOpeningEnv
-from gplfd_experiments.speed import environment, timing, vectors
-from gplfd_experiments.speed.environment import measure_resets, measure_steps
+from gplfd_experiments.speed import environment, timing
+from gplfd_experiments.speed.environment import (
+    measure_resets,
+    measure_steps,
+    measure_vectors,
+)
 from gplfd_experiments.speed.timing import Timed, Timing
-from gplfd_experiments.speed.vectors import measure_vectors
 
 # --- Steps -------------------------------------------------------------------
 
@@ -113,9 +116,9 @@ def test_only_new_radii_compile_a_scene(monkeypatch: pytest.MonkeyPatch) -> None
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vectors, "_PERIODS", 3)
-    monkeypatch.setattr(vectors, "_LEAST_STEPS", 1)
-    monkeypatch.setattr(vectors, "_SIMULATIONS", (1, 2, 64))
+    monkeypatch.setattr(environment, "_PERIODS", 3)
+    monkeypatch.setattr(environment, "_LEAST_STEPS", 1)
+    monkeypatch.setattr(environment, "_SIMULATIONS", (1, 2, 64))
 
 
 @pytest.mark.usefixtures("short")
@@ -123,23 +126,24 @@ def test_every_way_to_step_does_the_same_bit_for_bit() -> None:
     result = measure_vectors(1)
     assert "same states bit for bit" in result.title
     sizes = itertools.product((1, 2), (1, 2, 64))
-    names = [vectors.vector_name(count, threads) for threads, count in sizes]
+    names = [environment.vector_name(count, threads) for threads, count in sizes]
     assert list(result.rows) == [
-        vectors.PHYSICS,
-        vectors.PHYSICS_IN_TURNS,
-        vectors.SINGLE,
-        vectors.SYNC,
+        environment.PHYSICS,
+        environment.PHYSICS_IN_TURNS,
+        environment.SINGLE,
+        environment.SYNC,
         *names,
     ]
 
 
 @pytest.mark.usefixtures("short")
 def test_a_way_that_does_something_else_is_reported() -> None:
-    commands = vectors._commands()
-    same = {"raw": vectors._physics(commands), "sync": vectors._vector(commands, 2)}
-    assert vectors._end_alike(same)
-    other = vectors._single(commands + 1e-9)
-    assert not vectors._end_alike({**same, "other": other})
+    ways = environment._ways_to_step()
+    same = {name: ways[name] for name in (environment.PHYSICS, environment.SYNC)}
+    assert environment._end_alike(same)
+    end = same[environment.SYNC].prepare()()
+    other = Timed(prepare=lambda: lambda: end + 1e-9)
+    assert not environment._end_alike({**same, "other": other})
 
 
 @pytest.mark.usefixtures("short")
@@ -147,12 +151,12 @@ def test_vectors_are_compared_with_sync_by_the_clock_and_physics_in_cpu_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     found = {
-        vectors.PHYSICS: Timing(wall=(1.0,), cpu=(100e-6,)),
-        vectors.SYNC: Timing(wall=(200e-6,), cpu=(1.0,)),
-        vectors.vector_name(2, 2): Timing(wall=(80e-6,), cpu=(9.0,)),
-        vectors.vector_name(64, 2): Timing(wall=(9.0,), cpu=(120e-6,)),
+        environment.PHYSICS: Timing(wall=(1.0,), cpu=(100e-6,)),
+        environment.SYNC: Timing(wall=(200e-6,), cpu=(1.0,)),
+        environment.vector_name(2, 2): Timing(wall=(80e-6,), cpu=(9.0,)),
+        environment.vector_name(64, 2): Timing(wall=(9.0,), cpu=(120e-6,)),
     }
-    monkeypatch.setattr(vectors, "measure", lambda *_, **__: found)
+    monkeypatch.setattr(environment, "measure", lambda *_, **__: found)
     few, many = measure_vectors(1).targets
     assert (few.value, few.met) == (pytest.approx(2.5), True)
     assert (many.value, many.met) == (pytest.approx(1.2), False)
