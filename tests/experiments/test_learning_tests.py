@@ -219,7 +219,7 @@ def test_errors_are_distances_and_angles_whatever_the_chart() -> None:
 
 
 def test_density_without_a_spread() -> None:
-    """Without std there is none; an exact prediction without spread has a finite one."""
+    """None without a std; finite for an exact prediction without spread."""
     nothing = np.zeros((9, 6))
     score = accuracy(predicted(nothing, np.full((9, 6), np.nan)), np.ones((9, 6)))
     assert score["nlpd"] is score["coverage_50"] is score["coverage_95"] is None

@@ -47,6 +47,14 @@ def trial_tasks(
     """
     plan = PARTS[part]
     tuned = TUNED if part == "whole" else ()
+    doors = {
+        (name, title): {
+            door: dataclasses.replace(config, **level.door)
+            for door, config in named_doors(level.doors).items()
+        }
+        for name, trial in trials.items()
+        for title, level in trial.levels.items()
+    }
     tasks: list[EpisodeTask] = []
     for seed, (name, trial) in itertools.product(range(plan.seeds), trials.items()):
         own = plan.variants.get(name, trial.also)
@@ -59,7 +67,7 @@ def trial_tasks(
             tasks += [
                 episode_task(
                     door,
-                    dataclasses.replace(config, **level.door),
+                    config,
                     policy=policy,
                     policy_source=source_of(chosen(policy)),
                     seed=seed,
@@ -73,6 +81,6 @@ def trial_tasks(
                     trial=name,
                     level=title,
                 )
-                for door, config in named_doors(level.doors).items()
+                for door, config in doors[name, title].items()
             ]
     return tuple(tasks)
