@@ -24,12 +24,30 @@ from gplfd_experiments.studies.settings import StudySettings
 # The work of these tests are local functions, which travel to workers by value.
 
 
-@pytest.mark.parametrize("engine", [Serial(), Processes(workers=2)])
+@pytest.fixture(params=["serial", "loky", "dask"])
+def engine(request: pytest.FixtureRequest) -> Any:
+    """Every engine, with two workers if it has any."""
+    if request.param == "dask":
+        return engine_named("dask", address=request.getfixturevalue("scheduler"))
+    return engine_named(request.param, workers=2 if request.param == "loky" else None)
+
+
 def test_every_item_comes_back_with_its_result(engine: Any) -> None:
-    assert dict(engine.run(lambda item: item**2, range(5))) == {
-        item: item**2 for item in range(5)
-    }
+    squares = {item: item**2 for item in range(5)}
+    assert dict(engine.run(lambda item: item**2, range(5))) == squares
     assert list(engine.run(lambda item: item**2, [])) == []
+
+
+def test_a_closed_engine_gives_no_more_items(engine: Any, tmp_path: Path) -> None:
+    def work(item: int) -> int:
+        (tmp_path / str(item)).touch()
+        time.sleep(0.01)
+        return item
+
+    finished = engine.run(work, range(400))
+    next(finished)
+    finished.close()
+    assert len(list(tmp_path.iterdir())) < 400
 
 
 def test_workers_are_processes_with_one_thread_deaf_to_ctrl_c() -> None:
@@ -72,34 +90,26 @@ def test_a_warning_in_workers_is_given_once_and_here() -> None:
     assert len(caught) == 2
 
 
-def test_items_whose_worker_died_once_are_run_again(tmp_path: Path) -> None:
-    killer = tmp_path / "killed"
-
-    def work(item: int) -> int:
-        if item == 2 and not killer.exists():
-            killer.touch()
-            os._exit(1)
-        return item
-
-    finished = list(Processes(workers=2).run(work, range(6)))
-    assert sorted(finished) == [(item, item) for item in range(6)]
-
-
 def test_only_the_item_that_kills_its_workers_is_lost(tmp_path: Path) -> None:
+    """An item whose worker died once, or beside another, is run again."""
+
     def work(item: int) -> int:
         if item == 1:
             (tmp_path / f"{time.time_ns()}").touch()
             os._exit(1)
+        if item == 3 and not (tmp_path / "killed").exists():
+            (tmp_path / "killed").touch()
+            os._exit(1)
         time.sleep(0.1)  # so that something else runs when it happens
         return item
 
-    finished = dict(Processes(workers=2).run(work, range(4)))
+    finished = dict(Processes(workers=2).run(work, range(5)))
     lost = finished.pop(1)
     assert isinstance(lost, Lost)
     assert f"died in each of {ATTEMPTS} attempts" in lost.reason
     assert lost.crashed
-    assert finished == {0: 0, 2: 2, 3: 3}
-    assert len(list(tmp_path.iterdir())) == ATTEMPTS
+    assert finished == {0: 0, 2: 2, 3: 3, 4: 4}
+    assert len(list(tmp_path.iterdir())) == ATTEMPTS + 1
 
 
 @pytest.mark.parametrize(
@@ -161,7 +171,7 @@ def test_closing_ends_the_workers(tmp_path: Path) -> None:
         ("dask", {}, "--engine dask needs the scheduler of a running cluster"),
     ],
 )
-def test_options_an_engine_does_not_have_are_refused(
+def test_wrong_options_are_refused(
     name: Any, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):

@@ -80,7 +80,9 @@ def test_methods_take_part_as_tuned_where_learning_decides(
     met = {task.trial for task in tuned if task.policy == "kmp-published"}
     assert met == {"radius", "messy", "turned", "noise"}
     # The ideas are those of the whole, seed by seed.
-    keys = [{one.key for one in each if one.seed == 5} for each in (small, ideas, whole)]
+    keys = [
+        {one.key for one in each if one.seed == 5} for each in (small, ideas, whole)
+    ]
     assert keys[0] < keys[1] < keys[2]
     assert {task.seed for task in ideas} == set(range(SEEDS))
 
