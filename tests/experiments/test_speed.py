@@ -14,7 +14,13 @@ from gplfd_experiments.files.table import text_table
 from gplfd_experiments.speed import peers, policies, timing
 from gplfd_experiments.speed.known_process import KnownProcess, score
 from gplfd_experiments.speed.parts import PARTS, announcement
-from gplfd_experiments.speed.report import at_least, at_most, between, value_table
+from gplfd_experiments.speed.report import (
+    Target,
+    at_least,
+    at_most,
+    between,
+    value_table,
+)
 from gplfd_experiments.speed.timing import Timed, Timing, after, measure, repeated
 from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 from gplfd_policies.movements.skill import fit_skill
@@ -77,6 +83,8 @@ def test_single_round_is_counted(clock: Clock) -> None:
     (time,) = measure({"one": repeated(lambda: clock.work(1.0))}, 1).values()
     assert time == Timing(cpu=(1.0,), wall=(1.0,))
     assert clock.cpu == 1.0
+    with pytest.raises(ValueError, match="repeats must be 1 or more, got 0"):
+        measure({}, 0)
 
 
 def test_preparation_is_not_timed_and_times_are_per_operation(clock: Clock) -> None:
@@ -120,16 +128,8 @@ def test_comparisons_are_medians_over_rounds_not_of_medians() -> None:
     assert theirs.speed_over(ours) == 0.5
     assert ours.cpu_over(theirs) == 2.0
     assert ours.cpu_beyond(theirs) == 1.0
-
-
-def test_quartiles_show_the_spread() -> None:
     cpu = (5e-3, 1e-3, 2e-3, 4e-3, 3e-3)
     assert str(Timing(cpu=cpu, wall=cpu)) == "3.00 [2.00, 4.00]"
-
-
-def test_no_repeats_are_refused() -> None:
-    with pytest.raises(ValueError, match="repeats must be 1 or more, got 0"):
-        measure({}, 0)
 
 
 # --- Scores and data ---------------------------------------------------------
@@ -247,21 +247,20 @@ def test_table_is_aligned_text_with_four_digits() -> None:
     ]
 
 
-def test_targets_say_what_was_wanted_and_whether_it_is_met() -> None:
-    targets = [
-        at_least("speed", 31.0, 30.0),
-        at_least("speed", 29.0, 30.0),
-        at_most("error", 6.0, 5.0),
-        between("coverage", 0.95, 0.9, 0.98),
-        between("coverage", 0.99, 0.9, 0.98),
-    ]
-    assert [(target.wanted, target.met) for target in targets] == [
-        ("at least 30", True),
-        ("at least 30", False),
-        ("at most 5", False),
-        ("0.9 to 0.98", True),
-        ("0.9 to 0.98", False),
-    ]
+@pytest.mark.parametrize(
+    ("target", "wanted", "met"),
+    [
+        (at_least("speed", 31.0, 30.0), "at least 30", True),
+        (at_least("speed", 29.0, 30.0), "at least 30", False),
+        (at_most("error", 6.0, 5.0), "at most 5", False),
+        (between("coverage", 0.95, 0.9, 0.98), "0.9 to 0.98", True),
+        (between("coverage", 0.99, 0.9, 0.98), "0.9 to 0.98", False),
+    ],
+)
+def test_targets_say_what_was_wanted_and_whether_it_is_met(
+    target: Target, wanted: str, met: bool
+) -> None:
+    assert (target.wanted, target.met) == (wanted, met)
 
 
 def test_command_offers_every_part() -> None:
@@ -276,8 +275,12 @@ def test_announcement_says_what_and_how_long(without_peers: None) -> None:
 
 
 def test_speed_prints_tables_and_writes_where_they_come_from(
-    gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    gplfd: Gplfd,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    monkeypatch.setattr(policies, "_GRID", np.linspace(0.0, 1.0, 101))
     assert gplfd("speed", "--only", "adapt", "--repeats", "1", "--out", "out") == 0
     written = json.loads((tmp_path / "out" / "speed.json").read_text())
     (result,) = written["results"].values()

@@ -23,27 +23,20 @@ from gplfd_experiments.speed.timing import Timed, Timing
 
 @pytest.fixture
 def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(environment, "_STEPS", 60)
+    monkeypatch.setattr(environment, "_STEPS", 30)
     monkeypatch.setattr(environment, "_ROUNDS", 1)
 
 
 @pytest.mark.usefixtures("few_steps")
-def test_physics_of_both_environments_is_repeated_bit_for_bit() -> None:
-    rows = measure_steps(1).rows
-    assert list(rows) == [ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID]
-    assert [row["physics repeated"] for row in rows.values()] == ["bit for bit"] * 2
-
-
-@pytest.mark.usefixtures("few_steps")
-def test_physics_without_the_gains_of_every_step_departs(
+def test_physics_is_repeated_bit_for_bit_with_the_gains_of_every_step(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(environment, "_gains", lambda model: np.zeros(1))
-    rows = measure_steps(1).rows
-    assert [row["physics repeated"] for row in rows.values()] == [
-        "bit for bit",
-        "DEPARTS",
-    ]
+    ids, alike = [ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID], "bit for bit"
+    for repeated in ([alike, alike], [alike, "DEPARTS"]):
+        rows = measure_steps(1).rows
+        assert list(rows) == ids
+        assert [row["physics repeated"] for row in rows.values()] == repeated
+        monkeypatch.setattr(environment, "_gains", lambda model: np.zeros(1))
 
 
 @pytest.mark.usefixtures("few_steps")
@@ -114,15 +107,15 @@ def test_only_new_radii_compile_a_scene(monkeypatch: pytest.MonkeyPatch) -> None
 # --- Vectors -----------------------------------------------------------------
 
 
-@pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(environment, "_PERIODS", 3)
-    monkeypatch.setattr(environment, "_LEAST_STEPS", 1)
-    monkeypatch.setattr(environment, "_SIMULATIONS", (1, 2, 64))
-
-
-@pytest.mark.usefixtures("short")
-def test_every_way_to_step_does_the_same_bit_for_bit() -> None:
+def test_every_way_to_step_does_the_same_bit_for_bit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name, value in (
+        ("_PERIODS", 3),
+        ("_LEAST_STEPS", 1),
+        ("_SIMULATIONS", (1, 2, 64)),
+    ):
+        monkeypatch.setattr(environment, name, value)
     result = measure_vectors(1)
     assert "same states bit for bit" in result.title
     sizes = itertools.product((1, 2), (1, 2, 64))
@@ -136,8 +129,11 @@ def test_every_way_to_step_does_the_same_bit_for_bit() -> None:
     ]
 
 
-@pytest.mark.usefixtures("short")
-def test_a_way_that_does_something_else_is_reported() -> None:
+def test_a_way_that_does_something_else_is_reported(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name, value in (("_PERIODS", 3), ("_SIMULATIONS", ()), ("_THREADS", ())):
+        monkeypatch.setattr(environment, name, value)
     ways = environment._ways_to_step()
     same = {name: ways[name] for name in (environment.PHYSICS, environment.SYNC)}
     assert environment._end_alike(same)
@@ -146,7 +142,6 @@ def test_a_way_that_does_something_else_is_reported() -> None:
     assert not environment._end_alike({**same, "other": other})
 
 
-@pytest.mark.usefixtures("short")
 def test_vectors_are_compared_with_sync_by_the_clock_and_physics_in_cpu_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -156,6 +151,8 @@ def test_vectors_are_compared_with_sync_by_the_clock_and_physics_in_cpu_time(
         environment.vector_name(2, 2): Timing(wall=(80e-6,), cpu=(9.0,)),
         environment.vector_name(64, 2): Timing(wall=(9.0,), cpu=(120e-6,)),
     }
+    monkeypatch.setattr(environment, "_ways_to_step", dict)
+    monkeypatch.setattr(environment, "_end_alike", lambda _: True)
     monkeypatch.setattr(environment, "measure", lambda *_, **__: found)
     few, many = measure_vectors(1).targets
     assert (few.value, few.met) == (pytest.approx(2.5), True)
