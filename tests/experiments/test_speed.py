@@ -181,7 +181,7 @@ def test_stated_interval_is_judged_apart_from_the_standard_deviation() -> None:
 
 def test_peers_learn_the_same_as_the_skill() -> None:
     rng = np.random.default_rng(0)
-    given = KnownProcess.on_grid(60).demonstrations(20, "independent", rng)
+    given = KnownProcess.on_grid(40).demonstrations(20, "independent", rng)
     ours = fit_skill(given).predict(given.times)
     for learn, far, rtol in (
         (peers.sklearn_fit, 0.2, 0.25),
