@@ -27,9 +27,7 @@ from gplfd_experiments.studies.settings_file import read_settings, write_setting
 
 
 @pytest.fixture
-def ran(
-    monkeypatch: pytest.MonkeyPatch, episode_result: Any, learning_result: Any
-) -> list[Any]:
+def ran(monkeypatch, episode_result, learning_result):
     """Replace what a worker does; remember the tasks."""
     tasks = []
     metrics = {
@@ -61,9 +59,7 @@ def benchmark(out: Path, *arguments: str) -> int:
         return int(error.code or 0)
 
 
-def test_an_error_of_every_policy_is_shown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_error_of_every_policy_is_shown(tmp_path, monkeypatch, capsys):
     def fail(job: Any, **_: Any) -> list[Any]:
         return [jobs.failed(task, f"ValueError: {task.policy}") for task in job]
 
@@ -78,9 +74,7 @@ def test_an_error_of_every_policy_is_shown(
     assert (tmp_path / "report.html").exists()
 
 
-def test_writes_table_and_settings_and_says_where(
-    tmp_path: Path, ran: list[Any], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_writes_table_and_settings_and_says_where(tmp_path, ran, capsys):
     options = ["--policies", "gp", "oracle", "--doors", "small", "--seeds", "2"]
     assert benchmark(tmp_path, *options) == 1
     printed = capsys.readouterr()
@@ -110,9 +104,7 @@ def test_writes_table_and_settings_and_says_where(
     assert [(task.policy, task.seed) for task in ran[8:]] == [("oracle", 1)]
 
 
-def test_workers_that_die_are_errors_of_the_study(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_workers_that_die_are_errors_of_the_study(tmp_path, monkeypatch, capsys):
     class Deadly:
         def run(self, work: Any, items: Any) -> Any:
             for item in items:
@@ -129,11 +121,8 @@ def test_workers_that_die_are_errors_of_the_study(
 
 
 def test_files_that_are_deleted_meanwhile_are_missed(
-    tmp_path: Path,
-    ran: list[Any],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    tmp_path, ran, monkeypatch, capsys
+):
     """Whoever deletes the folder of a study that runs is told what is gone."""
     out = tmp_path / "out"
     measured = runner.run_job
@@ -157,11 +146,8 @@ def test_files_that_are_deleted_meanwhile_are_missed(
 
 
 def test_a_result_that_is_damaged_meanwhile_is_named(
-    tmp_path: Path,
-    ran: list[Any],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    tmp_path, ran, monkeypatch, capsys
+):
     measured = runner.run_job
 
     def damage(job: Any, **_: Any) -> list[Any]:
@@ -181,9 +167,7 @@ def test_a_result_that_is_damaged_meanwhile_is_named(
 
 
 @pytest.mark.parametrize("name", ["study.json", "study.toml", "tasks"])
-def test_a_later_version_s_files_are_refused_and_kept(
-    name: str, tmp_path: Path, ran: list[Any], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_later_version_s_files_are_refused_and_kept(name, tmp_path, ran, capsys):
     assert benchmark(tmp_path, *ONE, "1") == 0
     file = next(tmp_path.glob(f"{name}/*.json"), tmp_path / name)
     assert "format_version" in file.read_text()
@@ -200,9 +184,7 @@ def test_a_later_version_s_files_are_refused_and_kept(
     assert len(ran) == 1
 
 
-def test_doors_of_several_kinds_are_read_back(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_doors_of_several_kinds_are_read_back(tmp_path, capsys):
     doors = ("room-834", "cabinet", "small")
     options = ["--policies", "oracle", "--doors", *doors, "--seeds", "1", "--no-skill"]
     assert benchmark(tmp_path, *options) == 0
@@ -219,9 +201,7 @@ def test_doors_of_several_kinds_are_read_back(
     }
 
 
-def test_a_policy_that_hangs_is_named(
-    tmp_path: Path, ran: list[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_policy_that_hangs_is_named(tmp_path, ran, monkeypatch):
     warned = threading.Event()
 
     def warn(message: str, *values: object) -> None:
@@ -242,9 +222,7 @@ def test_a_policy_that_hangs_is_named(
     assert warned.is_set()
 
 
-def test_quiet_shows_no_progress_but_results_and_errors(
-    tmp_path: Path, ran: list[Any], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_quiet_shows_no_progress_but_results_and_errors(tmp_path, ran, capsys):
     options = ["--policies", "oracle", "--doors", "small", "--seeds", "2", "--quiet"]
     assert benchmark(tmp_path, *options) == 1
     printed = capsys.readouterr()
@@ -254,9 +232,7 @@ def test_quiet_shows_no_progress_but_results_and_errors(
     assert first.startswith("gplfd: oracle, small, seed 1: ValueError")
 
 
-def test_every_condition_has_a_table(
-    tmp_path: Path, ran: list[Any], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_condition_has_a_table(tmp_path, ran, capsys):
     varied = ("--teacher-noise", "1", "2", "--randomizations", "none", "hard")
     assert benchmark(tmp_path, *ONE, "1", *varied) == 0
     printed = capsys.readouterr().out
@@ -266,7 +242,7 @@ def test_every_condition_has_a_table(
     )
 
 
-def test_options_win_over_the_saved_study(tmp_path: Path, ran: list[Any]) -> None:
+def test_options_win_over_the_saved_study(tmp_path, ran):
     saved = tmp_path / "study.toml"
     write_settings(
         saved,
@@ -288,9 +264,7 @@ def test_options_win_over_the_saved_study(tmp_path: Path, ran: list[Any]) -> Non
     )
 
 
-def test_an_option_replaces_a_value_of_the_file_that_is_no_longer_valid(
-    tmp_path: Path, ran: list[Any]
-) -> None:
+def test_an_option_replaces_a_value_of_the_file_that_is_no_longer_valid(tmp_path, ran):
     """For example, a policy of the file has been renamed."""
     old = tmp_path / "old.toml"
     old.write_text("policies = ['gone']\ndoors = ['small']\nseeds = 1\nskill = false")
@@ -299,11 +273,8 @@ def test_an_option_replaces_a_value_of_the_file_that_is_no_longer_valid(
 
 
 def test_tables_as_json_are_numbers_and_nothing_else(
-    tmp_path: Path,
-    ran: list[Any],
-    episode_result: Any,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    tmp_path, ran, episode_result, capsys
+):
     assert benchmark(tmp_path / "out", *ONE, "2", "--json") == 0
     (row,) = json.loads(capsys.readouterr().out)
     metrics = episode_result("gp", radius=0.35)["metrics"]
@@ -314,7 +285,7 @@ def test_tables_as_json_are_numbers_and_nothing_else(
     assert "| gp | small |" in (tmp_path / "out" / "table.md").read_text()
 
 
-def test_what_a_study_wrote_runs_it_again(tmp_path: Path, ran: list[Any]) -> None:
+def test_what_a_study_wrote_runs_it_again(tmp_path, ran):
     first, second = tmp_path / "first", tmp_path / "second"
     assert benchmark(first, "--config", "small", "--seeds", "1") == 0
     assert benchmark(second, "--config", str(first / "study.toml")) == 0
@@ -323,9 +294,7 @@ def test_what_a_study_wrote_runs_it_again(tmp_path: Path, ran: list[Any]) -> Non
     assert read_settings(first / "study.toml") == read_settings(second / "study.toml")
 
 
-def test_recordings_are_made_when_asked_for(
-    tmp_path: Path, ran: list[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_recordings_are_made_when_asked_for(tmp_path, ran, monkeypatch):
     recorded: list[Path] = []
     module = types.SimpleNamespace(record_extremes=recorded.append)
     monkeypatch.setitem(sys.modules, "gplfd_experiments.workflows.extremes", module)
@@ -336,11 +305,8 @@ def test_recordings_are_made_when_asked_for(
 
 
 def test_warns_of_results_of_other_code_and_machines(
-    tmp_path: Path,
-    ran: list[Any],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    tmp_path, ran, monkeypatch, capsys
+):
     state = {**store.code_state(), "git": {"commit": "a", "dirty": False}}
     workers = dict(state)
     monkeypatch.setattr(store, "code_state", lambda: state)
@@ -395,12 +361,8 @@ def test_warns_of_results_of_other_code_and_machines(
     ],
 )
 def test_wrong_arguments_end_with_status_2(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    arguments, message, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     Path("taken").write_text("")
     assert benchmark(tmp_path / "study", *arguments) == 2
@@ -410,9 +372,7 @@ def test_wrong_arguments_end_with_status_2(
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
 
 
-def test_a_wrong_file_ends_with_status_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_file_ends_with_status_2(tmp_path, capsys):
     file = tmp_path / "study.toml"
     file.write_text("polices = ['gp']")
     assert benchmark(tmp_path / "out", "--config", str(file)) == 2
@@ -425,9 +385,7 @@ def test_a_wrong_file_ends_with_status_2(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_that_cannot_be_written_ends_with_status_2(
-    tmp_path: Path, ran: list[Any], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_that_cannot_be_written_ends_with_status_2(tmp_path, ran, capsys):
     (tmp_path / "taken").write_text("")
     assert benchmark(tmp_path / "taken" / "below", "--config", "small") == 2
     assert "taken" in capsys.readouterr().err
@@ -485,9 +443,7 @@ def timeless(path: Path) -> Any:
     return {"task": result["task"], "metrics": metrics}
 
 
-def test_a_study_that_was_stopped_twice_is_as_one_that_was_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_study_that_was_stopped_twice_is_as_one_that_was_not(tmp_path, monkeypatch):
     (tmp_path / "waiting.py").write_text(WAITING)
     status, printed = stopped_by(signal.SIGINT, tmp_path, 1)
     assert status == 130

@@ -18,7 +18,7 @@ MakeLog = Callable[..., EpisodeLog]
 DT = 0.01
 
 
-def test_acceleration_of_a_parabola_is_constant() -> None:
+def test_acceleration_of_a_parabola_is_constant():
     times = DT * np.arange(100)
     assert door_acceleration(0.3 * times - 0.7 * times**2, DT) == pytest.approx(
         np.full(100, -1.4)
@@ -26,7 +26,7 @@ def test_acceleration_of_a_parabola_is_constant() -> None:
     assert door_acceleration(times[:20], DT) is None
 
 
-def test_indicators_of_a_minimum_jerk_opening(make_log: MakeLog) -> None:
+def test_indicators_of_a_minimum_jerk_opening(make_log):
     """Its greatest acceleration is 10 / √3 · φ / T², at a share of 0.211 of T."""
     metrics = episode_metrics(make_log())
     angle = math.radians(66.0)
@@ -39,7 +39,7 @@ def test_indicators_of_a_minimum_jerk_opening(make_log: MakeLog) -> None:
     assert metrics.force_handle_peak == pytest.approx(math.hypot(8.0, 3.0))
 
 
-def test_an_undisturbed_episode_has_nothing_to_recover_from(make_log: MakeLog) -> None:
+def test_an_undisturbed_episode_has_nothing_to_recover_from(make_log):
     metrics = episode_metrics(make_log())
     assert metrics.person_force_peak == metrics.stop_force_sustained == 0.0
     assert metrics.push_displacement_mm is None
@@ -47,7 +47,7 @@ def test_an_undisturbed_episode_has_nothing_to_recover_from(make_log: MakeLog) -
     assert metrics.recovery_time is None
 
 
-def test_only_what_lasts_half_a_second_is_sustained() -> None:
+def test_only_what_lasts_half_a_second_is_sustained():
     force = np.zeros(300)
     force[20:60] = 100.0
     assert sustained(force, DT) == 0.0
@@ -58,7 +58,7 @@ def test_only_what_lasts_half_a_second_is_sustained() -> None:
     assert sustained(force, DT) == 50.0
 
 
-def test_recovery_begins_when_the_last_disturbance_ends(make_log: MakeLog) -> None:
+def test_recovery_begins_when_the_last_disturbance_ends(make_log):
     held, energy = np.zeros(601), np.linspace(0.0, 3.0, 601)
     held[200:300] = np.linspace(1.0, 40.0, 100)
     log = make_log(person_force=held, person_energy=energy)
@@ -80,7 +80,7 @@ def test_recovery_begins_when_the_last_disturbance_ends(make_log: MakeLog) -> No
     )
 
 
-def test_push_displacement_is_the_change_beside_the_path(make_log: MakeLog) -> None:
+def test_push_displacement_is_the_change_beside_the_path(make_log):
     log = make_log()
     pushed, pose = np.zeros(601), np.array(log.ee_pose)
     pushed[100:130] = 15.0

@@ -11,7 +11,6 @@ import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -25,20 +24,20 @@ from gplfd_experiments.studies.settings import StudySettings
 
 
 @pytest.fixture(params=["serial", "loky", "dask"])
-def engine(request: pytest.FixtureRequest) -> Any:
+def engine(request):
     """Every engine, with two workers if it has any."""
     if request.param == "dask":
         return engine_named("dask", address=request.getfixturevalue("scheduler"))
     return engine_named(request.param, workers=2 if request.param == "loky" else None)
 
 
-def test_every_item_comes_back_with_its_result(engine: Any) -> None:
+def test_every_item_comes_back_with_its_result(engine):
     squares = {item: item**2 for item in range(5)}
     assert dict(engine.run(lambda item: item**2, range(5))) == squares
     assert list(engine.run(lambda item: item**2, [])) == []
 
 
-def test_a_closed_engine_gives_no_more_items(engine: Any, tmp_path: Path) -> None:
+def test_a_closed_engine_gives_no_more_items(engine, tmp_path):
     def work(item: int) -> int:
         (tmp_path / str(item)).touch()
         time.sleep(0.01)
@@ -50,7 +49,7 @@ def test_a_closed_engine_gives_no_more_items(engine: Any, tmp_path: Path) -> Non
     assert len(list(tmp_path.iterdir())) < 400
 
 
-def test_workers_are_processes_with_one_thread_deaf_to_ctrl_c() -> None:
+def test_workers_are_processes_with_one_thread_deaf_to_ctrl_c():
     def look(_: int) -> tuple[int, str | None, bool, bool]:
         import signal
 
@@ -66,7 +65,7 @@ def test_workers_are_processes_with_one_thread_deaf_to_ctrl_c() -> None:
     assert (threads, deaf, safe) == ("1", True, True)
 
 
-def test_a_warning_in_workers_is_given_once_and_here() -> None:
+def test_a_warning_in_workers_is_given_once_and_here():
     """With its category, or the built-in one that this is derived from."""
 
     class OwnWarning(FutureWarning):
@@ -90,7 +89,7 @@ def test_a_warning_in_workers_is_given_once_and_here() -> None:
     assert len(caught) == 2
 
 
-def test_only_the_item_that_kills_its_workers_is_lost(tmp_path: Path) -> None:
+def test_only_the_item_that_kills_its_workers_is_lost(tmp_path):
     """An item whose worker died once, or beside another, is run again."""
 
     def work(item: int) -> int:
@@ -121,16 +120,14 @@ def test_only_the_item_that_kills_its_workers_is_lost(tmp_path: Path) -> None:
         (lambda: os.kill(os.getpid(), 40), "(signal 40)", False),
     ],
 )
-def test_the_end_of_a_worker_tells_who_ended_it(
-    end: Any, reason: str, crashed: bool
-) -> None:
+def test_the_end_of_a_worker_tells_who_ended_it(end, reason, crashed):
     ((_, lost),) = Processes(workers=1).run(lambda _: end(), [0])
     assert isinstance(lost, Lost)
     assert reason in lost.reason
     assert lost.crashed == crashed
 
 
-def test_an_item_in_this_process_cannot_end_it() -> None:
+def test_an_item_in_this_process_cannot_end_it():
     leave = os._exit
 
     def work(status: int) -> str:
@@ -143,7 +140,7 @@ def test_an_item_in_this_process_cannot_end_it() -> None:
     assert os._exit is leave
 
 
-def test_closing_ends_the_workers(tmp_path: Path) -> None:
+def test_closing_ends_the_workers(tmp_path):
     def work(item: int) -> int:
         if item == 1:
             (tmp_path / str(os.getpid())).touch()
@@ -171,14 +168,12 @@ def test_closing_ends_the_workers(tmp_path: Path) -> None:
         ("dask", {}, "--engine dask needs the scheduler of a running cluster"),
     ],
 )
-def test_wrong_options_are_refused(
-    name: Any, options: dict[str, Any], message: str
-) -> None:
+def test_wrong_options_are_refused(name, options, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         engine_named(name, **options)
 
 
-def test_without_dask_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_dask_it_is_said_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     monkeypatch.delitem(
         sys.modules, "gplfd_experiments.studies.engines.cluster", raising=False
@@ -212,7 +207,7 @@ def started(*arguments: str, folder: Path) -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def scheduler(tmp_path_factory):
     """A cluster of two workers on this machine, as a user would start it.
 
     But its scheduler gives up soon, for time.
@@ -236,7 +231,7 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield found[0]
 
 
-def test_a_dask_cluster_brings_every_item_back(scheduler: str, tmp_path: Path) -> None:
+def test_a_dask_cluster_brings_every_item_back(scheduler, tmp_path):
     killer = tmp_path / "killed"
 
     def work(item: int) -> tuple[int, int]:
@@ -260,9 +255,7 @@ def test_a_dask_cluster_brings_every_item_back(scheduler: str, tmp_path: Path) -
     assert os.getpid() not in {process for _, process in finished.values()}
 
 
-def test_a_policy_of_one_s_own_travels_to_the_cluster(
-    scheduler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_policy_of_one_s_own_travels_to_the_cluster(scheduler, tmp_path, monkeypatch):
     """Its workers run in other folders, and outlive a version of the file."""
     source = "def make(training):\n    raise RuntimeError({!r})\n"
     for version in ("first", "second"):
@@ -282,7 +275,7 @@ def test_a_policy_of_one_s_own_travels_to_the_cluster(
 
 
 @pytest.fixture
-def silent() -> Iterator[str]:
+def silent():
     """A server that is no scheduler: it takes every connection and says nothing."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         yield f"tcp://127.0.0.1:{listener.getsockname()[1]}"
@@ -299,8 +292,8 @@ def silent() -> Iterator[str]:
     ],
 )
 def test_an_address_without_a_scheduler_is_an_os_error(
-    monkeypatch: pytest.MonkeyPatch, silent: str, address: str, reason: str
-) -> None:
+    monkeypatch, silent, address, reason
+):
     from gplfd_experiments.studies.engines import cluster
 
     monkeypatch.setattr(cluster, "_PATIENCE", 0.5)

@@ -121,7 +121,7 @@ def knowing(mean: Curve = zeros, std: Curve = ones, form: Any = None) -> Method:
 
 
 @pytest.mark.parametrize("held_out", ["demonstration", "radius"])
-def test_learning_does_not_see_what_is_left_out(held_out: str) -> None:
+def test_learning_does_not_see_what_is_left_out(held_out):
     others = doors(seed=1)
     for number, fold in enumerate(folds(doors(), held_out, seed=0)):
         left_out = {id(one) for one in fold.left_out}
@@ -142,7 +142,7 @@ def test_learning_does_not_see_what_is_left_out(held_out: str) -> None:
         assert not left_out & {id(one) for one in fold.given}
 
 
-def test_every_demonstration_is_left_out_equally_often() -> None:
+def test_every_demonstration_is_left_out_equally_often():
     counts: dict[int, int] = {}
     for seed in range(6):
         for fold in folds(doors(), "demonstration", seed):
@@ -151,7 +151,7 @@ def test_every_demonstration_is_left_out_equally_often() -> None:
     assert list(counts.values()) == [2] * 6
 
 
-def test_a_radius_is_left_out_with_all_its_demonstrations() -> None:
+def test_a_radius_is_left_out_with_all_its_demonstrations():
     given = doors(per_door=3)
     for seed, outer in ((0, 0), (1, 2), (2, 0)):
         middle, other = folds(given, "radius", seed)
@@ -159,14 +159,14 @@ def test_a_radius_is_left_out_with_all_its_demonstrations() -> None:
         assert other.left_out == given[outer]
 
 
-def test_wrong_folds_are_refused() -> None:
+def test_wrong_folds_are_refused():
     with pytest.raises(ValueError, match=r"'demonstration', 'radius'.*got 'door'"):
         folds(doors(), "door", 0)
     with pytest.raises(ValueError, match="at least three doors are needed, got 1"):
         folds(doors()[:1], "radius", 0)
 
 
-def test_timing_of_the_left_out_demonstration_does_not_matter() -> None:
+def test_timing_of_the_left_out_demonstration_does_not_matter():
     """The same path in another time lies at the same phases."""
     noisy = ("noise_position", "noise_rotation", "wobble_position", "wobble_rotation")
     quiet = dict.fromkeys([f"{name}_std" for name in (*noisy, "vertical_drift")], 0.0)
@@ -184,7 +184,7 @@ def test_timing_of_the_left_out_demonstration_does_not_matter() -> None:
     assert found.phases[[0, -1]] == pytest.approx([0.0, 1.0])
 
 
-def test_every_movement_predicts_the_same_poses() -> None:
+def test_every_movement_predicts_the_same_poses():
     early, late = (align(doors()[0]), align(doors()[2]))
     a, b = (aligned_to(doors()[1][0], each).thinned(50) for each in (early, late))
     np.testing.assert_array_equal(a.poses, b.poses)
@@ -194,7 +194,7 @@ def test_every_movement_predicts_the_same_poses() -> None:
 # --- Accuracy ----------------------------------------------------------------
 
 
-def test_known_gaussian_has_nominal_coverage_and_its_entropy() -> None:
+def test_known_gaussian_has_nominal_coverage_and_its_entropy():
     rng = np.random.default_rng(0)
     phases = np.linspace(0.0, 1.0, 20_000)
     std = 0.01 + 0.1 * np.outer(phases, np.arange(1, 7))
@@ -208,7 +208,7 @@ def test_known_gaussian_has_nominal_coverage_and_its_entropy() -> None:
     assert score["coverage_95_stated"] is None
 
 
-def test_errors_are_distances_and_angles_whatever_the_chart() -> None:
+def test_errors_are_distances_and_angles_whatever_the_chart():
     # 170 degrees and 170 degrees the other way round the same axis are 20 apart.
     mean, truth = np.zeros((5, 6)), np.zeros((5, 6))
     mean[:, :3], mean[:, 4] = [0.03, 0.0, 0.04], math.radians(170.0)
@@ -218,7 +218,7 @@ def test_errors_are_distances_and_angles_whatever_the_chart() -> None:
     assert score["rmse_rotation_rad"] == pytest.approx(math.radians(20.0))
 
 
-def test_density_without_a_spread() -> None:
+def test_density_without_a_spread():
     """None without a std; finite for an exact prediction without spread."""
     nothing = np.zeros((9, 6))
     score = accuracy(predicted(nothing, np.full((9, 6), np.nan)), np.ones((9, 6)))
@@ -230,7 +230,7 @@ def test_density_without_a_spread() -> None:
     assert exact["coverage_50"] == 1.0
 
 
-def test_stated_intervals_are_those_of_the_method() -> None:
+def test_stated_intervals_are_those_of_the_method():
     truth = np.random.default_rng(1).standard_t(3.0, (4000, 6))
     normal = predicted(np.zeros((4000, 6)), np.ones((4000, 6)))
     student = dataclasses.replace(normal, degrees_of_freedom=3.0)
@@ -240,7 +240,7 @@ def test_stated_intervals_are_those_of_the_method() -> None:
     assert score["coverage_95"] < 0.88
 
 
-def test_spread_followed_is_one_for_a_copy_and_zero_for_one_level() -> None:
+def test_spread_followed_is_one_for_a_copy_and_zero_for_one_level():
     rng = np.random.default_rng(0)
     poses = np.exp(rng.standard_normal((1, 30, 6))) * rng.standard_normal((5, 30, 6))
     spread = poses.std(axis=0, ddof=1)
@@ -251,7 +251,7 @@ def test_spread_followed_is_one_for_a_copy_and_zero_for_one_level() -> None:
     assert spread_followed(np.ones((30, 6)), np.zeros((5, 30, 6))) is None
 
 
-def test_errors_average_as_squares_and_missing_numbers_do_not_count() -> None:
+def test_errors_average_as_squares_and_missing_numbers_do_not_count():
     scores = [
         {"rmse_x": 3.0, "nlpd": 1.0, "none": None},
         {"rmse_x": 4.0, "nlpd": None, "none": None},
@@ -309,7 +309,7 @@ def adapted_scores(form: Any, pose: Any, last: float = 1.0) -> dict[str, Any]:
     return adaptation(knowing(form=form), Known(aligned_doors()), [left_out])
 
 
-def test_far_changes_are_in_units_of_the_std_before() -> None:
+def test_far_changes_are_in_units_of_the_std_before():
     offset = np.array([0.003, 0.0, 0.0, 0.0, 0.01, 0.0])
     form = functools.partial(Shifted, offset)
     score = adapted_scores(form, [0.0, 0.2, 0.0, 0.0, 0.0, 0.0])
@@ -319,14 +319,14 @@ def test_far_changes_are_in_units_of_the_std_before() -> None:
 
 
 @pytest.mark.parametrize(("share", "error"), [(0.5, 0.5), (1.0, 0.0), (-0.2, 1.2)])
-def test_far_error_is_a_share_of_what_it_was(share: float, error: float) -> None:
+def test_far_error_is_a_share_of_what_it_was(share, error):
     """A change everywhere may come nearer to the truth, or go farther from it."""
     form = functools.partial(Share, share)
     score = adapted_scores(form, [0.1, 0.2, -0.1, 0.0, 0.05, 0.0])
     assert score["via_far_error"] == pytest.approx(error, abs=1e-12)
 
 
-def test_via_point_errors_are_distance_and_angle() -> None:
+def test_via_point_errors_are_distance_and_angle():
     offset = np.array([0.003, 0.0, 0.004, 0.0, 0.01, 0.0])
     form = functools.partial(Exact, offset)
     score = adapted_scores(form, [0.1, 0.1, 0.1, 0.0, 0.1, 0.0], last=2.0)
@@ -337,7 +337,7 @@ def test_via_point_errors_are_distance_and_angle() -> None:
     assert score["cpu_adapt_s"] is not None
 
 
-def test_the_rest_is_what_follows_the_first_third() -> None:
+def test_the_rest_is_what_follows_the_first_third():
     """A movement that is wrong early only has no error in the rest."""
 
     def early(times: np.ndarray) -> np.ndarray:
@@ -353,7 +353,7 @@ def test_the_rest_is_what_follows_the_first_third() -> None:
 # --- Beyond the demonstrations -----------------------------------------------
 
 
-def test_growth_is_the_std_beyond_over_that_at_the_end() -> None:
+def test_growth_is_the_std_beyond_over_that_at_the_end():
     def growing(times: np.ndarray) -> np.ndarray:
         # Fourfold beyond, and less within: that is no growth at the end.
         level = np.where(times > 1.0, 4.0, np.where(times < 0.9, 0.1, 1.0))
@@ -374,7 +374,7 @@ def test_growth_is_the_std_beyond_over_that_at_the_end() -> None:
     }
 
 
-def test_beyond_is_not_learned() -> None:
+def test_beyond_is_not_learned():
     ends = []
 
     def learn_and_tell(training: TrainingInput) -> Known:
@@ -416,11 +416,11 @@ def going(share: float, *, corrected: bool = False) -> Method:
 @pytest.mark.parametrize(
     ("share", "expected"), [(0.0, 0.0), (0.4, 0.4), (1.0, 1.0), (-0.5, 0.0), (2.0, 1.0)]
 )
-def test_share_of_the_way_to_the_prior_mean(share: float, expected: float) -> None:
+def test_share_of_the_way_to_the_prior_mean(share, expected):
     assert used_by(going(share)) == pytest.approx(expected, abs=1e-12)
 
 
-def test_correcting_the_prior_mean_everywhere_is_not_returning_to_it() -> None:
+def test_correcting_the_prior_mean_everywhere_is_not_returning_to_it():
     """A residual learned about its own average keeps that average beyond."""
     share = used_by(going(1.0, corrected=True))
     assert share is not None
@@ -428,11 +428,11 @@ def test_correcting_the_prior_mean_everywhere_is_not_returning_to_it() -> None:
 
 
 @pytest.mark.parametrize("policy", ["gp", "gp-paper", "local-gp"])
-def test_processes_return_to_the_prior_mean(policy: str) -> None:
+def test_processes_return_to_the_prior_mean(policy):
     assert used_by(small(policy)) == pytest.approx(1.0, abs=1e-6)
 
 
-def test_errors_with_a_prior_mean_are_not_hidden() -> None:
+def test_errors_with_a_prior_mean_are_not_hidden():
     def fit(training: TrainingInput) -> Known:
         if training.prior_mean is not None:
             raise ValueError("something else")
@@ -445,7 +445,7 @@ def test_errors_with_a_prior_mean_are_not_hidden() -> None:
 # --- Tumbling ----------------------------------------------------------------
 
 
-def test_tumbling_turns_by_more_than_pi_about_changing_axes() -> None:
+def test_tumbling_turns_by_more_than_pi_about_changing_axes():
     poses = tumble(0, range(6))[0].poses
     angle = np.linalg.norm(poses[:, 3:], axis=1)
     assert angle.max() > 1.1 * np.pi
@@ -456,7 +456,7 @@ def test_tumbling_turns_by_more_than_pi_about_changing_axes() -> None:
     np.testing.assert_array_equal(resting[:, [0, 2]], poses[:, [0, 2]])
 
 
-def test_tumbling_of_the_truth_has_no_error_and_no_excess() -> None:
+def test_tumbling_of_the_truth_has_no_error_and_no_excess():
     def truth(times: np.ndarray) -> np.ndarray:
         mean = zeros(times)
         mean[:, 3:] = tumbled_rotations(times).as_rotvec()
@@ -475,7 +475,7 @@ def test_tumbling_of_the_truth_has_no_error_and_no_excess() -> None:
     assert doubled["outputs_nlpd"]["2"] == pytest.approx(expected, abs=0.05)
 
 
-def test_tumbling_error_is_in_standard_deviations_of_a_demonstration() -> None:
+def test_tumbling_error_is_in_standard_deviations_of_a_demonstration():
     def off(times: np.ndarray) -> np.ndarray:
         mean = zeros(times)
         turn = Rotation.from_rotvec(TUMBLE_STD * np.ones(3))
@@ -510,7 +510,7 @@ def metrics_of(method: Method, held_out: str, seed: int = 0) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("held_out", ["demonstration", "radius"])
-def test_methods_are_given_the_folds_and_nothing_else(held_out: str) -> None:
+def test_methods_are_given_the_folds_and_nothing_else(held_out):
     given: list[TrainingInput] = []
 
     def learn_and_tell(training: TrainingInput) -> Known:
@@ -525,7 +525,7 @@ def test_methods_are_given_the_folds_and_nothing_else(held_out: str) -> None:
             np.testing.assert_array_equal(own.poses, other.poses)
 
 
-def test_learning_time_includes_what_is_put_off_until_prediction() -> None:
+def test_learning_time_includes_what_is_put_off_until_prediction():
     asked = []
 
     class Lazy(Known):
@@ -539,7 +539,7 @@ def test_learning_time_includes_what_is_put_off_until_prediction() -> None:
 
 
 @pytest.mark.parametrize("policy", TABLE_1)
-def test_every_method_of_table_1_is_measured(policy: str) -> None:
+def test_every_method_of_table_1_is_measured(policy):
     metrics = metrics_of(small(policy), "demonstration")
     json.dumps(metrics, allow_nan=False)
     assert metrics["rmse_position_m"] < 0.3
@@ -553,7 +553,7 @@ def test_every_method_of_table_1_is_measured(policy: str) -> None:
 
 
 @pytest.mark.parametrize("policy", ["dmp", "gmr", "gmm-gp"])
-def test_kinds_of_tasks_share_their_names_but_for_the_extra_tests(policy: str) -> None:
+def test_kinds_of_tasks_share_their_names_but_for_the_extra_tests(policy):
     method = small(policy)
     one, other = (set(metrics_of(method, kind)) for kind in ("demonstration", "radius"))
     assert one - other == {

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -81,8 +80,8 @@ def opened(
     ],
 )
 def test_policies_without_learning_open_doors_within_a_force(
-    policy: str, randomization: str, force: float
-) -> None:
+    policy, randomization, force
+):
     """Draws whose base is turned by 2.6° and -2.8°, and whose radii are not nominal."""
     two = (DoorConfig(radius=0.5), DoorConfig(radius=0.5))
     for log in opened(policy, *two, randomization=randomization, seeds=(0, 1)):
@@ -91,7 +90,7 @@ def test_policies_without_learning_open_doors_within_a_force(
         assert metrics.force_radial_peak < force
 
 
-def test_demonstrations_of_three_doors_open_latched_ones_gently() -> None:
+def test_demonstrations_of_three_doors_open_latched_ones_gently():
     for log in opened("gp", *LEVERS):
         metrics = episode_metrics(log)
         assert metrics.success
@@ -99,7 +98,7 @@ def test_demonstrations_of_three_doors_open_latched_ones_gently() -> None:
         assert metrics.slip_max_mm < 5.0
 
 
-def test_a_handle_is_turned_alone_as_in_company() -> None:
+def test_a_handle_is_turned_alone_as_in_company():
     (alone,), (beside, _) = opened("gp", ROOM, steps=300), opened("gp", *LEVERS)
     assert alone.handle_angle.max() > 0.5
     for name in ("ee_pose", "wrench", "action", "observed_phase"):
@@ -107,7 +106,7 @@ def test_a_handle_is_turned_alone_as_in_company() -> None:
         np.testing.assert_array_equal(getattr(alone, name), together)
 
 
-def test_doors_of_rooms_are_opened_with_less_force_than_the_standard_allows() -> None:
+def test_doors_of_rooms_are_opened_with_less_force_than_the_standard_allows():
     """ADA 404.2.9 allows 22.2 N; the radii are those of the demonstrations."""
     rooms = [DOORS[name] for name in ("room-584", "room-709", "room-834")]
     for log in opened("gp", *rooms, base="mobile"):
@@ -116,7 +115,7 @@ def test_doors_of_rooms_are_opened_with_less_force_than_the_standard_allows() ->
         assert metrics.force_handle_peak < 22.2
 
 
-def test_a_handle_that_turns_further_than_those_shown_is_turned_to_its_stop() -> None:
+def test_a_handle_that_turns_further_than_those_shown_is_turned_to_its_stop():
     """0.95 instead of 0.80 rad, as gently; and a closer that asks for 45 N."""
     further = DOORS["room-834"].replaced({"handle_travel": 0.95, "bolt_throw": 0.019})
     gentle, heavy = opened("gp", further, DOORS["office-closer-2"], base="mobile")
@@ -130,7 +129,7 @@ def test_a_handle_that_turns_further_than_those_shown_is_turned_to_its_stop() ->
     ("policy", "opens"),
     [("hinge-fit", False), ("oracle", True), ("hinge-fit-told", True)],
 )
-def test_only_a_known_handle_is_turned(policy: str, opens: bool) -> None:
+def test_only_a_known_handle_is_turned(policy, opens):
     """A circle fit alone does not open a latch."""
     (log,) = opened(policy, ROOM)
     assert episode_metrics(log).success == opens
@@ -138,7 +137,7 @@ def test_only_a_known_handle_is_turned(policy: str, opens: bool) -> None:
 
 
 @pytest.mark.bits
-def test_another_processor_opens_a_lever_door_alike(tmp_path: Path) -> None:
+def test_another_processor_opens_a_lever_door_alike(tmp_path):
     """Rounding decides when a fingertip touches the lever: docs/reproducibility.md."""
     others = {
         "OPENBLAS_CORETYPE": "Prescott",

@@ -32,7 +32,7 @@ DOORS, SEEDS = (0.35, 0.42, 0.5), (5, 6, 7)
 
 
 @pytest.fixture
-def run(door_env: Any, arc_agent: Any) -> Callable[..., EpisodeLog]:
+def run(door_env, arc_agent):
     def run(env: Any = None, agent: Any = None, **options: Any) -> EpisodeLog:
         return rollout(
             door_env() if env is None else env,
@@ -46,9 +46,7 @@ def run(door_env: Any, arc_agent: Any) -> Callable[..., EpisodeLog]:
     return run
 
 
-def test_rows_pair_each_state_with_the_decision_taken_in_it(
-    run: Callable[..., EpisodeLog], door_env: Any
-) -> None:
+def test_rows_pair_each_state_with_the_decision_taken_in_it(run, door_env):
     env = door_env()
     log = run(env)
     assert log.times.size == 31
@@ -74,19 +72,13 @@ def test_rows_pair_each_state_with_the_decision_taken_in_it(
     ],
 )
 def test_failure_is_the_environments_or_the_time_limit(
-    run: Callable[..., EpisodeLog],
-    door_env: Any,
-    outcome: str,
-    success: bool,
-    failure: str,
-) -> None:
+    run, door_env, outcome, success, failure
+):
     log = run(door_env(outcome))
     assert (log.success, log.failure) == (success, failure)
 
 
-def test_forecasts_are_taken_first_regularly_and_last(
-    run: Callable[..., EpisodeLog],
-) -> None:
+def test_forecasts_are_taken_first_regularly_and_last(run):
     log = run(forecast_period=0.12)
     np.testing.assert_allclose(log.forecast_times, [0.0, 0.12, 0.24, 0.3], atol=1e-12)
     # Before the first decision the agent has not been called: its widest belief.
@@ -94,7 +86,7 @@ def test_forecasts_are_taken_first_regularly_and_last(
     assert np.all(np.diff(log.forecast_std[:, -1, 0]) < 0.0)
 
 
-def test_of_a_forecast_nothing_but_its_moments_is_kept() -> None:
+def test_of_a_forecast_nothing_but_its_moments_is_kept():
     """Trajectories hold on to what they were computed from."""
     moments = np.zeros((3, 6)), np.ones((3, 6))
     forecast = GaussianTrajectory.from_moments(
@@ -110,16 +102,12 @@ def test_of_a_forecast_nothing_but_its_moments_is_kept() -> None:
     np.testing.assert_array_equal(kept["forecast_std"], [moments[1]])
 
 
-def test_agents_without_forecasts_have_none_in_the_log(
-    run: Callable[..., EpisodeLog], arc_agent: Any
-) -> None:
+def test_agents_without_forecasts_have_none_in_the_log(run, arc_agent):
     log = run(agent=arc_agent(forecasts=False))
     assert log.forecast_mean.shape == (0, 0, 6)
 
 
-def test_latency_is_the_agents_cpu_time_and_its_wall_time(
-    run: Callable[..., EpisodeLog], arc_agent: Any, door_env: Any
-) -> None:
+def test_latency_is_the_agents_cpu_time_and_its_wall_time(run, arc_agent, door_env):
     class Thinker(arc_agent):  # type: ignore[misc]
         def act(self, observation: Any) -> Any:
             time.sleep(0.006)  # as if another process had the core
@@ -141,15 +129,13 @@ def test_latency_is_the_agents_cpu_time_and_its_wall_time(
     assert log.latency_wall_s.min() >= 0.010
 
 
-def test_on_step_sees_every_state(run: Callable[..., EpisodeLog]) -> None:
+def test_on_step_sees_every_state(run):
     seen: list[tuple[float, float]] = []
     log = run(on_step=lambda now: seen.append((now.time, now.door_angle)))
     assert seen == list(zip(log.times, log.door_angle, strict=True))
 
 
-def test_the_log_so_far_is_the_beginning_of_the_log(
-    run: Callable[..., EpisodeLog],
-) -> None:
+def test_the_log_so_far_is_the_beginning_of_the_log(run):
     so_far: list[EpisodeLog] = []
 
     def keep(progress: Progress) -> None:
@@ -166,9 +152,7 @@ def test_the_log_so_far_is_the_beginning_of_the_log(
     np.testing.assert_array_equal(first.forecast_mean, log.forecast_mean[:count])
 
 
-def test_missing_information_is_named(
-    run: Callable[..., EpisodeLog], door_env: Any
-) -> None:
+def test_missing_information_is_named(run, door_env):
     class Terse(door_env):  # type: ignore[misc]
         def _state(self) -> Any:
             observation, info = super()._state()
@@ -210,9 +194,7 @@ def in_lockstep(
         ("hinge-fit", {"randomization": "mild", "max_episode_steps": 150}),
     ],
 )
-def test_logs_in_lockstep_are_those_of_episodes_alone(
-    policy: str, options: dict[str, Any]
-) -> None:
+def test_logs_in_lockstep_are_those_of_episodes_alone(policy, options):
     together = in_lockstep(policy, **options)
     if "max_episode_steps" not in options:
         lengths = {log.times.size for log in together}
@@ -241,7 +223,7 @@ class Softening:
         return np.repeat([0.0, self.stiffness, 0.1 * self.stiffness], [6, 3, 3])
 
 
-def test_wall_times_in_lockstep_include_waiting() -> None:
+def test_wall_times_in_lockstep_include_waiting():
     make = functools.partial(Softening, wait=0.004)
     for log in in_lockstep("own", make, max_episode_steps=4):
         # A third of the batch's decision, in which all three wait.
@@ -249,7 +231,7 @@ def test_wall_times_in_lockstep_include_waiting() -> None:
         assert np.median(log.latency_s) < 0.004
 
 
-def test_an_agent_of_ones_own_commands_the_stiffness_that_is_logged() -> None:
+def test_an_agent_of_ones_own_commands_the_stiffness_that_is_logged():
     arm: list[np.ndarray] = []
 
     class Watched(gym.Wrapper):  # type: ignore[type-arg]
@@ -270,7 +252,7 @@ def test_an_agent_of_ones_own_commands_the_stiffness_that_is_logged() -> None:
 
 
 @pytest.mark.bits
-def test_number_of_threads_changes_no_number() -> None:
+def test_number_of_threads_changes_no_number():
     """Of BLAS: learning and acting take one, whatever the caller has set."""
     ends = []
     for threads in (1, 2):
@@ -281,13 +263,13 @@ def test_number_of_threads_changes_no_number() -> None:
     assert ends[0] == ends[1]
 
 
-def test_an_episode_that_is_cut_off_says_so() -> None:
+def test_an_episode_that_is_cut_off_says_so():
     for log in in_lockstep("own", Softening, max_episode_steps=40):
         assert log.times.size == 41
         assert (log.success, log.failure) == (False, "time_limit")
 
 
-def test_wrong_environments_are_refused() -> None:
+def test_wrong_environments_are_refused():
     message = r"shape \(6,\), commanded position .* got shape \(12,\)"
     with pytest.raises(ValueError, match=message):
         rollout(gym.make(ENVIRONMENT_ID), Softening(), policy="", door="", seed=3)

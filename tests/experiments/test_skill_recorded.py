@@ -51,7 +51,7 @@ def method(name: str) -> Method:
     return found
 
 
-def test_the_one_left_out_is_not_learned_from() -> None:
+def test_the_one_left_out_is_not_learned_from():
     shown, other = three(seed=0), three(seed=1)
     changed = [*shown[:2], other[2]]
     same = ("log_dimensionless_jerk", "spread_followed")
@@ -62,7 +62,7 @@ def test_the_one_left_out_is_not_learned_from() -> None:
     assert before["rmse_position_m"] != after["rmse_position_m"]
 
 
-def test_errors_are_those_of_a_family_that_is_known() -> None:
+def test_errors_are_those_of_a_family_that_is_known():
     # 0.45 is left out of 0.40, 0.50 and 0.55, whose mean is 0.4833 everywhere. The
     # phase is the share of the path, so that the mean is the arc of that radius.
     found = recorded_metrics(method("gp"), arcs(), 1)
@@ -77,7 +77,7 @@ def test_errors_are_those_of_a_family_that_is_known() -> None:
     assert errors[2] < 0.2 * found["rmse_position_m"]
 
 
-def test_outputs_that_never_move_are_not_scored() -> None:
+def test_outputs_that_never_move_are_not_scored():
     """How exactly a method knows a constant is not how well it knows the task."""
     moving = np.array([True, True, False, False, False, False])
     shown = [
@@ -98,14 +98,14 @@ def test_outputs_that_never_move_are_not_scored() -> None:
         assert found[f"forecast_{share}_coverage_95"] < 1.0
 
 
-def test_methods_without_via_points_forecast_what_they_learned() -> None:
+def test_methods_without_via_points_forecast_what_they_learned():
     found = recorded_metrics(method("dmp"), arcs(), 1)
     assert found["via_error_position_m"] is None
     assert found["forecast_25_nlpd"] is None
     assert found["forecast_25_position_m"] > 0.5 * found["rmse_position_m"]
 
 
-def test_uneven_steps_of_time_do_not_weigh_more() -> None:
+def test_uneven_steps_of_time_do_not_weigh_more():
     even = arcs()
     times = even[1].times
     # Samples crowd at the end, where the door is open.
@@ -120,7 +120,7 @@ def test_uneven_steps_of_time_do_not_weigh_more() -> None:
     assert second == pytest.approx(first, rel=0.02)
 
 
-def test_a_task_is_named_by_what_it_learns_from() -> None:
+def test_a_task_is_named_by_what_it_learns_from():
     shown = arcs()
     tasks = recorded_tasks(("gp", "promp"), shown)
     assert [(one.seed, one.policy) for one in tasks[:3]] == [
@@ -135,7 +135,7 @@ def test_a_task_is_named_by_what_it_learns_from() -> None:
     assert tasks[0].recordings == hash_of(shown)
 
 
-def test_a_worker_measures_what_it_is_sent() -> None:
+def test_a_worker_measures_what_it_is_sent():
     shown = three(seed=0)
     task = recorded_tasks(("promp",), shown)[1]
     (result,) = run_job((task,), recordings=tuple(shown))
@@ -147,15 +147,13 @@ def test_a_worker_measures_what_it_is_sent() -> None:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_demonstrations("demos.npz", three(seed=0))
     return tmp_path
 
 
-def test_the_command_reports_and_goes_on(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_reports_and_goes_on(folder, capsys):
     command = ["skill", "demos.npz", "--out", "out", "--engine", "serial"]
     assert cli.main([*command, "--policies", "gp", "dmp", "--quiet"]) == 0
     said = capsys.readouterr().out
@@ -184,10 +182,8 @@ def test_the_command_reports_and_goes_on(
 
 
 def test_recordings_that_no_method_can_learn_from_are_reported(
-    folder: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    folder, capsys, monkeypatch
+):
     def refused(*arguments: Any) -> Any:
         raise ValueError("nothing to learn here")
 
@@ -214,9 +210,7 @@ def test_recordings_that_no_method_can_learn_from_are_reported(
     assert "gplfd view out/skill.rrd" in capsys.readouterr().out
 
 
-def test_other_recordings_are_not_mixed_into_a_page(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_other_recordings_are_not_mixed_into_a_page(folder, capsys):
     command = ["--policies", "dmp", "--reference", "dmp", "--engine", "serial"]
     assert cli.main(["skill", "demos.npz", *command, "--out", "out", "--quiet"]) == 0
     before = sorted(Path("out/tasks").iterdir())
@@ -238,12 +232,7 @@ def test_other_recordings_are_not_mixed_into_a_page(
         (["demos.npz", "--policies", "gq"], "unknown policy 'gq'"),
     ],
 )
-def test_what_is_wrong_is_said_and_nothing_written(
-    folder: Path,
-    arguments: list[str],
-    message: str,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_what_is_wrong_is_said_and_nothing_written(folder, arguments, message, capsys):
     shown = load_demonstrations("demos.npz").demonstrations
     save_demonstrations("two.npz", shown[:2])
     assert cli.main(["skill", *arguments, "--out", "out"]) == 2
@@ -285,12 +274,12 @@ ALIKE = [-2.0, -2.1, -1.9, -2.05, -1.95]
         (results([*ALIKE, 3.0], 0.95, 1e-3), "Recording 5 is unlike the others"),
     ],
 )
-def test_bad_values_come_with_advice(own: list[RecordedResult], said: str) -> None:
+def test_bad_values_come_with_advice(own, said):
     (text,) = _advice(own, "gp")
     assert said in text
 
 
-def test_an_error_is_no_advice_and_no_number() -> None:
+def test_an_error_is_no_advice_and_no_number():
     own: list[Any] = results(ALIKE, 0.95, 1e-3)
     failed = dataclasses.replace(own[0], metrics={}, error="too few")
     (text,) = _advice([failed, *own[1:]], "gp")

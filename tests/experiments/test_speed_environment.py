@@ -22,15 +22,13 @@ from gplfd_experiments.speed.timing import Timed, Timing
 
 
 @pytest.fixture
-def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_steps(monkeypatch):
     monkeypatch.setattr(environment, "_STEPS", 30)
     monkeypatch.setattr(environment, "_ROUNDS", 1)
 
 
 @pytest.mark.usefixtures("few_steps")
-def test_physics_is_repeated_bit_for_bit_with_the_gains_of_every_step(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_physics_is_repeated_bit_for_bit_with_the_gains_of_every_step(monkeypatch):
     ids, alike = [ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID], "bit for bit"
     for repeated in ([alike, alike], [alike, "DEPARTS"]):
         rows = measure_steps(1).rows
@@ -40,7 +38,7 @@ def test_physics_is_repeated_bit_for_bit_with_the_gains_of_every_step(
 
 
 @pytest.mark.usefixtures("few_steps")
-def test_step_is_compared_with_its_own_physics(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_step_is_compared_with_its_own_physics(monkeypatch):
     now = 0.0
 
     def work(seconds: float) -> None:
@@ -72,7 +70,7 @@ def test_step_is_compared_with_its_own_physics(monkeypatch: pytest.MonkeyPatch) 
 # --- Resets ------------------------------------------------------------------
 
 
-def test_only_new_radii_compile_a_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_new_radii_compile_a_scene(monkeypatch):
     build, built, compiled = gplfd_env.scene.build.build_spec, [], {}
 
     def counted(*arguments: Any, **settings: Any) -> mujoco.MjSpec:
@@ -107,9 +105,7 @@ def test_only_new_radii_compile_a_scene(monkeypatch: pytest.MonkeyPatch) -> None
 # --- Vectors -----------------------------------------------------------------
 
 
-def test_every_way_to_step_does_the_same_bit_for_bit(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_every_way_to_step_does_the_same_bit_for_bit(monkeypatch):
     for name, value in (
         ("_PERIODS", 3),
         ("_LEAST_STEPS", 1),
@@ -129,9 +125,7 @@ def test_every_way_to_step_does_the_same_bit_for_bit(
     ]
 
 
-def test_a_way_that_does_something_else_is_reported(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_way_that_does_something_else_is_reported(monkeypatch):
     for name, value in (("_PERIODS", 3), ("_SIMULATIONS", ()), ("_THREADS", ())):
         monkeypatch.setattr(environment, name, value)
     ways = environment._ways_to_step()
@@ -143,8 +137,8 @@ def test_a_way_that_does_something_else_is_reported(
 
 
 def test_vectors_are_compared_with_sync_by_the_clock_and_physics_in_cpu_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     found = {
         environment.PHYSICS: Timing(wall=(1.0,), cpu=(100e-6,)),
         environment.SYNC: Timing(wall=(200e-6,), cpu=(1.0,)),

@@ -50,9 +50,7 @@ def timeless(folder: Path, task: EpisodeTask) -> dict[str, Any]:
     return {"task": result["task"], "metrics": metrics}
 
 
-def test_a_study_is_the_same_on_every_engine_and_in_any_grouping(
-    tmp_path: Any,
-) -> None:
+def test_a_study_is_the_same_on_every_engine_and_in_any_grouping(tmp_path):
     study = [task("gp", 0.35), task("gp", 0.6), task("oracle", 0.35)]
     assert len(jobs_of(study)) == 2
     list(run_study(tmp_path / "loky", study, Processes(workers=2)))
@@ -71,7 +69,7 @@ def test_a_study_is_the_same_on_every_engine_and_in_any_grouping(
 
 
 @pytest.fixture
-def opened(monkeypatch: pytest.MonkeyPatch, make_log: MakeLog) -> list[dict[str, Any]]:
+def opened(monkeypatch, make_log):
     """Replace the rollouts by logs by formula; remember what was asked of them."""
     asked = []
 
@@ -86,9 +84,7 @@ def opened(monkeypatch: pytest.MonkeyPatch, make_log: MakeLog) -> list[dict[str,
     return asked
 
 
-def test_what_is_learned_once_opens_all_doors(
-    opened: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_learned_once_opens_all_doors(opened, monkeypatch):
     learned = []
     entry = registry.policy_named("gp")
 
@@ -122,9 +118,7 @@ def test_what_is_learned_once_opens_all_doors(
     assert len({door.hinge_friction for door in varied}) == 3
 
 
-def test_what_happens_at_a_door_is_no_matter_of_learning(
-    opened: list[dict[str, Any]],
-) -> None:
+def test_what_happens_at_a_door_is_no_matter_of_learning(opened):
     slowed = {"preset": "mild", "longest_delay": 3}
     job = (
         task("oracle", door=0.35, randomization=slowed),
@@ -144,7 +138,7 @@ def test_what_happens_at_a_door_is_no_matter_of_learning(
     assert len(jobs_of((task("gp"), untidy, task("gp", demonstrated_radii=[0.4])))) == 3
 
 
-def test_a_task_says_what_is_demonstrated() -> None:
+def test_a_task_says_what_is_demonstrated():
     habits = {"longest_rest": 2.0, "pauses": 1}
     small = {"demonstrated_radii": [0.4], "demonstrations_per_door": 1}
     (shown,), (tidy,) = (
@@ -156,9 +150,7 @@ def test_a_task_says_what_is_demonstrated() -> None:
     assert shown.times[-1] > tidy.times[-1]
 
 
-def test_a_prior_mean_is_the_arc_at_the_phases_of_demonstrations(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_prior_mean_is_the_arc_at_the_phases_of_demonstrations(monkeypatch):
     given = []
     monkeypatch.setattr(
         build, "learned", lambda policy, training: given.append(training)
@@ -174,17 +166,13 @@ def test_a_prior_mean_is_the_arc_at_the_phases_of_demonstrations(
     assert prior.mean(np.array([9.0]))[0, 4] == pytest.approx(np.radians(67.0))
 
 
-def test_progress_is_counted_to_the_angle_that_the_teacher_shows(
-    opened: list[dict[str, Any]],
-) -> None:
+def test_progress_is_counted_to_the_angle_that_the_teacher_shows(opened):
     far = {**task("oracle").teacher, "angle_mean": 2.0}
     near, wide = run_job((task("oracle"), task("oracle", teacher=far)))
     assert wide["metrics"]["forecast_error_mm"] != near["metrics"]["forecast_error_mm"]
 
 
-def test_one_doors_error_leaves_the_others_alone(
-    opened: list[dict[str, Any]],
-) -> None:
+def test_one_doors_error_leaves_the_others_alone(opened):
     results = run_job(tuple(task("oracle", door) for door in (0.35, 0.65, 0.5)))
     assert [result.get("error") for result in results] == [
         *(None, "FloatingPointError: the door of 0.65 m came off", None)
@@ -196,9 +184,7 @@ def test_one_doors_error_leaves_the_others_alone(
     assert opened[0]["envs"].closed
 
 
-def test_a_policy_that_cannot_learn_is_asked_once(
-    opened: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_policy_that_cannot_learn_is_asked_once(opened, monkeypatch):
     calls = []
 
     def fail(self: Any, *_: Any, **__: Any) -> None:
@@ -226,9 +212,7 @@ def test_a_policy_that_cannot_learn_is_asked_once(
         (OSError(errno.ENOSPC, "no space left on device"), True),
     ],
 )
-def test_an_error_is_the_policy_s_or_the_machine_s(
-    error: BaseException, machine: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_is_the_policy_s_or_the_machine_s(error, machine, monkeypatch):
     def fail(*_: Any) -> None:
         raise error
 
@@ -250,16 +234,14 @@ def test_an_error_is_the_policy_s_or_the_machine_s(
     ],
 )
 def test_a_policy_that_is_not_there_or_learns_nothing_is_an_error(
-    one: Any, message: str, machine: bool
-) -> None:
+    one, message, machine
+):
     (result,) = run_job((one,))
     assert message in result["error"]
     assert result.get("lost", False) == machine
 
 
-def test_a_learning_test_is_measured_without_a_robot(
-    opened: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_learning_test_is_measured_without_a_robot(opened, monkeypatch):
     asked = []
 
     def method_metrics(method: Any, **options: Any) -> dict[str, Any]:
@@ -287,9 +269,7 @@ def test_a_learning_test_is_measured_without_a_robot(
     }
 
 
-def test_metrics_that_json_cannot_express_are_an_error(
-    opened: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_metrics_that_json_cannot_express_are_an_error(opened, monkeypatch):
     monkeypatch.setattr(EpisodeMetrics, "as_json", lambda _: {"bad": {1, 2}})
     (result,) = run_job((task("oracle"),))
     assert result["error"].startswith("TypeError: Object of type set")
