@@ -21,7 +21,6 @@ from gplfd_experiments.analysis.results.records import DEMONSTRATED, NON_STANDAR
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.console.progress import counter
 from gplfd_experiments.studies import jobs, runner, store
-from gplfd_experiments.studies.engines import Lost
 from gplfd_experiments.studies.settings import StudySettings
 from gplfd_experiments.studies.settings_file import read_settings, write_settings
 
@@ -102,22 +101,6 @@ def test_writes_table_and_settings_and_says_where(tmp_path, ran, capsys):
     assert len(list((tmp_path / "tasks").iterdir())) == 8
     assert benchmark(tmp_path, *options) == 1
     assert [(task.policy, task.seed) for task in ran[8:]] == [("oracle", 1)]
-
-
-def test_workers_that_die_are_errors_of_the_study(tmp_path, monkeypatch, capsys):
-    class Deadly:
-        def run(self, work: Any, items: Any) -> Any:
-            for item in items:
-                yield item, Lost(reason="its worker process died")
-
-    monkeypatch.setattr(
-        "gplfd_experiments.cli.commands.options.engine_named", lambda *_, **__: Deadly()
-    )
-    options = ["--policies", "oracle", "--doors", "small", "--seeds", "2"]
-    assert benchmark(tmp_path, *options) == 1
-    printed = capsys.readouterr().err
-    assert "gplfd: 2 of 2 tasks ended in errors" in printed
-    assert "gplfd: oracle, small, seed 0: its worker process died" in printed
 
 
 def test_files_that_are_deleted_meanwhile_are_missed(
@@ -344,7 +327,6 @@ def test_warns_of_results_of_other_code_and_machines(
         (["--policies", "gp", "gp"], "gp is given twice in --policies"),
         (["--policies", "table-1", "gp"], "gp is given twice in --policies"),
         (["--policies", "gp-fixd"], "did you mean 'gp-fixed'"),
-        (["--policies"], "--policies needs at least one value"),
         (["--doors", "small", "small"], "door small is given twice"),
         (["--doors", "smal"], "did you mean 'small'"),
         (["--doors", "1.2"], "DoorConfig.radius = 1.2 is outside [0.3, 0.95]"),
@@ -358,6 +340,11 @@ def test_warns_of_results_of_other_code_and_machines(
         (["--engine", "dask", "--address", "127.0.0.1"], "no Dask scheduler answers"),
         (["--seeds", "1000000000"], "tasks; at most 100,000"),
         (["--out", "taken"], "--out taken is a file; give a folder"),
+        (["--out", "taken/below"], "taken"),
+        (["--policies"], "--policies needs at least one value"),
+        (["--demonstrations-per-door", "2", "1001"], "door 1001 must be 1 to 1000"),
+        (["--teacher-noise", "21"], "--teacher-noise 21.0 must be 0 to 20"),
+        (["--randomizations", "mild", "mild"], "mild is given twice"),
     ],
 )
 def test_wrong_arguments_end_with_status_2(
@@ -383,12 +370,6 @@ def test_a_wrong_file_ends_with_status_2(tmp_path, capsys):
     printed = capsys.readouterr().err
     assert f"gplfd: {file}: unknown policy 'kpm' (did you mean 'kmp'?)" in printed
     assert not (tmp_path / "out").exists()
-
-
-def test_a_folder_that_cannot_be_written_ends_with_status_2(tmp_path, ran, capsys):
-    (tmp_path / "taken").write_text("")
-    assert benchmark(tmp_path / "taken" / "below", "--config", "small") == 2
-    assert "taken" in capsys.readouterr().err
 
 
 WAITING = """\
