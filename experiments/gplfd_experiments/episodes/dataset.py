@@ -93,8 +93,7 @@ def record_dataset(
                 "record two data sets"
             )
     limit = {} if max_steps is None else {"max_episode_steps": max_steps}
-    # The first agent says which environment they all act in. Resets bring its door to
-    # those of the other tasks.
+    # The first agent determines the environment of all. Resets change its door.
     with reported_errors(policy, chosen):
         control = learned_agents(first, chosen)().control
     with contextlib.closing(make_environment(first, control, **limit)) as env:

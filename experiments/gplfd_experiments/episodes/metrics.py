@@ -66,7 +66,7 @@ class EpisodeMetrics:
     failure: str
     """Why not; empty on success."""
     reason: str
-    """What is behind that, see `gplfd_env.task.stages`; empty on success."""
+    """The cause of that, see `gplfd_env.task.stages`; empty on success."""
     capability: int
     """Furthest stage that was reached: index into `gplfd_env.task.stages.STAGES`."""
     stage: str

@@ -153,7 +153,7 @@ class EpisodeTask(TaughtTask):
 
     @property
     def shown(self) -> str:
-        """What is demonstrated, as JSON: equal texts, equal demonstrations."""
+        """What determines the demonstrations, as JSON; equal texts, equal ones."""
         fields = {name: getattr(self, name) for name in _DEMONSTRATED_BY}
         return json.dumps(fields, sort_keys=True)
 

@@ -134,11 +134,7 @@ _RADII: Final = (0.41, 0.42)
 
 
 def measure_resets(repeats: int) -> Measurement:
-    """Time `env.reset`, observation included, to the same door and to others.
-
-    Args:
-        repeats: Measurements of every kind.
-    """
+    """Time `env.reset`, observation included, to the same door and to others."""
     env = gym.make(ENVIRONMENT_ID, door="medium")
     rng, known = np.random.default_rng(0), itertools.cycle(_RADII)
 

@@ -48,11 +48,7 @@ _LIBRARIES: Final[
 
 
 def compare_fits(repeats: int) -> Measurement:
-    """Time and score every library that is installed.
-
-    Args:
-        repeats: Measurements of each.
-    """
+    """Time and score every library that is installed."""
     process = KnownProcess.on_grid(_SAMPLES)
     rows: dict[str, Mapping[str, Value]] = {}
     targets: list[Target] = []
@@ -105,11 +101,7 @@ _PREDICTIONS: Final = 50
 
 
 def measure_adaptation(repeats: int) -> Measurement:
-    """Time predictions, and via-points under every form of adaptation.
-
-    Args:
-        repeats: Measurements of each.
-    """
+    """Time predictions, and via-points under every form of adaptation."""
     rng = np.random.default_rng(0)
     process = KnownProcess.on_grid(len(_GRID))
     hurry = np.multiply.outer(np.linspace(-0.2, 0.2, 6), _GRID * (1.0 - _GRID))
@@ -170,11 +162,7 @@ _ALIGN: Final = "align(), interpolation"
 
 
 def measure_alignment(repeats: int) -> Measurement:
-    """Time alignment at 200, 1000 and 5000 samples, beside dtw-python's.
-
-    Args:
-        repeats: Measurements of each.
-    """
+    """Time alignment at 200, 1000 and 5000 samples, beside dtw-python's."""
     rng = np.random.default_rng(0)
     recorded = Teacher().demonstrate_doors((0.35, 0.65), 1, rng=rng)
     with warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""What a worker does with a job: learn once, open all its doors in lockstep."""
+"""Run a job: learn once, open all its doors in lockstep, or do a learning test."""
 
 import errno
 import json
@@ -115,7 +115,7 @@ def _error_result(task: Task, error: BaseException, policy: Policy | None) -> Re
     if policy is not None and (place := where(error, policy)):
         reason = f"{reason} ({place})"
     full = isinstance(error, OSError) and error.errno in _EXHAUSTED
-    # A worker that cannot load the policy, or has no memory, says nothing about it.
+    # A worker that lacks the policy or memory does not measure the policy.
     lost = policy is None or full or isinstance(error, MemoryError)
     return failed(task, reason, traceback.format_exc(), lost=lost)
 

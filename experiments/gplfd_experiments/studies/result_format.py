@@ -1,4 +1,4 @@
-"""What a result file must hold to be complete, by the version of its format.
+"""Format of result files: what makes a result complete, by version.
 
 A result states its version and is complete if it has every metric of that version.
 Older results lack the metrics of later versions and stay readable and complete. To add
@@ -47,7 +47,7 @@ EPISODE_METRICS: Final[Mapping[int, frozenset[str]]] = {
     | {"reason", "capability", "stage"}
     | {"latency_wall_median_ms", "latency_wall_p95_ms"},
 }
-"""Metrics that a complete episode has, by version; 0 is before files said theirs."""
+"""Metrics of a complete episode, by version; 0 is before files stated a version."""
 
 LEARNING_METRICS: Final = frozenset(
     {
@@ -64,7 +64,7 @@ FORECAST_METRICS: Final = frozenset(
     for share in (10, 25, 50)
     for what in ("position_m", "rotation_rad", "nlpd", "coverage_95")
 )
-"""Metrics that a complete test on a recording has besides, in every version."""
+"""Further metrics of a complete test on a recording, in every version."""
 
 _LARGEST: Final = 1e9
 """No metric is larger, so that what is computed from any of them stays finite."""

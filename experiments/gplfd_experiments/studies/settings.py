@@ -57,18 +57,18 @@ class StudySettings:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Condition:
-    """What all policies, doors and seeds of one table have in common."""
+    """The conditions that all policies, doors and seeds of one table share."""
 
     demonstrations_per_door: int
     """How often the teacher opens each demonstrated door."""
     teacher_noise: float
     """Multiple of the teacher's standard noise."""
     randomization: str
-    """What varies from episode to episode."""
+    """Randomization of each episode."""
     disturbance: str = "none"
-    """What happens from outside."""
+    """Disturbance during the episode."""
     start: str = "grasped"
-    """What episodes begin with."""
+    """State at the start of episodes."""
     trial: str = ""
     """Name of the trial, if they belong to one."""
     level: str = ""

@@ -21,7 +21,7 @@ from gplfd_experiments.studies.result_format import outcome
 from gplfd_experiments.studies.tasks import Result, task_from
 
 STUDY: Final = "study.json"
-"""Name of the file that says what made the results of a folder."""
+"""Name of the file that states how the results of a folder were made."""
 PLANNED: Final = "tasks"
 """Entry of that file: number of tasks of the study."""
 STUDY_KIND: Final = "gplfd study"
@@ -41,7 +41,7 @@ def write_study(folder: Path, about: Mapping[str, Any]) -> None:
 
 
 def read_study(folder: Path) -> dict[str, Any]:
-    """Return what study.json says.
+    """Return the content of study.json.
 
     Raises:
         FileNotFoundError: There is none.
@@ -62,7 +62,7 @@ def result_path(folder: Path, task: Task) -> Path:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StoredResults:
-    """What a folder holds of a study."""
+    """The results of a study in a folder."""
 
     finished: tuple[Result, ...]
     """Complete results without an error."""

@@ -111,6 +111,6 @@ class Cluster:
                     )
                 yield item, outcome
         finally:
-            # What is left was not finished and is not wanted any more.
+            # Cancel what is not finished.
             client.cancel(list(running), force=True)
         return blamed

@@ -40,7 +40,7 @@ class Criterion:
     sentence: str
     """What is measured, and what it must be."""
     absent: str
-    """What it means to have no number."""
+    """Meaning of a missing number."""
     paper: frozenset[str]
     """Policies whose methods have the paper's mark."""
 
