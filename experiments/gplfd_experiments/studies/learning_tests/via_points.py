@@ -17,7 +17,7 @@ from gplfd_experiments.studies.learning_tests.methods import cpu_seconds
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.movements.movement import AdaptationForm, Movement
-from gplfd_policies.movements.trajectory import ViaPoint
+from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 from gplfd_policies.registry.method import Method
 
 FloatArray = NDArray[np.float64]
@@ -119,28 +119,13 @@ def _far_changes(
 def _rest(
     method: Method, movement: Movement, left_out: OnPhases
 ) -> dict[str, float | None]:
-    truth, ahead = left_out.at(GRID), GRID > _SEEN
-    before = movement.predict(GRID)
-    adapted = begin_adaptation(movement, method.adaptation, GRID)
-    cpu_s = None
-    if method.adaptation is not None:
-        seen = _observations(left_out, _SEEN)
-
-        def observe() -> None:
-            for via_point in seen:
-                adapted.observe(via_point)
-                _ = adapted.mean, adapted.std
-
-        _, total = cpu_seconds(observe)
-        cpu_s = total / len(seen)
-    rest = adapted.trajectory()[ahead]
+    rest, truth, cpu_s = _observed(method, movement, left_out, _SEEN)
+    before = movement.predict(GRID).mean[GRID > _SEEN]
     return {
-        "rmse_rest_position_m": rms_distance(rest.mean, truth[ahead]),
-        "rmse_rest_rotation_rad": rms_rotation(rest.mean, truth[ahead]),
-        "rmse_rest_unadapted_position_m": rms_distance(
-            before.mean[ahead], truth[ahead]
-        ),
-        "rest_coverage_95": known(rest.coverage(truth[ahead], normal=True)),
+        "rmse_rest_position_m": rms_distance(rest.mean, truth),
+        "rmse_rest_rotation_rad": rms_rotation(rest.mean, truth),
+        "rmse_rest_unadapted_position_m": rms_distance(before, truth),
+        "rest_coverage_95": known(rest.coverage(truth, normal=True)),
         "cpu_adapt_s": cpu_s,
     }
 
@@ -159,30 +144,44 @@ def forecasts(
         Numbers by name, as `gplfd_experiments.studies.learning_tests.scores` lists
         them.
     """
-    truth, found = left_out.at(GRID), dict[str, float | None]()
+    found: dict[str, float | None] = {}
     for share in FORECASTS:
-        adapted = begin_adaptation(movement, method.adaptation, GRID)
-        if method.adaptation is not None:
-            for via_point in _observations(left_out, share):
-                adapted.observe(via_point)
-        ahead = share < GRID
-        rest, name = adapted.trajectory()[ahead], f"forecast_{100 * share:.0f}"
-        scored = left_out.scored(truth[ahead])
+        rest, truth, _ = _observed(method, movement, left_out, share)
+        scored, name = left_out.scored(truth), f"forecast_{100 * share:.0f}"
         found |= {
-            f"{name}_position_m": rms_distance(rest.mean, truth[ahead]),
-            f"{name}_rotation_rad": rms_rotation(rest.mean, truth[ahead]),
+            f"{name}_position_m": rms_distance(rest.mean, truth),
+            f"{name}_rotation_rad": rms_rotation(rest.mean, truth),
             f"{name}_nlpd": known(rest.nlpd(scored)),
             f"{name}_coverage_95": known(rest.coverage(scored, normal=True)),
         }
     return found
 
 
-def _observations(left_out: OnPhases, share: float) -> tuple[ViaPoint, ...]:
-    """Via-points of the first share, as an agent takes them while it opens a door."""
-    config = ComplianceConfig()
-    count = round(share / config.via_spacing)
-    phases: FloatArray = config.via_spacing * np.arange(1.0, count + 1.0)
-    return tuple(
-        ViaPoint(phase=float(phase), pose=pose, std=np.repeat(config.via_std, 3))
-        for phase, pose in zip(phases, left_out.at(phases), strict=True)
-    )
+def _observed(
+    method: Method, movement: Movement, left_out: OnPhases, share: float
+) -> tuple[GaussianTrajectory, FloatArray, float | None]:
+    """Adapt to the first share of a demonstration as an agent does that opens a door.
+
+    Returns:
+        Prediction and truth of the rest, and the CPU time of a via-point [s].
+    """
+    adapted = begin_adaptation(movement, method.adaptation, GRID)
+    cpu_s = None
+    if method.adaptation is not None:
+        config = ComplianceConfig()
+        count = round(share / config.via_spacing)
+        phases: FloatArray = config.via_spacing * np.arange(1.0, count + 1.0)
+        via_points = [
+            ViaPoint(phase=float(phase), pose=pose, std=np.repeat(config.via_std, 3))
+            for phase, pose in zip(phases, left_out.at(phases), strict=True)
+        ]
+
+        def observe() -> None:
+            for via_point in via_points:
+                adapted.observe(via_point)
+                _ = adapted.mean, adapted.std
+
+        _, total = cpu_seconds(observe)
+        cpu_s = total / count
+    ahead = share < GRID
+    return adapted.trajectory()[ahead], left_out.at(GRID)[ahead], cpu_s
