@@ -31,9 +31,9 @@ def engine(request):
     return engine_named(request.param, workers=2 if request.param == "loky" else None)
 
 
-def test_every_item_comes_back_with_its_result(engine):
-    squares = {item: item**2 for item in range(5)}
-    assert dict(engine.run(lambda item: item**2, range(5))) == squares
+def test_every_item_comes_back_once_with_its_result(engine):
+    finished = sorted(engine.run(lambda item: item**2, range(5)))
+    assert finished == [(item, item**2) for item in range(5)]
     assert list(engine.run(lambda item: item**2, [])) == []
 
 
@@ -89,7 +89,8 @@ def test_a_warning_in_workers_is_given_once_and_here():
     assert len(caught) == 2
 
 
-def test_only_the_item_that_kills_its_workers_is_lost(tmp_path):
+@pytest.mark.parametrize("engine", ["loky", "dask"], indirect=True)
+def test_only_the_item_that_kills_its_workers_is_lost(engine, tmp_path):
     """An item whose worker died once, or beside another, is run again."""
 
     def work(item: int) -> int:
@@ -102,13 +103,15 @@ def test_only_the_item_that_kills_its_workers_is_lost(tmp_path):
         time.sleep(0.1)  # so that something else runs when it happens
         return item
 
-    finished = dict(Processes(workers=2).run(work, range(5)))
+    finished = dict(engine.run(work, range(5)))
     lost = finished.pop(1)
     assert isinstance(lost, Lost)
-    assert f"died in each of {ATTEMPTS} attempts" in lost.reason
-    assert lost.crashed
+    assert re.search(r"worker.* died in each", lost.reason)
     assert finished == {0: 0, 2: 2, 3: 3, 4: 4}
-    assert len(list(tmp_path.iterdir())) == ATTEMPTS + 1
+    if isinstance(engine, Processes):
+        assert lost.crashed
+        assert f"of {ATTEMPTS} attempts" in lost.reason
+        assert len(list(tmp_path.iterdir())) == ATTEMPTS + 1
 
 
 @pytest.mark.parametrize(
@@ -231,28 +234,16 @@ def scheduler(tmp_path_factory):
         yield found[0]
 
 
-def test_a_dask_cluster_brings_every_item_back(scheduler, tmp_path):
-    killer = tmp_path / "killed"
-
-    def work(item: int) -> tuple[int, int]:
-        if item == 2 and not killer.exists():
-            killer.touch()
-            os._exit(1)
-        if item == 6:
-            os._exit(1)
-        if item == 4:
+def test_a_dask_worker_that_cannot_run_an_item_says_why(scheduler):
+    def work(item: int) -> int:
+        if item == 1:
             raise ModuleNotFoundError("No module named 'experiments'")
-        return item**2, os.getpid()
+        return os.getpid()
 
     engine = engine_named("dask", address=scheduler)
-    finished = dict(engine.run(work, range(8)))
-    failed, killed = finished.pop(4), finished.pop(6)
+    (_, process), (_, failed) = sorted(engine.run(work, range(2)))
     assert "could not run it (ModuleNotFoundError" in failed.reason
-    assert killed == Lost(reason="its worker died in each attempt")
-    assert {item: square for item, (square, _) in finished.items()} == {
-        item: item**2 for item in (0, 1, 2, 3, 5, 7)
-    }
-    assert os.getpid() not in {process for _, process in finished.values()}
+    assert process != os.getpid()
 
 
 def test_a_policy_of_one_s_own_travels_to_the_cluster(scheduler, tmp_path, monkeypatch):
