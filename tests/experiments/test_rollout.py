@@ -214,21 +214,24 @@ class Softening:
 
     control = "impedance"
 
-    def __init__(self, wait: float = 0.0) -> None:
-        self.stiffness, self.wait = 400.0, wait
+    def __init__(self, wait: float = 0.0, work: float = 0.0) -> None:
+        self.stiffness, self.wait, self.work = 400.0, wait, work
 
     def act(self, observation: object) -> np.ndarray:
         time.sleep(self.wait)
+        end = time.thread_time() + self.work
+        while time.thread_time() < end:
+            pass
         self.stiffness -= 10.0
         return np.repeat([0.0, self.stiffness, 0.1 * self.stiffness], [6, 3, 3])
 
 
-def test_wall_times_in_lockstep_include_waiting():
-    make = functools.partial(Softening, wait=0.004)
+def test_latency_in_lockstep_is_a_share_of_the_batch_s():
+    """Of its CPU time, and of its wall time, in which all three wait."""
+    make = functools.partial(Softening, wait=0.004, work=0.002)
     for log in in_lockstep("own", make, max_episode_steps=4):
-        # A third of the batch's decision, in which all three wait.
-        assert log.latency_wall_s.min() >= 0.004
-        assert np.median(log.latency_s) < 0.004
+        assert log.latency_wall_s.min() >= 0.006
+        assert 0.002 <= np.median(log.latency_s) < 0.005
 
 
 def test_an_agent_of_ones_own_commands_the_stiffness_that_is_logged():

@@ -98,10 +98,10 @@ def test_closed_doors_count_before_forces_and_density_as_much():
 
 
 def test_what_has_no_density_or_ended_in_an_error_comes_last():
-    given = [ERROR, evaluation(None, force=1.0), evaluation(50.0, force=2.0)]
+    given = [ERROR, evaluation(50.0, force=2.0), evaluation(None, force=1.0)]
     place, ranks = best(given)
     assert ranks == [3.0, 1.5, 1.5]
-    assert place == 1  # the better task
+    assert place == 2  # the better task
     assert best([evaluation(None), evaluation(None)]) == (0, [1.5, 1.5])
     # Equal candidates leave the method as published.
     assert best([evaluation(-1.0)] * 4)[0] == 0
