@@ -177,7 +177,7 @@ def test_doors_of_several_kinds_are_read_back(tmp_path, capsys):
     assert "| **lever with spring latch, pull** |" in printed
     found = read_results(tmp_path)
     assert found.unreadable == ()
-    assert {one.task.door: one.kind for one in found.episodes} == {
+    assert {one.task.door: one.split for one in found.episodes} == {
         "room-834": NON_STANDARD,
         "cabinet": NON_STANDARD,
         "small": DEMONSTRATED,
@@ -280,7 +280,9 @@ def test_what_a_study_wrote_runs_it_again(tmp_path, ran):
 def test_recordings_are_made_when_asked_for(tmp_path, ran, monkeypatch):
     recorded: list[Path] = []
     module = types.SimpleNamespace(record_extremes=recorded.append)
-    monkeypatch.setitem(sys.modules, "gplfd_experiments.workflows.extremes", module)
+    monkeypatch.setitem(
+        sys.modules, "gplfd_experiments.workflows.study_recordings", module
+    )
     assert benchmark(tmp_path, *ONE, "1") == 0
     assert recorded == []
     assert benchmark(tmp_path, *ONE, "1", "--record") == 0

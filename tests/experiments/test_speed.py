@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from gplfd_experiments.cli.commands.speed import PartName
+from gplfd_experiments.cli.commands.machine import PartName
 from gplfd_experiments.files.table import text_table
 from gplfd_experiments.speed import peers, policies, timing
 from gplfd_experiments.speed.known_process import KnownProcess, score
