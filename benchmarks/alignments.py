@@ -20,8 +20,8 @@ import tyro
 from scipy.ndimage import gaussian_filter1d
 
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.speed.known_process import mean_scores, score
 from gplfd_experiments.speed.report import Measurement, Value, at_most, measure_all
-from gplfd_experiments.speed.scores import mean_scores, score
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import AlignmentMethod, align
 from gplfd_policies.demonstrations.demonstration import Demonstration

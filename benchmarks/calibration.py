@@ -7,9 +7,13 @@ from typing import Final, get_args
 import numpy as np
 import tyro
 
-from gplfd_experiments.speed.known_process import Deviations, KnownProcess
+from gplfd_experiments.speed.known_process import (
+    Deviations,
+    KnownProcess,
+    mean_scores,
+    score,
+)
 from gplfd_experiments.speed.report import Measurement, at_least, between, measure_all
-from gplfd_experiments.speed.scores import mean_scores, score
 from gplfd_policies.movements.skill import fit_skill
 
 _CASES: Final = tuple(itertools.product(get_args(Deviations), (6, 20)))

@@ -10,8 +10,11 @@ import tyro
 
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.speed.report import Measurement, at_most, between, measure_all
-from gplfd_experiments.studies.learning_tests.recorded import FEWEST, without
-from gplfd_experiments.studies.learning_tests.scores import of_the_prediction
+from gplfd_experiments.studies.learning_tests.scores import (
+    FEWEST,
+    prediction_scores,
+    without,
+)
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import load_demonstrations
 from gplfd_policies.registry.catalogue import policy_named
@@ -40,7 +43,7 @@ def scores_of(
     found = []
     for number in range(len(recordings)):
         movement, left_out, _ = without(method, recordings, number)
-        one = of_the_prediction(movement, left_out)
+        one = prediction_scores(movement, left_out)
         held = one["coverage_95_stated"]
         found.append((one["nlpd"], one["coverage_95"] if held is None else held))
     density, share = np.array(found, dtype=np.float64).mean(axis=0)

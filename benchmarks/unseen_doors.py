@@ -25,7 +25,7 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk, smooth_functions
 from gplfd_experiments.episodes.forecast_error import squared_distances
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.speed.align import resampled
+from gplfd_experiments.speed.policies import resampled
 from gplfd_experiments.speed.report import (
     Measurement,
     Target,

@@ -24,9 +24,9 @@ from gplfd_env import (
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.robot.stance import base_for
 from gplfd_experiments.cli import main as cli
-from gplfd_experiments.episodes.doors import named_doors
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
+from gplfd_experiments.episodes.task import named_doors
 from gplfd_experiments.recording import viewer
 from gplfd_experiments.workflows import runs
 from gplfd_policies.demonstrations.npz import load_demonstrations

@@ -40,7 +40,7 @@ from gplfd_experiments.files.provenance import content_hash
 from gplfd_experiments.studies.result_format import STAMP
 from gplfd_experiments.studies.settings import StudySettings
 from gplfd_experiments.studies.settings_file import read_settings, write_settings
-from gplfd_experiments.studies.store import damaged_results, result_path
+from gplfd_experiments.studies.store import result_path, stored_results
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
 
@@ -314,7 +314,7 @@ def result(folder: Path, log: EpisodeLog) -> Case:
     write_json(file, {**STAMP, "task": task.definition, "metrics": metrics})
 
     def read(_: Path) -> None:
-        for reason in damaged_results(folder, [task]):
+        for reason in stored_results(folder, [task]).damaged:
             raise ValueError(reason)
 
     return Case(file=file, read=read, mutations=TEXT)

@@ -12,7 +12,7 @@ from gplfd_experiments.episodes.metrics import episode_metrics, late_decisions
 MakeLog = Callable[..., EpisodeLog]
 
 
-def test_round_trip_is_exact(tmp_path: Path, make_log: MakeLog) -> None:
+def test_round_trip_is_exact(tmp_path, make_log):
     log = make_log(predicted_std=np.full((601, 6), np.nan))
     log.save(tmp_path / "log.npz")
     loaded = EpisodeLog.load(tmp_path / "log.npz")
@@ -25,7 +25,7 @@ def test_round_trip_is_exact(tmp_path: Path, make_log: MakeLog) -> None:
             assert one == other, field.name
 
 
-def test_a_log_is_printed_in_one_line(make_log: MakeLog) -> None:
+def test_a_log_is_printed_in_one_line(make_log):
     log = make_log()
     shown = f"EpisodeLog({log.policy} on {log.door}, seed {log.seed}, 601 steps, "
     assert repr(log).startswith(shown)
@@ -33,7 +33,7 @@ def test_a_log_is_printed_in_one_line(make_log: MakeLog) -> None:
     assert repr(make_log(success=False, failure="stalled")).endswith(", stalled)")
 
 
-def test_arrays_are_own_and_read_only(make_log: MakeLog) -> None:
+def test_arrays_are_own_and_read_only(make_log):
     wrench = np.zeros((601, 6))
     log = make_log(wrench=wrench)
     wrench[:] = 1.0
@@ -48,14 +48,12 @@ def test_arrays_are_own_and_read_only(make_log: MakeLog) -> None:
     ("name", "shape"),
     [("std", (600, 6)), ("joint_pos", (601, 6)), ("forecast_mean", (3, 20, 6))],
 )
-def test_wrong_shape_names_the_array(
-    make_log: MakeLog, name: str, shape: tuple[int, ...]
-) -> None:
+def test_wrong_shape_names_the_array(make_log, name, shape):
     with pytest.raises(ValueError, match=rf"EpisodeLog\.{name} has shape"):
         make_log(**{name: np.zeros(shape)})
 
 
-def test_incomplete_file(tmp_path: Path, make_log: MakeLog) -> None:
+def test_incomplete_file(tmp_path, make_log):
     path = tmp_path / "log.npz"
     make_log().save(path)
     with np.load(path) as archive:
@@ -65,9 +63,7 @@ def test_incomplete_file(tmp_path: Path, make_log: MakeLog) -> None:
         EpisodeLog.load(path)
 
 
-def test_a_file_from_before_wall_times_were_measured_is_read(
-    tmp_path: Path, make_log: MakeLog
-) -> None:
+def test_a_file_from_before_wall_times_were_measured_is_read(tmp_path, make_log):
     path = tmp_path / "log.npz"
     make_log().save(path)
     with np.load(path) as archive:
@@ -81,7 +77,7 @@ def test_a_file_from_before_wall_times_were_measured_is_read(
 
 
 @pytest.mark.parametrize("header", ["[1]", "{", "[" * 9999, '{"other": 1}'])
-def test_wrong_header(tmp_path: Path, make_log: MakeLog, header: str) -> None:
+def test_wrong_header(tmp_path, make_log, header):
     path = tmp_path / "log.npz"
     make_log().save(path)
     rewrite_header(path, header)
@@ -90,9 +86,7 @@ def test_wrong_header(tmp_path: Path, make_log: MakeLog, header: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["policy", "door_config", "seed", "dt", "success"])
-def test_wrong_header_names_the_field(
-    tmp_path: Path, make_log: MakeLog, name: str
-) -> None:
+def test_wrong_header_names_the_field(tmp_path, make_log, name):
     path = tmp_path / "log.npz"
     make_log().save(path)
     with np.load(path) as archive:

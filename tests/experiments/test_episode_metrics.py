@@ -20,13 +20,13 @@ from gplfd_experiments.episodes.metrics import (
 MakeLog = Callable[..., EpisodeLog]
 
 
-def test_work_of_a_constant_force_is_force_times_arc_length(make_log: MakeLog) -> None:
+def test_work_of_a_constant_force_is_force_times_arc_length(make_log):
     assert episode_metrics(make_log()).work == pytest.approx(
         8.0 * 0.5 * math.radians(66.0)
     )
 
 
-def test_work_on_a_lever_is_done_where_the_hand_is(make_log: MakeLog) -> None:
+def test_work_on_a_lever_is_done_where_the_hand_is(make_log):
     """3 cm from its end, and nearer to the hinge than its axis."""
     door = {"radius": 0.5, "handle": "lever", "handle_length": 0.12}
     log = make_log(force_tangential=np.full(601, 10.0), door_config=door)
@@ -34,14 +34,14 @@ def test_work_on_a_lever_is_done_where_the_hand_is(make_log: MakeLog) -> None:
     assert work_on_door(log) == pytest.approx(10.0 * 0.41 * turned)
 
 
-def test_work_of_a_spring_is_its_energy(make_log: MakeLog) -> None:
+def test_work_of_a_spring_is_its_energy(make_log):
     angle = make_log().door_angle
     log = make_log(force_tangential=4.0 * angle / 0.5)  # 4 N m/rad at the hinge
     expected = 0.5 * 4.0 * math.radians(66.0) ** 2
     assert episode_metrics(log).work == pytest.approx(expected, rel=1e-4)
 
 
-def test_prediction_error_is_bias_squared_plus_variance(make_log: MakeLog) -> None:
+def test_prediction_error_is_bias_squared_plus_variance(make_log):
     """Section IV-B: E[ε²] = (E[f*] - f)² + var f*."""
     metrics = episode_metrics(make_log())
     expected = 3 * (0.003**2 + 0.004**2)
@@ -49,7 +49,7 @@ def test_prediction_error_is_bias_squared_plus_variance(make_log: MakeLog) -> No
     assert metrics.prediction_error_rotation == pytest.approx(expected)
 
 
-def test_prediction_error_counts_only_the_opening_motion(make_log: MakeLog) -> None:
+def test_prediction_error_counts_only_the_opening_motion(make_log):
     log = make_log()
     std = np.array(log.predicted_std)
     opening = opening_motion(log)
@@ -62,9 +62,7 @@ def test_prediction_error_counts_only_the_opening_motion(make_log: MakeLog) -> N
     assert math.degrees(log.door_angle[opening.stop - 1]) == pytest.approx(65, abs=0.2)
 
 
-def test_policies_without_predictions_or_stiffness_have_none(
-    make_log: MakeLog,
-) -> None:
+def test_policies_without_predictions_or_stiffness_have_none(make_log):
     nothing = np.full((601, 6), np.nan)
     names = ("predicted_mean", "predicted_std", "stiffness", "stability_margin")
     log = make_log(**dict.fromkeys(names, nothing))
@@ -77,9 +75,7 @@ def test_policies_without_predictions_or_stiffness_have_none(
     json.dumps(metrics.as_json(), allow_nan=False)
 
 
-def test_times_to_angles_are_those_of_the_minimum_jerk_profile(
-    make_log: MakeLog,
-) -> None:
+def test_times_to_angles_are_those_of_the_minimum_jerk_profile(make_log):
     to_60_degrees = make_log().door_angle * (60.0 / 66.0)
     metrics = episode_metrics(make_log(door_angle=to_60_degrees + 1e-9))
     assert metrics.time_to_30_deg == pytest.approx(3.0)  # half way at half time
@@ -90,7 +86,7 @@ def test_times_to_angles_are_those_of_the_minimum_jerk_profile(
     assert halved.time_to_60_deg is None
 
 
-def test_log_dimensionless_jerk_of_a_minimum_jerk_motion() -> None:
+def test_log_dimensionless_jerk_of_a_minimum_jerk_motion():
     """∫ jerk² = 720 L²/T⁵ and v_peak = 15 L/(8 T), whatever L and T."""
     for length, duration in ((0.3, 2.0), (1.1, 6.0)):
         dt = 0.01
@@ -102,12 +98,12 @@ def test_log_dimensionless_jerk_of_a_minimum_jerk_motion() -> None:
         assert log_dimensionless_jerk(shaky, dt) < expected - 1.0
 
 
-def test_smoothness_of_motions_that_have_none() -> None:
+def test_smoothness_of_motions_that_have_none():
     assert log_dimensionless_jerk(np.zeros((10, 3)), 0.01) is None
     assert log_dimensionless_jerk(np.zeros((100, 3)), 0.01) is None
 
 
-def test_forces_use_magnitudes(make_log: MakeLog) -> None:
+def test_forces_use_magnitudes(make_log):
     radial = np.concatenate([[-30.0], np.linspace(0.0, 10.0, 600)])
     metrics = episode_metrics(make_log(force_radial=radial))
     assert metrics.force_radial_peak == 30.0
@@ -116,7 +112,7 @@ def test_forces_use_magnitudes(make_log: MakeLog) -> None:
     assert metrics.force_tangential_peak == metrics.force_tangential_p95 == 8.0
 
 
-def test_stiffness_margin_latency_and_slip(make_log: MakeLog) -> None:
+def test_stiffness_margin_latency_and_slip(make_log):
     stiffness = np.tile([300.0, 200.0, 100.0, 1.0, 1.0, 1.0], (601, 1))
     stiffness[7, 2] = 450.0
     margin = np.full((601, 6), 80.0)
@@ -135,7 +131,7 @@ def test_stiffness_margin_latency_and_slip(make_log: MakeLog) -> None:
     assert metrics.duration == pytest.approx(6.0)
 
 
-def test_late_decisions_are_counted_by_wall_time(make_log: MakeLog) -> None:
+def test_late_decisions_are_counted_by_wall_time(make_log):
     wall = np.full(601, 0.02)
     wall[:60] = 0.05
     late, in_time = (
@@ -160,20 +156,18 @@ def test_late_decisions_are_counted_by_wall_time(make_log: MakeLog) -> None:
         ("melted", "", "melted"),
     ],
 )
-def test_why_a_door_stayed_closed_is_said_in_plain_words(
-    failure: str, reason: str, words: str
-) -> None:
+def test_why_a_door_stayed_closed_is_said_in_plain_words(failure, reason, words):
     assert why_closed(failure, reason) == words
 
 
-def test_every_failure_and_reason_has_words() -> None:
+def test_every_failure_and_reason_has_words():
     for failure in (*FAILURES[1:], "time_limit"):
         assert why_closed(failure, failure) not in (failure, failure.replace("_", " "))
     for reason in REASONS:
         assert "_" not in why_closed("stalled", reason)
 
 
-def test_a_door_that_never_moved_has_metrics(make_log: MakeLog) -> None:
+def test_a_door_that_never_moved_has_metrics(make_log):
     still = make_log(door_angle=np.zeros(601), ee_pose=np.zeros((601, 6)))
     metrics = episode_metrics(still)
     assert metrics.time_to_15_deg is None
@@ -181,7 +175,7 @@ def test_a_door_that_never_moved_has_metrics(make_log: MakeLog) -> None:
     assert metrics.log_dimensionless_jerk is None
 
 
-def test_metrics_survive_json(make_log: MakeLog) -> None:
+def test_metrics_survive_json(make_log):
     metrics = episode_metrics(make_log()).as_json()
     assert json.loads(json.dumps(metrics, allow_nan=False)) == metrics
 

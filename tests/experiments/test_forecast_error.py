@@ -36,16 +36,14 @@ def forecasting(make_log: MakeLog, radius: float, period: float = 0.05) -> Episo
     )
 
 
-def test_a_policy_that_knows_the_door_makes_no_error(make_log: MakeLog) -> None:
+def test_a_policy_that_knows_the_door_makes_no_error(make_log):
     errors = forecast_errors(forecasting(make_log, 0.5), ANGLE)
     assert len(errors) == len(PROGRESS)
     # The path of straight pieces between a hundred points cuts the corners.
     assert max(errors) < 1e-4
 
 
-def test_error_of_a_wrong_radius_is_the_distance_of_the_arcs(
-    make_log: MakeLog,
-) -> None:
+def test_error_of_a_wrong_radius_is_the_distance_of_the_arcs(make_log):
     error = forecast_errors(forecasting(make_log, 0.4), ANGLE)[0]
     phi = np.linspace(0.05 * ANGLE, ANGLE, 2000)
     # Both arcs begin at the handle: their hinges are 0.1 m apart.
@@ -57,7 +55,7 @@ def test_error_of_a_wrong_radius_is_the_distance_of_the_arcs(
     assert error == pytest.approx(math.sqrt(np.mean(radial**2)), rel=0.03)
 
 
-def test_only_what_is_to_come_is_judged(make_log: MakeLog) -> None:
+def test_only_what_is_to_come_is_judged(make_log):
     log = forecasting(make_log, 0.5)
     mean = np.array(log.forecast_mean)
     mean[:, :50, 1] += 1.0
@@ -73,9 +71,7 @@ def test_only_what_is_to_come_is_judged(make_log: MakeLog) -> None:
     assert max(errors[5:]) < 1e-4
 
 
-def test_when_the_policy_expects_to_be_where_does_not_matter(
-    make_log: MakeLog,
-) -> None:
+def test_when_the_policy_expects_to_be_where_does_not_matter(make_log):
     log = forecasting(make_log, 0.4)
     uneven = np.linspace(0.0, 1.0, 101) ** 2
     arc = np.array([handle_pose_on_arc(0.4, ANGLE * phase) for phase in uneven])
@@ -90,7 +86,7 @@ def test_when_the_policy_expects_to_be_where_does_not_matter(
     )
 
 
-def test_a_door_that_stops_has_no_forecasts_beyond(make_log: MakeLog) -> None:
+def test_a_door_that_stops_has_no_forecasts_beyond(make_log):
     log = forecasting(make_log, 0.5)
     names = ("forecast_times", "forecast_phase", "forecast_mean", "forecast_std")
     angle = 0.5 * log.door_angle
@@ -105,14 +101,14 @@ def test_a_door_that_stops_has_no_forecasts_beyond(make_log: MakeLog) -> None:
     assert errors[5:] == (None,) * 5
 
 
-def test_a_forecast_that_comes_too_late_does_not_count(make_log: MakeLog) -> None:
+def test_a_forecast_that_comes_too_late_does_not_count(make_log):
     errors = forecast_errors(forecasting(make_log, 0.5, period=1.5), ANGLE)
     # At 1.5, 3 and 4.5 s the door is open by 0.10, 0.5 and 0.90 of its angle.
     known = [share for share, error in zip(PROGRESS, errors, strict=True) if error]
     assert known == [0.05, 0.45, 0.85]
 
 
-def test_policies_without_forecasts_have_no_errors(make_log: MakeLog) -> None:
+def test_policies_without_forecasts_have_no_errors(make_log):
     silent = make_log(
         forecast_times=np.empty(0),
         forecast_phase=np.empty(0),
@@ -124,7 +120,7 @@ def test_policies_without_forecasts_have_no_errors(make_log: MakeLog) -> None:
     assert metrics["forecast_error_mm"] == [None] * 10
 
 
-def test_metrics_have_the_errors_in_millimetres(make_log: MakeLog) -> None:
+def test_metrics_have_the_errors_in_millimetres(make_log):
     log = forecasting(make_log, 0.4)
     metrics = episode_metrics(log, demonstrated_angle=ANGLE)
     expected = [1e3 * error for error in forecast_errors(log, ANGLE) if error]
@@ -132,7 +128,7 @@ def test_metrics_have_the_errors_in_millimetres(make_log: MakeLog) -> None:
     assert metrics.forecast_error_mm[0] > 5.0
 
 
-def test_the_arc_lies_as_the_handle_does(make_log: MakeLog) -> None:
+def test_the_arc_lies_as_the_handle_does(make_log):
     """A robot that stands askew by 3 degrees, with the bar off the hand's middle."""
     turn = math.radians(3.0)
     angle = 0.1 + make_log().door_angle
@@ -145,7 +141,7 @@ def test_the_arc_lies_as_the_handle_does(make_log: MakeLog) -> None:
     np.testing.assert_allclose(path, pose[:, :3], atol=1e-12)
 
 
-def test_distance_from_a_path_is_that_from_its_nearest_piece() -> None:
+def test_distance_from_a_path_is_that_from_its_nearest_piece():
     path = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1, 0]])
     points = np.array([[0.5, -0.2, 0], [2, 2, 0], [-3, 0, 4], [1.5, 0.5, 0]])
     distances: Any = np.sqrt(squared_distances(points, path))
@@ -154,9 +150,7 @@ def test_distance_from_a_path_is_that_from_its_nearest_piece() -> None:
 
 @pytest.mark.parametrize("swing", ["pull", "push"])
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_the_path_of_a_lever_is_its_hand_s_on_every_side(
-    make_log: MakeLog, swing: str, side: str
-) -> None:
+def test_the_path_of_a_lever_is_its_hand_s_on_every_side(make_log, swing, side):
     """The lever is turned at first, and is let back later."""
     config = {"radius": 0.65, "handle": "lever", "swing": swing, "hinge_side": side}
     geometry = DoorGeometry.of(DoorConfig(**config))

@@ -16,7 +16,7 @@ from gplfd_env.doors.config import door_config
 from gplfd_experiments.analysis.report.recordings import recording_name
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
-from gplfd_experiments.episodes.agents import reported_errors, where
+from gplfd_experiments.episodes.build import reported_errors, where
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.names import file_name
 from gplfd_experiments.files.provenance import content_hash

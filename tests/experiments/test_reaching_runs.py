@@ -3,7 +3,6 @@
 import dataclasses
 import json
 from collections.abc import Callable
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -42,7 +41,7 @@ SHOWN = shown("small", seed=0, start="approach")
 RUN = ("run", "--policy", "oracle", "--doors", "small", "--start", "approach")
 
 
-def test_a_reach_ends_at_the_handle_at_time_zero() -> None:
+def test_a_reach_ends_at_the_handle_at_time_zero():
     ends = []
     for seed in range(20):
         reach = Teacher().demonstrate_reach(np.random.default_rng(seed))
@@ -56,7 +55,7 @@ def test_a_reach_ends_at_the_handle_at_time_zero() -> None:
     assert 0.22 < max(ends) < 0.26
 
 
-def test_without_noise_the_hand_comes_nearer_all_the_time() -> None:
+def test_without_noise_the_hand_comes_nearer_all_the_time():
     silent = TeacherConfig(
         noise_position_std=0.0, noise_rotation_std=0.0, vertical_drift_std=0.0
     )
@@ -67,7 +66,7 @@ def test_without_noise_the_hand_comes_nearer_all_the_time() -> None:
 
 
 @pytest.mark.parametrize("door", ["medium", "room-834"])
-def test_who_reaches_opens_as_who_does_not(door: str) -> None:
+def test_who_reaches_opens_as_who_does_not(door):
     plain = shown(door, seed=3, start="grasped")
     whole = shown(door, seed=3, start="approach")
     assert plain.radii == whole.radii
@@ -79,9 +78,7 @@ def test_who_reaches_opens_as_who_does_not(door: str) -> None:
     assert len(starts) == 6
 
 
-def test_a_run_reaches_and_keeps_what_it_learned_from(
-    gplfd: Gplfd, tmp_path: Path
-) -> None:
+def test_a_run_reaches_and_keeps_what_it_learned_from(gplfd, tmp_path):
     assert gplfd(*RUN, "--out", "run") == 0
     (metrics,) = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert metrics["success"]
@@ -100,7 +97,7 @@ def test_a_run_reaches_and_keeps_what_it_learned_from(
     assert stages(plain)[0] == (0, "grasp")
 
 
-def test_it_closes_a_gripper_that_is_commanded() -> None:
+def test_it_closes_a_gripper_that_is_commanded():
     policy = as_agent(POLICIES["oracle"].make(TrainingInput(demonstrations=())))
     agent = ReachingAgent(learn_reach(reaches(SHOWN)), policy)
     env = gym.make(GRIPPER_ENVIRONMENT_ID, door="small", start="approach")
@@ -117,7 +114,7 @@ def test_it_closes_a_gripper_that_is_commanded() -> None:
     assert info["stage"] == "held"
 
 
-def test_what_a_policy_says_is_measured_once_it_acts(make_log: MakeLog) -> None:
+def test_what_a_policy_says_is_measured_once_it_acts(make_log):
     plain = make_log()
     unsaid = {
         name: np.where(plain.times[:, None] < 1.0, np.nan, getattr(plain, name))
@@ -131,9 +128,7 @@ def test_what_a_policy_says_is_measured_once_it_acts(make_log: MakeLog) -> None:
                 assert getattr(metrics, field.name) == pytest.approx(value, rel=0.2)
 
 
-def test_what_cannot_teach_reaching_is_refused(
-    gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_teach_reaching_is_refused(gplfd, tmp_path, capsys):
     shown = Teacher().standard_demonstrations(seed=0, like=DoorConfig())
     save_demonstrations(tmp_path / "plain.npz", shown)
     assert gplfd(*RUN, "--demonstrations", "plain.npz", "--out", "no") == 2

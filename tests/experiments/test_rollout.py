@@ -1,20 +1,38 @@
+"""Episodes alone and in lockstep: one log, whichever way they run."""
+
+import dataclasses
+import functools
 import math
 import time
 import weakref
 from collections.abc import Callable
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
+from gplfd_env import ENVIRONMENT_ID, ENVIRONMENT_IDS
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.episodes.build import learned
 from gplfd_experiments.episodes.log import PER_STEP, EpisodeLog
-from gplfd_experiments.episodes.recorder import ForecastRecorder
-from gplfd_experiments.episodes.rollout import Progress, rollout
+from gplfd_experiments.episodes.rollout import (
+    ForecastRecorder,
+    Progress,
+    rollout,
+    rollouts,
+)
+from gplfd_policies.agents.lockstep import batch_agents
 from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.registry.catalogue import POLICIES
+from gplfd_policies.registry.method import TrainingInput
+
+DOORS, SEEDS = (0.35, 0.42, 0.5), (5, 6, 7)
 
 
 @pytest.fixture
-def run(door_env: Any, arc_agent: Any) -> Callable[..., EpisodeLog]:
+def run(door_env, arc_agent):
     def run(env: Any = None, agent: Any = None, **options: Any) -> EpisodeLog:
         return rollout(
             door_env() if env is None else env,
@@ -28,9 +46,7 @@ def run(door_env: Any, arc_agent: Any) -> Callable[..., EpisodeLog]:
     return run
 
 
-def test_rows_pair_each_state_with_the_decision_taken_in_it(
-    run: Callable[..., EpisodeLog], door_env: Any
-) -> None:
+def test_rows_pair_each_state_with_the_decision_taken_in_it(run, door_env):
     env = door_env()
     log = run(env)
     assert log.times.size == 31
@@ -41,16 +57,8 @@ def test_rows_pair_each_state_with_the_decision_taken_in_it(
     np.testing.assert_array_equal(log.qpos[:, 0], log.door_angle)
     np.testing.assert_array_equal(log.predicted_mean, log.ee_pose + 0.002)
     assert (log.seed, log.policy, log.dt) == (4, "arc", pytest.approx(0.01))
-
-
-def test_last_row_is_the_state_in_which_the_episode_ended(
-    run: Callable[..., EpisodeLog], door_env: Any
-) -> None:
-    env = door_env()
-    log = run(env)
-    assert len(env.actions) == 30
-    assert log.solved[-1]
-    assert not log.solved[:-1].any()
+    # The last row is the state in which the episode ended.
+    assert log.solved.tolist() == [False] * 30 + [True]
     assert math.degrees(log.door_angle[-1]) == pytest.approx(66.0)
 
 
@@ -64,19 +72,13 @@ def test_last_row_is_the_state_in_which_the_episode_ended(
     ],
 )
 def test_failure_is_the_environments_or_the_time_limit(
-    run: Callable[..., EpisodeLog],
-    door_env: Any,
-    outcome: str,
-    success: bool,
-    failure: str,
-) -> None:
+    run, door_env, outcome, success, failure
+):
     log = run(door_env(outcome))
     assert (log.success, log.failure) == (success, failure)
 
 
-def test_forecasts_are_taken_first_regularly_and_last(
-    run: Callable[..., EpisodeLog],
-) -> None:
+def test_forecasts_are_taken_first_regularly_and_last(run):
     log = run(forecast_period=0.12)
     np.testing.assert_allclose(log.forecast_times, [0.0, 0.12, 0.24, 0.3], atol=1e-12)
     # Before the first decision the agent has not been called: its widest belief.
@@ -84,7 +86,7 @@ def test_forecasts_are_taken_first_regularly_and_last(
     assert np.all(np.diff(log.forecast_std[:, -1, 0]) < 0.0)
 
 
-def test_of_a_forecast_nothing_but_its_moments_is_kept() -> None:
+def test_of_a_forecast_nothing_but_its_moments_is_kept():
     """Trajectories hold on to what they were computed from."""
     moments = np.zeros((3, 6)), np.ones((3, 6))
     forecast = GaussianTrajectory.from_moments(
@@ -100,16 +102,12 @@ def test_of_a_forecast_nothing_but_its_moments_is_kept() -> None:
     np.testing.assert_array_equal(kept["forecast_std"], [moments[1]])
 
 
-def test_agents_without_forecasts_have_none_in_the_log(
-    run: Callable[..., EpisodeLog], arc_agent: Any
-) -> None:
+def test_agents_without_forecasts_have_none_in_the_log(run, arc_agent):
     log = run(agent=arc_agent(forecasts=False))
     assert log.forecast_mean.shape == (0, 0, 6)
 
 
-def test_latency_is_the_agents_cpu_time_and_its_wall_time(
-    run: Callable[..., EpisodeLog], arc_agent: Any, door_env: Any
-) -> None:
+def test_latency_is_the_agents_cpu_time_and_its_wall_time(run, arc_agent, door_env):
     class Thinker(arc_agent):  # type: ignore[misc]
         def act(self, observation: Any) -> Any:
             time.sleep(0.006)  # as if another process had the core
@@ -131,15 +129,13 @@ def test_latency_is_the_agents_cpu_time_and_its_wall_time(
     assert log.latency_wall_s.min() >= 0.010
 
 
-def test_on_step_sees_every_state(run: Callable[..., EpisodeLog]) -> None:
+def test_on_step_sees_every_state(run):
     seen: list[tuple[float, float]] = []
     log = run(on_step=lambda now: seen.append((now.time, now.door_angle)))
     assert seen == list(zip(log.times, log.door_angle, strict=True))
 
 
-def test_the_log_so_far_is_the_beginning_of_the_log(
-    run: Callable[..., EpisodeLog],
-) -> None:
+def test_the_log_so_far_is_the_beginning_of_the_log(run):
     so_far: list[EpisodeLog] = []
 
     def keep(progress: Progress) -> None:
@@ -156,9 +152,7 @@ def test_the_log_so_far_is_the_beginning_of_the_log(
     np.testing.assert_array_equal(first.forecast_mean, log.forecast_mean[:count])
 
 
-def test_missing_information_is_named(
-    run: Callable[..., EpisodeLog], door_env: Any
-) -> None:
+def test_missing_information_is_named(run, door_env):
     class Terse(door_env):  # type: ignore[misc]
         def _state(self) -> Any:
             observation, info = super()._state()
@@ -167,3 +161,122 @@ def test_missing_information_is_named(
 
     with pytest.raises(ValueError, match=r"info lacks 'slip'; it has .*door_angle"):
         run(Terse())
+
+
+# --- In lockstep -------------------------------------------------------------
+
+
+@functools.cache
+def agents_of(policy: str) -> Callable[[], Any]:
+    """Learn once from four demonstrations."""
+    given = Teacher().demonstrate_doors((0.35, 0.5), 2, rng=np.random.default_rng(0))
+    return learned(POLICIES[policy], TrainingInput(demonstrations=given))
+
+
+def in_lockstep(
+    policy: str, make: Any = None, n_names: int = 3, **options: Any
+) -> tuple[EpisodeLog, ...]:
+    make = make or agents_of(policy)
+    agents = batch_agents([make() for _ in DOORS])
+    settings = {"door": DOORS, "autoreset_mode": "Disabled", **options}
+    envs: Any = gym.make_vec(ENVIRONMENT_IDS[agents.control], len(DOORS), **settings)
+    names = [str(door) for door in DOORS][:n_names]
+    return rollouts(envs, agents, policy=policy, doors=names, seeds=SEEDS)
+
+
+@pytest.mark.bits
+@pytest.mark.parametrize(
+    ("policy", "options"),
+    [
+        ("gp", {"randomization": "hard", "max_episode_steps": 250}),
+        ("gp-impedance", {"randomization": "hard", "max_episode_steps": 150}),
+        ("oracle", {"randomization": "hard"}),
+        ("hinge-fit", {"randomization": "mild", "max_episode_steps": 150}),
+    ],
+)
+def test_logs_in_lockstep_are_those_of_episodes_alone(policy, options):
+    together = in_lockstep(policy, **options)
+    if "max_episode_steps" not in options:
+        lengths = {log.times.size for log in together}
+        assert len(lengths) > 1, "episodes that end at different times prove more"
+    for door, seed, log in zip(DOORS, SEEDS, together, strict=True):
+        agent = agents_of(policy)()
+        env = gym.make(ENVIRONMENT_IDS[agent.control], door=door, **options)
+        alone = rollout(env, agent, policy=policy, door=str(door), seed=seed)
+        for field in dataclasses.fields(EpisodeLog):
+            if not field.name.startswith("latency_"):
+                first, second = getattr(log, field.name), getattr(alone, field.name)
+                np.testing.assert_array_equal(first, second, err_msg=field.name)
+
+
+class Softening:
+    """Holds the closed handle, ever more softly."""
+
+    control = "impedance"
+
+    def __init__(self, wait: float = 0.0, work: float = 0.0) -> None:
+        self.stiffness, self.wait, self.work = 400.0, wait, work
+
+    def act(self, observation: object) -> np.ndarray:
+        time.sleep(self.wait)
+        end = time.thread_time() + self.work
+        while time.thread_time() < end:
+            pass
+        self.stiffness -= 10.0
+        return np.repeat([0.0, self.stiffness, 0.1 * self.stiffness], [6, 3, 3])
+
+
+def test_latency_in_lockstep_is_a_share_of_the_batch_s():
+    """Of its CPU time, and of its wall time, in which all three wait."""
+    make = functools.partial(Softening, wait=0.004, work=0.002)
+    for log in in_lockstep("own", make, max_episode_steps=4):
+        assert log.latency_wall_s.min() >= 0.006
+        assert 0.002 <= np.median(log.latency_s) < 0.005
+
+
+def test_an_agent_of_ones_own_commands_the_stiffness_that_is_logged():
+    arm: list[np.ndarray] = []
+
+    class Watched(gym.Wrapper):  # type: ignore[type-arg]
+        def step(self, action: np.ndarray) -> Any:
+            result = self.env.step(action)
+            arm.append(self.env.unwrapped.model.actuator_gainprm[:6, 0].copy())  # type: ignore[attr-defined]
+            return result
+
+    env = Watched(
+        gym.make(ENVIRONMENT_IDS["impedance"], door=DOORS[1], max_episode_steps=8)
+    )
+    alone = rollout(env, Softening(), policy="own", door="medium", seed=SEEDS[1])
+    np.testing.assert_array_equal(arm, alone.stiffness[:-1])
+    np.testing.assert_array_equal(alone.stiffness[:3, 0], [390.0, 380.0, 370.0])
+    _, together, _ = in_lockstep("own", Softening, max_episode_steps=8)
+    np.testing.assert_array_equal(together.stiffness, alone.stiffness)
+    np.testing.assert_array_equal(together.ee_pose, alone.ee_pose)
+
+
+@pytest.mark.bits
+def test_number_of_threads_changes_no_number():
+    """Of BLAS: learning and acting take one, whatever the caller has set."""
+    ends = []
+    for threads in (1, 2):
+        with threadpool_limits(limits=threads, user_api="blas"):
+            make = agents_of.__wrapped__("gp")
+            logs = in_lockstep("gp", make, max_episode_steps=30)
+        ends.append([log.action.tobytes() for log in logs])
+    assert ends[0] == ends[1]
+
+
+def test_an_episode_that_is_cut_off_says_so():
+    for log in in_lockstep("own", Softening, max_episode_steps=40):
+        assert log.times.size == 41
+        assert (log.success, log.failure) == (False, "time_limit")
+
+
+def test_wrong_environments_are_refused():
+    message = r"shape \(6,\), commanded position .* got shape \(12,\)"
+    with pytest.raises(ValueError, match=message):
+        rollout(gym.make(ENVIRONMENT_ID), Softening(), policy="", door="", seed=3)
+    with pytest.raises(ValueError, match='autoreset_mode="Disabled"'):
+        in_lockstep("own", Softening, autoreset_mode="NextStep")
+    with pytest.raises(ValueError, match="3 simulations need as many doors and seeds"):
+        in_lockstep("own", Softening, n_names=2)

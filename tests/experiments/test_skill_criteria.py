@@ -1,7 +1,6 @@
 """Marks of Table 1 follow from numbers."""
 
 import math
-from typing import Any
 
 import pytest
 
@@ -37,21 +36,19 @@ ROW = Criterion(
         ([], None, None),
     ],
 )
-def test_mark_is_the_mean_compared_with_all_limits(
-    tasks: list[dict[str, Any]], passed: bool | None, value: float | None
-) -> None:
+def test_mark_is_the_mean_compared_with_all_limits(tasks, passed, value):
     result = mark(ROW, tasks)
     assert result.passed is passed
     assert result.value == (None if value is None else pytest.approx(value))
 
 
-def test_text_of_a_mark_has_its_numbers_or_why_there_are_none() -> None:
+def test_text_of_a_mark_has_its_numbers_or_why_there_are_none():
     assert mark(ROW, [{"error": 1.2345, "share": 0.5}]).text == "error 1.23, share 0.5"
     assert mark(ROW, [{"error": None, "share": 0.5}]).text == "has no errors"
     assert mark(ROW, [{"share": 0.5}]).text == "not measured"
 
 
-def test_rows_are_those_of_the_paper_in_its_order() -> None:
+def test_rows_are_those_of_the_paper_in_its_order():
     assert list(CRITERIA) == [
         "High-dimensional Learning",
         "Via-point Adaptation",
@@ -75,14 +72,14 @@ def test_rows_are_those_of_the_paper_in_its_order() -> None:
         (("gp-paper", "gp"), "xxxxxx"),
     ],
 )
-def test_columns_are_those_of_the_paper(policies: tuple[str, ...], marks: str) -> None:
+def test_columns_are_those_of_the_paper(policies, marks):
     for policy in policies:
         assert policy in TABLE_1
         column = ["x" if policy in c.paper else "-" for c in CRITERIA.values()]
         assert "".join(column) == marks
 
 
-def test_every_criterion_can_be_passed_and_failed() -> None:
+def test_every_criterion_can_be_passed_and_failed():
     for criterion in CRITERIA.values():
         for limit in criterion.limits:
             assert limit.low > -math.inf or limit.high < math.inf
@@ -99,6 +96,6 @@ def test_every_criterion_can_be_passed_and_failed() -> None:
             assert mark(criterion.row, [{**good, name: bad[name]}]).passed is False
 
 
-def test_unknown_row_names_the_rows() -> None:
+def test_unknown_row_names_the_rows():
     with pytest.raises(ValueError, match="no criterion 'Speed'; rows: High-dim"):
         mark("Speed", [])

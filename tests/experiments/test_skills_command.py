@@ -14,7 +14,7 @@ from gplfd_policies.movements.skill import load_skill
 
 
 @pytest.fixture(autouse=True)
-def demonstrations(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def demonstrations(tmp_path, monkeypatch):
     """Write demonstrations to the working folder."""
     monkeypatch.chdir(tmp_path)
     shown = Teacher().demonstrate_doors(
@@ -28,9 +28,7 @@ def metrics(folder: str) -> dict[str, Any]:
     return {name: value for name, value in one.items() if "latency" not in name}
 
 
-def test_a_kept_skill_opens_doors_as_one_that_was_just_learned(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_kept_skill_opens_doors_as_one_that_was_just_learned(capsys):
     assert cli.main(["learn", "demos.npz", "--out", "new/skill.npz", "--quiet"]) == 0
     assert "gplfd run --skill new/skill.npz" in capsys.readouterr().out
     assert load_skill("new/skill.npz").count == 6
@@ -66,9 +64,7 @@ def test_a_kept_skill_opens_doors_as_one_that_was_just_learned(
         ),
     ],
 )
-def test_what_is_wrong_is_said_and_nothing_written(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_wrong_is_said_and_nothing_written(arguments, message, capsys):
     assert cli.main(arguments) == 2
     (said,) = capsys.readouterr().err.splitlines()
     assert message in said

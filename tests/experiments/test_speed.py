@@ -4,18 +4,21 @@ import importlib.util
 import json
 import math
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gplfd_experiments.cli.commands.machine import PartName
 from gplfd_experiments.files.table import text_table
-from gplfd_experiments.speed import fit, peers, timing
-from gplfd_experiments.speed.known_process import KnownProcess
+from gplfd_experiments.speed import peers, policies, timing
+from gplfd_experiments.speed.known_process import KnownProcess, score
 from gplfd_experiments.speed.parts import PARTS, announcement
-from gplfd_experiments.speed.report import at_least, at_most, between, value_table
-from gplfd_experiments.speed.scores import score
+from gplfd_experiments.speed.report import (
+    at_least,
+    at_most,
+    between,
+    value_table,
+)
 from gplfd_experiments.speed.timing import Timed, Timing, after, measure, repeated
 from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 from gplfd_policies.movements.skill import fit_skill
@@ -25,7 +28,7 @@ Gplfd = Callable[..., int]
 
 
 @pytest.fixture
-def without_peers(monkeypatch: pytest.MonkeyPatch) -> None:
+def without_peers(monkeypatch):
     """Pretend that nothing but the plain installation is there."""
     real = importlib.util.find_spec
     monkeypatch.setattr(
@@ -50,14 +53,14 @@ class Clock:
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+def clock(monkeypatch):
     clock = Clock()
     monkeypatch.setattr(timing.time, "process_time", lambda: clock.cpu)
     monkeypatch.setattr(timing.time, "perf_counter", lambda: clock.wall)
     return clock
 
 
-def test_actions_run_in_turns_after_a_round_that_does_not_count(clock: Clock) -> None:
+def test_actions_run_in_turns_after_a_round_that_does_not_count(clock):
     calls: list[str] = []
 
     def action(name: str, first: float, later: float) -> Timed:
@@ -74,13 +77,15 @@ def test_actions_run_in_turns_after_a_round_that_does_not_count(clock: Clock) ->
     assert times["b"].rate == pytest.approx(1 / 4)
 
 
-def test_single_round_is_counted(clock: Clock) -> None:
+def test_single_round_is_counted(clock):
     (time,) = measure({"one": repeated(lambda: clock.work(1.0))}, 1).values()
     assert time == Timing(cpu=(1.0,), wall=(1.0,))
     assert clock.cpu == 1.0
+    with pytest.raises(ValueError, match="repeats must be 1 or more, got 0"):
+        measure({}, 0)
 
 
-def test_preparation_is_not_timed_and_times_are_per_operation(clock: Clock) -> None:
+def test_preparation_is_not_timed_and_times_are_per_operation(clock):
     def prepare() -> timing.Action:
         clock.work(100.0)
         return lambda: clock.work(6.0)
@@ -94,7 +99,7 @@ def test_preparation_is_not_timed_and_times_are_per_operation(clock: Clock) -> N
         assert time.cpu_median == pytest.approx(2.0)
 
 
-def test_short_actions_are_prepared_and_run_again(clock: Clock) -> None:
+def test_short_actions_are_prepared_and_run_again(clock):
     calls: list[str] = []
 
     def counted(name: str, operations: int) -> Timed:
@@ -113,7 +118,7 @@ def test_short_actions_are_prepared_and_run_again(clock: Clock) -> None:
     assert times["few"].cpu == times["many"].cpu == (pytest.approx(0.1),)
 
 
-def test_comparisons_are_medians_over_rounds_not_of_medians() -> None:
+def test_comparisons_are_medians_over_rounds_not_of_medians():
     # The machine was three times slower in the last two rounds.
     ours = Timing(wall=(1.0, 3.0, 3.0), cpu=(2.0, 4.0, 4.0))
     theirs = Timing(wall=(2.0, 6.0, 9.0), cpu=(1.0, 1.0, 4.0))
@@ -121,23 +126,15 @@ def test_comparisons_are_medians_over_rounds_not_of_medians() -> None:
     assert theirs.speed_over(ours) == 0.5
     assert ours.cpu_over(theirs) == 2.0
     assert ours.cpu_beyond(theirs) == 1.0
-
-
-def test_quartiles_show_the_spread() -> None:
     cpu = (5e-3, 1e-3, 2e-3, 4e-3, 3e-3)
     assert str(Timing(cpu=cpu, wall=cpu)) == "3.00 [2.00, 4.00]"
-
-
-def test_no_repeats_are_refused() -> None:
-    with pytest.raises(ValueError, match="repeats must be 1 or more, got 0"):
-        measure({}, 0)
 
 
 # --- Scores and data ---------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", ["independent", "smooth"])
-def test_true_model_covers_95_percent_and_costs_its_entropy(kind: str) -> None:
+def test_true_model_covers_95_percent_and_costs_its_entropy(kind):
     process = KnownProcess.on_grid(50)
     drawn = process.draw(600, kind, np.random.default_rng(0))  # type: ignore[arg-type]
     known = score(process.truth, drawn)
@@ -149,7 +146,7 @@ def test_true_model_covers_95_percent_and_costs_its_entropy(kind: str) -> None:
     np.testing.assert_array_equal(variances.T, std**2)
 
 
-def test_smooth_deviations_of_neighbours_agree_and_independent_ones_do_not() -> None:
+def test_smooth_deviations_of_neighbours_agree_and_independent_ones_do_not():
     process = KnownProcess.on_grid(200)
     correlation = {}
     for kind in ("independent", "smooth"):
@@ -160,7 +157,7 @@ def test_smooth_deviations_of_neighbours_agree_and_independent_ones_do_not() -> 
     assert correlation["independent"] == pytest.approx(0.0, abs=0.02)
 
 
-def test_stated_interval_is_judged_apart_from_the_standard_deviation() -> None:
+def test_stated_interval_is_judged_apart_from_the_standard_deviation():
     held_out = np.array([[-2.5], [0.0], [1.0], [2.5]])[:, None, :] * np.ones((1, 3, 6))
     nothing = np.zeros((3, 6))
     student = GaussianTrajectory(
@@ -180,9 +177,9 @@ def test_stated_interval_is_judged_apart_from_the_standard_deviation() -> None:
 # --- Peers -------------------------------------------------------------------
 
 
-def test_peers_learn_the_same_as_the_skill() -> None:
+def test_peers_learn_the_same_as_the_skill():
     rng = np.random.default_rng(0)
-    given = KnownProcess.on_grid(60).demonstrations(20, "independent", rng)
+    given = KnownProcess.on_grid(40).demonstrations(20, "independent", rng)
     ours = fit_skill(given).predict(given.times)
     for learn, far, rtol in (
         (peers.sklearn_fit, 0.2, 0.25),
@@ -193,7 +190,7 @@ def test_peers_learn_the_same_as_the_skill() -> None:
         np.testing.assert_allclose(theirs.std, ours.std, rtol=rtol)
 
 
-def test_dtw_python_finds_paths_of_our_cost() -> None:
+def test_dtw_python_finds_paths_of_our_cost():
     rng = np.random.default_rng(0)
     a, b = np.sort(rng.uniform(size=(2, 40)), axis=1)
     rows, columns = peers.dtw_python(a, b)
@@ -201,11 +198,11 @@ def test_dtw_python_finds_paths_of_our_cost() -> None:
     assert np.abs(a[rows] - b[columns]).sum() == pytest.approx(ours.cost)
 
 
-CPU_TIMES = {fit.OURS: 2.0, fit.HETGPY: 70.0, fit.SKLEARN: 9.0}
+CPU_TIMES = {policies.OURS: 2.0, policies.HETGPY: 70.0, policies.SKLEARN: 9.0}
 
 
 @pytest.fixture
-def small_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+def small_fit(monkeypatch):
     """Learn from few samples, in times that do not depend on the machine."""
 
     def measure(actions: dict[str, Timed], repeats: int) -> dict[str, Timing]:
@@ -214,17 +211,17 @@ def small_fit(monkeypatch: pytest.MonkeyPatch) -> None:
             for name in actions
         }
 
-    monkeypatch.setattr(fit, "_SAMPLES", 25)
-    monkeypatch.setattr(fit, "measure", measure)
+    monkeypatch.setattr(policies, "_SAMPLES", 25)
+    monkeypatch.setattr(policies, "measure", measure)
 
 
 @pytest.mark.usefixtures("small_fit")
-def test_libraries_are_compared_on_the_same_data() -> None:
-    comparison = fit.compare_fits(repeats=1)
+def test_libraries_are_compared_on_the_same_data():
+    comparison = policies.compare_fits(repeats=1)
     for kind in ("independent", "smooth"):
         ours, theirs, truth = (
             comparison.rows[f"{name}, {kind}"]
-            for name in (fit.OURS, fit.HETGPY, "the true model")
+            for name in (policies.OURS, policies.HETGPY, "the true model")
         )
         assert ours["ratio"] == 1.0
         assert theirs["ratio"] == 35.0
@@ -237,7 +234,7 @@ def test_libraries_are_compared_on_the_same_data() -> None:
 # --- Report and command ------------------------------------------------------
 
 
-def test_table_is_aligned_text_with_four_digits() -> None:
+def test_table_is_aligned_text_with_four_digits():
     table = value_table(
         {"long name": {"ms": 1.23456, "word": "yes"}, "b": {"ms": 12345.6}}
     )
@@ -248,28 +245,25 @@ def test_table_is_aligned_text_with_four_digits() -> None:
     ]
 
 
-def test_targets_say_what_was_wanted_and_whether_it_is_met() -> None:
-    targets = [
-        at_least("speed", 31.0, 30.0),
-        at_least("speed", 29.0, 30.0),
-        at_most("error", 6.0, 5.0),
-        between("coverage", 0.95, 0.9, 0.98),
-        between("coverage", 0.99, 0.9, 0.98),
-    ]
-    assert [(target.wanted, target.met) for target in targets] == [
-        ("at least 30", True),
-        ("at least 30", False),
-        ("at most 5", False),
-        ("0.9 to 0.98", True),
-        ("0.9 to 0.98", False),
-    ]
+@pytest.mark.parametrize(
+    ("target", "wanted", "met"),
+    [
+        (at_least("speed", 31.0, 30.0), "at least 30", True),
+        (at_least("speed", 29.0, 30.0), "at least 30", False),
+        (at_most("error", 6.0, 5.0), "at most 5", False),
+        (between("coverage", 0.95, 0.9, 0.98), "0.9 to 0.98", True),
+        (between("coverage", 0.99, 0.9, 0.98), "0.9 to 0.98", False),
+    ],
+)
+def test_targets_say_what_was_wanted_and_whether_it_is_met(target, wanted, met):
+    assert (target.wanted, target.met) == (wanted, met)
 
 
-def test_command_offers_every_part() -> None:
+def test_command_offers_every_part():
     assert list(PARTS) == list(PartName.__args__)  # type: ignore[attr-defined]
 
 
-def test_announcement_says_what_and_how_long(without_peers: None) -> None:
+def test_announcement_says_what_and_how_long(without_peers):
     text = announcement(["fit", "environment"], repeats=5)
     assert text.startswith("measuring fit, environment: about 2 min")
     assert "without hetgpy, not installed" in text
@@ -277,8 +271,9 @@ def test_announcement_says_what_and_how_long(without_peers: None) -> None:
 
 
 def test_speed_prints_tables_and_writes_where_they_come_from(
-    gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    gplfd, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(policies, "_GRID", np.linspace(0.0, 1.0, 101))
     assert gplfd("speed", "--only", "adapt", "--repeats", "1", "--out", "out") == 0
     written = json.loads((tmp_path / "out" / "speed.json").read_text())
     (result,) = written["results"].values()
@@ -299,9 +294,7 @@ def test_speed_prints_tables_and_writes_where_they_come_from(
 
 
 @pytest.mark.usefixtures("without_peers", "small_fit")
-def test_plain_installation_gets_a_line_that_says_what_is_missing(
-    gplfd: Gplfd, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_plain_installation_gets_a_line_that_says_what_is_missing(gplfd, capsys):
     assert gplfd("speed", "--only", "fit", "--repeats", "1", "--out", "out") == 0
     printed = capsys.readouterr()
     assert "without hetgpy, not installed (pip install 'gplfd[bench]')" in printed.err
@@ -318,12 +311,8 @@ def test_plain_installation_gets_a_line_that_says_what_is_missing(
     ],
 )
 def test_wrong_arguments_are_named_before_anything_runs(
-    gplfd: Gplfd,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
-    message: str,
-) -> None:
+    gplfd, tmp_path, capsys, arguments, message
+):
     (tmp_path / "taken").touch()
     assert gplfd("speed", *arguments) == 2
     printed = capsys.readouterr()

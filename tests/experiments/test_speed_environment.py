@@ -10,41 +10,35 @@ import pytest
 import gplfd_env.scene.build
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.envs.door_opening import DoorOpeningEnv
-from gplfd_experiments.speed import environment, timing, vectors
-from gplfd_experiments.speed.environment import measure_resets, measure_steps
+from gplfd_experiments.speed import environment, timing
+from gplfd_experiments.speed.environment import (
+    measure_resets,
+    measure_steps,
+    measure_vectors,
+)
 from gplfd_experiments.speed.timing import Timed, Timing
-from gplfd_experiments.speed.vectors import measure_vectors
 
 # --- Steps -------------------------------------------------------------------
 
 
 @pytest.fixture
-def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(environment, "_STEPS", 60)
+def few_steps(monkeypatch):
+    monkeypatch.setattr(environment, "_STEPS", 30)
     monkeypatch.setattr(environment, "_ROUNDS", 1)
 
 
 @pytest.mark.usefixtures("few_steps")
-def test_physics_of_both_environments_is_repeated_bit_for_bit() -> None:
-    rows = measure_steps(1).rows
-    assert list(rows) == [ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID]
-    assert [row["physics repeated"] for row in rows.values()] == ["bit for bit"] * 2
+def test_physics_is_repeated_bit_for_bit_with_the_gains_of_every_step(monkeypatch):
+    ids, alike = [ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID], "bit for bit"
+    for repeated in ([alike, alike], [alike, "DEPARTS"]):
+        rows = measure_steps(1).rows
+        assert list(rows) == ids
+        assert [row["physics repeated"] for row in rows.values()] == repeated
+        monkeypatch.setattr(environment, "_gains", lambda model: np.zeros(1))
 
 
 @pytest.mark.usefixtures("few_steps")
-def test_physics_without_the_gains_of_every_step_departs(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(environment, "_gains", lambda model: np.zeros(1))
-    rows = measure_steps(1).rows
-    assert [row["physics repeated"] for row in rows.values()] == [
-        "bit for bit",
-        "DEPARTS",
-    ]
-
-
-@pytest.mark.usefixtures("few_steps")
-def test_step_is_compared_with_its_own_physics(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_step_is_compared_with_its_own_physics(monkeypatch):
     now = 0.0
 
     def work(seconds: float) -> None:
@@ -76,7 +70,7 @@ def test_step_is_compared_with_its_own_physics(monkeypatch: pytest.MonkeyPatch) 
 # --- Resets ------------------------------------------------------------------
 
 
-def test_only_new_radii_compile_a_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_new_radii_compile_a_scene(monkeypatch):
     build, built, compiled = gplfd_env.scene.build.build_spec, [], {}
 
     def counted(*arguments: Any, **settings: Any) -> mujoco.MjSpec:
@@ -111,48 +105,49 @@ def test_only_new_radii_compile_a_scene(monkeypatch: pytest.MonkeyPatch) -> None
 # --- Vectors -----------------------------------------------------------------
 
 
-@pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vectors, "_PERIODS", 3)
-    monkeypatch.setattr(vectors, "_LEAST_STEPS", 1)
-    monkeypatch.setattr(vectors, "_SIMULATIONS", (1, 2, 64))
-
-
-@pytest.mark.usefixtures("short")
-def test_every_way_to_step_does_the_same_bit_for_bit() -> None:
+def test_every_way_to_step_does_the_same_bit_for_bit(monkeypatch):
+    for name, value in (
+        ("_PERIODS", 3),
+        ("_LEAST_STEPS", 1),
+        ("_SIMULATIONS", (1, 2, 64)),
+    ):
+        monkeypatch.setattr(environment, name, value)
     result = measure_vectors(1)
     assert "same states bit for bit" in result.title
     sizes = itertools.product((1, 2), (1, 2, 64))
-    names = [vectors.vector_name(count, threads) for threads, count in sizes]
+    names = [environment.vector_name(count, threads) for threads, count in sizes]
     assert list(result.rows) == [
-        vectors.PHYSICS,
-        vectors.PHYSICS_IN_TURNS,
-        vectors.SINGLE,
-        vectors.SYNC,
+        environment.PHYSICS,
+        environment.PHYSICS_IN_TURNS,
+        environment.SINGLE,
+        environment.SYNC,
         *names,
     ]
 
 
-@pytest.mark.usefixtures("short")
-def test_a_way_that_does_something_else_is_reported() -> None:
-    commands = vectors._commands()
-    same = {"raw": vectors._physics(commands), "sync": vectors._vector(commands, 2)}
-    assert vectors._end_alike(same)
-    other = vectors._single(commands + 1e-9)
-    assert not vectors._end_alike({**same, "other": other})
+def test_a_way_that_does_something_else_is_reported(monkeypatch):
+    for name, value in (("_PERIODS", 3), ("_SIMULATIONS", ()), ("_THREADS", ())):
+        monkeypatch.setattr(environment, name, value)
+    ways = environment._ways_to_step()
+    same = {name: ways[name] for name in (environment.PHYSICS, environment.SYNC)}
+    assert environment._end_alike(same)
+    end = same[environment.SYNC].prepare()()
+    other = Timed(prepare=lambda: lambda: end + 1e-9)
+    assert not environment._end_alike({**same, "other": other})
 
 
-@pytest.mark.usefixtures("short")
 def test_vectors_are_compared_with_sync_by_the_clock_and_physics_in_cpu_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     found = {
-        vectors.PHYSICS: Timing(wall=(1.0,), cpu=(100e-6,)),
-        vectors.SYNC: Timing(wall=(200e-6,), cpu=(1.0,)),
-        vectors.vector_name(2, 2): Timing(wall=(80e-6,), cpu=(9.0,)),
-        vectors.vector_name(64, 2): Timing(wall=(9.0,), cpu=(120e-6,)),
+        environment.PHYSICS: Timing(wall=(1.0,), cpu=(100e-6,)),
+        environment.SYNC: Timing(wall=(200e-6,), cpu=(1.0,)),
+        environment.vector_name(2, 2): Timing(wall=(80e-6,), cpu=(9.0,)),
+        environment.vector_name(64, 2): Timing(wall=(9.0,), cpu=(120e-6,)),
     }
-    monkeypatch.setattr(vectors, "measure", lambda *_, **__: found)
+    monkeypatch.setattr(environment, "_ways_to_step", dict)
+    monkeypatch.setattr(environment, "_end_alike", lambda _: True)
+    monkeypatch.setattr(environment, "measure", lambda *_, **__: found)
     few, many = measure_vectors(1).targets
     assert (few.value, few.met) == (pytest.approx(2.5), True)
     assert (many.value, many.met) == (pytest.approx(1.2), False)

@@ -1,9 +1,6 @@
 """What a person may write about a study, on the command line and in a file."""
 
 import dataclasses
-import re
-from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -38,15 +35,13 @@ NAMES = st.lists(st.text(st.characters(exclude_categories=["Cs"])), max_size=3)
         skill=st.booleans(),
     )
 )
-def test_settings_come_back_from_their_file(
-    tmp_path_factory: pytest.TempPathFactory, settings: StudySettings
-) -> None:
+def test_settings_come_back_from_their_file(tmp_path_factory, settings):
     path = tmp_path_factory.getbasetemp() / "study.toml"
     write_settings(path, settings)
     assert read_settings(path) == settings
 
 
-def test_a_file_need_not_say_everything(tmp_path: Path) -> None:
+def test_a_file_need_not_say_everything(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text('doors = ["small", 0.42]\nteacher_noise = [2]\n')
     assert settings_named(str(path)) == StudySettings(
@@ -80,7 +75,7 @@ def test_a_file_need_not_say_everything(tmp_path: Path) -> None:
         ("format_version = 1", "it lacks format, which must be a text"),
     ],
 )
-def test_a_wrong_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_a_wrong_file_is_refused(tmp_path, text, message):
     path = tmp_path / "study.toml"
     path.write_text(text)
     with pytest.raises(ValueError) as raised:  # noqa: PT011 - compared below
@@ -89,32 +84,14 @@ def test_a_wrong_file_is_refused(tmp_path: Path, text: str, message: str) -> Non
     assert str(path) in str(raised.value)
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"seeds": 1_000_000_000}, "makes a study of 88,000,000,000 tasks; at"),
-        ({"demonstrations_per_door": (2, 10**9)}, "1000000000 must be 1 to 1000"),
-        ({"teacher_noise": (21.0,)}, "--teacher-noise 21.0 must be 0 to 20"),
-        ({"randomizations": ("mild", "mild")}, "mild is given twice"),
-        ({"policies": ()}, "--policies needs at least one value"),
-        ({"policies": ("gp-fixd",)}, "did you mean 'gp-fixed'"),
-        ({"doors": ("smal",)}, "did you mean 'small'"),
-        ({"seeds": 0}, "--seeds 0 must be 1 or more"),
-    ],
-)
-def test_a_study_without_end_or_sense_is_refused(
-    settings: dict[str, Any], message: str
-) -> None:
-    with pytest.raises(ValueError, match=re.escape(message)):
-        checked(StudySettings(**settings))
-
-
-def test_a_study_that_does_not_exist_is_refused() -> None:
+def test_a_study_that_does_not_exist_or_is_empty_is_refused():
     with pytest.raises(ValueError, match=r"no such study \(did you mean 'small'\?\)"):
         settings_named("smal")
+    with pytest.raises(ValueError, match="--policies needs at least one value"):
+        checked(StudySettings(policies=()))
 
 
-def test_the_whole_comparison_is_table_1_on_known_and_new_doors() -> None:
+def test_the_whole_comparison_is_table_1_on_known_and_new_doors():
     study = tasks(checked(PRESETS["table-1"]))
     opened = [task for task in study if isinstance(task, EpisodeTask)]
     tested = [task for task in study if isinstance(task, SkillTask)]
@@ -128,18 +105,18 @@ def test_the_whole_comparison_is_table_1_on_known_and_new_doors() -> None:
     ]
 
 
-def test_methods_are_named_together_as_published_and_as_tuned() -> None:
+def test_methods_are_named_together_as_published_and_as_tuned():
     both = checked(StudySettings(policies=("table-1-tuned", "oracle", "table-1")))
     tuned = [f"{policy}-tuned" for policy in TABLE_1]
     assert list(both.policies) == [*tuned, "oracle", *TABLE_1]
 
 
-def test_the_small_study_is_small() -> None:
+def test_the_small_study_is_small():
     study = tasks(checked(PRESETS["small"]))
     assert sum(isinstance(task, EpisodeTask) for task in study) == 3 * 3 * 3
 
 
-def test_everything_is_crossed_with_everything() -> None:
+def test_everything_is_crossed_with_everything():
     settings = StudySettings(
         policies=("gp", "oracle"),
         doors=("small", "0.42"),
@@ -160,7 +137,7 @@ def test_everything_is_crossed_with_everything() -> None:
     assert set(map(type, without)) == {EpisodeTask}
 
 
-def test_noise_makes_demonstrations_of_one_door_differ() -> None:
+def test_noise_makes_demonstrations_of_one_door_differ():
     standard, noisy = standard_teacher(), noisy_teacher(2.0)
     changed = {name for name in standard if noisy[name] != standard[name]}
     assert changed == {
@@ -173,7 +150,7 @@ def test_noise_makes_demonstrations_of_one_door_differ() -> None:
     TeacherConfig(**noisy_teacher(20.0))
 
 
-def test_learning_tests_are_of_furniture_doors() -> None:
+def test_learning_tests_are_of_furniture_doors():
     rooms = checked(StudySettings(doors=("room-584",), seeds=1))
     assert {type(task) for task in tasks(rooms)} == {EpisodeTask}
     both = checked(StudySettings(doors=("room-584", "small"), seeds=1))

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,7 @@ from gplfd_experiments.workflows.study_recordings import (
 
 
 @pytest.fixture
-def shown(write_study: Callable, episode_result: Callable) -> Callable[..., Any]:
+def shown(write_study, episode_result):
     """Name the episodes that are compared, of (policy, level, seed, radius)."""
 
     def shown(trial: str, *rows: Any) -> dict[str, tuple[str, int, float]]:
@@ -44,7 +43,7 @@ def shown(write_study: Callable, episode_result: Callable) -> Callable[..., Any]
     return shown
 
 
-def test_all_contrasts_fit_beside_gp_and_hinge_fit(shown: Callable) -> None:
+def test_all_contrasts_fit_beside_gp_and_hinge_fit(shown):
     rows = [
         (policy, level, seed, 0.5)
         for policy in (*CONSTANT, "dmp", "hinge-fit", "gp")
@@ -56,9 +55,7 @@ def test_all_contrasts_fit_beside_gp_and_hinge_fit(shown: Callable) -> None:
     assert set(found.values()) == {("in the way", 2, 0.5)}
 
 
-def test_more_than_can_be_seen_are_left_out(
-    write_study: Callable, episode_result: Callable
-) -> None:
+def test_more_than_can_be_seen_are_left_out(write_study, episode_result):
     lacking = [f"gp-constant-{100 + place}" for place in range(COMPARED)]
     trial = dataclasses.replace(
         TRIALS["stop"],
@@ -81,7 +78,7 @@ def test_more_than_can_be_seen_are_left_out(
     assert chosen == ["gp", "hinge-fit", *lacking[: COMPARED - 2]]
 
 
-def test_levels_are_compared_where_they_are_what_differs(shown: Callable) -> None:
+def test_levels_are_compared_where_they_are_what_differs(shown):
     rows = [
         ("gp", level, 0, radius)
         for level in TRIALS["further"].levels
@@ -95,7 +92,7 @@ def test_levels_are_compared_where_they_are_what_differs(shown: Callable) -> Non
     }
 
 
-def test_who_is_missing_is_left_out(shown: Callable) -> None:
+def test_who_is_missing_is_left_out(shown):
     assert list(shown("stop", ("hinge-fit", "stop", 1, 0.5))) == ["hinge-fit"]
     assert side_by_side(TRIALS["stop"], {}) == {}
 
@@ -104,7 +101,7 @@ def page(folder: Path) -> str:
     return markdown_page(report(read_results(folder), folder, folder, "gp"))
 
 
-def test_a_trial_is_recorded_and_linked(tmp_path: Path) -> None:
+def test_a_trial_is_recorded_and_linked(tmp_path):
     tasks = [
         task
         for task in trial_tasks(named_trials(("push",)), part="small")
@@ -138,11 +135,9 @@ def test_a_trial_is_recorded_and_linked(tmp_path: Path) -> None:
         assert f"Side by side: {link}, what it shows is not known" in page(tmp_path)
 
 
-def test_the_command_records_when_asked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_records_when_asked(tmp_path, monkeypatch):
     recorded: list[Path] = []
-    monkeypatch.setattr("gplfd_experiments.studies.session.carry_out", lambda *_: 0)
+    monkeypatch.setattr("gplfd_experiments.studies.runner.run_or_resume", lambda *_: 0)
     monkeypatch.setattr(module, "record_trials", recorded.append)
     arguments = ["trials", "--trials", "stop", "--out", str(tmp_path), "--quiet"]
     assert main(arguments) == 0

@@ -8,8 +8,7 @@ from gplfd_env.doors.config import DOORS
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.studies import engines
-from gplfd_experiments.studies.engines import Lost
-from gplfd_experiments.studies.engines.serial import Serial
+from gplfd_experiments.studies.engines import Lost, Serial
 from gplfd_experiments.studies.learning_tests.scores import method_metrics
 from gplfd_experiments.studies.settings import PRESETS
 from gplfd_experiments.studies.tuning import objective, search
@@ -99,14 +98,12 @@ def test_closed_doors_count_before_forces_and_density_as_much():
 
 
 def test_what_has_no_density_or_ended_in_an_error_comes_last():
-    given = [ERROR, evaluation(None, force=1.0), evaluation(50.0, force=2.0)]
+    given = [ERROR, evaluation(50.0, force=2.0), evaluation(None, force=1.0)]
     place, ranks = best(given)
     assert ranks == [3.0, 1.5, 1.5]
-    assert place == 1  # the better task
+    assert place == 2  # the better task
     assert best([evaluation(None), evaluation(None)]) == (0, [1.5, 1.5])
-
-
-def test_equal_candidates_leave_the_method_as_published():
+    # Equal candidates leave the method as published.
     assert best([evaluation(-1.0)] * 4)[0] == 0
 
 
@@ -133,80 +130,80 @@ def test_settings_with_which_nothing_can_be_learned_are_an_error_of_theirs():
     assert "Traceback" in found["traceback"]
 
 
-class Interrupted:
-    """An engine that a person stops after some items."""
+class Engine:
+    """A person interrupts it after some items; or its workers die."""
 
-    def __init__(self, after):
+    def __init__(self, after=None):
         self.after = after
 
     def run(self, work, items):
         for number, item in enumerate(items):
             if number == self.after:
                 raise KeyboardInterrupt
-            yield item, work(item)
+            yield item, Lost(reason="it died") if self.after is None else work(item)
 
 
-def test_interrupted_and_resumed_gives_the_same_file(tmp_path, monkeypatch):
+@pytest.fixture
+def evaluated(monkeypatch):
+    """Replace evaluations by some that cost nothing; remember the candidates."""
     counted = []
     monkeypatch.setattr(
         search, "evaluate", lambda one: counted.append(one) or pretended(one)
     )
+    return counted
+
+
+def test_interrupted_and_resumed_gives_the_same_file(tmp_path, evaluated):
     policies = ("gmr", "kmp")
     table = search.tune(policies, tmp_path / "whole", Serial(), SMALL)
-    assert len(counted) == 10
+    assert len(evaluated) == 10
     with pytest.raises(KeyboardInterrupt):
-        search.tune(policies, tmp_path / "parts", Interrupted(3), SMALL)
+        search.tune(policies, tmp_path / "parts", Engine(after=3), SMALL)
     assert not (tmp_path / "parts" / "tuned.json").exists()
-    assert search.tune(policies, tmp_path / "parts", Serial(), SMALL) == table
-    assert len(counted) == 20
+    for _ in range(2):
+        assert search.tune(policies, tmp_path / "parts", Serial(), SMALL) == table
+        assert len(evaluated) == 20
     whole, parts = (
         (tmp_path / name / "tuned.json").read_bytes() for name in ("whole", "parts")
     )
     assert whole == parts
-    search.tune(policies, tmp_path / "parts", Serial(), SMALL)
-    assert len(counted) == 20
 
 
-@pytest.mark.parametrize("damage", ["cut", "other code", "error", "lost"])
-def test_what_is_no_result_is_run_again(tmp_path, monkeypatch, damage):
-    monkeypatch.setattr(search, "evaluate", pretended)
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda whole: json.dumps(whole)[:100],
+        lambda whole: json.dumps(whole | {"git": {"commit": "0", "dirty": False}}),
+        lambda whole: json.dumps(whole | ERROR),
+        lambda whole: "{}",
+    ],
+    ids=["cut", "other code", "error", "empty"],
+)
+def test_what_is_no_result_is_run_again(tmp_path, evaluated, damage):
     search.tune(("gmr",), tmp_path, Serial(), SMALL)
     file = sorted((tmp_path / "evaluations").iterdir())[0]
-    text = file.read_text()
-    whole = json.loads(text)
-    file.write_text(
-        {
-            "cut": text[:100],
-            "other code": json.dumps(whole | {"git": {"commit": "0", "dirty": False}}),
-            "error": json.dumps(whole | ERROR),
-            "lost": json.dumps({}),
-        }[damage]
-    )
+    whole = json.loads(file.read_text())
+    file.write_text(damage(whole))
     search.tune(("gmr",), tmp_path, Serial(), SMALL)
     assert json.loads(file.read_text()) == whole
 
 
-class Losing:
-    """An engine whose workers die."""
-
-    def run(self, work, items):
-        for item in items:
-            yield item, Lost(reason="the worker died")
-
-
 def test_workers_that_die_are_errors(tmp_path, caplog):
     with caplog.at_level("WARNING", logger="gplfd"):
-        table = search.tune(("gmr",), tmp_path, Losing(), SMALL)
-    assert "gmr, candidate 4: the worker died" in caplog.text
-    assert (
-        json.loads((tmp_path / "tuned.json").read_text())["policies"]["gmr"]["errors"]
-        == SMALL.evaluations
-    )
+        table = search.tune(("gmr",), tmp_path, Engine(), SMALL)
+    assert "gmr, candidate 4: it died" in caplog.text
+    written = json.loads((tmp_path / "tuned.json").read_text())
+    assert written["policies"]["gmr"]["errors"] == SMALL.evaluations
     assert "gmr published" in table
 
 
-def test_the_file_is_what_the_registry_reads(tmp_path, monkeypatch):
-    monkeypatch.setattr(search, "evaluate", pretended)
+def test_a_file_that_is_deleted_meanwhile_is_missed(tmp_path, evaluated, monkeypatch):
+    monkeypatch.setattr(search, "write_json", lambda *_: None)
+    with pytest.raises(ValueError, match=r"gone or changed; run the command again"):
+        search.tune(("gmr",), tmp_path, Serial(), SMALL)
+
+
+def test_the_file_is_what_the_registry_reads(tmp_path, evaluated):
     search.tune(("gmr", "dmp"), tmp_path, Serial(), SMALL)
     found = tuned_settings(tmp_path / "tuned.json")
     expected = {name: candidates(name, SMALL)[3].settings for name in ("gmr", "dmp")}
@@ -218,14 +215,12 @@ def test_the_file_is_what_the_registry_reads(tmp_path, monkeypatch):
     assert written["policies"]["gmr"]["tuned"]["force_radial_peak_median"] == 1.0
 
 
-def test_as_json_it_prints_what_the_file_has(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(search, "evaluate", pretended)
+def test_as_json_it_prints_what_the_file_has(tmp_path, evaluated, monkeypatch, capsys):
     monkeypatch.setattr(engines, "engine_named", lambda *_, **__: Serial())
     command = ["tune", "--policies", "gmr", "--out", str(tmp_path), "--json"]
     assert main(command) == 0
     printed = json.loads(capsys.readouterr().out)
-    written = json.loads((tmp_path / "tuned.json").read_text())
-    assert printed == written["policies"]
+    assert printed == json.loads((tmp_path / "tuned.json").read_text())["policies"]
 
 
 @pytest.mark.parametrize(
@@ -240,7 +235,4 @@ def test_wrong_policies_are_told(policies, message, capsys, tmp_path):
     assert main(["tune", "--policies", *policies, "--out", str(tmp_path)]) == 2
     assert message in " ".join(capsys.readouterr().err.split())
     assert not list(tmp_path.iterdir())
-
-
-def test_all_policies_are_tuned_by_default():
     assert checked_policies(()) == tuple(SPACES)

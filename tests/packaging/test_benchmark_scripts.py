@@ -14,7 +14,7 @@ import pytest
 import tyro
 
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_experiments.studies.learning_tests.recorded import recorded_metrics
+from gplfd_experiments.studies.learning_tests.scores import recorded_metrics
 from gplfd_policies import POLICIES
 from gplfd_policies.demonstrations.npz import save_demonstrations
 

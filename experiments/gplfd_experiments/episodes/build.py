@@ -1,14 +1,14 @@
-"""Everything that an episode needs, made from its task.
+"""Demonstrations, agents and environment of an episode, made from its task.
 
-This is the only place where demonstrations, agents and environments are made from a
-task: a run, a study, its repetition, a figure and a live view of one task therefore
-have the same numbers.
+This is the only place that makes them: a run, a study, its repetition, a figure and a
+live view of one task therefore have the same numbers. It also reports errors that arise
+in a user's policy.
 """
 
 import contextlib
 import functools
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -21,24 +21,26 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.data.reaching import GRASPED, openings, reaches
 from gplfd_experiments.data.teacher import Habits, Teacher, TeacherConfig
-from gplfd_experiments.episodes.agents import learned
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.rollouts import rollouts
+from gplfd_experiments.episodes.rollout import rollouts
 from gplfd_experiments.episodes.task import EpisodeTask
-from gplfd_policies.agents.agent import Agent
+from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.agents.lockstep import batch_agents
 from gplfd_policies.agents.reaching import ReachingAgent, joined, learn_reach
+from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations, hash_of
 from gplfd_policies.movements.prior_mean import PosePath
 from gplfd_policies.registry.method import TrainingInput
+from gplfd_policies.registry.module_files import place_in
 from gplfd_policies.registry.policy import Policy
+from gplfd_policies.registry.user_policies import source_files
 
 
 def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:
-    """Return what the synthetic human demonstrates for a task.
+    """Return the synthetic human's demonstrations for a task.
 
-    An episode that starts before the handle has demonstrations that reach for it first;
-    their openings are those of the same task with the handle in the hand.
+    An episode that starts before the handle has demonstrations that reach for it first.
+    Their openings are those of the same task with the handle in the hand.
     """
     return _demonstrated(task.shown)
 
@@ -75,19 +77,39 @@ def demonstrations_hash(task: EpisodeTask) -> str:
     return hash_of(demonstrations_of(task).demonstrations)
 
 
+def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
+    """Learn a policy's movement once, if it follows one.
+
+    Returns:
+        A function that makes an agent. Policies that follow no learned movement begin
+        anew for every agent.
+    """
+    method = policy.method
+    with one_thread:
+        movement = method.learn(training) if method is not None else None
+
+    def make() -> Agent:
+        with one_thread:
+            if method is not None and movement is not None:
+                return method.follow(movement)
+            return as_agent(policy.make(training))
+
+    return make
+
+
 def learned_agents(
     task: EpisodeTask, policy: Policy, given: LabelledDemonstrations | None = None
 ) -> Callable[[], Agent]:
     """Let the policy of a task learn.
 
     Args:
-        task: One of those that learn from the same, see `EpisodeTask.training`.
+        task: One of the tasks with the same `EpisodeTask.training`.
         policy: The policy that the task names.
         given: Demonstrations to learn from instead of the task's own.
 
     Returns:
-        What makes an agent. It reaches for the handle first if the episode starts
-        before it.
+        A function that makes an agent. The agent reaches for the handle first if the
+        episode starts before it.
 
     Raises:
         ValueError: The policy cannot learn from the demonstrations, or they do not show
@@ -116,9 +138,9 @@ def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> g
     """Return the environment of a task; reset it with `EpisodeTask.reset_seed`.
 
     Args:
-        task: Which door, robot and circumstances.
+        task: Door, robot and circumstances.
         control: What the task's agent commands.
-        arguments: More for `gymnasium.make`, such as ``max_episode_steps``.
+        arguments: More arguments of `gymnasium.make`, such as ``max_episode_steps``.
 
     Raises:
         ValueError: There is no such door, the robot does not reach it, or the task is
@@ -145,8 +167,8 @@ def open_together(
     """Open the doors of several tasks in lockstep, and return a log of each.
 
     Args:
-        tasks: With one policy, one robot and one start, as those of one
-            `EpisodeTask.training` are; at least one.
+        tasks: Tasks with the same `EpisodeTask.training`, and therefore one policy,
+            one robot and one start; at least one.
         agents: One per task, see `learned_agents`.
         forecast_period: Simulated time between forecasts [s]; None for none.
 
@@ -187,3 +209,34 @@ def _check_version(task: EpisodeTask) -> None:
             "environment, whose driving base exceeded its limits; it cannot be "
             "repeated: run the study again"
         )
+
+
+def where(error: BaseException, policy: Policy) -> str:
+    """Return file, line and function of the user's in which an error arose, or ""."""
+    return place_in(source_files(policy.origin), error) if policy.origin else ""
+
+
+class PolicyError(ValueError):
+    """The user's policy raised an error, in learning or acting."""
+
+
+@contextlib.contextmanager
+def reported_errors(name: str, policy: Policy) -> Iterator[None]:
+    """Replace an error of the user's policy by one that states where it arose.
+
+    Raises:
+        PolicyError: In place of the error.
+    """
+    try:
+        yield
+    # Anything: the user's code runs here, and may leave by `sys.exit`.
+    except (Exception, SystemExit) as error:
+        place = where(error, policy)
+        built_in = policy.origin is None or policy.origin.kind == "built-in"
+        # Errors of files, arguments and actions are clear by themselves.
+        if built_in or (not place and isinstance(error, ValueError | OSError)):
+            raise
+        raise PolicyError(
+            f"policy {name!r} failed with {type(error).__name__}: {error}"
+            + (f" ({place})" if place else "")
+        ) from error

@@ -1,4 +1,4 @@
-"""Let a policy open doors, and keep everything that happens as a data set."""
+"""Let a policy open doors, and write the episodes as a data set."""
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,11 +16,12 @@ from gplfd_experiments.console.arguments import (
 from gplfd_experiments.console.progress import LOG, progress_bar
 from gplfd_experiments.data.minari import RecordedEpisode, Recorder, write_dataset
 from gplfd_experiments.data.minari.contents import outcome
-from gplfd_experiments.episodes.agents import reported_errors
-from gplfd_experiments.episodes.build import learned_agents, make_environment
-from gplfd_experiments.episodes.doors import named_doors
-from gplfd_experiments.episodes.task import EpisodeTask, episode_task
-from gplfd_policies.agents.agent import Agent
+from gplfd_experiments.episodes.build import (
+    learned_agents,
+    make_environment,
+    reported_errors,
+)
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.registry.catalogue import policy_named
 from gplfd_policies.registry.policy import Policy
@@ -92,8 +93,7 @@ def record_dataset(
                 "record two data sets"
             )
     limit = {} if max_steps is None else {"max_episode_steps": max_steps}
-    # The first agent says which environment they all act in. Resets bring its door to
-    # those of the other tasks.
+    # The first agent determines the environment of all. Resets change its door.
     with reported_errors(policy, chosen):
         control = learned_agents(first, chosen)().control
     with contextlib.closing(make_environment(first, control, **limit)) as env:
@@ -112,26 +112,21 @@ def _recorded(
     env: gym.Env[Any, Any], tasks: Sequence[EpisodeTask], policy: Policy
 ) -> Iterator[RecordedEpisode]:
     """Run and yield the episode of every task."""
-    recorder = Recorder(env)
+    recorder, inner = Recorder(env), env.unwrapped
     for task in progress_bar(tasks, desc="recording", unit="episode"):
-        with reported_errors(task.policy, policy):
-            _act(learned_agents(task, policy)(), recorder, task)
+        # Small matrices: more threads only cost time, and change the order of sums.
+        with reported_errors(task.policy, policy), one_thread:
+            agent = learned_agents(task, policy)()
+            observation, _ = recorder.reset(
+                seed=task.reset_seed, options={"door": dict(task.door_config)}
+            )
+            agent.inform(inner.door_geometry)  # type: ignore[attr-defined]
+            agent.reset(observation)
+            ended = False
+            while not ended:
+                action = agent.act(observation).command(agent.control)
+                observation, _, terminated, truncated, _ = recorder.step(action)
+                ended = terminated or truncated
         episode = recorder.episode
         LOG.info("%s, seed %d: %s", task.door, task.seed, outcome(episode))
         yield episode
-
-
-def _act(agent: Agent, env: Recorder, task: EpisodeTask) -> None:
-    """Let the agent act from the reset to the end of the episode."""
-    inner: Any = env.unwrapped
-    # Small matrices: more threads only cost time, and change the order of sums.
-    with one_thread:
-        options = {"door": dict(task.door_config)}
-        observation, _ = env.reset(seed=task.reset_seed, options=options)
-        agent.inform(inner.door_geometry)
-        agent.reset(observation)
-        ended = False
-        while not ended:
-            action = agent.act(observation).command(agent.control)
-            observation, _, terminated, truncated, _ = env.step(action)
-            ended = terminated or truncated

@@ -1,4 +1,4 @@
-"""How well a policy knows, while it opens a door, where the handle will go."""
+"""Error of a policy's forecast of the handle's path, while it opens a door."""
 
 import math
 from typing import Final
@@ -14,8 +14,7 @@ PROGRESS: Final = (0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
 """Door angles at which forecasts are judged, as shares of the demonstrated angle."""
 
 _LATEST: Final = 0.1
-"""A forecast made this share of the demonstrated angle too late, or later, does not
-count: it knows what the next one should."""
+"""Delay after which a forecast does not count, as a share of the demonstrated angle."""
 
 _ARC_POINTS: Final = 100
 
@@ -25,17 +24,17 @@ def forecast_errors(
 ) -> tuple[float | None, ...]:
     """Return the error of the forecast made at each progress of `PROGRESS`.
 
-    What is to come is the handle's true arc from where it is to the demonstrated angle,
-    also where the episode ended before. Its error is the root mean square distance of
-    its points from the path that the forecast's mean takes: when the policy expects to
-    be where is not judged.
+    The truth is the handle's arc from its present angle to the demonstrated one, also
+    where the episode ended before. The error is the root mean square distance of points
+    on this arc from the path of the forecast's mean; timing is not judged.
 
     Args:
         log: The episode; the first forecast made at or after each progress counts.
         demonstrated_angle: Angle to which the demonstrated doors were opened [rad].
 
     Returns:
-        Distances [m]; None where the door was not opened so far or nothing forecast.
+        Distances [m]; None where the door was not opened so far or nothing was
+        forecast.
     """
     return tuple(
         _error(log, progress * demonstrated_angle, demonstrated_angle)
@@ -63,8 +62,8 @@ def _error(log: EpisodeLog, angle: float, demonstrated_angle: float) -> float | 
 def handle_path(log: EpisodeLog, angles: FloatArray) -> FloatArray:
     """Return where the handle of an episode's door is at any opening angle.
 
-    The arc is placed as the logged handle lies: a robot that stands a little askew sees
-    it turned and shifted.
+    The arc is turned and shifted to fit the logged handle, because the robot may stand
+    a little askew.
 
     Args:
         log: An episode in which the door moved.

@@ -1,6 +1,6 @@
-"""Everything that happened in one episode, as arrays over the control steps.
+"""Log of an episode: arrays over the control steps.
 
-Metrics, figures and recordings read logs; none of them simulates again.
+Metrics, figures and recordings read logs; none of them simulates.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ Pose = Float[np.ndarray, "T 6"]
 Flag = Bool[np.ndarray, " T"]
 
 KIND: Final = "a gplfd episode log"
-"""What the file says it holds."""
+"""Kind of the file, stated in it."""
 
 VERSION: Final = 4
 """Version of the layout of the file."""
@@ -58,7 +58,7 @@ class EpisodeLog:
     """Why not: "" | "grasp_lost" | "base_blocked" | "stalled" | "latched" |
     "not_grasped" | "simulation_error" | "time_limit"."""
     reason: str
-    """What is behind that: "" | "handle_lost" | "blocked" | "out_of_reach" |
+    """The cause of that: "" | "handle_lost" | "blocked" | "out_of_reach" |
     "too_heavy", or the same (`gplfd_env.task.stages`)."""
 
     times: Number

@@ -1,17 +1,28 @@
-"""The one loop in which an agent acts on a door."""
+"""Let agents act until their episodes end, and log everything that happens.
+
+`rollout` runs one agent in the single environment, `rollouts` many in lockstep in the
+vector environment. Both give the same logs, bit for bit.
+"""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
 
-from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.recorder import ForecastRecorder, StepRecorder, make_log
-from gplfd_policies.agents.agent import Agent, as_agent
+from gplfd_env.envs.vector import DoorOpeningVectorEnv
+from gplfd_experiments.episodes.log import PER_STEP, EpisodeLog
+from gplfd_policies.agents.agent import as_agent
+from gplfd_policies.agents.lockstep import AgentBatch
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.movements.trajectory import GaussianTrajectory
+
+Arrays = dict[str, NDArray[Any]]
+StepT = TypeVar("StepT")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -25,8 +36,8 @@ class Progress:
     steps: int
     """Number of control steps so far."""
     log: Callable[[], EpisodeLog]
-    """Makes the log of the episode so far; two steps or more. While it is not over it
-    counts neither as solved nor as failed by the time limit."""
+    """Makes the log of the episode so far; two steps or more. Before the end of the
+    episode it counts neither as solved nor as failed by the time limit."""
 
 
 def rollout(
@@ -39,7 +50,7 @@ def rollout(
     forecast_period: float = 0.35,
     on_step: Callable[[Progress], None] | None = None,
 ) -> EpisodeLog:
-    """Let the agent act until the episode ends, and log everything.
+    """Let an agent act until the episode ends, and log everything.
 
     Args:
         env: Door environment of the agent's control, see `gplfd_env.ENVIRONMENT_IDS`;
@@ -61,8 +72,7 @@ def rollout(
     """
     agent = as_agent(agent)
     inner: Any = env.unwrapped
-    # Matrices of a hundred rows: sharing them out among threads would cost
-    # ten times the work itself.
+    # Matrices of a hundred rows: several threads would cost ten times the work itself.
     with one_thread:
         observation, info = env.reset(seed=seed)
         agent.inform(inner.door_geometry)
@@ -72,7 +82,7 @@ def rollout(
         ended = truncated = False
 
         def log() -> EpisodeLog:
-            return make_log(
+            return _log(
                 steps.arrays() | forecasts.arrays(),
                 failure=str(info["failure"]),
                 reason=str(info["reason"]),
@@ -86,7 +96,7 @@ def rollout(
         while True:
             now = float(observation["time"][0])
             forecasts.take_if_due(now, force=ended)
-            decision, cpu, wall = _timed_decision(agent, observation)
+            decision, cpu, wall = _timed(partial(agent.act, observation))
             steps.add(
                 observation,
                 info,
@@ -108,13 +118,212 @@ def rollout(
             ended = terminated or truncated
 
 
-def _timed_decision(agent: Agent, observation: Any) -> tuple[AgentStep, float, float]:
-    """Let the agent decide; return the decision, its CPU time and wall time [s].
+def rollouts(
+    envs: DoorOpeningVectorEnv,
+    agents: AgentBatch,
+    *,
+    policy: str,
+    doors: Sequence[str],
+    seeds: Sequence[int],
+    forecast_period: float | None = 0.35,
+) -> tuple[EpisodeLog, ...]:
+    """Let every agent open its door once, and log each episode.
+
+    An episode's log is that of `rollout` with the single environment and the agent
+    alone, bit for bit, except for ``latency_s`` and ``latency_wall_s``: each agent's
+    share of the batch's decision.
+
+    Args:
+        envs: N simulations with ``autoreset_mode="Disabled"``, of the agents' control.
+        agents: Their N agents.
+        policy: Name of the policy, for the logs.
+        doors: Names of the N doors, for the logs.
+        seeds: Seeds of the N simulations' resets.
+        forecast_period: Simulated time between forecasts [s]; None for none.
+
+    Raises:
+        ValueError: The simulations reset by themselves, or N differs.
+    """
+    if envs.autoreset_mode.value != "Disabled":
+        raise ValueError(
+            "lockstep rollouts need simulations that stand still when they end: make "
+            'them with autoreset_mode="Disabled"'
+        )
+    if not len(doors) == len(seeds) == envs.num_envs:
+        raise ValueError(
+            f"{envs.num_envs} simulations need as many doors and seeds, got "
+            f"{len(doors)} and {len(seeds)}"
+        )
+    with one_thread:  # as in `rollout`
+        observations, infos = envs.reset(seed=list(seeds))
+        agents.inform(envs.door_geometries)
+        agents.reset(observations)
+        steps = StepRecorder()
+        forecasts = [
+            ForecastRecorder(partial(agents.forecast, row), forecast_period)
+            for row in range(envs.num_envs)
+        ]
+        lengths = np.zeros(envs.num_envs, dtype=int)
+        acting = np.ones(envs.num_envs, dtype=bool)
+        ended, truncated = ~acting, ~acting
+        while True:
+            times = observations["time"][:, 0]
+            for row in np.flatnonzero(acting).tolist():
+                forecasts[row].take_if_due(float(times[row]), force=bool(ended[row]))
+            decided, cpu, wall = _timed(partial(agents.act, observations, acting))
+            count = np.count_nonzero(acting)
+            steps.add(
+                observations,
+                infos,
+                decided,
+                times=times,
+                qpos=envs.qpos,
+                solved=infos["success"],
+                latency_s=np.full(times.shape, cpu / count),
+                latency_wall_s=np.full(times.shape, wall / count),
+            )
+            lengths += acting
+            # An episode's last row is the state in which it ended.
+            acting = acting & ~ended
+            if not acting.any():
+                break
+            observations, _, terminated, truncated, infos = envs.step(
+                decided.command(agents.control)
+            )
+            ended = terminated | truncated
+    together = steps.arrays()
+    return tuple(
+        _log(
+            {name: rows[: lengths[row], row] for name, rows in together.items()}
+            | forecasts[row].arrays(),
+            failure=str(infos["failure"][row]),
+            reason=str(infos["reason"][row]),
+            truncated=bool(truncated[row]),
+            policy=policy,
+            door=door,
+            door_config=envs.variations[row].door.as_dict(),
+            seed=seed,
+        )
+        for row, (door, seed) in enumerate(zip(doors, seeds, strict=True))
+    )
+
+
+class StepRecorder:
+    """Collects a row per control step: of one episode, or of N with a leading axis.
+
+    The names are those of `EpisodeLog`.
+    """
+
+    def __init__(self) -> None:
+        self._columns: dict[str, list[Any]] = {name: [] for name in PER_STEP}
+
+    def __len__(self) -> int:
+        """Number of steps."""
+        return len(self._columns["times"])
+
+    def add(
+        self,
+        observation: Mapping[str, NDArray[np.float64]],
+        info: Mapping[str, Any],
+        step: object,
+        **known: Any,
+    ) -> None:
+        """Add a control step.
+
+        Args:
+            observation: The agent's observation.
+            info: The environment's information at the same time.
+            step: The agent's decision: `gplfd_policies.control.steps.AgentStep`, or
+                the steps of a batch.
+            known: Everything else by its name in the log.
+
+        Raises:
+            ValueError: The information lacks an entry.
+        """
+        given = {**info, **observation, **known}
+        for name, column in self._columns.items():
+            if name not in given and not hasattr(step, name):
+                raise ValueError(
+                    f"the environment's info lacks {name!r}; it has {sorted(info)}"
+                )
+            column.append(
+                np.copy(given[name] if name in given else getattr(step, name))
+            )
+
+    def arrays(self) -> Arrays:
+        """Return all steps by name, stacked along the first axis."""
+        return {name: np.asarray(rows) for name, rows in self._columns.items()}
+
+
+class ForecastRecorder:
+    """Asks for a forecast before the first decision and then regularly.
+
+    Args:
+        ask: Returns the agent's forecast, or None.
+        period: Simulated time between forecasts [s]; None for no forecasts.
+    """
+
+    def __init__(
+        self, ask: Callable[[], GaussianTrajectory | None], period: float | None
+    ) -> None:
+        self._ask = ask
+        self._period = period
+        self._times: list[float] = []
+        self._phase: NDArray[np.float64] = np.empty(0)
+        self._moments: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+
+    def take_if_due(self, now: float, *, force: bool) -> None:
+        """Take a forecast if one is due at the simulated time `now` [s], or forced."""
+        if self._period is None:
+            return
+        # Half a microsecond: times are sums of steps and miss the multiple by rounding.
+        due = not self._times or now >= self._times[-1] + self._period - 5e-7
+        if (due or force) and (forecast := self._ask()) is not None:
+            # Not the trajectory: it refers to what it was computed from, up to 1 MB.
+            self._times.append(now)
+            self._phase = forecast.times
+            self._moments.append((forecast.mean, forecast.std))
+
+    def arrays(self) -> Arrays:
+        """Return the forecasts by their names in `EpisodeLog`."""
+        means, stds = zip(*self._moments, strict=True) if self._moments else ((), ())
+        shape = (len(means), self._phase.size, 6)
+        return {
+            "forecast_times": np.array(self._times),
+            "forecast_phase": np.array(self._phase),
+            "forecast_mean": np.reshape(means, shape),
+            "forecast_std": np.reshape(stds, shape),
+        }
+
+
+def _timed(decide: Callable[[], StepT]) -> tuple[StepT, float, float]:
+    """Return a decision, its CPU time and its wall time [s].
 
     CPU time is that of this thread: another process that takes the core away does not
     count. Wall time is what a robot waits, for other threads and input as well.
     """
     started, cpu_started = time.perf_counter_ns(), time.thread_time_ns()
-    decision = agent.act(observation)
+    decision = decide()
     cpu = time.thread_time_ns() - cpu_started
     return decision, 1e-9 * cpu, 1e-9 * (time.perf_counter_ns() - started)
+
+
+def _log(
+    arrays: Mapping[str, Any],
+    *,
+    failure: str,
+    reason: str,
+    truncated: bool,
+    **names: Any,
+) -> EpisodeLog:
+    """Return the log of an episode from its arrays and how it ended."""
+    success = bool(arrays["solved"][-1])
+    late = truncated and not failure and not success
+    return EpisodeLog(
+        **names,
+        **arrays,
+        dt=float(np.median(np.diff(arrays["times"]))),
+        success=success,
+        failure="time_limit" if late else failure,
+        reason="time_limit" if late else reason,
+    )

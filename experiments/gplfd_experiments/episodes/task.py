@@ -1,8 +1,8 @@
-"""What defines an episode: policy, demonstrations, door, circumstances and seed.
+"""Tasks: policy, demonstrations, door, circumstances and seed of an episode.
 
 A task is named by the hash of its definition, so that a study can be interrupted,
 resumed and extended without repeating a task. The code is no part of the name.
-`gplfd_experiments.episodes.build` makes environment and agents from it.
+`gplfd_experiments.episodes.build` makes environment and agents from a task.
 """
 
 import dataclasses
@@ -10,17 +10,18 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final, Literal
 
 from gplfd_env.conventions.constants import Base, Start
-from gplfd_env.doors.config import DoorConfig
-from gplfd_env.robot.stance import base_for
+from gplfd_env.doors.config import DOORS, DoorConfig, door_config
+from gplfd_env.robot.stance import base_for, check_reach
 from gplfd_experiments.data.teacher import (
     DEMONSTRATED_RADII,
     doors_like,
     standard_teacher,
 )
-from gplfd_experiments.episodes.doors import reset_seed
+from gplfd_experiments.files.plain_data import read_json
 
 PolicySource = Mapping[str, str]
 """``kind`` ("module" or "package"), ``distribution`` and ``version`` of a package, name
@@ -32,27 +33,49 @@ _OMIT_DEFAULT: Final = "omit_default"
 
 
 def omit_default(default: Any) -> Any:
-    """Return a field that a task's definition holds only where it is not the default.
+    """Return a field that is left out of a task's definition at its default.
 
-    A field that is added later must be one: tasks of earlier versions keep their hash.
+    Later fields must be of this kind, so that earlier tasks keep their hash.
     """
     return field(default=default, metadata={_OMIT_DEFAULT: True})
 
 
+_DEMONSTRATED_BY: Final = (
+    "seed",
+    "demonstrations_per_door",
+    "teacher",
+    "demonstrated_radii",
+    "demonstrated_kind",
+    "habits",
+    "start",
+)
+"""Fields of an episode that determine the demonstrations."""
+
+_OF_THE_DOOR: Final = (
+    "door",
+    "door_config",
+    "randomization",
+    "disturbance",
+    "trial",
+    "level",
+)
+"""Fields of an episode that do not affect learning."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Task:
-    """The smallest part of a study; what all kinds of tasks have in common."""
+    """Smallest part of a study; the fields that all kinds of tasks have."""
 
     policy: str
     """Name of the policy."""
     seed: int
     """Seed of everything that is drawn."""
     policy_source: PolicySource | None = omit_default(None)
-    """What names the content of a policy that is not this project's."""
+    """What names the content of a policy that is not this project's; else None."""
 
     @property
     def definition(self) -> dict[str, Any]:
-        """Everything that defines the task, as a result file has it."""
+        """Everything that defines the task, as in a result file."""
         optional = {
             one.name: one.default
             for one in dataclasses.fields(self)
@@ -66,7 +89,7 @@ class Task:
 
     @property
     def training(self) -> str:
-        """What the policy learns from, and which policy: equal texts learn the same."""
+        """Policy and what it learns from, as JSON: equal texts, equal learning."""
         fields = self.definition
         for name in _OF_THE_DOOR:
             fields.pop(name, None)
@@ -96,7 +119,7 @@ class EpisodeTask(TaughtTask):
     door: str
     """Name of the door."""
     door_config: Mapping[str, Any]
-    """Of the door, `gplfd_env.doors.config.DoorConfig.as_dict`."""
+    """The door, as `gplfd_env.doors.config.DoorConfig.as_dict` gives it."""
     randomization: str | Mapping[str, Any] = "none"
     """What `gplfd_env.doors.randomization.door_randomization` takes."""
     disturbance: str | Mapping[str, Any] = omit_default("none")
@@ -121,7 +144,7 @@ class EpisodeTask(TaughtTask):
     level: str = omit_default("")
     """Level of the trial."""
     kind: Literal["episode"] = field(default="episode", init=False)
-    """What tells it from other tasks in a file."""
+    """Distinguishes kinds of tasks in a file."""
 
     def __post_init__(self) -> None:
         # A file has a list.
@@ -130,7 +153,7 @@ class EpisodeTask(TaughtTask):
 
     @property
     def shown(self) -> str:
-        """What is demonstrated, as JSON: equal texts, equal demonstrations."""
+        """What determines the demonstrations, as JSON; equal texts, equal ones."""
         fields = {name: getattr(self, name) for name in _DEMONSTRATED_BY}
         return json.dumps(fields, sort_keys=True)
 
@@ -166,23 +189,64 @@ def episode_task(door: str, config: DoorConfig, **fields: Any) -> EpisodeTask:
     )
 
 
-_DEMONSTRATED_BY: Final = (
-    "seed",
-    "demonstrations_per_door",
-    "teacher",
-    "demonstrated_radii",
-    "demonstrated_kind",
-    "habits",
-    "start",
-)
-"""Fields of an episode that say what is demonstrated."""
+def reset_seed(seed: int, door: str, *, drawn: bool) -> int:
+    """Return the seed of an environment's reset.
 
-_OF_THE_DOOR: Final = (
-    "door",
-    "door_config",
-    "randomization",
-    "disturbance",
-    "trial",
-    "level",
-)
-"""Fields of an episode that are no matter of learning."""
+    Args:
+        seed: Seed of teacher, policy and environment.
+        door: Name of the door.
+        drawn: Whether the reset draws anything. If so, each door of a seed has its own
+            draws, the same for all policies.
+    """
+    if not drawn:
+        return seed
+    digest = hashlib.sha256(f"{seed} {door}".encode()).digest()
+    return int.from_bytes(digest[:4]) % 1_000_000_000
+
+
+def named_doors(
+    doors: Sequence[str], *, start: Start = "grasped"
+) -> dict[str, DoorConfig]:
+    """Return the configurations of doors by name.
+
+    Args:
+        doors: Names of doors, radii [m] as text, or files. FILE.json holds door
+            parameters, as `gym.make` takes them; its door is called FILE.
+        start: What the episodes at these doors begin with.
+
+    Raises:
+        ValueError: No door, an unknown one, a file that holds none, one out of reach,
+            or one given twice.
+        OSError: A file cannot be read.
+    """
+    if not doors:
+        raise ValueError(
+            "--doors needs at least one door: a name, a radius [m] or a .json file"
+        )
+    configs: dict[str, DoorConfig] = {}
+    for given in doors:
+        if given.endswith(".json"):
+            name, config = _door_of_file(Path(given))
+        else:
+            try:
+                radius = float(given)
+            except ValueError:
+                name, config = given, door_config(given)
+            else:
+                name, config = f"{radius:g}", door_config(radius)
+        if name in configs:
+            raise ValueError(f"door {name} is given twice in --doors")
+        check_reach(config, base_for(config), start)
+        configs[name] = config
+    return configs
+
+
+def _door_of_file(path: Path) -> tuple[str, DoorConfig]:
+    if path.stem in DOORS:
+        raise ValueError(
+            f"{path}: {path.stem} is the name of a door already; give the file another"
+        )
+    try:
+        return path.stem, door_config(read_json(path))
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path} holds no door: {error}") from error

@@ -1,5 +1,1 @@
-"""How fast learning, adaptation, alignment and environment are, beside other libraries.
-
-Figures that only developers need are measured by the scripts of the checkout's folder
-``benchmarks``, with the same tools.
-"""
+"""Speed of learning, adaptation, alignment and environment, beside other libraries."""

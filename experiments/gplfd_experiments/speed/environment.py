@@ -1,25 +1,33 @@
-"""What a step costs beyond its physics, and what it costs to begin an episode."""
+"""Speed of the environment: steps and their physics, resets, and many doors at once."""
 
 import copy
 import itertools
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import gymnasium as gym
 import mujoco
 import numpy as np
 
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
+from gplfd_env.scene.build import GRASP_KEY
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.speed.report import Measurement, Target, Value, at_most
+from gplfd_experiments.speed.machine import load
+from gplfd_experiments.speed.report import (
+    Measurement,
+    Target,
+    Value,
+    at_least,
+    at_most,
+)
 from gplfd_experiments.speed.timing import Timed, after, measure, repeated
 
+# --- Steps -------------------------------------------------------------------
+
 _STEPS, _ROUNDS = 600, 4
-_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-_RADII = (0.41, 0.42)
-"""Radii that are met before resets to them are timed [m]."""
+_STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 def measure_steps(repeats: int) -> Measurement:
@@ -55,17 +63,21 @@ def measure_steps(repeats: int) -> Measurement:
 
 
 def _opening(environment_id: str) -> tuple[dict[str, Timed], Callable[[], bool]]:
-    """Return an opening, and its physics alone, on a model of its own.
+    """Return an opening in 6 s, and its physics alone on another model.
 
     The physics alone starts from the state after the reset and is given the commands of
     all steps, and the servo's gains wherever a step has changed them.
 
     Returns:
-        ``step`` and ``physics``; and what answers whether the latter, when it last ran,
-        ended bit for bit in the same state.
+        ``step`` and ``physics``; and a function that tells whether the latter, when it
+        last ran, ended bit for bit in the same state.
     """
     env: Any = gym.make(environment_id, door="medium").unwrapped
-    actions = _arc_with_jitter(env)
+    rng = np.random.default_rng(0)
+    greatest: FloatArray = env.action_space.high
+    # Stiffnesses vary from half to all of their range.
+    actions: FloatArray = greatest * rng.uniform(0.5, 1.0, (_STEPS, greatest.size))
+    actions[:, :6] = _arc_with_jitter(env, 0.9, _STEPS, rng)
     env.reset(seed=0)
     start, gains = _state(env.model, env.data), _gains(env.model)
     commands: list[tuple[FloatArray, FloatArray | None]] = []
@@ -96,19 +108,16 @@ def _opening(environment_id: str) -> tuple[dict[str, Timed], Callable[[], bool]]
     return both, lambda: np.array_equal(_state(model, data), end)
 
 
-def _arc_with_jitter(env: Any) -> FloatArray:
-    """Return actions that open the door in 6 s; stiffnesses from half to all."""
-    rng = np.random.default_rng(0)
-    angles = np.linspace(0.0, 0.9, _STEPS)
-    poses = handle_pose_on_arc(env.door.radius, angles)
-    greatest: FloatArray = env.action_space.high
-    actions: FloatArray = greatest * rng.uniform(0.5, 1.0, (_STEPS, greatest.size))
-    actions[:, :6] = poses + rng.normal(0.0, 0.002, poses.shape)
-    return actions
+def _arc_with_jitter(
+    env: Any, angle: float, steps: int, rng: np.random.Generator
+) -> FloatArray:
+    """Return commands along the handle's arc to an angle [rad], (steps, 6)."""
+    arc = handle_pose_on_arc(env.door.radius, np.linspace(0.0, angle, steps))
+    return arc + rng.normal(0.0, 0.002, arc.shape)
 
 
 def _gains(model: mujoco.MjModel) -> FloatArray:
-    """Everything in the model that an action may write."""
+    """Return everything in the model that an action may write."""
     return np.stack([model.actuator_gainprm, model.actuator_biasprm])
 
 
@@ -118,28 +127,15 @@ def _state(model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
     return state
 
 
+# --- Resets ------------------------------------------------------------------
+
+_RADII: Final = (0.41, 0.42)
+"""Radii to which resets have been made before those to them are timed [m]."""
+
+
 def measure_resets(repeats: int) -> Measurement:
-    """Time `env.reset`, observation included, to the same door and to others.
-
-    Args:
-        repeats: Measurements of every kind.
-    """
+    """Time `env.reset`, observation included, to the same door and to others."""
     env = gym.make(ENVIRONMENT_ID, door="medium")
-    times = measure(_resets(env), repeats)
-    env.close()
-    limits = {"the same door": 1.0, "new friction and mass": 1.0, "a new radius": 20.0}
-    return Measurement(
-        title="environment: reset",
-        rows={name: {"CPU ms [quartiles]": time} for name, time in times.items()},
-        targets=tuple(
-            at_most(f"reset: {name} [ms]", 1e3 * times[name].cpu_median, limit)
-            for name, limit in limits.items()
-        ),
-    )
-
-
-def _resets(env: gym.Env[Any, Any]) -> dict[str, Timed]:
-    """Resets of each kind; before, one that is not timed brings the door there."""
     rng, known = np.random.default_rng(0), itertools.cycle(_RADII)
 
     def new_physics() -> dict[str, float]:
@@ -152,8 +148,9 @@ def _resets(env: gym.Env[Any, Any]) -> dict[str, Timed]:
         for _ in range(times):
             env.reset(options={"door": door()})
 
+    # Before each measurement, a reset that is not timed sets the door.
     medium, next_known = partial(to, lambda: "medium"), partial(next, known)
-    return {
+    resets = {
         "the same door": repeated(env.reset, 20, medium),
         "new friction and mass": repeated(partial(to, new_physics), 20, medium),
         "a radius met before": repeated(
@@ -163,3 +160,131 @@ def _resets(env: gym.Env[Any, Any]) -> dict[str, Timed]:
             partial(to, lambda: rng.uniform(0.30, 0.65)), 5, medium
         ),
     }
+    times = measure(resets, repeats)
+    env.close()
+    limits = {"the same door": 1.0, "new friction and mass": 1.0, "a new radius": 20.0}
+    return Measurement(
+        title="environment: reset",
+        rows={name: {"CPU ms [quartiles]": time} for name, time in times.items()},
+        targets=tuple(
+            at_most(f"reset: {name} [ms]", 1e3 * times[name].cpu_median, limit)
+            for name, limit in limits.items()
+        ),
+    )
+
+
+# --- Many at once ------------------------------------------------------------
+
+PHYSICS, PHYSICS_IN_TURNS = "mj_step alone", "mj_step alone, 64 in turns"
+SINGLE, SYNC = "gym.make", "SyncVectorEnv, 2"
+
+_SIMULATIONS: Final = (1, 2, 4, 16, 64, 256)
+_THREADS: Final = (1, 2)
+_PERIODS: Final = 30
+_LEAST_STEPS: Final = 800
+
+
+def vector_name(simulations: int, threads: int) -> str:
+    """Return the name of a line: simulations × threads of `gym.make_vec`."""
+    return f"gym.make_vec, {simulations} on {threads} thread{'s' * (threads > 1)}"
+
+
+def measure_vectors(repeats: int) -> Measurement:
+    """Open a medium door for 0.3 s in every way to step it, in turns.
+
+    Args:
+        repeats: Rounds in which each of them makes at least 800 environment steps.
+    """
+    ways = _ways_to_step()
+    agreed = "same states bit for bit" if _end_alike(ways) else "states DEPART"
+    times = measure(ways, repeats, least_operations=_LEAST_STEPS)
+    physics, sync = times[PHYSICS], times[SYNC]
+    return Measurement(
+        title=f"environment: many at once ({agreed}; {load()})",
+        rows={
+            name: {
+                "steps/s": time.rate,
+                "of Sync": time.speed_over(sync),
+                "CPU µs/step": 1e6 * time.cpu_median,
+                "of mj_step": time.cpu_over(physics),
+            }
+            for name, time in times.items()
+        },
+        targets=(
+            at_least(
+                "vector, 2 simulations on 2 threads, over SyncVectorEnv",
+                times[vector_name(2, 2)].speed_over(sync),
+                2.5,
+            ),
+            at_most(
+                "vector, 64 simulations on 2 threads: CPU over mj_step's",
+                times[vector_name(64, 2)].cpu_over(physics),
+                1.15,
+            ),
+        ),
+    )
+
+
+def _ways_to_step() -> dict[str, Timed]:
+    """Return everything that is compared, by name.
+
+    Actions return the joint positions at the end.
+    """
+    env: Any = gym.make(ENVIRONMENT_ID, door="medium")
+    inner = env.unwrapped
+    commands = _arc_with_jitter(inner, 0.1, _PERIODS, np.random.default_rng(0))
+
+    def physics(simulations: int) -> Timed:
+        models = [copy.copy(inner.model) for _ in range(simulations)]
+        pairs = [(model, mujoco.MjData(model)) for model in models]
+        substeps = round(inner.dt / inner.model.opt.timestep)
+
+        def close() -> None:
+            for model, data in pairs:
+                mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
+                mujoco.mj_forward(model, data)
+
+        def run() -> FloatArray:
+            # Many in turns lose the processor's caches.
+            for command in commands:
+                for model, data in pairs:
+                    data.ctrl[:6] = command
+                    mujoco.mj_step(model, data, nstep=substeps)
+            return np.array([data.qpos for _, data in pairs])
+
+        return after(close, run, simulations * len(commands))
+
+    def single() -> FloatArray:
+        for command in commands:
+            env.step(command)
+        return np.array([inner.data.qpos])
+
+    def vector(simulations: int, **arguments: Any) -> Timed:
+        envs: Any = gym.make_vec(
+            ENVIRONMENT_ID, num_envs=simulations, door="medium", **arguments
+        )
+        actions = np.repeat(commands[:, None], simulations, axis=1)
+
+        def run() -> FloatArray:
+            for action in actions:
+                envs.step(action)
+            alone = [one.unwrapped.data.qpos for one in getattr(envs, "envs", ())]
+            return np.array(alone or envs.unwrapped.qpos)
+
+        return after(envs.reset, run, simulations * len(commands))
+
+    ways = {
+        PHYSICS: physics(1),
+        PHYSICS_IN_TURNS: physics(64),
+        SINGLE: after(env.reset, single, len(commands)),
+        SYNC: vector(2, vectorization_mode="sync"),
+    }
+    for threads, count in itertools.product(_THREADS, _SIMULATIONS):
+        ways[vector_name(count, threads)] = vector(count, num_threads=threads)
+    return ways
+
+
+def _end_alike(ways: Mapping[str, Timed]) -> bool:
+    """Tell whether all simulations end in the same joint positions."""
+    ends = np.concatenate([np.asarray(timed.prepare()()) for timed in ways.values()])
+    return bool(np.all(ends == ends[0]))

@@ -1,7 +1,9 @@
-"""Demonstrations drawn from a known distribution."""
+"""Demonstrations drawn from a known distribution, and scores of its predictions."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, Self
 
 import numpy as np
@@ -9,11 +11,11 @@ import numpy as np
 from gplfd_experiments.data.teacher.random_motion import smooth_functions
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.movements.trajectory import GaussianTrajectory, white_covariance
 
 Deviations = Literal["independent", "smooth"]
-"""Of a demonstration from the mean: independent from sample to sample, as
-heteroscedastic regression assumes, or smooth, as people move."""
+"""Deviations of a demonstration from the mean: independent from sample to sample, as
+heteroscedastic regression assumes, or smooth, as those of people."""
 
 _CORRELATION = 0.25
 """Phase over which smooth deviations change."""
@@ -38,7 +40,7 @@ class KnownProcess:
         wave = np.sin((3.0 + 0.5 * output) * clock + 2.0 * output)
         std = 0.02 * np.exp(math.log(4.0) * wave)
         truth = GaussianTrajectory.from_moments(
-            times, mean, std, lambda: np.stack([np.diag(one**2) for one in std.T])
+            times, mean, std, partial(white_covariance, std**2)
         )
         return cls(truth=truth)
 
@@ -61,3 +63,27 @@ class KnownProcess:
         """Draw demonstrations as a policy learns from them."""
         poses = self.draw(count, kind, rng)
         return AlignedDemonstrations(times=self.truth.times, poses=poses)
+
+
+def score(predicted: GaussianTrajectory, held_out: FloatArray) -> dict[str, float]:
+    """Score a prediction, by column of a table.
+
+    Args:
+        predicted: Prediction at M phases.
+        held_out: Other poses at these phases, not learned from, (..., M, 6) [m, rad].
+
+    Returns:
+        Negative log predictive density per number; the share within mean ± 1.96 std,
+        0.95 if the standard deviation is right; and the share in the 95 % interval that
+        the prediction itself states, which is wider with few demonstrations.
+    """
+    return {
+        "NLPD": predicted.nlpd(held_out),
+        "within 1.96 std": predicted.coverage(held_out, normal=True),
+        "in stated 95 %": predicted.coverage(held_out),
+    }
+
+
+def mean_scores(scores: Sequence[dict[str, float]]) -> dict[str, float]:
+    """Return the mean of every column."""
+    return {name: float(np.mean([one[name] for one in scores])) for name in scores[0]}

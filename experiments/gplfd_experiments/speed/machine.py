@@ -1,4 +1,4 @@
-"""What times depend on besides the code: processor, threads, load, libraries."""
+"""The machine on which times were measured: processor, threads, load, libraries."""
 
 import importlib.metadata
 import os
@@ -12,7 +12,7 @@ from gplfd_experiments.speed.peers import DISTRIBUTIONS, NOT_INSTALLED, installe
 
 
 def machine() -> dict[str, Any]:
-    """Processor, load, thread pools as they measure, versions of other libraries."""
+    """Return processor, load, thread pools, and versions of other libraries."""
     with threadpool_limits(1):
         pools = threadpool_info()
     return {
@@ -34,7 +34,7 @@ def machine() -> dict[str, Any]:
 
 
 def load() -> str:
-    """Say how many processes wanted a core in the last minute, on average."""
+    """Return the average number of processes that wanted a core in the last minute."""
     try:
         wanted = f"{os.getloadavg()[0]:.1f}"
     except (AttributeError, OSError):  # Windows has none.
@@ -43,7 +43,7 @@ def load() -> str:
 
 
 def processor() -> str:
-    """Name of the processor; Linux hides it from `platform`."""
+    """Return the name of the processor, which `platform` lacks on Linux."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -4,13 +4,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from gplfd_experiments.speed.adapt import measure_adaptation
-from gplfd_experiments.speed.align import measure_alignment
-from gplfd_experiments.speed.environment import measure_resets, measure_steps
-from gplfd_experiments.speed.fit import compare_fits
+from gplfd_experiments.speed.environment import (
+    measure_resets,
+    measure_steps,
+    measure_vectors,
+)
 from gplfd_experiments.speed.peers import DISTRIBUTIONS, installed
+from gplfd_experiments.speed.policies import (
+    compare_fits,
+    measure_adaptation,
+    measure_alignment,
+)
 from gplfd_experiments.speed.report import Measurement
-from gplfd_experiments.speed.vectors import measure_vectors
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -18,9 +23,9 @@ class Part:
     """One part: what is measured together."""
 
     measures: Mapping[str, Callable[[int], Measurement]]
-    """What to run, by the name of its results; each takes the number of repeats."""
+    """Functions of the number of repeats, by the name of their results."""
     seconds: float
-    """Roughly how long a round takes where nothing else runs."""
+    """Approximate duration of a round on an idle machine."""
     peers: tuple[str, ...] = ()
     """Import names of the libraries that it compares with."""
 
@@ -44,14 +49,14 @@ PARTS: Final[Mapping[str, Part]] = {
 
 
 def announcement(names: Iterable[str], repeats: int) -> str:
-    """Say what will be measured, roughly how long it takes, and what is missing.
+    """Return what will be measured, roughly how long it takes, and what is missing.
 
     Args:
         names: Keys of `PARTS`.
         repeats: Measurements of every time.
     """
     parts = {name: PARTS[name] for name in names}
-    # One more round warms caches up.
+    # One more round warms up the caches.
     minutes = (repeats + 1) * sum(part.seconds for part in parts.values()) / 60.0
     text = (
         f"measuring {', '.join(parts)}: about {max(1, round(minutes))} min where "

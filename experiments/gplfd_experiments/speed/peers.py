@@ -1,13 +1,13 @@
-"""Other libraries on the same task, each used as its documentation says.
+"""Other libraries on the same task, each used as documented.
 
-They are imported by name where they are used: an optional extra brings them, and they
-ship no types.
+They are imported by name where they are used, because they are optional and untyped.
 """
 
 import importlib
 import importlib.util
 import warnings
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -15,10 +15,10 @@ from scipy.special import digamma, polygamma
 
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.movements.trajectory import GaussianTrajectory, white_covariance
 
 NOT_INSTALLED: Final = "not installed"
-"""What stands in a table for a library that is missing."""
+"""Cell of a table for a library that is missing."""
 
 DISTRIBUTIONS: Final = {
     "hetgpy": "hetgpy",
@@ -97,13 +97,10 @@ def _output_by_output(
         warnings.simplefilter("ignore")
         fitted = [fit(scaled[:, :, output]) for output in range(len(scale))]
     mean, std = (np.stack(each, axis=1) for each in zip(*fitted, strict=True))
+    mean, std = offset + scale * mean, scale * std
     return GaussianTrajectory.from_moments(
-        given.times, offset + scale * mean, scale * std, _not_asked_for
+        given.times, mean, std, partial(white_covariance, std**2)
     )
-
-
-def _not_asked_for() -> FloatArray:
-    raise NotImplementedError("peers are compared phase by phase")
 
 
 def dtw_python(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:

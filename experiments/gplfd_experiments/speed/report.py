@@ -1,4 +1,4 @@
-"""What every comparison reports: a table of numbers, and targets that they meet."""
+"""Report of a comparison: a table of numbers, and targets for some of them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,17 +10,17 @@ from gplfd_experiments.files.table import Table, text_table
 from gplfd_experiments.speed.timing import Timing
 
 Value = float | Timing | str | None
-"""A number, a time, a word, or nothing where there is none."""
+"""A number, a time, a word, or None where there is none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A number, and what is wanted of it."""
+    """A number and its limits."""
 
     name: str
-    """What is measured, with its unit."""
+    """Name of the number, with its unit."""
     value: float
-    """The number as it was measured."""
+    """Measured number."""
     wanted: str
     """The limits in words."""
     met: bool
@@ -47,11 +47,11 @@ class Measurement:
     """Everything that one comparison measured."""
 
     title: str
-    """What was measured, and how."""
+    """Title: what was measured, and how."""
     rows: Mapping[str, Mapping[str, Value]]
     """Values by line and column, whose names have the units."""
     targets: tuple[Target, ...] = ()
-    """What was wanted of some of the numbers."""
+    """Targets for some of the numbers."""
 
 
 def value_table(rows: Mapping[str, Mapping[str, Value]]) -> Table:
@@ -61,22 +61,22 @@ def value_table(rows: Mapping[str, Mapping[str, Value]]) -> Table:
         rows: Values by line and column, whose order is that of first naming.
     """
     columns = tuple(dict.fromkeys(column for row in rows.values() for column in row))
+
+    def text(value: Value) -> str:
+        if value is None:
+            return "-"
+        if isinstance(value, float | int):
+            # Four significant digits, and all before the point.
+            return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+        return str(value)
+
     return Table(
         columns=("", *columns),
         rows=tuple(
-            (name, *(_text(row.get(column)) for column in columns))
+            (name, *(text(row.get(column)) for column in columns))
             for name, row in rows.items()
         ),
     )
-
-
-def _text(value: Value) -> str:
-    """Four significant digits of a number, and all before the point."""
-    if value is None:
-        return "-"
-    if isinstance(value, float | int):
-        return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
-    return str(value)
 
 
 def measure_all(

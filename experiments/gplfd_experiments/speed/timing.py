@@ -1,7 +1,7 @@
-"""CPU and wall time of several actions, measured so that their ratios can be trusted.
+"""CPU and wall time of several actions, measured so that their ratios are reliable.
 
-What is compared runs in turns within one process: whatever else the machine does then
-slows all of it alike.
+Actions that are compared run in turns within one process, so that other load slows all
+of them equally.
 """
 
 import gc
@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 Action = Callable[[], object]
-"""Something to be timed; its result is dropped."""
+"""An action to be timed; its result is not used."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Timed:
-    """One of the things to be timed."""
+    """An action to be timed, and how to prepare it."""
 
     prepare: Callable[[], Action]
     """Makes the action; called before every measurement, and not timed."""
@@ -28,13 +28,7 @@ class Timed:
 
 
 def after(begin: Action, action: Action, operations: int = 1) -> Timed:
-    """Return an action before which something else is done, which is not timed.
-
-    Args:
-        begin: Done before every measurement.
-        action: What is timed.
-        operations: Operations in one action.
-    """
+    """Return an action before which ``begin`` is called, which is not timed."""
 
     def prepare() -> Action:
         begin()
@@ -64,9 +58,9 @@ class Timing:
     """Seconds per operation, one number per round."""
 
     cpu: tuple[float, ...]
-    """Of all threads of the process [s]."""
+    """CPU time of all threads of the process [s]."""
     wall: tuple[float, ...]
-    """By the clock [s]: threads shorten it, other processes lengthen it."""
+    """Wall time [s]: threads shorten it, other processes lengthen it."""
 
     @property
     def cpu_median(self) -> float:

@@ -10,8 +10,12 @@ from typing import Final
 from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.console.arguments import check_circumstances
 from gplfd_experiments.data.teacher import standard_teacher
-from gplfd_experiments.episodes.doors import named_doors
-from gplfd_experiments.episodes.task import EpisodeTask, Task, episode_task
+from gplfd_experiments.episodes.task import (
+    EpisodeTask,
+    Task,
+    episode_task,
+    named_doors,
+)
 from gplfd_experiments.studies.learning_tests.folds import HELD_OUT
 from gplfd_experiments.studies.settings import (
     TABLE_1_NAME,
@@ -66,33 +70,46 @@ def checked(settings: StudySettings) -> StudySettings:
             if not low <= value <= high:
                 to = f"to {high}" if high < math.inf else "or more"
                 raise ValueError(f"--{option} {value} must be {low} {to}")
-    _check_size(settings)
-    return settings
-
-
-def _policies(names: Sequence[str]) -> tuple[str, ...]:
-    together = {
-        TABLE_1_NAME: TABLE_1,
-        TUNED_NAME: tuple(f"{policy}-tuned" for policy in TABLE_1),
-    }
-    return tuple(policy for name in names for policy in together.get(name, (name,)))
-
-
-def _check_list(option: str, values: Sequence[object]) -> None:
-    if not values:
-        raise ValueError(f"--{option} needs at least one value")
-    value, times = Counter(values).most_common(1)[0]
-    if times > 1:
-        raise ValueError(f"{value} is given twice in --{option}")
-
-
-def _check_size(settings: StudySettings) -> None:
-    number = settings.seeds * len(tasks(dataclasses.replace(settings, seeds=1)))
-    if number > LARGEST_STUDY:
+    of_one_seed = tasks(dataclasses.replace(settings, seeds=1))
+    if (number := settings.seeds * len(of_one_seed)) > LARGEST_STUDY:
         raise ValueError(
             f"--seeds {settings.seeds} makes a study of {number:,} tasks; at most "
             f"{LARGEST_STUDY:,} are allowed in one folder"
         )
+    return settings
+
+
+def tasks(settings: StudySettings) -> tuple[Task, ...]:
+    """Return all tasks of a study; the seed varies slowest, so that any part compares.
+
+    Learning tests use demonstrations of furniture doors. A study without such a door
+    has none.
+    """
+    furniture = DoorConfig().kind
+    doors = named_doors(settings.doors, start=settings.start).values()
+    study: list[Task] = []
+    for seed in range(settings.seeds):
+        for condition in conditions(settings):
+            study += episodes(settings, condition, [seed])
+        if settings.skill and any(door.kind == furniture for door in doors):
+            study += [
+                SkillTask(
+                    policy=policy,
+                    policy_source=source_of(chosen(policy)),
+                    seed=seed,
+                    demonstrations_per_door=number,
+                    teacher=noisy_teacher(noise),
+                    held_out=left_out,
+                )
+                for number, noise, policy, left_out in itertools.product(
+                    settings.demonstrations_per_door,
+                    settings.teacher_noise,
+                    settings.policies,
+                    HELD_OUT,
+                )
+                if chosen(policy).method is not None
+            ]
+    return tuple(study)
 
 
 def conditions(settings: StudySettings) -> Iterator[Condition]:
@@ -115,7 +132,7 @@ def conditions(settings: StudySettings) -> Iterator[Condition]:
 def episodes(
     settings: StudySettings, condition: Condition, seeds: Sequence[int]
 ) -> Iterator[EpisodeTask]:
-    """Yield policies × doors × seeds under one condition, the seed slowest."""
+    """Yield policies × doors × seeds under one condition; the seed varies slowest."""
     doors = named_doors(settings.doors, start=settings.start)
     teacher = noisy_teacher(condition.teacher_noise)
     for seed, policy, door in itertools.product(seeds, settings.policies, doors):
@@ -133,33 +150,20 @@ def episodes(
         )
 
 
-def learning_tests(settings: StudySettings, seed: int) -> Iterator[SkillTask]:
-    """Yield the tests of what is learned, of policies that learn."""
-    for number, noise, policy, left_out in itertools.product(
-        settings.demonstrations_per_door,
-        settings.teacher_noise,
-        settings.policies,
-        HELD_OUT,
-    ):
-        if chosen(policy).method is not None:
-            yield SkillTask(
-                policy=policy,
-                policy_source=source_of(chosen(policy)),
-                seed=seed,
-                demonstrations_per_door=number,
-                teacher=noisy_teacher(noise),
-                held_out=left_out,
-            )
+def noisy_teacher(level: float) -> dict[str, float]:
+    """Return the standard teacher with its noise multiplied by a level."""
+    teacher = standard_teacher()
+    return teacher | {name: level * teacher[name] for name in _NOISY}
 
 
 def recorded_tasks(
     policies: Sequence[str], recordings: Sequence[Demonstration]
 ) -> tuple[RecordedTask, ...]:
-    """Return the tests of methods on recordings, each of which is left out in turn.
+    """Return the leave-one-out tests of methods on recordings.
 
     Args:
         policies: Names; "table-1" stands for those of the paper's Table 1.
-        recordings: What is learned from.
+        recordings: All recordings; each is left out in turn.
 
     Raises:
         ValueError: A policy is unknown, given twice, or learns no movement.
@@ -184,27 +188,18 @@ def recorded_tasks(
     )
 
 
-def tasks(settings: StudySettings) -> tuple[Task, ...]:
-    """Return all tasks of a study; seed after seed, so that any part compares all.
-
-    Learning tests use demonstrations of furniture doors. A study without such a door
-    has none.
-    """
-    furniture = DoorConfig().kind
-    doors = named_doors(settings.doors, start=settings.start).values()
-    tested = settings.skill and any(door.kind == furniture for door in doors)
-
-    def each() -> Iterator[Task]:
-        for seed in range(settings.seeds):
-            for condition in conditions(settings):
-                yield from episodes(settings, condition, [seed])
-            if tested:
-                yield from learning_tests(settings, seed)
-
-    return tuple(each())
+def _policies(names: Sequence[str]) -> tuple[str, ...]:
+    """Replace names of groups of policies by their members."""
+    groups = {
+        TABLE_1_NAME: TABLE_1,
+        TUNED_NAME: tuple(f"{policy}-tuned" for policy in TABLE_1),
+    }
+    return tuple(policy for name in names for policy in groups.get(name, (name,)))
 
 
-def noisy_teacher(level: float) -> dict[str, float]:
-    """Return the standard teacher with its noise multiplied by a level."""
-    teacher = standard_teacher()
-    return teacher | {name: level * teacher[name] for name in _NOISY}
+def _check_list(option: str, values: Sequence[object]) -> None:
+    if not values:
+        raise ValueError(f"--{option} needs at least one value")
+    value, times = Counter(values).most_common(1)[0]
+    if times > 1:
+        raise ValueError(f"{value} is given twice in --{option}")

@@ -1,8 +1,8 @@
-"""What a result file must hold to be complete, by the version of its format.
+"""Format of result files: what makes a result complete, by version.
 
-A result says its version. It is complete if it has every metric that belongs to that
-version. A metric that a later version adds is missing in older results, which stay
-readable and complete. Whoever adds a metric adds a version to `EPISODE_METRICS`.
+A result states its version and is complete if it has every metric of that version.
+Older results lack the metrics of later versions and stay readable and complete. To add
+a metric, add a version to `EPISODE_METRICS`.
 """
 
 import typing
@@ -47,7 +47,7 @@ EPISODE_METRICS: Final[Mapping[int, frozenset[str]]] = {
     | {"reason", "capability", "stage"}
     | {"latency_wall_median_ms", "latency_wall_p95_ms"},
 }
-"""Metrics that a complete episode has, by version; 0 is before files said theirs."""
+"""Metrics of a complete episode, by version; 0 is before files stated a version."""
 
 LEARNING_METRICS: Final = frozenset(
     {
@@ -64,10 +64,10 @@ FORECAST_METRICS: Final = frozenset(
     for share in (10, 25, 50)
     for what in ("position_m", "rotation_rad", "nlpd", "coverage_95")
 )
-"""Metrics that a complete test on a recording has besides, in every version."""
+"""Further metrics of a complete test on a recording, in every version."""
 
 _LARGEST: Final = 1e9
-"""No metric is larger; what is computed from any of them stays finite."""
+"""No metric is larger, so that what is computed from any of them stays finite."""
 _NUMBER: Final[Any] = float | None
 _BY_OUTPUTS: Final[Any] = dict[str, float | None]
 _OUTPUTS: Final = frozenset({"outputs_cpu_s", "outputs_nlpd"})
@@ -82,13 +82,13 @@ def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
     """Return the metrics of a result; none if it is an error.
 
     Args:
-        record: What the file holds.
-        task: Of which it is the result.
+        record: Content of the file.
+        task: The task whose result it is.
 
     Raises:
         NewerFormatError: A later version of this package wrote it.
-        ValueError: It is incomplete: it lacks a metric of its version, or holds
-            something that cannot be computed with.
+        ValueError: It is incomplete: it lacks a metric of its version, or a metric is
+            not plausible.
     """
     version = check_stamp(record, KIND, VERSION)
     if "error" in record:
@@ -96,20 +96,22 @@ def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
         return {}
     metrics: dict[str, Any] = entry(record, "metrics", dict[str, Any])
     if isinstance(task, EpisodeTask):
-        needed = EPISODE_METRICS[version]
-        kinds = {
-            name: kind
-            for name, kind in _EPISODE_KINDS.items()
-            if name in needed or name in metrics
-        }
+        known = EPISODE_METRICS[version] | metrics.keys()
+        kinds = {n: kind for n, kind in _EPISODE_KINDS.items() if n in known}
     else:
-        needed = LEARNING_METRICS
+        needed = set(LEARNING_METRICS)
         if isinstance(task, RecordedTask):
             needed |= FORECAST_METRICS
         kinds = dict.fromkeys((*metrics, *sorted(needed)), _NUMBER)
         kinds |= {name: _BY_OUTPUTS for name in _OUTPUTS & kinds.keys()}
     for name, kind in kinds.items():
-        _check_metric(name, entry(metrics, name, kind))
+        value = entry(metrics, name, kind)
+        parts = value.values() if isinstance(value, Mapping) else value
+        low = 0.0 if name.startswith("prediction_error") else -_LARGEST
+        for part in parts if isinstance(value, Mapping | tuple) else [value]:
+            plausible = not isinstance(part, int | float) or low <= part <= _LARGEST
+            if not plausible and name != "seed":
+                raise ValueError(f"{name} = {part:g} is no plausible measurement")
     if isinstance(task, EpisodeTask):
         door_config(dict(task.door_config)).replaced({"radius": metrics["radius"]})
         if len(metrics["forecast_progress"]) != len(metrics["forecast_error_mm"]):
@@ -118,23 +120,12 @@ def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
 
 
 def lost(record: Mapping[str, Any]) -> bool:
-    """Tell whether an error is the machine's, not the policy's.
+    """Tell whether the machine, and not the policy, caused an error.
 
-    In results without a version, those without a traceback are: no worker came back.
+    In results without a version these have no traceback: no worker came back.
     """
     if "error" not in record:
         return False
     if "format_version" in record:
         return bool(record.get("lost", False))
     return record.get("traceback") == ""
-
-
-def _check_metric(name: str, value: Any) -> None:
-    """Raise ValueError unless a metric is a plausible measurement."""
-    if name == "seed":
-        return
-    low = 0.0 if name.startswith("prediction_error") else -_LARGEST
-    parts = value.values() if isinstance(value, Mapping) else value
-    for part in parts if isinstance(value, Mapping | tuple) else [value]:
-        if isinstance(part, int | float) and not low <= part <= _LARGEST:
-            raise ValueError(f"{name} = {part:g} is no plausible measurement")

@@ -1,4 +1,4 @@
-"""What a study compares, as a person writes it; loads nothing heavy, for ``--help``."""
+"""Settings of a study, as a user writes them; imports nothing slow, for ``--help``."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ TUNED_NAME: Final = "table-1-tuned"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StudySettings:
-    """Everything that says which tasks a study has."""
+    """Settings that determine the tasks of a study."""
 
     policies: tuple[str, ...] = (TABLE_1_NAME, "hinge-fit")
     """Policies to compare: names from `gplfd list`, or module:function for your own.
@@ -57,18 +57,18 @@ class StudySettings:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Condition:
-    """What all policies, doors and seeds of one table have in common."""
+    """The conditions that all policies, doors and seeds of one table share."""
 
     demonstrations_per_door: int
     """How often the teacher opens each demonstrated door."""
     teacher_noise: float
     """Multiple of the teacher's standard noise."""
     randomization: str
-    """What varies from episode to episode."""
+    """Randomization of each episode."""
     disturbance: str = "none"
-    """What happens from outside."""
+    """Disturbance during the episode."""
     start: str = "grasped"
-    """What episodes begin with."""
+    """State at the start of episodes."""
     trial: str = ""
     """Name of the trial, if they belong to one."""
     level: str = ""
@@ -103,4 +103,4 @@ PRESETS: Final[Mapping[str, StudySettings]] = MappingProxyType(
         ),
     }
 )
-"""Studies by name: the whole comparison, and one of a minute."""
+"""Studies by name: the whole comparison, and one that takes a minute."""

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import typing
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -56,8 +55,22 @@ def read_settings(path: Path) -> StudySettings:
     entries = read_toml(path)
     with naming(path):
         check_stamp(entries, KIND, VERSION)
-        values = {name: entries[name] for name in entries if name not in _STAMP}
-        return _settings(values)
+        kinds = typing.get_type_hints(StudySettings)
+        # In a file, a radius need not be written as a text.
+        kinds["doors"] = tuple[str | float, ...]
+        values: dict[str, Any] = {}
+        for name in entries:
+            if name in _STAMP:
+                continue
+            if name not in kinds:
+                raise ValueError(
+                    f"unknown key {name!r:.80}{nearest_name(name, kinds)}; keys: "
+                    f"{', '.join(kinds)}"
+                )
+            values[name] = entry(entries, name, kinds[name])
+        if "doors" in values:
+            values["doors"] = tuple(map(str, values["doors"]))
+        return StudySettings(**values)
 
 
 def write_settings(path: Path, settings: StudySettings) -> None:
@@ -70,26 +83,10 @@ def write_settings(path: Path, settings: StudySettings) -> None:
     refuse_newer(read_settings, path)
     lines = [f"# gplfd benchmark --config {path.name}"]
     for name, value in (_STAMP | dataclasses.asdict(settings)).items():
-        # JSON's way of writing texts, numbers, lists and truth values is TOML's, too;
-        # but a character that TOML wants escaped and JSON does not.
+        # TOML writes texts, numbers, lists and truth values as JSON does, but for one
+        # character that it wants escaped.
         text = json.dumps(value, allow_nan=False, ensure_ascii=False)
         text = text.replace("\x7f", "\\u007f")
         lines.append(f"{name} = {text}")
     with complete_or_absent(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _settings(entries: Mapping[str, Any]) -> StudySettings:
-    kinds = typing.get_type_hints(StudySettings)
-    for name in entries:
-        if name not in kinds:
-            raise ValueError(
-                f"unknown key {name!r:.80}{nearest_name(name, kinds)}; keys: "
-                f"{', '.join(kinds)}"
-            )
-    # In a file, a radius need not be written as a text.
-    kinds["doors"] = tuple[str | float, ...]
-    values = {name: entry(entries, name, kinds[name]) for name in entries}
-    if "doors" in values:
-        values["doors"] = tuple(map(str, values["doors"]))
-    return StudySettings(**values)

@@ -1,8 +1,8 @@
-"""Where policies come from that are not this project's, and how they reach workers.
+"""Policies that are not this project's: what names them, and how they reach workers.
 
-A policy of the user's is a file. What is kept of it is its name and the hash of its
-content and of what it imports beside it, which is part of a task; the file alone goes
-with the jobs, for workers on machines that lack it.
+A user's policy is a file. A task keeps its name and the hash of its content and of what
+it imports beside it. The file itself is sent with the jobs, for workers on machines
+that lack it.
 """
 
 import functools
@@ -22,12 +22,12 @@ from gplfd_policies.registry.policy import Policy
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PolicyFile:
-    """A file of the user's that a policy comes from."""
+    """A user's file that a policy comes from."""
 
     stem: str
     """Its name without the ending."""
     content: bytes
-    """What stood in it when the study was planned."""
+    """Its content when the study was planned."""
 
 
 Files = Mapping[str, PolicyFile]
@@ -50,22 +50,22 @@ _chosen = functools.cache(policy_named)
 
 
 def source_of(policy: Policy) -> PolicySource | None:
-    """Return what names a policy's content, for files; None for a built-in one."""
+    """Return what names a policy's content; None for a built-in one."""
     origin = policy.origin
     if origin is None or origin.kind == "built-in":
         return None
-    said = {
+    source = {
         "kind": origin.kind,
         "distribution": origin.distribution,
         "version": origin.version,
         "file": Path(origin.file).name,
         "sha256": origin.sha256,
     }
-    return {name: text for name, text in said.items() if text}
+    return {name: text for name, text in source.items() if text}
 
 
 def files_of(study: Iterable[Task]) -> Files:
-    """Read the files of the user's that tasks were planned with.
+    """Read the users' files that tasks were planned with.
 
     Raises:
         ValueError: One has changed since.
@@ -77,51 +77,50 @@ def files_of(study: Iterable[Task]) -> Files:
             continue
         origin = chosen(name).origin
         content = Path(origin.file).read_bytes() if origin is not None else b""
-        policy_named(name)  # which it is not, if a file has changed meanwhile
+        policy_named(name)  # raises if the file has changed since it was imported
         files[name] = PolicyFile(stem=Path(source["file"]).stem, content=content)
     return files
 
 
 def policy_of(task: Task, files: Files) -> Policy:
-    """Find the policy of a task in this process, which may be another machine's.
+    """Find the policy of a task in this process, perhaps on another machine.
+
+    Args:
+        task: The task.
+        files: Files to import a policy from that this machine lacks.
 
     Raises:
         ValueError: It is neither here nor among the files, or it is another one.
     """
     try:
-        return _found_here(task)
+        policy = policy_named(task.policy)
+        if (here := source_of(policy)) != task.policy_source:
+            raise ValueError(
+                f"policy {task.policy!r} is not the one that the task was planned "
+                f"with: that was {task.policy_source}, here is {here}"
+            )
+        return policy
     except ValueError:
         if task.policy not in files:
             raise
-        unpacked = _unpacked(task.policy, files[task.policy])
-        here, planned = source_of(unpacked) or {}, task.policy_source or {}
+        policy = _imported(task.policy, files[task.policy])
+        here, planned = source_of(policy) or {}, task.policy_source or {}
         if here.get("sha256") != planned.get("sha256"):
-            raise  # It imports what lay beside it, and got something else.
-        return unpacked
+            raise  # It imports other files, and got different ones here.
+        return policy
 
 
-def _found_here(task: Task) -> Policy:
-    policy = policy_named(task.policy)
-    if (here := source_of(policy)) != task.policy_source:
-        raise ValueError(
-            f"policy {task.policy!r} is not the one that the task was planned with: "
-            f"that was {task.policy_source}, here is {here}"
-        )
-    return policy
+def _imported(name: str, given: PolicyFile) -> Policy:
+    """Write a policy's file and import it.
 
-
-def _unpacked(name: str, given: PolicyFile) -> Policy:
-    """Write a policy's file and import it, as a module that is named by its content.
-
-    A worker may live longer than a version of the file.
+    The module is named by its content: a worker may live longer than a version of it.
     """
     digest = hashlib.sha256(given.content).hexdigest()
-    _, _, attribute = name.rpartition(":")
     file = Path(_folder().name) / f"{given.stem}_{digest[:12]}.py"
     with complete_or_absent(file) as temporary:
         temporary.write_bytes(given.content)
     try:
-        return policy_named(f"{file}:{attribute}")
+        return policy_named(f"{file}:{name.rpartition(':')[2]}")
     except ValueError as error:
         raise ValueError(
             f"{error}. On other machines a policy is a single file; install there what "
@@ -131,5 +130,5 @@ def _unpacked(name: str, given: PolicyFile) -> Policy:
 
 @functools.cache
 def _folder() -> tempfile.TemporaryDirectory[str]:
-    """Folder of unpacked files, which goes with this process."""
+    """Return the folder of imported files; it is deleted when this process ends."""
     return tempfile.TemporaryDirectory(prefix="gplfd-")

@@ -1,6 +1,7 @@
 """The result files of a study: where they are, and which code made them."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,7 +21,7 @@ from gplfd_experiments.studies.result_format import outcome
 from gplfd_experiments.studies.tasks import Result, task_from
 
 STUDY: Final = "study.json"
-"""Name of the file that says what made the results of a folder."""
+"""Name of the file that states how the results of a folder were made."""
 PLANNED: Final = "tasks"
 """Entry of that file: number of tasks of the study."""
 STUDY_KIND: Final = "gplfd study"
@@ -40,7 +41,7 @@ def write_study(folder: Path, about: Mapping[str, Any]) -> None:
 
 
 def read_study(folder: Path) -> dict[str, Any]:
-    """Return what study.json says.
+    """Return the content of study.json.
 
     Raises:
         FileNotFoundError: There is none.
@@ -54,86 +55,78 @@ def read_study(folder: Path) -> dict[str, Any]:
     return about
 
 
-def made_elsewhere(folder: Path, study: Iterable[Task]) -> int:
-    """Count the results whose last bits another machine decided.
-
-    They equal those made here to a tolerance only; see docs/reproducibility.md.
-    """
-    here = code_state().get("arithmetic")
-    return sum(result.get("arithmetic") != here for result in _kept(folder, study))
-
-
-def made_by_other_code(folder: Path, study: Iterable[Task]) -> int:
-    """Count the results that `run_study` would keep although other code made them.
-
-    Other code is another git commit, a checkout with edits where this one has none or
-    the reverse, or other package versions. Two different edits of one commit count as
-    the same code.
-    """
-    here = {name: code_state()[name] for name in ("versions", "git")}
-    return sum(
-        any(result.get(name) != state for name, state in here.items())
-        for result in _kept(folder, study)
-    )
-
-
-def _kept(folder: Path, study: Iterable[Task]) -> Iterator[Result]:
-    for task in study:
-        result = stored_result(folder, task)
-        if result is not None and is_finished(result):
-            yield result
-
-
-def damaged_results(folder: Path, study: Iterable[Task]) -> tuple[str, ...]:
-    """Say of every result file that holds no complete result what is wrong.
-
-    Raises:
-        NewerFormatError: A later version of this package wrote one of them.
-    """
-    reasons = []
-    for task in study:
-        try:
-            _read(folder, task)
-        except FileNotFoundError:
-            continue
-        except NewerFormatError:
-            raise
-        except (OSError, ValueError) as error:
-            reasons.append(str(error))
-    return tuple(reasons)
-
-
-def is_finished(result: Mapping[str, Any] | None) -> bool:
-    """Tell whether a result stays: it is there, complete, and no error."""
-    return result is not None and "error" not in result
-
-
 def result_path(folder: Path, task: Task) -> Path:
     """Return where a task's result is kept."""
     return folder / "tasks" / f"{task.key}.json"
 
 
-def stored_result(folder: Path, task: Task) -> Result | None:
-    """Return the result of a task, which may be an error.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StoredResults:
+    """The results of a study in a folder."""
 
-    None if there is none: no file, or one of those that `damaged_results` names.
+    finished: tuple[Result, ...]
+    """Complete results without an error."""
+    failed: tuple[Result, ...]
+    """Results that are an error."""
+    unfinished: tuple[Task, ...]
+    """Tasks without a complete result, or with an error; these are run."""
+    damaged: tuple[str, ...]
+    """What is wrong with each file that holds no complete result."""
+
+    @property
+    def from_other_code(self) -> int:
+        """Number of finished results that other code made.
+
+        Other code is another git commit, a checkout with edits where this one has none
+        or the reverse, or other package versions. Two different edits of one commit
+        count as the same code.
+        """
+        here = {name: code_state()[name] for name in ("versions", "git")}
+        return sum(
+            any(result.get(name) != state for name, state in here.items())
+            for result in self.finished
+        )
+
+    @property
+    def from_other_machines(self) -> int:
+        """Number of finished results whose last bits another machine decided.
+
+        They equal those made here to a tolerance only; see docs/reproducibility.md.
+        """
+        here = code_state().get("arithmetic")
+        return sum(result.get("arithmetic") != here for result in self.finished)
+
+
+def stored_results(folder: Path, study: Iterable[Task]) -> StoredResults:
+    """Read the result of every task of a study.
 
     Raises:
-        NewerFormatError: A later version of this package wrote it.
+        NewerFormatError: A later version of this package wrote one of the files.
     """
-    try:
-        return _read(folder, task)
-    except NewerFormatError:
-        raise
-    except (OSError, ValueError):
-        return None
-
-
-def _read(folder: Path, task: Task) -> Result:
-    path = result_path(folder, task)
-    result = read_json(path)
-    with naming(path):
-        outcome(result, task)
-        if task_from(entry(result, "task", dict[str, Any])).key != task.key:
-            raise ValueError("it holds the result of another task")
-    return result
+    finished, failed, unfinished, damaged = [], [], [], []
+    for task in study:
+        path = result_path(folder, task)
+        try:
+            result = read_json(path)
+            with naming(path):
+                outcome(result, task)
+                if task_from(entry(result, "task", dict[str, Any])).key != task.key:
+                    raise ValueError("it holds the result of another task")
+        except NewerFormatError:
+            raise
+        except (OSError, ValueError) as error:
+            unfinished.append(task)
+            if not isinstance(error, FileNotFoundError):
+                damaged.append(str(error))
+            continue
+        if "error" in result:
+            failed.append(result)
+            unfinished.append(task)
+        else:
+            finished.append(result)
+    return StoredResults(
+        finished=tuple(finished),
+        failed=tuple(failed),
+        unfinished=tuple(unfinished),
+        damaged=tuple(damaged),
+    )

@@ -1,4 +1,4 @@
-"""What a study consists of: episodes and learning tests, each named by its hash."""
+"""Tasks of a study: episodes and learning tests, each named by its hash."""
 
 import dataclasses
 from collections.abc import Iterable, Mapping
@@ -9,32 +9,29 @@ from gplfd_experiments.episodes.task import EpisodeTask, Task, TaughtTask
 from gplfd_experiments.studies.learning_tests.folds import HeldOut
 
 Result = dict[str, Any]
-"""What a task came to: the ``format`` and ``format_version`` of the file, ``task``, the
-``versions`` and ``git`` of the code that made it, and ``metrics`` or, where the task
-failed, ``error``, ``traceback`` and, where the machine failed it, ``lost``."""
+"""Result of a task: ``format`` and ``format_version`` of the file, ``task``, the
+``versions`` and ``git`` of the code that made it, and ``metrics``; or ``error``,
+``traceback`` and, where the machine caused the error, ``lost``."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SkillTask(TaughtTask):
-    """What a policy learned, held against demonstrations it did not see; no robot."""
+    """Prediction of demonstrations that the policy did not learn from; no robot."""
 
     held_out: HeldOut
-    """What the policy does not see."""
+    """What is left out of learning."""
     kind: Literal["skill"] = field(default="skill", init=False)
-    """What tells it from other tasks in a file."""
+    """Distinguishes kinds of tasks in a file."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RecordedTask(Task):
-    """What a policy learned from recordings, held against the one it did not see.
-
-    The recording with the number `seed` is left out.
-    """
+    """Leave-one-out test on the user's motion files: number `seed` is left out."""
 
     recordings: str
     """Hash of all of them, `gplfd_policies.demonstrations.npz.hash_of`."""
     kind: Literal["recorded"] = field(default="recorded", init=False)
-    """What tells it from other tasks in a file."""
+    """Distinguishes kinds of tasks in a file."""
 
 
 Job = tuple[Task, ...]
@@ -72,7 +69,7 @@ def task_from(record: Mapping[str, Any]) -> Task:
 def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
     """Group tasks by what they learn from, in the order in which they come.
 
-    What a task comes to does not depend on the others of its job.
+    The result of a task does not depend on the others of its job.
     """
     groups: dict[str, dict[str, Task]] = {}
     for task in study:

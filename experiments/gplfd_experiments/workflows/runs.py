@@ -18,13 +18,13 @@ from gplfd_experiments.console.arguments import (
     check_least,
 )
 from gplfd_experiments.console.progress import LOG, progress_bar
-from gplfd_experiments.episodes.agents import PolicyError, reported_errors
 from gplfd_experiments.episodes.build import (
+    PolicyError,
     demonstrations_of,
     learned_agents,
     make_environment,
+    reported_errors,
 )
-from gplfd_experiments.episodes.doors import named_doors
 from gplfd_experiments.episodes.metrics import (
     EpisodeMetrics,
     FailedEpisode,
@@ -32,7 +32,7 @@ from gplfd_experiments.episodes.metrics import (
     why_closed,
 )
 from gplfd_experiments.episodes.rollout import Progress, rollout
-from gplfd_experiments.episodes.task import EpisodeTask, episode_task
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
 from gplfd_experiments.files.plain_data import entry, read_json, write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
 from gplfd_experiments.recording import record_episode

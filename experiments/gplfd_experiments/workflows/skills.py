@@ -14,9 +14,9 @@ from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.recording.learned import record_learned
 from gplfd_experiments.studies.engines import Engine
 from gplfd_experiments.studies.learning_tests.methods import learn
-from gplfd_experiments.studies.learning_tests.recorded import FEWEST
+from gplfd_experiments.studies.learning_tests.scores import FEWEST
 from gplfd_experiments.studies.plan import recorded_tasks
-from gplfd_experiments.studies.session import carry_out
+from gplfd_experiments.studies.runner import run_or_resume
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.npz import load_demonstrations
 from gplfd_policies.movements.skill import Skill, fit_skill
@@ -125,7 +125,7 @@ def judge(
             f"{folder} has results of something else than these recordings, which one "
             "page would mix; choose another --out"
         )
-    errors = carry_out(tasks, options, folder, engine, given)
+    errors = run_or_resume(tasks, options, folder, engine, given)
     results = read_results(folder)
     write_report(results, folder, reference=reference)
     print(overview(results.recorded))

@@ -22,10 +22,9 @@ from gplfd_experiments.episodes.build import (
     learned_agents,
     make_environment,
 )
-from gplfd_experiments.episodes.doors import named_doors
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.rollout import rollout
-from gplfd_experiments.episodes.task import EpisodeTask, episode_task
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import versions
 from gplfd_policies.agents.agent import Agent

@@ -70,7 +70,7 @@ class Benchmark:
             from gplfd_experiments.console.arguments import check_folder
             from gplfd_experiments.files.plain_data import json_text, naming
             from gplfd_experiments.studies.plan import checked, tasks
-            from gplfd_experiments.studies.session import carry_out
+            from gplfd_experiments.studies.runner import run_or_resume
             from gplfd_experiments.studies.settings_file import write_settings
 
         # The values are the file's, but for those given on the command line.
@@ -83,7 +83,7 @@ class Benchmark:
         options = dataclasses.asdict(settings) | options
         check_folder(self.out)
         write_settings(self.out / "study.toml", settings)
-        errors = carry_out(tasks(settings), options, self.out, engine)
+        errors = run_or_resume(tasks(settings), options, self.out, engine)
         tables = write_tables(self.out, settings)
         print(json_text(study_rows(self.out, settings)) if self.json else tables)
         if self.record:
@@ -160,7 +160,7 @@ class Trials:
             from gplfd_experiments.analysis.results.reading import read_results
             from gplfd_experiments.analysis.results.trials import trial_answers
             from gplfd_experiments.files.plain_data import json_text
-            from gplfd_experiments.studies.session import carry_out
+            from gplfd_experiments.studies.runner import run_or_resume
             from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 
         tasks = trial_tasks(
@@ -169,7 +169,7 @@ class Trials:
             part=self.part,
         )
         engine = self.where.made()
-        errors = carry_out(tasks, recorded(self), self.out, engine)
+        errors = run_or_resume(tasks, recorded(self), self.out, engine)
         if self.record:
             with postponed_interruption():
                 from gplfd_experiments.workflows.study_recordings import record_trials

@@ -5,10 +5,20 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, Literal, Protocol, TypeVar
 
-from gplfd_experiments.console.interruption import postponed_interruption
-from gplfd_experiments.studies.engines.serial import Serial
+from gplfd_experiments.console.interruption import (
+    os_exit_raises,
+    postponed_interruption,
+)
 
-__all__ = ["ATTEMPTS", "ONE_THREAD", "Engine", "EngineName", "Lost", "engine_named"]
+__all__ = [
+    "ATTEMPTS",
+    "ONE_THREAD",
+    "Engine",
+    "EngineName",
+    "Lost",
+    "Serial",
+    "engine_named",
+]
 
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
@@ -17,7 +27,7 @@ EngineName = Literal["loky", "serial", "dask"]
 """Names that `engine_named` knows."""
 
 ATTEMPTS: Final = 3
-"""How often an item is started before it counts as the one that kills its workers."""
+"""How often an item is started before it counts as the cause of its workers' death."""
 
 ONE_THREAD: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -27,18 +37,18 @@ ONE_THREAD: Final[Mapping[str, str]] = MappingProxyType(
         "VECLIB_MAXIMUM_THREADS": "1",
     }
 )
-"""Environment of a process whose linear algebra keeps to one thread."""
+"""Environment of a process whose linear algebra uses one thread."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Lost:
-    """What an engine reports for an item that no worker brought to its end."""
+    """What an engine returns for an item that no worker finished."""
 
     reason: str
     """Why, in a sentence."""
     crashed: bool = False
     """Whether the item ended its own worker, by leaving Python or by a crash, whenever
-    it ran alone; else the machine may have ended it."""
+    it ran alone; otherwise the machine may have ended it."""
 
 
 class Engine(Protocol):
@@ -47,7 +57,7 @@ class Engine(Protocol):
     def run(
         self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
     ) -> Generator[tuple[ItemT, ResultT | Lost], None, None]:
-        """Yield each item with what the work made of it, as they finish.
+        """Yield each item with its result, in the order in which they finish.
 
         Closing the generator ends what still runs.
 
@@ -58,6 +68,20 @@ class Engine(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class Serial:
+    """Runs items in this process, in order; for debugging."""
+
+    def run(
+        self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
+    ) -> Generator[tuple[ItemT, ResultT], None, None]:
+        """See `Engine.run`."""
+        for item in items:
+            with os_exit_raises():
+                result = work(item)
+            yield item, result
+
+
 def engine_named(
     name: EngineName, *, workers: int | None = None, address: str | None = None
 ) -> Engine:
@@ -66,7 +90,7 @@ def engine_named(
     Args:
         name: ``"loky"``, ``"serial"`` or ``"dask"``.
         workers: Number of processes of loky; None for one per core.
-        address: Of the Dask scheduler.
+        address: Address of the Dask scheduler.
 
     Raises:
         ValueError: An option that the engine does not have, one that it lacks, or Dask
@@ -82,19 +106,15 @@ def engine_named(
         raise ValueError(f"--workers {workers} must be 1 or more")
     if address is not None and name != "dask":
         raise ValueError(f"--address {address} is for --engine dask, not for {name}")
+    # Engines are imported where they are used: Dask need not be installed, and
+    # `gplfd --help` waits for none.
     if name == "serial":
         return Serial()
-    # Engines are loaded where they are wanted: Dask need not be installed, and
-    # `gplfd --help` waits for none.
     if name == "loky":
         with postponed_interruption():
             from gplfd_experiments.studies.engines.processes import Processes
 
         return Processes(workers=workers)
-    return _cluster(address)
-
-
-def _cluster(address: str | None) -> Engine:
     if address is None:
         raise ValueError(
             "--engine dask needs the scheduler of a running cluster: --address "

@@ -1,4 +1,4 @@
-"""The engine for many machines: a Dask cluster that runs already."""
+"""The engine for many machines: a running Dask cluster."""
 
 import asyncio
 from collections.abc import Callable, Generator, Sequence
@@ -13,12 +13,10 @@ ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
 
 _dask: Any = distributed
-"""Only partly annotated, hence not checked."""
+"""Untyped here, because its annotations are incomplete."""
 
 _PATIENCE: Final = 10.0
-"""How long to wait for an answer of the scheduler [s]."""
-
-_KILLED: Final = Lost(reason="its worker died in each attempt")
+"""Longest wait for an answer of the scheduler [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -36,7 +34,7 @@ class Cluster:
     """
 
     address: str
-    """Of the scheduler, as in ``tcp://127.0.0.1:8786``."""
+    """Address of the scheduler, as in ``tcp://127.0.0.1:8786``."""
 
     def run(
         self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
@@ -55,17 +53,23 @@ class Cluster:
             client.close()
 
     def check(self) -> None:
-        """Greet the scheduler.
+        """Connect to the scheduler, with the certificates of Dask's configuration.
 
-        Dask's client waits for ever where something else than a scheduler listens.
+        Dask's client waits for ever where something other than a scheduler listens.
 
         Raises:
             OSError: It does not answer.
         """
+
+        async def connect() -> None:
+            security = _dask.Security().get_connection_args("client")
+            async with asyncio.timeout(_PATIENCE):
+                comm = await _dask.comm.connect(self.address, **security)
+            await comm.close()
+
         try:
-            asyncio.run(_shake_hands(self.address))
-        # Whatever a server that is no scheduler makes of Dask's greeting, and Dask of
-        # its answer.
+            asyncio.run(connect())
+        # A server that is no scheduler may cause any error in Dask.
         except Exception as error:
             reason = str(error) or f"nobody answered within {_PATIENCE:g} s"
             raise ConnectionError(
@@ -90,34 +94,23 @@ class Cluster:
                     raise ConnectionError(
                         f"the Dask scheduler at {self.address} went away"
                     )
-                item, outcome = running.pop(future), _outcome(future)
-                if outcome is _KILLED and not last:
-                    blamed.append(item)
-                else:
-                    yield item, outcome
+                item = running.pop(future)
+                try:
+                    outcome = future.result()
+                except distributed.KilledWorker:
+                    if not last:
+                        blamed.append(item)
+                        continue
+                    outcome = Lost(reason="its worker died in each attempt")
+                # The work itself raises nothing: the worker could not import it.
+                except Exception as error:
+                    outcome = Lost(
+                        reason=f"the worker could not run it ({type(error).__name__}: "
+                        f"{error}); is this package installed there, in the same "
+                        "version?"
+                    )
+                yield item, outcome
         finally:
-            # What is left was not finished and is not wanted any more.
+            # Cancel what is not finished.
             client.cancel(list(running), force=True)
         return blamed
-
-
-async def _shake_hands(address: str) -> None:
-    """Connect to a scheduler, with the certificates that Dask is configured with."""
-    security = _dask.Security().get_connection_args("client")
-    async with asyncio.timeout(_PATIENCE):
-        comm = await _dask.comm.connect(address, **security)
-    await comm.close()
-
-
-def _outcome(future: Any) -> Any:
-    """Return what the work made of an item, or why nothing."""
-    try:
-        return future.result()
-    except distributed.KilledWorker:
-        return _KILLED
-    # The work raises nothing by itself: the worker could not even load it.
-    except Exception as error:
-        return Lost(
-            reason=f"the worker could not run it ({type(error).__name__}: {error}); is "
-            "this package installed there, in the same version?"
-        )

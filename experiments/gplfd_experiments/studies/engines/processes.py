@@ -24,9 +24,9 @@ Caught: TypeAlias = list[tuple[str, type[Warning]]]
 """Texts and categories of warnings."""
 
 _ENVIRONMENT: Final = {
-    # One thread per worker: the cores are shared out among the workers already.
+    # One thread per worker: each core has a worker already.
     **ONE_THREAD,
-    # No worker imports what lies in the working folder and is called `re.py`.
+    # No worker imports a file of the working folder that is called `re.py`.
     "PYTHONSAFEPATH": "1",
 }
 
@@ -36,7 +36,7 @@ _CRASHES: Final = frozenset(
 """Signals by which a process ends itself; others come from the machine."""
 
 _PULSE: Final = 1.0
-"""How often a worker looks whether its parent is still there [s]."""
+"""Interval at which a worker checks that its parent still runs [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -45,7 +45,7 @@ class Processes:
 
     A worker that dies breaks the pool. The items that were running are then run again,
     one at a time, so that only the one that kills its worker is lost. How that worker
-    ended tells whether the item did it or the machine.
+    ended tells whether the item caused it or the machine.
     """
 
     workers: int | None = None
@@ -70,15 +70,16 @@ def _with_warnings(
     """Return a result and the warnings on the way to it.
 
     A worker shares the terminal with the parent's progress bar and cannot print them.
-    Their categories become built-in ones: only these are known in every process.
+    Each category is replaced by the built-in one that it derives from, because only
+    these are known in every process.
     """
     with warnings.catch_warnings(record=True) as caught:
         result = work(item)
-    return result, [(str(one.message), _built_in(one.category)) for one in caught]
-
-
-def _built_in(category: type[Warning]) -> type[Warning]:
-    return next(one for one in category.__mro__ if one.__module__ == "builtins")
+    kept: Caught = []
+    for one in caught:
+        kinds = (kind for kind in one.category.__mro__ if kind.__module__ == "builtins")
+        kept.append((str(one.message), next(kinds)))
+    return result, kept
 
 
 def _warned(outcome: tuple[ResultT, Caught]) -> ResultT:
@@ -107,7 +108,11 @@ def _together(
                         running[pool.submit(work, waiting[0])] = waiting[0]
                     waiting.popleft()
                 done, _ = loky.wait(running, return_when=loky.FIRST_COMPLETED)
-                for future in sorted(done, key=_is_broken):
+                # What finished before the pool broke is kept.
+                for future in sorted(
+                    done,
+                    key=lambda one: isinstance(one.exception(), loky.BrokenProcessPool),
+                ):
                     yield running[future], _warned(future.result())
                     del running[future]
         except loky.BrokenProcessPool:
@@ -115,15 +120,11 @@ def _together(
     return []
 
 
-def _is_broken(future: Any) -> bool:
-    return isinstance(future.exception(), loky.BrokenProcessPool)
-
-
 def _alone(
     work: Callable[[ItemT], tuple[ResultT, Caught]], item: ItemT
 ) -> ResultT | Lost:
     """Run an item again that was running when a worker died."""
-    ends: list[int | None] = []
+    crashed, ends = True, dict[str, None]()
     for _ in range(ATTEMPTS - 1):
         with _pool(1) as pool:
             with postponed_interruption():
@@ -131,32 +132,32 @@ def _alone(
             try:
                 result: ResultT = _warned(future.result())
             except loky.BrokenProcessPool as error:
-                ends.append(_exit_code(error))
+                how, by_itself = _end_of_worker(error)
+                ends[how] = None
+                crashed &= by_itself
             else:
                 return result
-    crashed = all(end is not None and (end >= 0 or -end in _CRASHES) for end in ends)
-    how = ", ".join(dict.fromkeys(map(_in_words, ends)))
     return Lost(
-        reason=f"its worker process died in each of {ATTEMPTS} attempts: {how}",
+        reason=f"its worker process died in each of {ATTEMPTS} attempts: "
+        + ", ".join(ends),
         crashed=crashed,
     )
 
 
-def _exit_code(error: loky.BrokenProcessPool) -> int | None:
-    """Return with which code a pool's only worker ended; loky says it in a text."""
+def _end_of_worker(error: loky.BrokenProcessPool) -> tuple[str, bool]:
+    """Return in words how a pool's only worker ended, and whether by itself."""
+    # loky states the exit code in a text only.
     found = re.search(r"exit codes of the workers are \{\w+\((-?\d+)\)\}", str(error))
-    return int(found[1]) if found else None
-
-
-def _in_words(end: int | None) -> str:
-    if end is None:
-        return "killed, crashed or out of memory"
+    if found is None:
+        return "killed, crashed or out of memory", False
+    end = int(found[1])
     if end >= 0:
-        return f"it left Python with exit status {end}"
-    kind = "crashed" if -end in _CRASHES else "killed, perhaps for want of memory"
+        return f"it left Python with exit status {end}", True
+    crashed = -end in _CRASHES
+    kind = "crashed" if crashed else "killed, perhaps for want of memory"
     # Most real-time signals have no name.
     names = {one.value: one.name for one in signal.Signals}
-    return f"{kind} ({names.get(-end, f'signal {-end}')})"
+    return f"{kind} ({names.get(-end, f'signal {-end}')})", crashed
 
 
 @contextlib.contextmanager
@@ -174,11 +175,11 @@ def _prepare(parent: int) -> None:
     """Leave Ctrl-C and standard output to the parent, and end when it does."""
     os.dup2(2, 1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
+    def end_with_parent() -> None:
+        # Nobody would take the results.
+        while os.getppid() == parent:
+            time.sleep(_PULSE)
+        os._exit(1)
 
-def _end_with(parent: int) -> None:
-    """End this process when its parent was killed; nobody would take its results."""
-    while os.getppid() == parent:
-        time.sleep(_PULSE)
-    os._exit(1)
+    threading.Thread(target=end_with_parent, daemon=True).start()

@@ -1,8 +1,8 @@
-"""When a method earns a mark in Table 1: a number, a limit and a sentence per row.
+"""Criteria for the marks of Table 1: a number, limits and a sentence per row.
 
 The rows are those of Table 1 in Arduengo et al., *Gaussian-Process-based Robot Learning
-from Demonstration*, arXiv:2002.09979, whose marks say what publications claim. These
-say what was measured, of the methods as this project has them.
+from Demonstration*, arXiv:2002.09979, whose marks state claims of publications. The
+criteria state what was measured of this project's implementations.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import Any, Final
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """What one number must be."""
+    """Limits of one number."""
 
     metric: str
     """Name in the metrics of a skill task."""
@@ -40,14 +40,14 @@ class Criterion:
     sentence: str
     """What is measured, and what it must be."""
     absent: str
-    """What it means to have no number."""
+    """Meaning of a missing number."""
     paper: frozenset[str]
     """Policies whose methods have the paper's mark."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Mark:
-    """What a method has in a row."""
+    """Mark of a method in a row."""
 
     value: float | None
     """Mean of the row's number over the tasks; None where there is none."""
@@ -174,24 +174,18 @@ def mark(criterion: str | Criterion, metrics: Sequence[Mapping[str, Any]]) -> Ma
         if criterion not in CRITERIA:
             raise ValueError(f"no criterion {criterion!r}; rows: {', '.join(CRITERIA)}")
         criterion = CRITERIA[criterion]
-    found = {limit: _values(limit.metric, metrics) for limit in criterion.limits}
-    if any(values is None for values in found.values()):
-        return Mark(value=None, passed=None, text="not measured")
-    means = {
-        limit: sum(values) / len(values) for limit, values in found.items() if values
-    }
-    if len(means) < len(found):
+    means: dict[Limit, float] = {}
+    for limit in criterion.limits:
+        measured = [task[limit.metric] for task in metrics if limit.metric in task]
+        if not measured:
+            return Mark(value=None, passed=None, text="not measured")
+        values = [float(value) for value in measured if value is not None]
+        if values:
+            means[limit] = sum(values) / len(values)
+    if len(means) < len(criterion.limits):
         return Mark(value=None, passed=False, text=criterion.absent)
     return Mark(
         value=means[criterion.limits[0]],
         passed=all(limit.holds(mean) for limit, mean in means.items()),
         text=", ".join(f"{limit.symbol} {mean:.3g}" for limit, mean in means.items()),
     )
-
-
-def _values(name: str, metrics: Sequence[Mapping[str, Any]]) -> list[float] | None:
-    """All numbers of a name; None if no task measured it."""
-    measured = [task[name] for task in metrics if name in task]
-    if not measured:
-        return None
-    return [float(value) for value in measured if value is not None]

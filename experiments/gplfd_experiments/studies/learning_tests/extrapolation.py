@@ -1,4 +1,4 @@
-"""What a policy does where nothing was demonstrated, and with what it knew before."""
+"""Predictions beyond the demonstrations, with and without a prior mean."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -14,36 +14,32 @@ from gplfd_policies.movements.prior_mean import PosePath
 from gplfd_policies.registry.method import Method
 
 _MOVING: Final = [0, 2, 4]
-"""Outputs that a door moves: x, z and θu_y. The others stay where they are beyond the
-demonstrations, too, and their spread as it is."""
+"""Outputs that a door moves: x, z and θu_y; the others are constant."""
 _KEPT: Final = 0.7
-"""Share of the task that is learned before asking beyond."""
+"""Share of the task that is learned."""
 _BORDER: Final = np.linspace(0.95, 1.0, 11)
 _BEYOND: Final = np.linspace(1.4, 1.5, 11)
 """Phases, in lengths of what was learned."""
 _DISPLACEMENT: Final = np.array([0.1, 0.0, -0.1, 0.0, 0.3, 0.0])
 """How far the prior mean is from the demonstrations' [m, rad]."""
 _FAR: Final = np.linspace(20.0, 21.0, 11)
-"""Length-scales are at most three of them, so
-that nothing demonstrated has a say there."""
+"""Phases far beyond; length-scales are at most three, so that the demonstrations have
+no influence there."""
 
 
 def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
-    """Learn the first 70 % of a task and ask beyond.
+    """Learn the first 70 % of a task and predict beyond it.
 
-    The demonstrations end where 70 % of their path is done, and phase 1 is there. How
-    much the standard deviation grows is its value half as far again beyond, at phases
-    1.4 to 1.5, over that at the end of what was learned, 0.95 to 1: geometric mean of
-    x, z and θu_y. That of the end, not of all phases, because demonstrations of
-    different doors spread more and more: a method that just holds the last spread
-    has 1. What was left out goes on in its own time; the share of it within the
-    normal 95 % interval there is counted. What becomes of a prior mean is asked much
-    farther beyond (`prior_mean_used`).
+    Phase 1 is where the shortened demonstrations end. ``uncertainty_growth`` is the
+    standard deviation at phases 1.4 to 1.5 over that at 0.95 to 1, as the geometric
+    mean of x, z and θu_y. A method that keeps the last spread has 1.
+    ``coverage_95_beyond`` is the share of the left-out demonstrations' rest within the
+    normal 95 % interval.
 
     Args:
         method: How to learn.
         fold: What to learn from, and what to predict.
-        seed: Seeds whatever is random in the learning.
+        seed: Seeds the learning.
     """
     starts = [_start(demonstration) for demonstration in fold.given]
     movement, _ = learn(method, starts, seed)
@@ -56,21 +52,19 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     }
     if np.isfinite(border).all():
         ratios = outside.mean(axis=0) / border.mean(axis=0)
-        shares = [_coverage(movement, one) for one in fold.left_out]
+        shares = []
+        for one in fold.left_out:
+            size = len(_start(one).times)
+            times = one.times - one.times[0]
+            rest = movement.predict(times[size:] / times[size - 1])
+            shares.append(rest.coverage(one.poses[size:], normal=True))
         found["uncertainty_growth"] = float(np.exp(np.mean(np.log(ratios))))
         found["coverage_95_beyond"] = float(np.mean(shares))
     return found
 
 
-def _coverage(movement: Movement, demonstration: Demonstration) -> float:
-    """Share of what goes on after the start within the normal 95 % interval."""
-    size = len(_start(demonstration).times)
-    times = demonstration.times - demonstration.times[0]
-    asked = movement.predict(times[size:] / times[size - 1])
-    return asked.coverage(demonstration.poses[size:], normal=True)
-
-
 def _start(demonstration: Demonstration) -> Demonstration:
+    """Return the first part of a demonstration, up to 70 % of its path."""
     index = task_completion_index(demonstration)
     size = int(np.searchsorted(index, _KEPT)) + 1
     return Demonstration(
@@ -81,24 +75,23 @@ def _start(demonstration: Demonstration) -> Demonstration:
 def prior_mean_used(
     method: Method, demonstrations: Sequence[Demonstration], seed: int, plain: Movement
 ) -> float | None:
-    """Give a method a prior mean and ask far beyond the demonstrations.
+    """Give a method a prior mean and predict far beyond the demonstrations.
 
-    The prior mean is the demonstrations' own, 0.1 m and 0.3 rad beside them, and rests
-    at its last pose: what is known of the task contradicts the demonstrations where
-    there are any, and is all there is twenty of their lengths later. A method that
-    takes it for a description of the demonstrations, and corrects it everywhere, does
-    not return to it.
+    The prior mean is the demonstrations' mean, displaced by 0.1 m and 0.3 rad, and
+    rests at its last pose. It contradicts the demonstrations, and twenty of their
+    lengths later it is the only information. A method that corrects it everywhere, as
+    a description of the demonstrations, does not return to it.
 
     Args:
         method: How to learn.
-        demonstrations: From what.
-        seed: Seeds whatever is random in the learning.
-        plain: What the method learns from them without a prior mean.
+        demonstrations: What to learn from.
+        seed: Seeds the learning.
+        plain: The movement that is learned without a prior mean.
 
     Returns:
-        The way of the prediction from where it is without the prior mean towards the
-        latter, as a share of the whole way, within [0, 1]: 1 returns to it, 0 ignores
-        it. Metres and radians count alike. None for a method that takes none.
+        Distance of the prediction from that without the prior mean, along the way to
+        the prior mean, as a share of that way, within [0, 1]: 1 returns to it, 0
+        ignores it. Metres and radians count alike. None if the method takes none.
     """
     if not method.accepts_prior_mean:
         return None

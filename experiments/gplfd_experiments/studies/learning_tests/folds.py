@@ -1,12 +1,11 @@
-"""What is left out of the demonstrations, and to which phases it belongs.
+"""Folds: which demonstrations are left out, and the phases to which they belong.
 
-A fold is what is learned from and what is left out. Learning sees nothing of the
-latter, neither its poses nor its timing: the rest is aligned without it, and only then
-is it aligned to the result. Which part of the task a pose belongs to is not what is
-predicted; there the left-out demonstration's own completion index decides, Eq. (16) of
+Learning sees neither poses nor timing of what is left out: the rest is aligned without
+it, and only then is it aligned to the result. The phase of a left-out pose is not
+predicted but follows from the completion index of its own demonstration, Eq. (16) of
 Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
 arXiv:2002.09979: a pose belongs to the phase at which the learned demonstrations had
-done as large a part of their own paths.
+completed the same share of their own paths.
 """
 
 from collections.abc import Sequence
@@ -30,7 +29,7 @@ HELD_OUT: Final[tuple[HeldOut, ...]] = get_args(HeldOut)
 """All that can be left out."""
 
 _CLOCK_SHARE: Final = 1e-6
-"""Share of the clock mixed into completion, which stands still while the hand rests."""
+"""Weight of time in the completion index, which is constant while the hand rests."""
 _ROTATION_WEIGHT: Final = 0.5
 """ω₁ of Eq. (17), as in every policy's alignment."""
 
@@ -40,9 +39,19 @@ class Fold:
     """Demonstrations, split into those to learn from and those to predict."""
 
     given: tuple[Demonstration, ...]
-    """What a method learns from."""
+    """Demonstrations that a method learns from."""
     left_out: tuple[Demonstration, ...]
-    """What it does not see, and is asked to predict."""
+    """Demonstrations that it does not see, and predicts."""
+
+
+def by_door(
+    demonstrations: Sequence[Demonstration], per_door: int
+) -> list[Sequence[Demonstration]]:
+    """Group demonstrations that come door after door."""
+    return [
+        demonstrations[first : first + per_door]
+        for first in range(0, len(demonstrations), per_door)
+    ]
 
 
 def folds(
@@ -50,17 +59,16 @@ def folds(
 ) -> tuple[Fold, ...]:
     """Split demonstrations into folds.
 
-    * "demonstration": two folds leave one demonstration out each, of two doors. Which
-      doors, and which of their demonstrations, goes round with the seed, so that all
-      are left out equally often in the long run.
-    * "radius": one fold leaves out the door in the middle, with all its demonstrations,
-      which the others' average is near to; another one leaves out an outer door, the
-      smallest and the largest by turns, which can only be adapted to.
+    * "demonstration": each of two folds leaves out one demonstration of another door.
+      The seed selects them in turn, so that all are left out equally often.
+    * "radius": one fold leaves out all demonstrations of the middle door, which the
+      average of the others is near to. The other fold leaves out an outer door, in
+      turn the smallest and the largest, which a method must adapt to.
 
     Args:
         doors: Demonstrations of each door, by radius.
         held_out: One of `HELD_OUT`.
-        seed: Where the round starts.
+        seed: Selects what is left out.
 
     Raises:
         ValueError: Another ``held_out``, or fewer than three doors.
@@ -102,8 +110,7 @@ class OnPhases:
     poses: FloatArray
     """Its poses, (N, 6) [m, rad]."""
     moving: NDArray[np.bool_] = field(default_factory=lambda: np.ones(6, dtype=bool))
-    """Which numbers of a pose move in this task at all, (6,): the density of one that
-    never does would say how exactly a method knows a constant."""
+    """Which numbers of a pose move in this task, (6,); constant ones are not scored."""
 
     def scored(self, poses: FloatArray) -> FloatArray:
         """Return poses with NaN for numbers that never move, (M, 6)."""
@@ -112,7 +119,7 @@ class OnPhases:
     def thinned(self, count: int) -> "OnPhases":
         """Return the demonstration at equal steps of its own time.
 
-        The poses do not depend on the movement, so that all are asked the same.
+        The poses do not depend on the movement, so that all predict the same ones.
         """
         samples = np.arange(len(self.phases), dtype=np.float64)
         wanted = np.linspace(0.0, samples[-1], count)

@@ -1,4 +1,4 @@
-"""How a policy learns what is measured of it, and how long that takes."""
+"""Learning in the learning tests, with the CPU time it takes."""
 
 import time
 import warnings
@@ -29,19 +29,19 @@ def learn(
 ) -> tuple[Movement, float]:
     """Learn, and predict once.
 
-    Some methods put work off until they are first asked; it belongs to learning.
-    Warnings of few or noisy demonstrations are not passed on: they are what is
-    measured here.
+    Some methods defer work until the first prediction; it belongs to learning.
+    Warnings of few or noisy demonstrations are suppressed, because their effect is
+    what is measured.
 
     Args:
-        method: How.
-        demonstrations: From what.
-        seed: Seeds whatever is random in the learning.
-        prior_mean: What is expected where nothing was demonstrated.
+        method: How to learn.
+        demonstrations: What to learn from.
+        seed: Seeds the learning.
+        prior_mean: Expected poses where nothing was demonstrated.
 
     Returns:
         What was learned, and the CPU time of this thread until it could predict,
-        alignment included [s].
+        including alignment [s].
 
     Raises:
         ValueError: The method cannot learn from them, or be given a prior mean.
@@ -49,7 +49,7 @@ def learn(
     training = TrainingInput(
         demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
     )
-    # What is held out ends where the demonstrations end.
+    # Left-out demonstrations end where the others end.
     within = replace(method, beyond=0.0)
 
     def able_to_predict() -> Movement:

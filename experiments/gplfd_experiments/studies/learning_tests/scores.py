@@ -1,7 +1,7 @@
-"""A policy's skill in numbers: what it learned, compared with what it did not see.
+"""Learning tests of a method: leave demonstrations out, predict them, adapt to them.
 
-No robot and no simulator: demonstrations are left out, predicted, and adapted to. The
-same for every method, by name.
+No robot and no simulator takes part. `method_metrics` leaves out demonstrations of the
+synthetic human, `recorded_metrics` one of the user's motion files. Both give:
 
 =========================== ==========================================================
 ``rmse_position_m``         of the mean, at 200 equal steps of a left-out motion
@@ -11,25 +11,43 @@ same for every method, by name.
 ``coverage_95_stated``      share within the 95 % intervals of the method itself
 ``spread_followed``         correlation of std and the learned demonstrations' spread
 ``log_dimensionless_jerk``  of the mean, larger is smoother
-``via_...``                 see `adaptation` in the module ``via_points`` beside this
+``via_...``                 see `adaptation` in the module ``via_points``
 ``..._rest_...``            the same
 ``cpu_fit_s``               to align, learn and predict once
 ``cpu_predict_s``           200 phases
 ``cpu_adapt_s``             one via-point of those of the first 30 %
-``uncertainty_growth``      see `beyond` in the module ``extrapolation`` beside this
+=========================== ==========================================================
+
+Tests with demonstrations of the synthetic human also give the following. They need
+movements of their own; to save time, the first three are measured with "demonstration"
+left out and the others with "radius", and their names are missing otherwise.
+
+=========================== ==========================================================
+``uncertainty_growth``      see `beyond` in the module ``extrapolation``
 ``coverage_95_beyond``      the same
-``prior_mean_used``         see `prior_mean_used` of the same module
-``outputs_...``             see `tumbling` in the module ``tumbling`` beside this
+``prior_mean_used``         see `prior_mean_used` in the same module
+``outputs_...``             see `tumbling` in the module ``tumbling``
 ``tumbling_error``          the same
 =========================== ==========================================================
 
-A number is None where a method has no such thing. Two tests need movements of their
-own, and are made with one kind of left-out demonstrations each, for time: beyond the
-demonstrations with "demonstration", tumbling with "radius". In the other kind their
-names are missing.
+Tests on motion files also give the following, after 10, 25 and 50 % of the left-out
+recording have been seen as via-points. Their densities and coverage are those of the
+outputs that move, so that recordings of positions alone are judged by positions.
+
+============================= ========================================================
+``forecast_10_position_m``    root mean square error of the rest
+``forecast_10_rotation_rad``  the same of the angle between orientations
+``forecast_10_nlpd``          negative log predictive density per number of the rest
+``forecast_10_coverage_95``   share of the rest within central normal intervals
+============================= ========================================================
+
+A number is None where a method cannot have it.
 """
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -43,21 +61,28 @@ from gplfd_experiments.studies.learning_tests.accuracy import (
 )
 from gplfd_experiments.studies.learning_tests.extrapolation import beyond
 from gplfd_experiments.studies.learning_tests.folds import (
-    Fold,
     OnPhases,
     aligned_to,
+    by_door,
     folds,
 )
 from gplfd_experiments.studies.learning_tests.methods import cpu_seconds, learn
 from gplfd_experiments.studies.learning_tests.tumbling import tumbling
-from gplfd_experiments.studies.learning_tests.via_points import adaptation
+from gplfd_experiments.studies.learning_tests.via_points import adaptation, forecasts
+from gplfd_policies.demonstrations.aligned import FINEST
+from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.registry.method import Method
+
+FEWEST: Final = 3
+"""Smallest number of recordings; one is left out, and a spread takes two."""
 
 _SAMPLES: Final = 200
 _REPEATS: Final = 3
 _GROWN: Final = 0.1
-"""Before this phase demonstrations have hardly begun to differ."""
+"""Phase before which demonstrations hardly differ."""
+_UNEVEN: Final = 0.01
+"""Largest relative difference of time steps that count as equal."""
 
 
 def method_metrics(
@@ -87,63 +112,100 @@ def method_metrics(
     recorded = Teacher(TeacherConfig(**teacher)).demonstrate_doors(
         DEMONSTRATED_RADII, demonstrations_per_door, rng=np.random.default_rng(seed)
     )
-    doors = [
-        recorded[first : first + demonstrations_per_door]
-        for first in range(0, len(recorded), demonstrations_per_door)
-    ]
-    every = folds(doors, held_out, seed)
-    metrics: dict[str, Any] = averaged(
-        [score for fold in every for score in _scores(method, fold, seed)]
-    )
+    every = folds(by_door(recorded, demonstrations_per_door), held_out, seed)
+    scores: list[Mapping[str, float | None]] = []
+    for fold in every:
+        movement, cpu_s = learn(method, fold.given, seed)
+        left_out = [aligned_to(one, movement.aligned) for one in fold.left_out]
+        shared = {
+            **adaptation(method, movement, left_out),
+            **_movement_scores(movement),
+            "cpu_fit_s": cpu_s,
+        }
+        scores += [{**prediction_scores(movement, one), **shared} for one in left_out]
     if held_out == "demonstration":
-        return {**metrics, **beyond(method, every[0], seed)}
-    return {**metrics, **tumbling(method, seed)}
+        return {**averaged(scores), **beyond(method, every[0], seed)}
+    return {**averaged(scores), **tumbling(method, seed)}
 
 
-def _scores(
-    method: Method, fold: Fold, seed: int
-) -> Sequence[Mapping[str, float | None]]:
-    """Every score of every demonstration that a fold leaves out."""
-    movement, cpu_s = learn(method, fold.given, seed)
-    left_out = [aligned_to(one, movement.aligned) for one in fold.left_out]
-    shared = {
-        **adaptation(method, movement, left_out),
-        **of_the_movement(movement),
+def recorded_metrics(
+    method: Method, recordings: Sequence[Demonstration], number: int
+) -> dict[str, Any]:
+    """Leave one recording out, learn from the others, and predict it.
+
+    Args:
+        method: How to learn and to adapt.
+        recordings: At least `FEWEST`, in one frame.
+        number: Which recording is left out; also seeds the learning.
+
+    Raises:
+        ValueError: The method cannot learn from the others.
+    """
+    movement, left_out, cpu_s = without(method, recordings, number)
+    return {
+        **prediction_scores(movement, left_out),
+        **adaptation(method, movement, [left_out]),
+        **forecasts(method, movement, left_out),
+        **_movement_scores(movement),
         "cpu_fit_s": cpu_s,
     }
-    return [{**of_the_prediction(movement, one), **shared} for one in left_out]
 
 
-def of_the_prediction(
+def without(
+    method: Method, recordings: Sequence[Demonstration], number: int
+) -> tuple[Movement, OnPhases, float]:
+    """Learn from all recordings but one.
+
+    Args:
+        method: How to learn.
+        recordings: At least `FEWEST`, in one frame.
+        number: Which recording is left out; also seeds the learning.
+
+    Returns:
+        What was learned, the left-out recording on its phases, and the CPU time [s].
+
+    Raises:
+        ValueError: The method cannot learn from the others.
+    """
+    given = [*recordings[:number], *recordings[number + 1 :]]
+    movement, cpu_s = learn(method, given, number)
+    one = recordings[number]
+    steps = np.diff(one.times)
+    if np.ptp(steps) > _UNEVEN * np.median(steps):
+        count = math.ceil((one.times[-1] - one.times[0]) / float(np.median(steps))) + 1
+        times = np.linspace(one.times[0], one.times[-1], count)
+        poses = [np.interp(times, one.times, output) for output in one.poses.T]
+        one = Demonstration(times=times, poses=np.column_stack(poses))
+    every = np.concatenate([each.poses for each in recordings])
+    moving = np.asarray(np.ptp(every, axis=0) > FINEST)
+    return movement, replace(aligned_to(one, movement.aligned), moving=moving), cpu_s
+
+
+def prediction_scores(
     movement: Movement, left_out: OnPhases
 ) -> Mapping[str, float | None]:
-    """Return how near a movement is to a demonstration that it did not learn from."""
+    """Return the accuracy of a movement at a demonstration that was left out."""
     asked = left_out.thinned(_SAMPLES)
     predicted = movement.predict(asked.phases)
     return accuracy(predicted, asked.poses, asked.scored(asked.poses))
 
 
-def of_the_movement(movement: Movement) -> Mapping[str, float | None]:
-    """Return how smooth a movement is, how it follows the spread, and how fast."""
+def _movement_scores(movement: Movement) -> Mapping[str, float | None]:
+    """Return smoothness, agreement with the demonstrations' spread, and speed."""
     phases = np.linspace(0.0, 1.0, _SAMPLES)
     step = movement.duration / (_SAMPLES - 1)
     aligned = movement.aligned
     grown = aligned.times > _GROWN
     std = movement.predict(aligned.times).std
+    seconds = []
+    for repeat in range(1, 1 + _REPEATS):
+        # Other phases every time, so that no result is cached.
+        asked = np.linspace(1e-6 * repeat, 1.0, _SAMPLES)
+        seconds.append(cpu_seconds(partial(movement.predict, asked))[1])
     return {
         "log_dimensionless_jerk": log_dimensionless_jerk(
             movement.predict(phases).mean[:, :3], step
         ),
         "spread_followed": spread_followed(std[grown], aligned.poses[:, grown]),
-        "cpu_predict_s": _prediction_time(movement),
+        "cpu_predict_s": min(seconds),
     }
-
-
-def _prediction_time(movement: Movement) -> float:
-    """CPU time of 200 phases that were never asked before [s]."""
-    seconds = []
-    for repeat in range(1, 1 + _REPEATS):
-        phases = np.linspace(1e-6 * repeat, 1.0, _SAMPLES)
-        _, elapsed = cpu_seconds(lambda phases=phases: movement.predict(phases))  # type: ignore[misc]
-        seconds.append(elapsed)
-    return min(seconds)

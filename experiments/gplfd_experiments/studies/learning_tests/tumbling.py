@@ -1,9 +1,8 @@
-"""A made-up task with a known answer: a hand that turns over while it moves on.
+"""A synthetic task with a known distribution: a hand that tumbles along a line.
 
-Its outputs vary independently of each other by known amounts, and its orientation
-turns by more than π about changing axes. It shows what the teacher's doors cannot:
-whether outputs that are learned together get in each other's way, and whether large
-rotations are learned as well as small ones.
+Its outputs vary independently by known amounts, and its orientation turns by more than
+π about changing axes. It shows what the teacher's doors cannot: whether learning
+several outputs together costs accuracy, and whether large rotations are learned.
 """
 
 import math
@@ -28,8 +27,7 @@ _COUNT: Final = 6
 _CLOCK: Final = np.linspace(0.0, 1.0, 301)
 _DURATION: Final = 6.0
 _LENGTH: Final = 1.0
-"""Length of the way along x [m], the same in every demonstration: it keeps the clocks
-alike, whatever the other outputs do."""
+"""Path length along x [m]; equal in all demonstrations, so that their clocks agree."""
 _CORRELATION: Final = 0.25
 TUMBLE_STD: Final = 0.05
 """Standard deviation of the orientation about each of its axes [rad]."""
@@ -40,19 +38,18 @@ _JUDGED: Final = np.linspace(0.1, 1.0, 91)
 def tumbling(method: Method, seed: int) -> Mapping[str, object]:
     """Learn the task with two outputs, and with six.
 
-    Every method here has six outputs and one input, the phase, so dimensions cannot
-    grow at will. What can be measured is what z costs others: x and z are learned
-    while the four other outputs rest, and again while all six move. 24 outputs do not
-    exist; four movements of six would cost four times as much by construction.
+    Every method has six outputs and one input, the phase. x and z are learned while
+    the four other outputs rest, and again while all six move. 24 outputs do not exist;
+    four movements of six would cost four times as much by construction.
 
     Args:
         method: How to learn.
-        seed: Seeds the demonstrations, and whatever is random in the learning.
+        seed: Seeds the demonstrations and the learning.
 
     Returns:
-        CPU time to learn and the density of z in other repetitions above that of the
-        truth, by number of outputs; and how far the mean orientation of the six is
-        from the true one, in standard deviations of a demonstration.
+        By number of outputs, CPU time to learn and the negative log predictive density
+        of z in other repetitions, above that of the truth; and the error of the mean
+        orientation of six outputs, in standard deviations of a demonstration.
     """
     two, two_s = learn(method, tumble(seed, active=(0, 2)), seed)
     six, six_s = learn(method, tumble(seed, active=range(6)), seed)
@@ -77,11 +74,7 @@ def tumbled_rotations(phases: FloatArray) -> Rotation:
 
 
 def _spread(phases: FloatArray) -> FloatArray:
-    """Standard deviation of z [m].
-
-    Its mean is zero: errors of the alignment, to which every output contributes, then
-    change nothing.
-    """
+    """Standard deviation of z [m]; its mean is zero, so alignment has no effect."""
     return 0.002 + 0.02 * phases**2
 
 
@@ -89,7 +82,7 @@ def tumble(seed: int, active: range | tuple[int, ...]) -> tuple[Demonstration, .
     """Draw demonstrations of the task.
 
     Args:
-        seed: The same seed varies an output alike, whatever the others do.
+        seed: The same seed gives the same variation of an output.
         active: Outputs that move; the others rest at zero.
     """
     rng = np.random.default_rng(seed)
@@ -115,7 +108,7 @@ def tumble(seed: int, active: range | tuple[int, ...]) -> tuple[Demonstration, .
 
 
 def _excess(movement: Movement, seed: int) -> float | None:
-    """Density of z in other repetitions, above that of the true distribution."""
+    """Negative log density of z in other repetitions, above that of the truth."""
     rng = np.random.default_rng([seed, 1])
     wobble = smooth_functions(_JUDGED, _CORRELATION, _HELD_OUT, rng)
     std = _spread(_JUDGED)[:, None]

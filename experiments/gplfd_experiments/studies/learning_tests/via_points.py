@@ -1,4 +1,4 @@
-"""What via-points do to a movement: where they are, far away, and after them."""
+"""Adaptation by via-points: at the via-points, far from them, and after them."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -17,31 +17,31 @@ from gplfd_experiments.studies.learning_tests.methods import cpu_seconds
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.movements.movement import AdaptationForm, Movement
-from gplfd_policies.movements.trajectory import ViaPoint
+from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 from gplfd_policies.registry.method import Method
 
 FloatArray = NDArray[np.float64]
 
 GRID: Final = np.linspace(0.0, 1.0, 100)
-"""Phases of an adaptation, as many as the agents have."""
+"""Phases of an adaptation, as many as those of the agents."""
 _PLACES: Final = (25, 50, 74)
-"""Where on the grid single via-points are demanded."""
+"""Places of the via-points on the grid."""
 _STD: Final = 1e-3
-"""How strongly [m, rad]."""
+"""Standard deviation of a via-point [m, rad]."""
 _STRICT_STD: Final = 1e-4
-"""And ten times as strongly, where what was learned has less of a say."""
+"""The same of a strict via-point, which outweighs what was learned."""
 _FAR: Final = 0.3
-"""What is farther from a via-point than this is far [phase]."""
+"""Distance from a via-point that counts as far [phase]."""
 _SEEN: Final = 0.3
-"""How much of a demonstration is seen before the rest is predicted [phase]."""
+"""Observed part of a demonstration before the rest is predicted [phase]."""
 FORECASTS: Final = (0.10, 0.25, 0.50)
-"""How much of a recording is seen, in turn."""
+"""Observed shares of a recording, in turn."""
 _VIA_POINT_SCORES: Final = (
     *("via_error_position_m", "via_error_rotation_rad"),
     *("via_error_strict_position_m", "via_error_strict_rotation_rad"),
     *("via_far_change", "via_far_std_change", "via_far_error"),
 )
-"""What a method without via-points has none of."""
+"""Scores that a method without via-points lacks."""
 
 
 def adaptation(
@@ -49,13 +49,13 @@ def adaptation(
 ) -> dict[str, float | None]:
     """Adapt to demonstrations that were left out.
 
-    * Three via-points in one adaptation: how far from them its mean passes, for
-      demands of 1 mm and 1 mrad, and ("strict") of a tenth of it.
-    * Each of them alone, strict: how much mean and standard deviation change farther
-      away than 0.3 of the task, in units of the standard deviation before; and how far
-      the mean is from the demonstration there, as a share of how far it was before.
-    * The first 30 % of the demonstration as the agents observe it, a via-point for
-      every hundredth of it: how far the mean is from the rest.
+    * Three via-points in one adaptation: distance of the mean from them, with standard
+      deviations of 1 mm and 1 mrad and, in "strict", a tenth of it.
+    * Each of them alone, strict: change of mean and standard deviation farther away
+      than 0.3 of the task, in units of the standard deviation before; and distance of
+      the mean from the demonstration there, as a share of that before.
+    * The first 30 % of the demonstration, one via-point for every hundredth, as the
+      agents observe it: distance of the mean from the rest.
 
     Args:
         method: How to adapt.
@@ -63,7 +63,7 @@ def adaptation(
         left_out: Demonstrations on its phases.
 
     Returns:
-        Averages by name. Without via-points all are None, but for the errors over the
+        Averages by name. Without via-points all are None except the errors over the
         rest of the demonstration, which are those of the movement as learned.
     """
     scores: list[dict[str, float | None]] = []
@@ -119,28 +119,13 @@ def _far_changes(
 def _rest(
     method: Method, movement: Movement, left_out: OnPhases
 ) -> dict[str, float | None]:
-    truth, ahead = left_out.at(GRID), GRID > _SEEN
-    before = movement.predict(GRID)
-    adapted = begin_adaptation(movement, method.adaptation, GRID)
-    cpu_s = None
-    if method.adaptation is not None:
-        seen = _observations(left_out, _SEEN)
-
-        def observe() -> None:
-            for via_point in seen:
-                adapted.observe(via_point)
-                _ = adapted.mean, adapted.std
-
-        _, total = cpu_seconds(observe)
-        cpu_s = total / len(seen)
-    rest = adapted.trajectory()[ahead]
+    rest, truth, cpu_s = _observed(method, movement, left_out, _SEEN)
+    before = movement.predict(GRID).mean[GRID > _SEEN]
     return {
-        "rmse_rest_position_m": rms_distance(rest.mean, truth[ahead]),
-        "rmse_rest_rotation_rad": rms_rotation(rest.mean, truth[ahead]),
-        "rmse_rest_unadapted_position_m": rms_distance(
-            before.mean[ahead], truth[ahead]
-        ),
-        "rest_coverage_95": known(rest.coverage(truth[ahead], normal=True)),
+        "rmse_rest_position_m": rms_distance(rest.mean, truth),
+        "rmse_rest_rotation_rad": rms_rotation(rest.mean, truth),
+        "rmse_rest_unadapted_position_m": rms_distance(before, truth),
+        "rest_coverage_95": known(rest.coverage(truth, normal=True)),
         "cpu_adapt_s": cpu_s,
     }
 
@@ -148,7 +133,7 @@ def _rest(
 def forecasts(
     method: Method, movement: Movement, left_out: OnPhases
 ) -> dict[str, float | None]:
-    """Return how well the rest is predicted once `FORECASTS` have been seen.
+    """Return the accuracy of the rest once the shares `FORECASTS` have been observed.
 
     Args:
         method: How to adapt; without via-points the movement is not adapted.
@@ -156,33 +141,47 @@ def forecasts(
         left_out: A demonstration on its phases.
 
     Returns:
-        Numbers by name, as `gplfd_experiments.studies.learning_tests.recorded` lists
+        Numbers by name, as `gplfd_experiments.studies.learning_tests.scores` lists
         them.
     """
-    truth, found = left_out.at(GRID), dict[str, float | None]()
+    found: dict[str, float | None] = {}
     for share in FORECASTS:
-        adapted = begin_adaptation(movement, method.adaptation, GRID)
-        if method.adaptation is not None:
-            for via_point in _observations(left_out, share):
-                adapted.observe(via_point)
-        ahead = share < GRID
-        rest, name = adapted.trajectory()[ahead], f"forecast_{100 * share:.0f}"
-        scored = left_out.scored(truth[ahead])
+        rest, truth, _ = _observed(method, movement, left_out, share)
+        scored, name = left_out.scored(truth), f"forecast_{100 * share:.0f}"
         found |= {
-            f"{name}_position_m": rms_distance(rest.mean, truth[ahead]),
-            f"{name}_rotation_rad": rms_rotation(rest.mean, truth[ahead]),
+            f"{name}_position_m": rms_distance(rest.mean, truth),
+            f"{name}_rotation_rad": rms_rotation(rest.mean, truth),
             f"{name}_nlpd": known(rest.nlpd(scored)),
             f"{name}_coverage_95": known(rest.coverage(scored, normal=True)),
         }
     return found
 
 
-def _observations(left_out: OnPhases, share: float) -> tuple[ViaPoint, ...]:
-    """Via-points of the first share, as an agent takes them while it opens a door."""
-    config = ComplianceConfig()
-    count = round(share / config.via_spacing)
-    phases: FloatArray = config.via_spacing * np.arange(1.0, count + 1.0)
-    return tuple(
-        ViaPoint(phase=float(phase), pose=pose, std=np.repeat(config.via_std, 3))
-        for phase, pose in zip(phases, left_out.at(phases), strict=True)
-    )
+def _observed(
+    method: Method, movement: Movement, left_out: OnPhases, share: float
+) -> tuple[GaussianTrajectory, FloatArray, float | None]:
+    """Adapt to the first share of a demonstration as an agent does that opens a door.
+
+    Returns:
+        Prediction and truth of the rest, and the CPU time of a via-point [s].
+    """
+    adapted = begin_adaptation(movement, method.adaptation, GRID)
+    cpu_s = None
+    if method.adaptation is not None:
+        config = ComplianceConfig()
+        count = round(share / config.via_spacing)
+        phases: FloatArray = config.via_spacing * np.arange(1.0, count + 1.0)
+        via_points = [
+            ViaPoint(phase=float(phase), pose=pose, std=np.repeat(config.via_std, 3))
+            for phase, pose in zip(phases, left_out.at(phases), strict=True)
+        ]
+
+        def observe() -> None:
+            for via_point in via_points:
+                adapted.observe(via_point)
+                _ = adapted.mean, adapted.std
+
+        _, total = cpu_seconds(observe)
+        cpu_s = total / count
+    ahead = share < GRID
+    return adapted.trajectory()[ahead], left_out.at(GRID)[ahead], cpu_s

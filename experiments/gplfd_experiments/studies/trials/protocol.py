@@ -1,4 +1,4 @@
-"""Protocol v2: which trials there are, who takes part, and what is decided how.
+"""Protocol v2: the trials, their policies, and how contrasts are decided.
 
 Frozen under its version: a change of a door, a draw, a demonstration, a measure or a
 policy that takes part makes another version. The criteria were settled before the
@@ -50,7 +50,7 @@ Part = Literal["whole", "ideas", "small"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PartPlan:
-    """What is run of the protocol."""
+    """Seeds and policies of a part of the protocol."""
 
     seeds: int
     """Number of seeds."""

@@ -1,4 +1,4 @@
-"""What a trial is: a question, the doors that answer it, and what decides."""
+"""Records of a trial: question, levels, contrasts and measures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from gplfd_experiments.studies.result_format import POLICY_ERROR
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Level:
-    """One setting of a trial: what is shown, which doors, and what happens."""
+    """One setting of a trial: demonstrations, doors and circumstances."""
 
     doors: tuple[str, ...]
     """Names of doors, or radii [m] as text."""
@@ -21,7 +21,7 @@ class Level:
     disturbance: str | Mapping[str, Any] = "none"
     """What `gplfd_env.doors.disturbance.disturbance_named` takes."""
     demonstrated_radii: tuple[float, ...] = DEMONSTRATED_RADII
-    """Doors that the teacher opens [m]."""
+    """Radii of the doors that the teacher opens [m]."""
     demonstrations_per_door: int = 2
     """How often it opens each."""
     teacher: Mapping[str, float] = field(default_factory=dict)
@@ -29,8 +29,8 @@ class Level:
     habits: Mapping[str, Any] | None = None
     """Fields of `gplfd_experiments.data.teacher.Habits`; None for a tidy teacher."""
     prior_radius: float | None = None
-    """Radius of the arc that methods are given as a prior mean [m]; those alone that
-    take one take part."""
+    """Radius of the arc of the prior mean [m]; only methods that accept one take
+    part."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -48,16 +48,16 @@ class Side:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Contrast:
-    """An idea, measured by what is lost without it."""
+    """Comparison of two policies of which one lacks an idea."""
 
     idea: str
-    """What the idea is."""
+    """Name of the idea."""
     measure: str
-    """Metric of an episode by which it must show."""
+    """Metric of an episode that decides."""
     having: Side
-    """Who has it."""
+    """Side with the idea."""
     lacking: Side
-    """Who lacks it, and nothing else."""
+    """Side that lacks the idea, and nothing else."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -65,7 +65,7 @@ class Trial:
     """A question that episodes answer."""
 
     question: str
-    """What is asked, in a sentence."""
+    """The question, in a sentence."""
     claims: tuple[str, ...]
     """Rows of the paper's Table 1, or design ideas, that it tests."""
     measures: tuple[str, ...]
@@ -73,11 +73,11 @@ class Trial:
     levels: Mapping[str, Level]
     """Settings by name, in the order in which they are shown."""
     contrasts: tuple[Contrast, ...] = ()
-    """Ideas that must show here."""
+    """Comparisons that are decided here."""
     also: tuple[str, ...] = ()
-    """Policies that take part beside those of every trial."""
+    """Policies that take part besides those of every trial."""
     tuned: bool = False
-    """Whether the methods take part as tuned, too: where what is learned decides."""
+    """Whether tuned methods take part as well: where learning decides."""
 
 
 Better = Literal["less", "more"]
@@ -96,7 +96,7 @@ MEASURES: Mapping[str, tuple[str, Better]] = {
     "release_speed": ("speed after release [rad/s]", "less"),
     "recovery_time": ("time to recover [s]", "less"),
 }
-"""Title of each measure of a trial, and which way is better."""
+"""Title of each measure of a trial, and which direction is better."""
 
 
 def value_of(metrics: Mapping[str, Any], measure: str) -> float | None:

@@ -1,1 +1,1 @@
-"""Tuning every method alike: one objective, one budget, doors that no study uses."""
+"""Tuning of all methods by one objective and budget, on doors that no study uses."""

@@ -1,4 +1,4 @@
-"""Candidates: the settings that are tried, and on what."""
+"""Candidates of tuning: settings, and the protocol on which they are evaluated."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gplfd_policies.registry.tuning_spaces import SPACES, Values
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Protocol:
-    """What every candidate of every method is tried on; the same for all."""
+    """Budget, seeds and doors; the same for every candidate of every method."""
 
     evaluations: int = 24
     """Candidates per method; the first is the method as published."""
@@ -36,20 +36,20 @@ STANDARD: Final = Protocol()
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Candidate:
-    """A method with some settings, to be tried."""
+    """A method with some settings, to be evaluated."""
 
     policy: str
     """Name of the method as published."""
     number: int
-    """Its place among the method's candidates; 0 is as published."""
+    """Index among the method's candidates; 0 is as published."""
     settings: Values
     """A value for every setting of the method's space."""
     protocol: Protocol = STANDARD
-    """On what it is tried."""
+    """Protocol on which it is evaluated."""
 
     @property
     def definition(self) -> dict[str, Any]:
-        """Everything that defines it, as JSON gives it back."""
+        """Everything that defines it, as JSON returns it."""
         fields: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(self)))
         return fields
 
@@ -86,7 +86,7 @@ def candidates(policy: str, protocol: Protocol = STANDARD) -> tuple[Candidate, .
     """
     space = SPACES[policy]
     sequence = qmc.Sobol(len(space.settings), scramble=True, seed=protocol.sequence)
-    # As many as the next power of two, which the sequence is made for.
+    # The sequence is balanced for powers of two.
     exponent = max(protocol.evaluations - 2, 0).bit_length()
     points = sequence.random_base2(exponent)[: protocol.evaluations - 1]
     tried = [space.published, *(space.at(point) for point in points.tolist())]

@@ -1,9 +1,9 @@
-"""Evaluating all candidates, on any engine, resumable; and the file of the best."""
+"""Search for the best settings on any engine, resumable; and the file of the best."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -37,59 +37,66 @@ def tune(
     engine: Engine,
     protocol: Protocol = STANDARD,
 ) -> str:
-    """Evaluate what has no evaluation, or an error; write down each method's best.
+    """Evaluate candidates without an evaluation or with an error; write the best.
 
     Args:
         policies: Keys of `gplfd_policies.registry.tuning_spaces.SPACES`.
         folder: Evaluations are kept in ``folder/evaluations/<key>.json``.
         engine: Where to run.
-        protocol: On what.
+        protocol: Budget, seeds and doors.
 
     Returns:
         A table of methods as published and tuned.
 
     Raises:
+        ValueError: A file was deleted or changed while the search ran.
         OSError: A file cannot be written.
     """
     check_folder(folder)
     every = {policy: candidates(policy, protocol) for policy in policies}
-    _run([one for several in every.values() for one in several], folder, engine)
-    found = {
-        policy: [_kept(folder, one) for one in several]
-        for policy, several in every.items()
-    }
-    _report(one for several in found.values() for one in several)
-    results = {policy: _result(evaluations) for policy, evaluations in found.items()}
-    made = provenance({})
+    several = [one for own in every.values() for one in own]
+    missing = [
+        one for one in several if "error" in (_stored(folder, one) or {"error": ""})
+    ]
+    with (
+        contextlib.closing(engine.run(evaluate, missing)) as finished,
+        counter("candidate", len(several), len(several) - len(missing)) as bar,
+    ):
+        for candidate, outcome in finished:
+            evaluation = outcome
+            if isinstance(outcome, Lost):
+                origin = {"candidate": candidate.definition, **code_state()}
+                evaluation = {**origin, **failed(outcome.reason), "cpu_s": 0.0}
+            write_json(_path(folder, candidate), evaluation)
+            bar.update()
+
+    results: dict[str, Any] = {}
+    seconds = 0.0
+    for policy, own in every.items():
+        evaluations = [_kept(folder, one) for one in own]
+        seconds += sum(one["cpu_s"] for one in evaluations)
+        place, ranks = best(evaluations)
+        results[policy] = {
+            "evaluations": len(evaluations),
+            "errors": sum("error" in one for one in evaluations),
+            "published": _summary(evaluations[0], ranks[0]),
+            "tuned": _summary(evaluations[place], ranks[place]),
+        }
+        for number, one in enumerate(evaluations):
+            if "error" in one:
+                message = "warning: %s, candidate %d: %s"
+                LOG.warning(message, policy, number, one["error"])
+    LOG.info("%d evaluations took %.0f s of a core", len(several), seconds)
     write_json(
         folder / FILE,
         {
-            "command": made["command"],
+            "command": provenance({})["command"],
             **_code(),
-            "protocol": every[policies[0]][0].definition["protocol"],
+            "protocol": several[0].definition["protocol"],
             "policies": results,
         },
     )
     return text_table(_table(results))
-
-
-def _run(every: Sequence[Candidate], folder: Path, engine: Engine) -> None:
-    missing = [one for one in every if not _is_finished(_stored(folder, one))]
-    done = len(every) - len(missing)
-    with (
-        contextlib.closing(engine.run(evaluate, missing)) as finished,
-        counter("candidate", len(every), done) as bar,
-    ):
-        for candidate, outcome in finished:
-            write_json(_path(folder, candidate), _evaluation(candidate, outcome))
-            bar.update()
-
-
-def _evaluation(candidate: Candidate, outcome: Evaluation | Lost) -> Evaluation:
-    if not isinstance(outcome, Lost):
-        return outcome
-    origin = {"candidate": candidate.definition, **code_state()}
-    return {**origin, **failed(outcome.reason), "cpu_s": 0.0}
 
 
 def _code() -> dict[str, Any]:
@@ -131,38 +138,8 @@ def _kept(folder: Path, candidate: Candidate) -> Evaluation:
     return evaluation
 
 
-def _is_finished(evaluation: Evaluation | None) -> bool:
-    return evaluation is not None and "error" not in evaluation
-
-
-def _report(evaluations: Iterable[Evaluation]) -> None:
-    """Say what the evaluations cost, and which ended in errors."""
-    several = list(evaluations)
-    seconds = sum(evaluation["cpu_s"] for evaluation in several)
-    LOG.info("%d evaluations took %.0f s of a core", len(several), seconds)
-    for evaluation in several:
-        if "error" in evaluation:
-            candidate = evaluation["candidate"]
-            LOG.warning(
-                "warning: %s, candidate %d: %s",
-                candidate["policy"],
-                candidate["number"],
-                evaluation["error"],
-            )
-
-
-def _result(evaluations: Sequence[Evaluation]) -> dict[str, Any]:
-    """Return the best and the published settings of a method, with what they gave."""
-    place, ranks = best(evaluations)
-    return {
-        "evaluations": len(evaluations),
-        "errors": sum("error" in one for one in evaluations),
-        "published": _described(evaluations[0], ranks[0]),
-        "tuned": _described(evaluations[place], ranks[place]),
-    }
-
-
-def _described(evaluation: Evaluation, rank: float) -> dict[str, Any]:
+def _summary(evaluation: Evaluation, rank: float) -> dict[str, Any]:
+    """Return the settings of a candidate, its rank and its numbers."""
     numbers: dict[str, Any] = {"mean_rank": rank}
     if "error" in evaluation:
         numbers["error"] = evaluation["error"]
@@ -183,16 +160,13 @@ def _table(results: Mapping[str, Mapping[str, Any]]) -> Table:
     for policy, result in results.items():
         for kind in ("published", "tuned"):
             one = result[kind]
+            numbers = ["-", "-", "-"]
+            if "error" not in one:
+                nlpd = "-" if one["nlpd"] is None else f"{one['nlpd']:.2f}"
+                closed = f"{one['closed']}/{one['episodes']}"
+                numbers = [nlpd, closed, f"{one['force_radial_peak_median']:.2f}"]
             settings = ", ".join(f"{n} {value}" for n, value in one["settings"].items())
-            rows.append((f"{policy} {kind}", *_numbers(one), settings))
+            rank = f"{one['mean_rank']:.1f}"
+            rows.append((f"{policy} {kind}", rank, *numbers, settings))
     heads = ("method", "rank", "NLPD", "closed", "radial force [N]", "settings")
     return Table(columns=heads, rows=tuple(rows), left=True)
-
-
-def _numbers(one: Mapping[str, Any]) -> tuple[str, str, str, str]:
-    rank = f"{one['mean_rank']:.1f}"
-    if "error" in one:
-        return rank, "-", "-", "-"
-    nlpd = "-" if one["nlpd"] is None else f"{one['nlpd']:.2f}"
-    closed = f"{one['closed']}/{one['episodes']}"
-    return rank, nlpd, closed, f"{one['force_radial_peak_median']:.2f}"

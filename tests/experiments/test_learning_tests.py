@@ -1,0 +1,569 @@
+"""Learning tests: folds, scores with known answers, and every method measured alike."""
+
+import dataclasses
+import functools
+import json
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
+from gplfd_experiments.studies.learning_tests import tumbling as tumbling_module
+from gplfd_experiments.studies.learning_tests.accuracy import (
+    accuracy,
+    averaged,
+    spread_followed,
+)
+from gplfd_experiments.studies.learning_tests.extrapolation import (
+    beyond,
+    prior_mean_used,
+)
+from gplfd_experiments.studies.learning_tests.folds import (
+    OnPhases,
+    aligned_to,
+    by_door,
+    folds,
+)
+from gplfd_experiments.studies.learning_tests.methods import learn
+from gplfd_experiments.studies.learning_tests.scores import method_metrics
+from gplfd_experiments.studies.learning_tests.tumbling import (
+    TUMBLE_STD,
+    tumble,
+    tumbled_rotations,
+    tumbling,
+)
+from gplfd_experiments.studies.learning_tests.via_points import GRID, adaptation
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.baselines.wishart_gp import (
+    WishartGPConfig,
+    fit_wishart_gp,
+)
+from gplfd_policies.movements.trajectory import (
+    GaussianTrajectory,
+    ViaPoint,
+    white_covariance,
+)
+from gplfd_policies.registry.built_in import TABLE_1
+from gplfd_policies.registry.catalogue import POLICIES
+from gplfd_policies.registry.method import Method, TrainingInput
+
+Curve = Callable[[np.ndarray], np.ndarray]
+TEACHER = TeacherConfig(duration_mean=2.0, sampling_rate=30.0)
+pytestmark = pytest.mark.filterwarnings("ignore:sensor noise")
+
+
+@functools.cache
+def doors(seed: int = 0, per_door: int = 2) -> list[Sequence[Demonstration]]:
+    """Short demonstrations of three doors, as the teacher gives them."""
+    rng = np.random.default_rng(seed)
+    given = Teacher(TEACHER).demonstrate_doors(DEMONSTRATED_RADII, per_door, rng=rng)
+    return by_door(given, per_door)
+
+
+@functools.cache
+def aligned_doors() -> AlignedDemonstrations:
+    return align([one for door in doors() for one in door])
+
+
+def zeros(times: np.ndarray) -> np.ndarray:
+    return np.zeros((len(times), 6))
+
+
+def ones(times: np.ndarray) -> np.ndarray:
+    return np.ones((len(times), 6))
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """A movement whose mean and standard deviation are given functions."""
+
+    aligned: AlignedDemonstrations
+    mean: Curve = zeros
+    std: Curve = ones
+    duration: float = 6.0
+
+    def predict(self, times: np.ndarray) -> GaussianTrajectory:
+        return predicted(self.mean(times), self.std(times), times)
+
+
+def predicted(
+    mean: np.ndarray, std: np.ndarray, times: np.ndarray | None = None
+) -> GaussianTrajectory:
+    if times is None:
+        times = np.linspace(0.0, 1.0, len(mean))
+    covariance = functools.partial(white_covariance, std**2)
+    return GaussianTrajectory.from_moments(times, mean, std, covariance)
+
+
+class Untaught(Method):
+    """Makes its movement from the whole training input."""
+
+    def learn(self, training: TrainingInput) -> Any:
+        return self.fit(training)
+
+
+def knowing(mean: Curve = zeros, std: Curve = ones, form: Any = None) -> Method:
+    """A method that learns nothing and knows the answer."""
+    return Untaught(
+        fit=lambda training: Known(align(training.demonstrations), mean, std),
+        accepts_prior_mean=True,
+        adaptation=form,
+    )
+
+
+# --- Folds -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("held_out", ["demonstration", "radius"])
+def test_learning_does_not_see_what_is_left_out(held_out):
+    others = doors(seed=1)
+    for number, fold in enumerate(folds(doors(), held_out, seed=0)):
+        left_out = {id(one) for one in fold.left_out}
+        changed = [
+            tuple(
+                other if id(own) in left_out else own
+                for own, other in zip(*pair, strict=True)
+            )
+            for pair in zip(doors(), others, strict=True)
+        ]
+        again = folds(changed, held_out, seed=0)[number]
+        assert not {id(one) for one in again.left_out} & left_out
+        before, after = (align(each.given) for each in (fold, again))
+        np.testing.assert_array_equal(before.poses, after.poses)
+        aligned_to(again.left_out[0], before)
+        np.testing.assert_array_equal(before.poses, after.poses)
+        assert len(fold.given) + len(fold.left_out) == 6
+        assert not left_out & {id(one) for one in fold.given}
+
+
+def test_every_demonstration_is_left_out_equally_often():
+    counts: dict[int, int] = {}
+    for seed in range(6):
+        for fold in folds(doors(), "demonstration", seed):
+            (one,) = fold.left_out
+            counts[id(one)] = counts.get(id(one), 0) + 1
+    assert list(counts.values()) == [2] * 6
+
+
+def test_a_radius_is_left_out_with_all_its_demonstrations():
+    given = doors(per_door=3)
+    for seed, outer in ((0, 0), (1, 2), (2, 0)):
+        middle, other = folds(given, "radius", seed)
+        assert middle.left_out == given[1]
+        assert other.left_out == given[outer]
+
+
+def test_wrong_folds_are_refused():
+    with pytest.raises(ValueError, match=r"'demonstration', 'radius'.*got 'door'"):
+        folds(doors(), "door", 0)
+    with pytest.raises(ValueError, match="at least three doors are needed, got 1"):
+        folds(doors()[:1], "radius", 0)
+
+
+def test_timing_of_the_left_out_demonstration_does_not_matter():
+    """The same path in another time lies at the same phases."""
+    noisy = ("noise_position", "noise_rotation", "wobble_position", "wobble_rotation")
+    quiet = dict.fromkeys([f"{name}_std" for name in (*noisy, "vertical_drift")], 0.0)
+    one = Teacher(TeacherConfig(**quiet)).demonstrate(0.5, np.random.default_rng(0))
+    share = (one.times / one.times[-1]) ** 1.5
+    poses = np.stack(
+        [np.interp(share, one.times / one.times[-1], c) for c in one.poses.T], axis=1
+    )
+    late = Demonstration(times=2.0 * one.times, poses=poses)
+    aligned = align([one])
+    found = aligned_to(late, aligned)
+    error = found.at(aligned.times) - aligned.poses[0]
+    assert np.abs(error).max() < 2e-3
+    assert (np.diff(found.phases) > 0.0).all()
+    assert found.phases[[0, -1]] == pytest.approx([0.0, 1.0])
+
+
+def test_every_movement_predicts_the_same_poses():
+    early, late = (align(doors()[0]), align(doors()[2]))
+    a, b = (aligned_to(doors()[1][0], each).thinned(50) for each in (early, late))
+    np.testing.assert_array_equal(a.poses, b.poses)
+    assert not np.array_equal(a.phases, b.phases)
+
+
+# --- Accuracy ----------------------------------------------------------------
+
+
+def test_known_gaussian_has_nominal_coverage_and_its_entropy():
+    rng = np.random.default_rng(0)
+    phases = np.linspace(0.0, 1.0, 20_000)
+    std = 0.01 + 0.1 * np.outer(phases, np.arange(1, 7))
+    mean = np.outer(np.sin(phases), np.ones(6))
+    truth = mean + std * rng.standard_normal(mean.shape)
+    score = accuracy(predicted(mean, std), truth)
+    entropy = 0.5 * math.log(2.0 * math.pi * math.e) + np.mean(np.log(std))
+    assert score["nlpd"] == pytest.approx(entropy, abs=0.01)
+    for level in (50, 90, 95):
+        assert score[f"coverage_{level}"] == pytest.approx(level / 100, abs=0.005)
+    assert score["coverage_95_stated"] is None
+
+
+def test_errors_are_distances_and_angles_whatever_the_chart():
+    # 170 degrees and 170 degrees the other way round the same axis are 20 apart.
+    mean, truth = np.zeros((5, 6)), np.zeros((5, 6))
+    mean[:, :3], mean[:, 4] = [0.03, 0.0, 0.04], math.radians(170.0)
+    truth[:, 4] = math.radians(-170.0)
+    score = accuracy(predicted(mean, np.ones((5, 6))), truth)
+    assert score["rmse_position_m"] == pytest.approx(0.05)
+    assert score["rmse_rotation_rad"] == pytest.approx(math.radians(20.0))
+
+
+def test_density_without_a_spread():
+    """None without a std; finite for an exact prediction without spread."""
+    nothing = np.zeros((9, 6))
+    score = accuracy(predicted(nothing, np.full((9, 6), np.nan)), np.ones((9, 6)))
+    assert score["nlpd"] is score["coverage_50"] is score["coverage_95"] is None
+    assert score["rmse_position_m"] == pytest.approx(math.sqrt(3.0))
+    exact = accuracy(predicted(nothing, nothing), nothing)
+    assert exact["nlpd"] is not None
+    assert math.isfinite(exact["nlpd"])
+    assert exact["coverage_50"] == 1.0
+
+
+def test_stated_intervals_are_those_of_the_method():
+    truth = np.random.default_rng(1).standard_t(3.0, (4000, 6))
+    normal = predicted(np.zeros((4000, 6)), np.ones((4000, 6)))
+    student = dataclasses.replace(normal, degrees_of_freedom=3.0)
+    score = accuracy(student, truth)
+    assert score["coverage_95_stated"] == pytest.approx(0.95, abs=0.01)
+    assert score["coverage_95"] == student.coverage(truth, normal=True)
+    assert score["coverage_95"] < 0.88
+
+
+def test_spread_followed_is_one_for_a_copy_and_zero_for_one_level():
+    rng = np.random.default_rng(0)
+    poses = np.exp(rng.standard_normal((1, 30, 6))) * rng.standard_normal((5, 30, 6))
+    spread = poses.std(axis=0, ddof=1)
+    assert spread_followed(3.0 * spread, poses) == pytest.approx(1.0)
+    assert spread_followed(1.0 / spread, poses) == pytest.approx(-1.0)
+    assert spread_followed(np.ones((30, 6)), poses) == 0.0
+    assert spread_followed(np.full((30, 6), np.nan), poses) is None
+    assert spread_followed(np.ones((30, 6)), np.zeros((5, 30, 6))) is None
+
+
+def test_errors_average_as_squares_and_missing_numbers_do_not_count():
+    scores = [
+        {"rmse_x": 3.0, "nlpd": 1.0, "none": None},
+        {"rmse_x": 4.0, "nlpd": None, "none": None},
+    ]
+    assert averaged(scores) == {
+        "rmse_x": pytest.approx(math.sqrt(12.5)),
+        "nlpd": 1.0,
+        "none": None,
+    }
+
+
+# --- Via-points --------------------------------------------------------------
+
+
+class Adapted:
+    """An adaptation of a known movement; subclasses say what a via-point changes."""
+
+    def __init__(self, offset: Any, movement: Known, grid: np.ndarray) -> None:
+        self._offset, self._grid = offset, grid
+        self.mean, self.std = movement.mean(grid), movement.std(grid)
+
+    def trajectory(self) -> GaussianTrajectory:
+        return predicted(self.mean, self.std, self._grid)
+
+
+class Exact(Adapted):
+    """Passes via-points at a distance and changes nothing else."""
+
+    def observe(self, via_point: ViaPoint) -> None:
+        place = int(np.argmin(np.abs(self._grid - via_point.phase)))
+        self.mean[place] = via_point.pose + self._offset
+
+
+class Shifted(Exact):
+    """Besides, moves by half a std far away, and is four times as sure."""
+
+    def observe(self, via_point: ViaPoint) -> None:
+        super().observe(via_point)
+        far = np.abs(self._grid - via_point.phase) >= 0.2
+        self.mean[far] += 0.5 * self.std[far]
+        self.std = 0.25 * self.std
+
+
+class Share(Adapted):
+    """Goes a share of the way to a via-point, everywhere."""
+
+    def observe(self, via_point: ViaPoint) -> None:
+        self.mean += self._offset * (via_point.pose - self.mean)
+
+
+def adapted_scores(form: Any, pose: Any, last: float = 1.0) -> dict[str, Any]:
+    """Scores at a demonstration that goes from a pose to a multiple of it."""
+    poses = np.linspace(1.0, last, 7)[:, None] * np.asarray(pose)
+    left_out = OnPhases(phases=np.linspace(0.0, 1.0, 7), poses=poses)
+    return adaptation(knowing(form=form), Known(aligned_doors()), [left_out])
+
+
+def test_far_changes_are_in_units_of_the_std_before():
+    offset = np.array([0.003, 0.0, 0.0, 0.0, 0.01, 0.0])
+    form = functools.partial(Shifted, offset)
+    score = adapted_scores(form, [0.0, 0.2, 0.0, 0.0, 0.0, 0.0])
+    assert score["via_far_change"] == pytest.approx(0.5)
+    assert score["via_far_std_change"] == pytest.approx(0.75)
+    assert score["rmse_rest_unadapted_position_m"] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(("share", "error"), [(0.5, 0.5), (1.0, 0.0), (-0.2, 1.2)])
+def test_far_error_is_a_share_of_what_it_was(share, error):
+    """A change everywhere may come nearer to the truth, or go farther from it."""
+    form = functools.partial(Share, share)
+    score = adapted_scores(form, [0.1, 0.2, -0.1, 0.0, 0.05, 0.0])
+    assert score["via_far_error"] == pytest.approx(error, abs=1e-12)
+
+
+def test_via_point_errors_are_distance_and_angle():
+    offset = np.array([0.003, 0.0, 0.004, 0.0, 0.01, 0.0])
+    form = functools.partial(Exact, offset)
+    score = adapted_scores(form, [0.1, 0.1, 0.1, 0.0, 0.1, 0.0], last=2.0)
+    assert score["via_error_position_m"] == pytest.approx(0.005)
+    assert score["via_error_strict_rotation_rad"] == pytest.approx(0.01)
+    assert score["via_far_change"] == score["via_far_std_change"] == 0.0
+    assert score["via_far_error"] == 1.0
+    assert score["cpu_adapt_s"] is not None
+
+
+def test_the_rest_is_what_follows_the_first_third():
+    """A movement that is wrong early only has no error in the rest."""
+
+    def early(times: np.ndarray) -> np.ndarray:
+        return np.where(times[:, None] <= 0.3, 1.0, 0.0) * np.ones(6)
+
+    left_out = OnPhases(phases=GRID, poses=zeros(GRID))
+    score = adaptation(knowing(), Known(aligned_doors(), early), [left_out])
+    assert score["rmse_rest_position_m"] == 0.0
+    assert score["rmse_rest_unadapted_position_m"] == 0.0
+    assert score["via_error_position_m"] is score["cpu_adapt_s"] is None
+
+
+# --- Beyond the demonstrations -----------------------------------------------
+
+
+def test_growth_is_the_std_beyond_over_that_at_the_end():
+    def growing(times: np.ndarray) -> np.ndarray:
+        # Fourfold beyond, and less within: that is no growth at the end.
+        level = np.where(times > 1.0, 4.0, np.where(times < 0.9, 0.1, 1.0))
+        return level[:, None] * np.ones(6)
+
+    fold = folds(doors(), "demonstration", 0)[0]
+    grown = beyond(knowing(std=growing), fold, 0)
+    assert grown["uncertainty_growth"] == pytest.approx(4.0)
+    assert grown["coverage_95_beyond"] == 1.0
+    held = beyond(knowing(std=lambda times: 1e-6 * ones(times)), fold, 0)
+    assert held["uncertainty_growth"] == pytest.approx(1.0)
+    assert held["coverage_95_beyond"] == pytest.approx(0.0, abs=0.02)
+    none = beyond(knowing(std=lambda times: np.nan * ones(times)), fold, 0)
+    assert none == {
+        "uncertainty_growth": None,
+        "coverage_95_beyond": None,
+        "prior_mean_used": 0.0,
+    }
+
+
+def test_beyond_is_not_learned():
+    ends = []
+
+    def learn_and_tell(training: TrainingInput) -> Known:
+        ends.extend(one.poses[-1, 4] for one in training.demonstrations)
+        return Known(align(training.demonstrations))
+
+    fold = folds(doors(), "demonstration", 0)[0]
+    beyond(Untaught(fit=learn_and_tell, accepts_prior_mean=True), fold, 0)
+    # Learned twice, without and with a prior mean.
+    whole = 2 * [one.poses[-1, 4] for one in fold.given]
+    np.testing.assert_allclose(ends, 0.7 * np.array(whole), rtol=0.1)
+
+
+def used_by(method: Method) -> float | None:
+    given = [one for door in doors() for one in door]
+    plain, _ = learn(method, given, 0)
+    return prior_mean_used(method, given, 0, plain)
+
+
+def going(share: float, *, corrected: bool = False) -> Method:
+    """Goes a share of the way to the prior mean, perhaps corrected by the average."""
+
+    def fit(training: TrainingInput) -> Known:
+        aligned, prior = align(training.demonstrations), training.prior_mean
+        average = aligned.poses.mean(axis=(0, 1))
+
+        def mean(times: np.ndarray) -> np.ndarray:
+            if prior is None:
+                return np.tile(average, (len(times), 1))
+            error = np.mean(aligned.poses - prior.mean(aligned.times), axis=(0, 1))
+            way = share * (prior.mean(times) - average)
+            return average + way + (error if corrected else 0.0)
+
+        return Known(aligned, mean)
+
+    return Untaught(fit=fit, accepts_prior_mean=True)
+
+
+@pytest.mark.parametrize(
+    ("share", "expected"), [(0.0, 0.0), (0.4, 0.4), (1.0, 1.0), (-0.5, 0.0), (2.0, 1.0)]
+)
+def test_share_of_the_way_to_the_prior_mean(share, expected):
+    assert used_by(going(share)) == pytest.approx(expected, abs=1e-12)
+
+
+def test_correcting_the_prior_mean_everywhere_is_not_returning_to_it():
+    """A residual learned about its own average keeps that average beyond."""
+    share = used_by(going(1.0, corrected=True))
+    assert share is not None
+    assert share < 0.9
+
+
+@pytest.mark.parametrize("policy", ["gp", "gp-paper", "local-gp"])
+def test_processes_return_to_the_prior_mean(policy):
+    assert used_by(small(policy)) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_errors_with_a_prior_mean_are_not_hidden():
+    def fit(training: TrainingInput) -> Known:
+        if training.prior_mean is not None:
+            raise ValueError("something else")
+        return Known(align(training.demonstrations))
+
+    with pytest.raises(ValueError, match="something else"):
+        used_by(Untaught(fit=fit, accepts_prior_mean=True))
+
+
+# --- Tumbling ----------------------------------------------------------------
+
+
+def test_tumbling_turns_by_more_than_pi_about_changing_axes():
+    poses = tumble(0, range(6))[0].poses
+    angle = np.linalg.norm(poses[:, 3:], axis=1)
+    assert angle.max() > 1.1 * np.pi
+    axes = poses[[100, -1], 3:] / angle[[100, -1], None]
+    assert axes[0] @ axes[1] < 0.98
+    resting = tumble(0, (0, 2))[0].poses
+    np.testing.assert_array_equal(resting[:, [1, 3, 4, 5]], 0.0)
+    np.testing.assert_array_equal(resting[:, [0, 2]], poses[:, [0, 2]])
+
+
+def test_tumbling_of_the_truth_has_no_error_and_no_excess():
+    def truth(times: np.ndarray) -> np.ndarray:
+        mean = zeros(times)
+        mean[:, 3:] = tumbled_rotations(times).as_rotvec()
+        return mean
+
+    def spread(times: np.ndarray) -> np.ndarray:
+        return tumbling_module._spread(times)[:, None] * np.ones(6)
+
+    known = tumbling(knowing(truth, spread), 0)
+    assert known["tumbling_error"] == pytest.approx(0.0, abs=1e-9)
+    assert known["outputs_nlpd"] == {"2": 0.0, "6": 0.0, "24": None}
+    assert known["outputs_nlpd_change"] == 0.0
+    doubled = tumbling(knowing(truth, lambda times: 2.0 * spread(times)), 0)
+    # ln 2 - 3/8 for a std twice too large.
+    expected = math.log(2.0) - 0.375
+    assert doubled["outputs_nlpd"]["2"] == pytest.approx(expected, abs=0.05)
+
+
+def test_tumbling_error_is_in_standard_deviations_of_a_demonstration():
+    def off(times: np.ndarray) -> np.ndarray:
+        mean = zeros(times)
+        turn = Rotation.from_rotvec(TUMBLE_STD * np.ones(3))
+        mean[:, 3:] = (tumbled_rotations(times) * turn).as_rotvec()
+        return mean
+
+    assert tumbling(knowing(off), 0)["tumbling_error"] == pytest.approx(1.0)
+
+
+# --- Methods -----------------------------------------------------------------
+
+
+def small(policy: str) -> Method:
+    """A method that aligns to few samples; wishart-gp with a short chain."""
+    method = POLICIES[policy].method
+    assert method is not None
+    if policy == "wishart-gp":
+        chain = WishartGPConfig(steps=20, discarded=5, times=15, degrees=6)
+        fit = functools.partial(fit_wishart_gp, config=chain)
+        method = dataclasses.replace(method, fit=fit)
+    return dataclasses.replace(method, align=functools.partial(align, n_samples=40))
+
+
+def metrics_of(method: Method, held_out: str, seed: int = 0) -> dict[str, Any]:
+    return method_metrics(
+        method,
+        seed=seed,
+        demonstrations_per_door=2,
+        teacher=dataclasses.asdict(TEACHER),
+        held_out=held_out,
+    )
+
+
+@pytest.mark.parametrize("held_out", ["demonstration", "radius"])
+def test_methods_are_given_the_folds_and_nothing_else(held_out):
+    given: list[TrainingInput] = []
+
+    def learn_and_tell(training: TrainingInput) -> Known:
+        given.append(training)
+        return Known(align(training.demonstrations))
+
+    metrics_of(Untaught(fit=learn_and_tell), held_out, seed=3)
+    every = folds(doors(seed=3), held_out, 3)
+    for fold, training in zip(every, given[:2], strict=True):
+        assert training.seed == 3
+        for own, other in zip(fold.given, training.demonstrations, strict=True):
+            np.testing.assert_array_equal(own.poses, other.poses)
+
+
+def test_learning_time_includes_what_is_put_off_until_prediction():
+    asked = []
+
+    class Lazy(Known):
+        def predict(self, times: np.ndarray) -> GaussianTrajectory:
+            asked.append(times)
+            return super().predict(times)
+
+    _, cpu_s = learn(Method(fit=Lazy), doors()[0], 0)
+    assert len(asked) == 1
+    assert cpu_s > 0.0
+
+
+@pytest.mark.parametrize("policy", TABLE_1)
+def test_every_method_of_table_1_is_measured(policy):
+    metrics = metrics_of(small(policy), "demonstration")
+    json.dumps(metrics, allow_nan=False)
+    assert metrics["rmse_position_m"] < 0.3
+    assert metrics["cpu_fit_s"] > 0.0
+    assert (metrics["nlpd"] is None) == (policy == "dmp")
+    adapts = policy in ("promp", "kmp", "gmm-gp", "gp-paper", "gp")
+    assert (metrics["via_error_position_m"] is not None) == adapts
+    informed = policy in ("local-gp", "wishart-gp", "gp-paper", "gp")
+    assert (metrics["prior_mean_used"] is not None) == informed
+    assert (metrics["coverage_95_stated"] is not None) == (policy in ("gp", "gp-paper"))
+
+
+@pytest.mark.parametrize("policy", ["dmp", "gmr", "gmm-gp"])
+def test_kinds_of_tasks_share_their_names_but_for_the_extra_tests(policy):
+    method = small(policy)
+    one, other = (set(metrics_of(method, kind)) for kind in ("demonstration", "radius"))
+    assert one - other == {
+        "uncertainty_growth",
+        "coverage_95_beyond",
+        "prior_mean_used",
+    }
+    assert other - one == {
+        "outputs_cpu_s",
+        "outputs_nlpd",
+        "outputs_nlpd_change",
+        "tumbling_error",
+    }
