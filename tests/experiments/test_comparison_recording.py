@@ -12,9 +12,13 @@ from rerun.chunk import RrdReader
 
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.metrics import episode_metrics
-from gplfd_experiments.recording.compared import MEASURED
-from gplfd_experiments.recording.comparison import COLOURS, record_comparison
-from gplfd_experiments.recording.comparison_layout import ROW, SPACING
+from gplfd_experiments.recording.comparison import (
+    COLOURS,
+    MEASURED,
+    ROW,
+    SPACING,
+    record_comparison,
+)
 from gplfd_experiments.studies.trials.protocol import TRIALS
 
 

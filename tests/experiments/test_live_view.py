@@ -2,7 +2,6 @@
 
 import contextlib
 import itertools
-import socket
 import stat
 import sys
 import time
@@ -21,7 +20,7 @@ from rerun.chunk import Chunk, RrdReader
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.recording import live, live_view, record_episode
+from gplfd_experiments.recording import live, record_episode
 from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.live import LiveRecording, watched_rollout
 from gplfd_experiments.recording.stream import open_stream
@@ -201,7 +200,7 @@ def test_bad_arguments_have_status_2_and_start_nothing(
     arguments: list[str],
     message: str,
 ) -> None:
-    monkeypatch.setattr(live_view.subprocess, "Popen", None)
+    monkeypatch.setattr(live.subprocess, "Popen", None)
     assert gplfd(*arguments) == 2
     printed = capsys.readouterr().err
     assert printed.startswith("gplfd: ")
@@ -228,7 +227,7 @@ def stand_in(monkeypatch: pytest.MonkeyPatch, script: str) -> None:
     path = Path("viewer").resolve()
     path.write_text(f"#!{sys.executable}\n{script}")
     path.chmod(path.stat().st_mode | stat.S_IXUSR)
-    monkeypatch.setattr(live_view, "viewer", lambda: str(path))
+    monkeypatch.setattr(live, "viewer", lambda: str(path))
 
 
 ORACLE = ("--live", "--serve", "--policy", "oracle")
@@ -251,8 +250,8 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
         assert wanted()
         raise InterruptedError
 
-    monkeypatch.setattr(live_view, "_stream_to", connected)
-    monkeypatch.setattr(live_view, "watched_rollout", show)
+    monkeypatch.setattr(live, "_stream_to", connected)
+    monkeypatch.setattr(live, "watched_rollout", show)
     stand_in(monkeypatch, LISTENING)
     assert gplfd(*ORACLE, "--door", "0.42", "--disturbance", "person") == 0
     assert seen["arrangement"] is layout(("person",), live=True)
@@ -283,15 +282,7 @@ def test_a_viewer_that_does_not_answer_is_told(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(live_view, "_START_TIMEOUT", 0.2)
+    monkeypatch.setattr(live, "_START_TIMEOUT", 0.2)
     stand_in(monkeypatch, "import time; time.sleep(60)")
     assert gplfd(*ORACLE) == 2
     assert "did not answer within 0.2 s" in capsys.readouterr().err
-
-
-def test_ports_are_free_and_two() -> None:
-    first, second = live_view._free_ports()
-    assert first != second
-    for port in (first, second):
-        with socket.create_server(("127.0.0.1", port)):
-            pass

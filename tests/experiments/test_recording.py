@@ -17,12 +17,11 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording import colours, record_episode
-from gplfd_experiments.recording.geoms import visual_geoms
-from gplfd_experiments.recording.layout import _policy_views, layout
+from gplfd_experiments.recording.lanes import LEVELS, SCALE, recent_mean, stages
+from gplfd_experiments.recording.layout import PLOTS, layout
 from gplfd_experiments.recording.motion import VIEW
 from gplfd_experiments.recording.panels import share_of_bound
-from gplfd_experiments.recording.stages import stages
-from gplfd_experiments.recording.stiffness import LEVELS, SCALE, recent_mean
+from gplfd_experiments.recording.scene import visual_geoms
 from gplfd_experiments.recording.tube import (
     N_RINGS,
     N_SIDES,
@@ -345,7 +344,7 @@ def test_bands_are_called_what_they_are(
     record: Callable[[EpisodeLog], Recording], make_log: MakeLog
 ) -> None:
     """A normal quantile per axis, which is no 95 % band of few demonstrations."""
-    titles = [str(view.name) for view in _policy_views()]
+    titles = [plot.title for plot in PLOTS["Motion and policy"]]
     assert [title for title in titles if "±1.96 σ" in title] == titles
     assert not any("95" in title for title in titles)
     _, page = record(make_log()).column("/about", "TextDocument:text")

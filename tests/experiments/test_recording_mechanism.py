@@ -21,7 +21,7 @@ from gplfd_experiments.recording.mechanism import (
     bolt_states,
     mechanism_of,
 )
-from gplfd_experiments.recording.part import Part
+from gplfd_experiments.recording.stream import Part
 
 MakeLog = Callable[..., EpisodeLog]
 ROWS = np.arange(601)

@@ -9,7 +9,7 @@ import pytest
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.outside import CAUSES, causes_of, events, from_outside
-from gplfd_experiments.recording.part import Part
+from gplfd_experiments.recording.stream import Part
 
 MakeLog = Callable[..., EpisodeLog]
 

@@ -13,11 +13,16 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording.episode import happening
-from gplfd_experiments.recording.geoms import visual_geoms
-from gplfd_experiments.recording.kinematics import body_poses, task_frame
 from gplfd_experiments.recording.motion import policy_motion
-from gplfd_experiments.recording.part import Part
-from gplfd_experiments.recording.scene import drawn_scene, entity_of_body, moved_scene
+from gplfd_experiments.recording.scene import (
+    body_poses,
+    drawn_scene,
+    entity_of_body,
+    moved_scene,
+    task_frame,
+    visual_geoms,
+)
+from gplfd_experiments.recording.stream import Part
 
 MakeLog = Callable[..., EpisodeLog]
 

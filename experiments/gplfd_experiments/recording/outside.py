@@ -1,8 +1,8 @@
-"""What happens from outside: how strong and where, and when it begins and ends.
+"""Disturbances from outside: how strong they are, and when they begin and end.
 
 The log tells how strong a force is, not where it points: a ball above the hand, whose
-area grows with the force, and its label say what acts. Of an episode in which nothing
-happens from outside nothing is made.
+area grows with the force, and its label say what acts. Of an undisturbed episode
+nothing is made.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -17,8 +17,7 @@ from rerun.chunk import Chunk
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours, motion, panels
-from gplfd_experiments.recording.part import Part
-from gplfd_experiments.recording.stream import moving, seconds, static
+from gplfd_experiments.recording.stream import Part, moving, static
 
 LOG: Final = "/outside/log"
 """Entity of the text that says what begins and ends."""
@@ -34,7 +33,7 @@ _BALL: Final = 0.008
 
 
 class Cause(NamedTuple):
-    """Something that happens from outside, and what to say about it.
+    """A kind of disturbance, and what to say about it.
 
     Attributes:
         curve: How strong it is, (T,).
@@ -87,17 +86,19 @@ def causes_of(log: EpisodeLog) -> tuple[str, ...]:
 
 
 def from_outside(part: Part) -> Iterator[Chunk]:
-    """Balls, curves, limits and texts of what happens in a part of an episode."""
+    """Balls, curves, limits and texts of disturbances in a part of an episode."""
     yield from balls(part)
     for name, cause in CAUSES.items():
-        happened = cause.acts(part.log)
-        if (due := _due(part, happened)) is None:
+        if (due := _due(part, cause.acts(part.log))) is None:
             continue
-        index = seconds(part.log.times[due.first_row :])
         path = f"{panels.ROOT}/{PANEL}/{name}"
         line = panels.Line(name, colours.OUTSIDE)
-        yield from panels.lines(due, index, path, {line: cause.curve(part.log)})
-        yield from _texts(part, name)
+        yield from panels.lines(due, path, {line: cause.curve(part.log)})
+        new = [event for event in events(part.log, name) if event[0] >= part.first_row]
+        if new:
+            rows, texts = zip(*new, strict=True)
+            columns = rr.TextLog.columns(text=texts)
+            yield moving(f"{LOG}/{name}", part.log.times[list(rows)], columns)
     for limit in LIMITS:
         near = part.log.person_force >= 0.5 * limit
         if (due := _due(part, near)) is not None:
@@ -107,24 +108,21 @@ def from_outside(part: Part) -> Iterator[Chunk]:
 
 def balls(part: Part) -> Iterator[Chunk]:
     """A ball above the hand while something acts, with its name and strength."""
+    log = part.log
     for name, cause in CAUSES.items():
-        if (due := _due(part, cause.acts(part.log))) is not None:
-            yield from _ball(due, name)
-
-
-def _ball(part: Part, name: str) -> Iterator[Chunk]:
-    log, cause, path = part.log, CAUSES[name], f"{motion.ROOT}/outside/{name}"
-    rows = part.frames()
-    acts, values = cause.acts(log)[rows], cause.curve(log)[rows]
-    columns = rr.Points3D.columns(
-        positions=log.ee_pose[rows[acts], :3] + _ABOVE,
-        radii=_BALL * np.sqrt(values[acts]),
-        labels=[f"{name} {value:.0f} {cause.unit}" for value in values[acts]],
-    )
-    if part.first_row == 0:
-        look = rr.Points3D.from_fields(colors=colours.OUTSIDE, show_labels=True)
-        yield static(path, look)
-    yield moving(path, seconds(log.times[rows]), columns.partition(acts.astype(int)))
+        if (due := _due(part, cause.acts(log))) is None:
+            continue
+        path, rows = f"{motion.ROOT}/outside/{name}", due.frames()
+        acts, values = cause.acts(log)[rows], cause.curve(log)[rows]
+        columns = rr.Points3D.columns(
+            positions=log.ee_pose[rows[acts], :3] + _ABOVE,
+            radii=_BALL * np.sqrt(values[acts]),
+            labels=[f"{name} {value:.0f} {cause.unit}" for value in values[acts]],
+        )
+        if due.first_row == 0:
+            look = rr.Points3D.from_fields(colors=colours.OUTSIDE, show_labels=True)
+            yield static(path, look)
+        yield moving(path, log.times[rows], columns.partition(acts.astype(int)))
 
 
 def events(log: EpisodeLog, name: str) -> list[tuple[int, str]]:
@@ -140,16 +138,8 @@ def events(log: EpisodeLog, name: str) -> list[tuple[int, str]]:
     return said
 
 
-def _texts(part: Part, name: str) -> Iterator[Chunk]:
-    new = [event for event in events(part.log, name) if event[0] >= part.first_row]
-    if new:
-        rows, texts = zip(*new, strict=True)
-        columns = rr.TextLog.columns(text=texts)
-        yield moving(f"{LOG}/{name}", seconds(part.log.times[list(rows)]), columns)
-
-
 def _due(part: Part, happened: NDArray[np.bool_]) -> Part | None:
-    """What to send of something: nothing before it happens, then all its past."""
+    """Part to send of something: none before it happens, then all that has passed."""
     if not happened.any():
         return None
     return part if happened[: part.first_row].any() else Part(log=part.log)

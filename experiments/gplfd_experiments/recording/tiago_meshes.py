@@ -18,7 +18,7 @@ import rerun as rr
 from rerun.chunk import Chunk
 
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.recording.kinematics import entity_of_body
+from gplfd_experiments.recording.scene import entity_of_body
 from gplfd_experiments.recording.stream import static
 
 DISTRIBUTION: Final = "example-robot-data"
@@ -68,14 +68,17 @@ class TiagoLooks:
         mujoco.mj_kinematics(model, data)
         chunks = []
         for name, meshes in self.meshes.items():
-            # Bodies that are fixed to each other move as one, the world as body 0.
             carrier = model.body(int(model.body_weldid[model.body(name).id]))
             pose = np.linalg.inv(_pose(data, carrier.name)) @ _pose(data, name)
+            rotation, position = pose[:3, :3], pose[:3, 3]
             entity = entity_of_body(model, carrier.id)
-            chunks += [
-                static(f"{entity}/tiago_{mesh.name}", _mesh(mesh, pose))
-                for mesh in meshes
-            ]
+            for mesh in meshes:
+                shape = rr.Mesh3D(
+                    vertex_positions=mesh.vertices @ rotation.T + position,
+                    vertex_normals=mesh.normals @ rotation.T,
+                    albedo_factor=mesh.colour,
+                )
+                chunks.append(static(f"{entity}/tiago_{mesh.name}", shape))
         return chunks
 
 
@@ -107,7 +110,14 @@ def tiago_looks(bodies: Sequence[str]) -> TiagoLooks:
         solid = robot.scene.geometry[geometry]
         solid = solid.copy().apply_transform(placement)
         carried = meshes.setdefault(body, [])
-        carried.append(_link_mesh(f"{link}_{len(carried)}", solid))
+        carried.append(
+            LinkMesh(
+                name=f"{link}_{len(carried)}",
+                vertices=solid.vertices[solid.faces].reshape(-1, 3),
+                normals=np.repeat(solid.face_normals, 3, axis=0),
+                colour=tuple(int(channel) for channel in solid.visual.main_color),
+            )
+        )
     return TiagoLooks(
         meshes=MappingProxyType({body: tuple(m) for body, m in meshes.items()})
     )
@@ -151,24 +161,6 @@ def _load(path: Path) -> Any:
             f"could be read; install {DISTRIBUTION} again"
         )
     return robot
-
-
-def _link_mesh(name: str, solid: Any) -> LinkMesh:
-    return LinkMesh(
-        name=name,
-        vertices=solid.vertices[solid.faces].reshape(-1, 3),
-        normals=np.repeat(solid.face_normals, 3, axis=0),
-        colour=tuple(int(channel) for channel in solid.visual.main_color),
-    )
-
-
-def _mesh(mesh: LinkMesh, pose: FloatArray) -> rr.Mesh3D:
-    rotation, position = pose[:3, :3], pose[:3, 3]
-    return rr.Mesh3D(
-        vertex_positions=mesh.vertices @ rotation.T + position,
-        vertex_normals=mesh.normals @ rotation.T,
-        albedo_factor=mesh.colour,
-    )
 
 
 def _pose(data: mujoco.MjData, body: str) -> FloatArray:

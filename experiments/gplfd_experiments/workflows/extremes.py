@@ -24,8 +24,7 @@ from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.recording import record_episode
-from gplfd_experiments.recording.compared import RADIAL
-from gplfd_experiments.recording.comparison import record_comparison
+from gplfd_experiments.recording.comparison import RADIAL, record_comparison
 from gplfd_experiments.workflows.repetition import Repeated, repeat
 
 COMPARED: Final = 6

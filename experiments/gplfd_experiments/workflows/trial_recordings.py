@@ -18,7 +18,7 @@ from gplfd_experiments.analysis.results.records import EpisodeResult
 from gplfd_experiments.analysis.results.trials import of_trial
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.files.plain_data import write_json
-from gplfd_experiments.recording.compared import MEASURED, RADIAL
+from gplfd_experiments.recording.comparison import MEASURED, RADIAL
 from gplfd_experiments.studies.trials.protocol import TRIALS
 from gplfd_experiments.studies.trials.records import Side, Trial
 from gplfd_experiments.workflows.extremes import COMPARED, compare
