@@ -225,7 +225,7 @@ def main(
             measures[f"rooms, {one}"] = partial(rooms, one, seeds)
         if "standard" in parts:
             measures[f"standard, {one}"] = partial(standard, one, first, draws)
-    if len(policy) > 1 and {"rooms", "standard"} <= {*parts}:
+    if {"rooms", "standard"} <= {*parts}:
         measures["methods"] = partial(methods, policy, seeds, first, draws)
     if "costs" in parts:
         measures["costs"] = partial(costs, repeats)

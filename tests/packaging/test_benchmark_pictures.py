@@ -15,17 +15,15 @@ from gplfd_experiments.studies.trials.protocol import TRIALS, VERSION
 
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT / "benchmarks"))  # as for a script that is run
-films, gallery, leaderboard = map(
-    importlib.import_module, ("films", "gallery", "leaderboard")
-)
+leaderboard, pictures = map(importlib.import_module, ("leaderboard", "pictures"))
 
 
 def test_pictures_stand_side_by_side_pixel_by_pixel() -> None:
     colours = {"a": 10, "b": 90, "c": 170}
-    pictures = {
+    given = {
         name: np.full((40, 40, 3), value, np.uint8) for name, value in colours.items()
     }
-    canvas = gallery.side_by_side(pictures, 2).canvas
+    canvas = pictures.side_by_side(given, 2).canvas
     canvas.draw()
     drawn = np.asarray(canvas.buffer_rgba())[..., 0]
     assert drawn.shape == (2 * (40 + 26), 80)
@@ -36,7 +34,7 @@ def test_pictures_stand_side_by_side_pixel_by_pixel() -> None:
 
 def test_a_moving_picture_lasts_at_its_end(tmp_path: Path) -> None:
     frames = [Image.new("RGB", (8, 8), (40 * one, 0, 0)) for one in range(6)]
-    gallery.write_gif(tmp_path / "film.gif", frames, 0.1, 8)
+    pictures.write_gif(tmp_path / "film.gif", frames, 0.1, 8)
     lasting = []
     with Image.open(tmp_path / "film.gif") as film:
         for number in range(film.n_frames):
@@ -60,15 +58,15 @@ def test_the_moving_picture_has_shades_enough_for_its_surfaces() -> None:
 
 @pytest.mark.needs("opengl")
 def test_a_scene_is_pictured_at_its_angle() -> None:
-    scene = gallery.Scene("cabinet", "cabinet", "fixed", 10.0)
-    picture = gallery.pictured(scene, 80)
+    scene = pictures.Scene("cabinet", "cabinet", "fixed", 10.0)
+    picture = pictures.pictured(scene, 80)
     assert picture.shape == (60, 80, 3)
     assert picture.std() > 10
 
 
 @pytest.mark.parametrize("trial", TRIALS)
 def test_the_gallery_shows_every_trial(trial: str) -> None:
-    task = films.task_of(trial)
+    task = pictures.task_of(trial)
     assert (task.policy, task.trial) == ("gp", trial)
     film = ROOT / "docs" / "images" / "films" / f"{trial}.gif"
     assert film.stat().st_size < 300_000
@@ -84,9 +82,9 @@ def test_a_film_shows_the_hand_s_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Red grows from nothing, where the demonstrations' blue is from the start."""
-    task = dataclasses.replace(films.task_of("radius"), policy="oracle")
-    monkeypatch.setattr(films, "task_of", lambda name: task)
-    films.film(tmp_path / "radius.gif", "radius", (160, 120))
+    task = dataclasses.replace(pictures.task_of("radius"), policy="oracle")
+    monkeypatch.setattr(pictures, "task_of", lambda name: task)
+    pictures.film_trial(tmp_path / "radius.gif", "radius", (160, 120))
     red, blue = [], []
     with Image.open(tmp_path / "radius.gif") as film:
         for number in range(film.n_frames):

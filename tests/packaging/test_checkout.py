@@ -121,7 +121,7 @@ def test_sdist_can_be_tested(sdist_names: set[str]) -> None:
         "paper/paper.bib",
         "assets/tiago_like.urdf",
         "assets/README.md",
-        "benchmarks/scaling.py",
+        "benchmarks/harness.py",
     ):
         assert name in sdist_names
 
