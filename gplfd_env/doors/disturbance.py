@@ -1,4 +1,4 @@
-"""What happens to robot and door from outside while the door is being opened.
+"""External disturbances of robot and door during an episode.
 
 A disturbance is given like a door: by a preset's name, a mapping, or a record. Every
 number in it may also be a pair ``(low, high)``, from which each reset draws it. It
@@ -78,7 +78,7 @@ class Push:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Person:
-    """Somebody holds the hand or the door, or keeps a hand in its way.
+    """A person holds the robot's hand or the door, or blocks its way with a hand.
 
     A mass, the person's hand, touches hand or door through the contact stiffness of
     ISO/TS 15066 (hands and fingers: 0.6 kg, 75 N/mm) and hangs on a softer
@@ -189,7 +189,7 @@ class Breakaway:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Disturbance:
-    """All that happens in an episode from outside; None does not happen.
+    """External events of an episode; None: there is none of this kind.
 
     Raises:
         ValueError: A field's mapping has an unknown key or a value not allowed.
@@ -199,7 +199,7 @@ class Disturbance:
     push: Push | None = None
     """A force for a while."""
     person: Person | None = None
-    """Somebody holds on, or is in the way."""
+    """A person holds on or is in the way."""
     stop: Stop | None = None
     """The door is blocked."""
     bump: Bump | None = None
@@ -220,7 +220,7 @@ class Disturbance:
 
     @property
     def idle(self) -> bool:
-        """Whether nothing happens."""
+        """Whether there is no disturbance."""
         return self == Disturbance()
 
     def drawn(self, rng: np.random.Generator) -> Disturbance:
@@ -240,7 +240,7 @@ class Disturbance:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Every number and name of what happens, e.g. ``"push_along"``."""
+        """Return every value by name, e.g. ``"push_along"``."""
         return {
             f"{name}_{field}": value
             for name in CAUSES
@@ -283,7 +283,7 @@ DISTURBANCES: Final[Mapping[str, Disturbance]] = MappingProxyType(
         ),
     }
 )
-"""What can go wrong at an ordinary door, one thing at a time."""
+"""Disturbances of ordinary doors, one cause each."""
 
 DisturbanceSpec = str | Mapping[str, Any] | Disturbance
 """What `disturbance` accepts."""

@@ -1,4 +1,4 @@
-"""What may differ from one episode to the next besides the door itself."""
+"""Circumstances of an episode: placement, initial pose, sensor noise, delay."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from gplfd_env.validation.fields import allowed_range, check_quantities, quantit
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Placement:
-    """Where the robot really stands, and how its hand holds the bar.
+    """Placement error of the robot and of its grasp.
 
-    The robot does not know its placement error: it takes hold of the handle where it
-    finds it, calls the hand's pose there the origin, and the direction in which it
-    believes the door to face the x axis. So the task frame begins at the hand, and a
-    wrong heading turns the door's true arc in it.
+    The robot does not know this error. The task frame's origin is the pose of the hand
+    at the grasp, and its x axis is the direction that the robot believes the door to
+    face. A heading error therefore turns the door's true arc in the task frame.
 
     Raises:
         ValueError: A field is not finite or outside its range.
@@ -48,9 +47,9 @@ class Placement:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Standoff:
-    """Where the hand begins that has yet to reach the handle.
+    """Initial position of the open hand in front of the handle.
 
-    It is open and has the orientation in which it will hold the handle.
+    Its orientation is that of the grasp.
 
     Raises:
         ValueError: A field is not finite or outside its range.
@@ -58,13 +57,13 @@ class Standoff:
     """
 
     distance: float = quantity(0.15, unit="m", low=0.10, high=0.20)
-    """From where it will hold the handle."""
+    """Distance from the grasp."""
 
     aside: float = quantity(0.0, unit="rad", low=-0.25, high=0.25)
-    """Its direction from there: this far to the left of straight back."""
+    """Direction from the grasp: angle to the left of straight back."""
 
     above: float = quantity(0.0, unit="rad", low=-0.25, high=0.25)
-    """And this far above it."""
+    """Direction from the grasp: angle above straight back."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -123,16 +122,16 @@ class Variation:
     """How the robot stands and grasps."""
 
     noise: SensorNoise = field(default_factory=SensorNoise)
-    """What blurs its observations."""
+    """Sensor noise."""
 
     delay: int = quantity(0, unit="control periods", low=0, high=10)
-    """From a command to its effect."""
+    """Delay from a command to its effect."""
 
     disturbance: Disturbance = field(default_factory=Disturbance)
-    """What happens from outside."""
+    """External events."""
 
     standoff: Standoff | None = None
-    """Where the hand begins; None if it holds the handle."""
+    """Initial position of the hand; None if it holds the handle."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -149,5 +148,5 @@ class Variation:
 
     @property
     def scene(self) -> tuple[DoorConfig, Placement, Standoff | None]:
-        """What a scene is brought to."""
+        """The part of an episode that determines the scene."""
         return self.door, self.placement, self.standoff

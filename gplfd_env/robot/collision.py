@@ -1,9 +1,9 @@
-"""What a robot that drives can run into, and what of it does.
+"""Collision geometry of a mobile robot, and the walls beside the door.
 
-The hand's pads and the bar touch in every scene. Where the base drives, base, torso
-and arm also touch leaf, frame and the wall beside it. Capsules stand for the robot:
-contacts of capsules and boxes are computed in closed form, and against upright walls an
-upright capsule is as good as a cylinder.
+Finger pads and handle collide in every scene. With a mobile base, base, torso and arm
+also collide with leaf, frame and wall. Capsules approximate the robot: MuJoCo computes
+contacts of capsules and boxes in closed form, and an upright capsule meets an upright
+wall as a cylinder does.
 """
 
 from typing import Final
@@ -15,10 +15,10 @@ from gplfd_env.conventions.geoms import INTANGIBLE
 from gplfd_env.doors.config import DoorConfig
 
 OBSTACLES: Final = ("leaf", "jamb_hinge", "jamb_lock", "lintel")
-"""Geoms of the door that a driving robot touches, besides the wall."""
+"""Geoms of the door that collide with a mobile robot, besides the walls."""
 
 BASE_RADIUS: Final = 0.27
-"""Of the base's outline [m]."""
+"""Radius of the base's outline [m]."""
 
 _ROBOT_BIT: Final = 2
 _WALL_HALF_WIDTH: Final = 0.75
@@ -39,7 +39,7 @@ _CAPSULES: Final[dict[str, tuple[str, tuple[float, ...], float]]] = {
 
 
 def add_collisions(spec: mujoco.MjSpec) -> None:
-    """Make the robot solid against door and wall.
+    """Add the robot's collision geometry and enable contact with door and walls.
 
     Args:
         spec: The scene, with robot, door and walls; edited in place.
@@ -50,7 +50,7 @@ def add_collisions(spec: mujoco.MjSpec) -> None:
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,
             fromto=ends,
             size=[radius, 0, 0],
-            # The links have inertias of their own, and shapes to be seen.
+            # The links keep their own inertias and visual shapes.
             mass=0.0,
             rgba=[0, 0, 0, 0],
             contype=_ROBOT_BIT,
@@ -61,12 +61,12 @@ def add_collisions(spec: mujoco.MjSpec) -> None:
 
 
 def add_walls(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
-    """Continue the door's frame to both sides by walls that touch nothing.
+    """Add the walls on both sides of the frame, without contact.
 
     Args:
         spec: The scene, with the door; edited in place.
         door: Geometry.
-        base: A robot that stands still pushes with its arm beside the lock, where a
+        base: With a fixed base that pushes, the arm passes beside the lock, where a
             wall would hide it: there the wall ends at the frame.
     """
     for side in ("hinge", "lock"):
@@ -75,7 +75,7 @@ def add_walls(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
         x, y, z = jamb.pos
         thick, high, wide = jamb.size
         free = (base, door.swing, side) == ("fixed", "push", "lock")
-        # All scenes have the same geoms.
+        # Every scene needs the same number of geoms.
         half_width = 1e-3 if free else _WALL_HALF_WIDTH
         spec.body("door_frame").add_geom(
             name=f"wall_{side}",

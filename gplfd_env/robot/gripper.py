@@ -1,4 +1,4 @@
-"""When the fingers open and close, in episodes in which they do."""
+"""Commands of a gripper that opens and closes during an episode."""
 
 import math
 from typing import Final
@@ -8,11 +8,11 @@ from gplfd_env.doors.config import DoorConfig, held_radius
 from gplfd_env.robot.model import Grasp, Hold
 
 SPEED: Final = 0.1
-"""At which the commanded width changes: 0.05 m/s per finger, as TIAGo's [m/s]."""
+"""Rate of the commanded width: 0.05 m/s per finger, as TIAGo's [m/s]."""
 
 AT_HANDLE: Final = (0.01, 0.1)
-"""A gripper that nobody commands closes where the hand is this near to the pose that
-holds the closed handle [m, rad]."""
+"""A gripper without a command closes within this distance of the hand from the pose of
+the closed grasp [m, rad]."""
 
 
 def hold_of(grasp: Grasp, start: Start, *, commanded: bool) -> Hold:
@@ -24,7 +24,7 @@ def hold_of(grasp: Grasp, start: Start, *, commanded: bool) -> Hold:
         commanded: Whether actions command the gripper.
 
     Raises:
-        ValueError: A rigid joint in the place of a gripper that opens and closes.
+        ValueError: A weld where the gripper has to open and close.
     """
     if start == "grasped" and not commanded:
         return grasp
@@ -38,14 +38,14 @@ def hold_of(grasp: Grasp, start: Start, *, commanded: bool) -> Hold:
 
 
 class Gripper:
-    """What the fingers are told in an episode.
+    """Commanded width of the fingers during an episode.
 
     Args:
-        door: Whose handle they are to hold.
-        width: Told at the beginning [m].
+        door: Determines the thickness of the handle.
+        width: Commanded width at the start [m].
 
     Attributes:
-        width: What they are told now, after the limit of their speed [m].
+        width: Commanded width after the limit of the speed [m].
     """
 
     def __init__(self, door: DoorConfig, width: float) -> None:
@@ -54,21 +54,21 @@ class Gripper:
 
     @property
     def opened(self) -> bool:
-        """Whether they are told to be farther apart than the handle is thick."""
+        """Whether the commanded width exceeds the thickness of the handle."""
         return self.width > self._thickness
 
     def obey(self, width: float) -> None:
-        """Go on towards a commanded width [m], clamped to [0, `GRIPPER_WIDTH`]."""
+        """Move towards a commanded width [m], clamped to [0, `GRIPPER_WIDTH`]."""
         step = SPEED * CONTROL_PERIOD
         change = min(max(width, 0.0), GRIPPER_WIDTH) - self.width
         self.width += min(max(change, -step), step)
 
     def close_at_handle(self, hand: list[float], *, taken: bool) -> None:
-        """Close if the hand is at the handle or has taken it, else open.
+        """Close if the hand is at the handle or has grasped it, else open.
 
         Args:
             hand: Its pose, task frame, (6,) [m, rad].
-            taken: Whether it has taken hold of the handle and not let it go.
+            taken: Whether it has grasped the handle and not released it.
         """
         near = math.hypot(*hand[:3]) <= AT_HANDLE[0]
         aligned = math.hypot(*hand[3:]) <= AT_HANDLE[1]

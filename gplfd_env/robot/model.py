@@ -1,4 +1,4 @@
-"""The TIAGo-like arm: its URDF plus what a URDF cannot say (servo, sites, sensors)."""
+"""The TIAGo-like arm: its URDF, and servos, sites and cameras that a URDF lacks."""
 
 import math
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ HAND_BODIES: Final = (
     "gripper_right_finger_link",
     "gripper_left_finger_link",
 )
-"""The bodies that hang on the wrist force/torque sensor."""
+"""The bodies beyond the wrist force/torque sensor."""
 
 GRIPPER: Final = "gripper_link"
 FOREARM: Final = "arm_4_link"
@@ -65,8 +65,8 @@ Grasp = Literal["contact", "weld"]
 """Friction between the finger pads and the bar, or a rigid joint."""
 
 Hold = Literal["contact", "weld", "gripper"]
-"""The same as scenes are built with: ``"gripper"`` is friction, too, but of fingers
-that open and close in an episode."""
+"""How a scene holds the handle: a `Grasp`, or ``"gripper"``, friction of fingers that
+open and close during an episode."""
 
 GRIPS: Final = ("grip_right", "grip_left")
 """The fingers' servos."""
@@ -90,7 +90,7 @@ def load_robot(
         control: ``"pose"`` turns the hand by one servo on the whole orientation;
             ``"impedance"`` by one per axis of θu, so that each can have its stiffness.
         door: What the hand holds; by default one with a bar that is pulled.
-        base: Whether it drives.
+        base: Whether the base is fixed or mobile.
 
     Returns:
         A specification that compiles once a ``task_frame`` site has been added.
@@ -189,13 +189,14 @@ def _hand_servo(spec: mujoco.MjSpec, name: str, limit: float) -> mujoco.MjsActua
 
 
 def _add_hooks(spec: mujoco.MjSpec, radius: float) -> None:
-    """Add ridges to the pads, before and behind a round handle that they hold.
+    """Add ridges to the finger pads, in front of and behind a round handle.
 
-    They carry a lever or knob by its shape, with 2 mm of play along the approach.
+    The grasp of a lever or knob is then form-closed, with 2 mm of play along the
+    approach.
 
     Args:
         spec: The robot; edited in place.
-        radius: Of the handle [m].
+        radius: Radius of the handle [m].
     """
     waist = radius - _RIDGE_HEIGHT
     reach = math.sqrt(radius**2 - waist**2) + _RIDGE_PLAY / 2 + _RIDGE_HALF_THICKNESS

@@ -1,4 +1,4 @@
-"""Where a robot stands before a door, and which doors it reaches from there."""
+"""Poses of the robot in front of a door, and the doors within reach from there."""
 
 import math
 from collections.abc import Mapping
@@ -12,18 +12,21 @@ from gplfd_env.doors.config import DoorConfig, Swing
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Stance:
-    """A place before a closed door; assets/README.md tells how each was found."""
+    """Pose of the robot in front of a closed door.
+
+    assets/README.md describes how each was found.
+    """
 
     handle_xy_w: tuple[float, float]
-    """Closed handle in the base frame where the base stands as it should [m]."""
+    """Closed handle in the base frame, without placement error [m]."""
 
     door_yaw: float
     """Heading of "straight into the closed door" in the base frame [rad]."""
 
     grasp_yaw: float
-    """Constant yaw of the hand on the handle, counter-clockwise from above [rad]; of a
-    lever or knob, whose axis is the hand's, none: it would turn a wrist that is nearly
-    stretched."""
+    """Constant yaw of the hand on the handle, counter-clockwise from above [rad]. It is
+    zero for a lever or knob, whose axis is the hand's: there it would turn a wrist
+    that is nearly at its limit."""
 
     torso_below_handle: float
     """Height of the grasped point minus torso lift [m]."""
@@ -33,9 +36,8 @@ class Stance:
     time."""
 
     roll: float = 0.0
-    """Turn of the wrist from where its fingers close around something upright [rad]: a
-    quarter to one side or the other for a lever or knob, which they take from above and
-    below."""
+    """Roll of the wrist relative to the grasp of a vertical bar [rad]: a quarter turn
+    for a lever or knob, which the fingers grasp from above and below."""
 
     radius: float
     """Greatest handle-to-hinge distance that is opened to the task's angle [m]."""
@@ -53,7 +55,7 @@ _DRIVING: Final = Stance(
     radius=0.95,
     height=1.22,
 )
-"""A base that drives keeps its arm where it is strong."""
+"""A mobile base keeps the arm in a posture in which it is strong."""
 
 _DRIVING_TURNED: Final = Stance(
     handle_xy_w=(0.742, 0.602),
@@ -76,7 +78,7 @@ _DRIVING_LEFT: Final = Stance(
     radius=0.95,
     height=1.22,
 )
-"""To the left of the handle, where the way through a left-hinged door is free."""
+"""To the left of the handle, where the passage of a left-hinged door is free."""
 
 BAR_STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
     {
@@ -102,8 +104,8 @@ BAR_STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
         ("mobile", "push"): _DRIVING,
     }
 )
-"""By base and by which way the door opens: who stands still has to reach everything
-with its arm, and begins far off where it pulls, near where it pushes."""
+"""By base and swing. With a fixed base the arm has to reach the whole motion: the robot
+stands far from a door that it pulls and near to one that it pushes."""
 
 TURNED_STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
     {
@@ -131,13 +133,13 @@ TURNED_STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
         ("mobile", "push"): _DRIVING_TURNED,
     }
 )
-"""The same before a lever or knob. A base that stands still reaches those that are
-pulled with the hinge on the right, and pushed with the hinge on the left; on the other
-side the arm ends earlier (docs/environment.md)."""
+"""The same for a lever or knob. With a fixed base the arm reaches the whole motion of
+doors that are pulled with the hinge on the right, or pushed with the hinge on the left;
+on the other side it reaches less (docs/environment.md)."""
 
 
 def stance_of(door: DoorConfig, base: Base) -> Stance:
-    """Return where a robot stands before a door."""
+    """Return the stance of the robot in front of a door."""
     if door.handle == "bar":
         return BAR_STANCES[base, door.swing]
     if (base, door.swing, door.hinge_side) == ("mobile", "push", "left"):
@@ -146,10 +148,10 @@ def stance_of(door: DoorConfig, base: Base) -> Stance:
 
 
 def base_for(door: DoorConfig) -> Base:
-    """Return which robot opens a door: one that stands still, or one that has to drive.
+    """Return the base that a door needs.
 
-    Standing still it opens furniture: bars that are pulled, hinge on the right, as far
-    as its arm reaches.
+    A fixed base opens furniture within reach of the arm: bars that are pulled, with the
+    hinge on the right.
     """
     stance, furniture = stance_of(door, "fixed"), DoorConfig().kind
     within = door.radius <= stance.radius and door.handle_height <= stance.height
@@ -157,12 +159,12 @@ def base_for(door: DoorConfig) -> Base:
 
 
 def check_reach(door: DoorConfig, base: Base, start: Start = "grasped") -> None:
-    """Refuse a door that is out of a robot's reach.
+    """Check that a door is within the reach of the robot.
 
     Raises:
-        ValueError: Its handle is too far from the hinge, or too high; or the hand is to
-            begin before a handle at which the robot stands so near that its arm cannot
-            be drawn back.
+        ValueError: The handle is too far from the hinge or too high, or the episode
+            starts in front of a handle at which the robot stands too near to draw back
+            its arm.
     """
     if (start, base, door.swing) == ("approach", "fixed", "push"):
         raise ValueError(

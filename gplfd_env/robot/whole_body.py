@@ -1,24 +1,23 @@
-"""Where a base that moves goes: the whole-body rule, and the limits of its drive.
+"""Control of the mobile base: the whole-body rule and the limits of the drive.
 
-The arm is strong and far from its limits in the posture in which it holds the closed
-handle, so the base goes where the arm keeps it: it is led by the *commanded* pose of
-the hand as if it were fixed to it in the plane. With the hand's closed position
-h₀, its commanded displacement d and its commanded yaw ψ (the twist of the rotation
-vector about the vertical), the base that stood at the origin is led to
+The arm is strong and far from its limits in the posture that holds the closed handle.
+The rule moves the base such that the arm keeps this posture: the *commanded* pose of
+the hand determines a target pose of the base, as if the base were fixed to the hand in
+the plane. With the hand's closed position h₀, its commanded displacement d and its
+commanded yaw ψ (the twist of the rotation vector about the vertical), the target of a
+base that started at the origin is
 
     b = h₀ + d - R(c ψ) h₀,    yaw c ψ.
 
-A hand that comes pulls a door open: c = 1, the base is fixed to it rigidly. A hand that
-goes away pushes a door through its frame, and a base rigidly behind it would swing into
-the wall beside the lock: c = 0.3, the base goes after the hand, which turns before it.
-Within 5 cm of the closed door c changes linearly from one to the other.
+A hand that moves towards the robot pulls the door open: c = 1, base and hand move as
+one rigid body. A hand that moves away pushes the door through its frame. A base rigidly
+behind it would hit the wall beside the lock: c = 0.3, the hand turns more than the
+base. Within 5 cm of the closed door c is interpolated linearly.
 
-The hand drags that pose along with some `PLAY`, so that the arm alone does what is
-small and quick; the base moves at the dragged pose's rate and makes up for its distance
-from it with the time constant `LAG`, never faster than it could brake. The hand's servo
-acts in the world's task frame: what the base does, the arm compensates.
-
-The arithmetic is of single numbers: one simulation and many give the same bits.
+The target has a dead band, `PLAY`: the arm alone carries out small and fast motions.
+The base moves at the rate of the target behind this dead band, and reduces its distance
+to it with the time constant `LAG`, within its braking distance. The hand's servo acts
+in the task frame, which is fixed in the world, so the arm compensates the base.
 """
 
 import math
@@ -41,30 +40,31 @@ ACCELERATION: Final = (1.0, 2.09)
 """Greatest acceleration of the base [m/s², rad/s²]."""
 
 LAG: Final = 0.3
-"""Time constant with which the base makes up for its distance [s]."""
+"""Time constant with which the base reduces its distance to the target [s]."""
 
 PLAY: Final = (0.04, 0.07)
-"""How far the base may be from where it is led without moving [m, rad]."""
+"""Dead band: distance from the target within which the base stands still [m, rad]."""
 
 TURN: Final = (0.3, 1.0)
-"""c: share of the hand's yaw that the base takes, if the hand goes and if it comes."""
+"""c: share of the hand's yaw that the base takes, when the hand moves away from the
+robot and when it moves towards it."""
 
 _COMING: Final = 0.05
-"""The hand comes, or goes, by this much: then c is constant [m]."""
+"""c is constant beyond this displacement of the hand [m]."""
 
 _BLOCKED_SPEED: Final = (0.05, 0.1)
-"""Least command of a base that can count as blocked [m/s, rad/s]."""
+"""The base can count as blocked only above this commanded speed [m/s, rad/s]."""
 
 BLOCKED_TIME: Final = 0.5
 """The base is blocked after this long at less than half of its commanded speed [s]."""
 
 
 class BaseDrive:
-    """Commands the base of one simulation, and notes when it is stopped.
+    """Commands the base of one simulation and detects that it is blocked.
 
     Args:
         hand: Where the hand holds the closed handle, world frame [m].
-        door: It decides how the robot stands.
+        door: Determines the stance of the robot.
 
     Attributes:
         rate: Commanded rate of the base's pose, world frame [m/s, rad/s].
@@ -113,7 +113,7 @@ class BaseDrive:
         )
 
     def _accelerate(self, wanted: Planar) -> None:
-        """Bring the commanded rate nearer to one, within the drive's limits."""
+        """Move the commanded rate towards a wanted one within the drive's limits."""
         vx, vy, turning = self.rate
         wx, wy = _shortened(wanted[0], wanted[1], SPEED[0])
         ax, ay = _shortened(wx - vx, wy - vy, ACCELERATION[0] * CONTROL_PERIOD)
@@ -126,7 +126,7 @@ class BaseDrive:
         )
 
     def note(self, velocity: Planar) -> None:
-        """Take in the measured rate after a control period [m/s, rad/s]."""
+        """Detect a blocked base from its measured rate [m/s, rad/s]."""
         vx, vy, turning = self.rate
         speed = math.hypot(vx, vy)
         along = vx * velocity[0] + vy * velocity[1]
@@ -145,15 +145,16 @@ class BaseDrive:
 def led_by(
     hand: list[float], closed: tuple[float, float], axes: Axes | None = None
 ) -> Planar:
-    """Return where a hand leads a base.
+    """Return the target pose of the base for a pose of the hand.
 
     Args:
         hand: Pose of the hand, task frame, (6,) [m, rad].
         closed: Its position at the closed grasp, world frame [m].
-        axes: The task frame's in the world frame; by default before a bar.
+        axes: Axes of the task frame in the world frame; by default those of a bar.
 
     Returns:
-        Pose of the base, world frame, from where it stood then [m, rad].
+        Pose of the base relative to its pose at the closed grasp, world frame
+        [m, rad].
     """
     x, y, z, *rotation = hand
     coming = min(max(x / _COMING, -1.0), 1.0)
@@ -179,7 +180,7 @@ def _twist_about_y(x: float, y: float, z: float) -> float:
 
 
 def _dragged(pose: Planar, by: Planar) -> Planar:
-    """Return a pose after another has dragged it along, with play."""
+    """Return a pose moved towards another until it is within the dead band."""
     dx, dy = by[0] - pose[0], by[1] - pose[1]
     away = math.hypot(dx, dy)
     share = (away - PLAY[0]) / away if away > PLAY[0] else 0.0
@@ -189,9 +190,9 @@ def _dragged(pose: Planar, by: Planar) -> Planar:
 
 
 def _approach(away: float, acceleration: float) -> float:
-    """Return the speed towards something at a distance: v = s/T, at most √(a s).
+    """Return the approach speed at a distance s: v = s/T, at most √(a s).
 
-    It could just brake from √(2 a s); half of a leaves room for what moves on.
+    Braking is possible up to √(2 a s); the rest is a margin for a moving target.
     """
     return min(away / LAG, math.sqrt(acceleration * away))
 

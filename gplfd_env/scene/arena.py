@@ -1,4 +1,4 @@
-"""The room around robot and door: physics options, light, floor, cameras."""
+"""The arena: physics options, light, floor and cameras."""
 
 import math
 from typing import Final
@@ -19,7 +19,7 @@ PHYSICS_STEP: Final = 0.002
 """Physics time step [s]."""
 
 CASING: Final = 0.11
-"""How far a door's frame and its casing stand out beyond the leaf [m]."""
+"""Width of frame and casing beyond the leaf [m]."""
 
 DOOR_HEIGHT: Final = 2.00
 """Height of every leaf [m]."""
@@ -27,7 +27,7 @@ DOOR_HEIGHT: Final = 2.00
 _ASPECT: Final = 4.0 / 3.0
 _FIELD_OF_VIEW: Final = math.radians(40.0)
 _MARGIN: Final = 1.03
-"""Free room around what a camera has to show, as a factor."""
+"""Margin around the points that a camera has to show, as a factor."""
 
 _SHOWN_ANGLES: Final = np.radians(np.linspace(0.0, 75.0, 6))
 """Opening angles at which leaf and robot have to be in the picture."""
@@ -37,16 +37,16 @@ _HEAD_SIZE: Final = (0.18, 1.55)
 """Radius and height of upright cylinders around the robot's base and head [m]."""
 
 
-def add_room(spec: mujoco.MjSpec, door: DoorConfig, base: Base = "fixed") -> None:
+def add_arena(spec: mujoco.MjSpec, door: DoorConfig, base: Base = "fixed") -> None:
     """Set the physics options and add light, floor and two fixed cameras.
 
-    An elliptic cone with a large ``impratio`` is what keeps a friction grasp from
-    creeping: with MuJoCo's defaults the bar is lost under a sustained pull.
+    An elliptic cone with a large ``impratio`` prevents creep of a friction grasp: with
+    MuJoCo's defaults the bar is lost under a sustained pull.
 
     Args:
         spec: The scene; edited in place. World frame = the robot's base_footprint.
-        door: What the cameras have to show, besides the robot.
-        base: Whether it drives.
+        door: The cameras show its motion and the robot.
+        base: Whether the base is fixed or mobile.
     """
     spec.option.timestep = PHYSICS_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -75,7 +75,7 @@ def add_room(spec: mujoco.MjSpec, door: DoorConfig, base: Base = "fixed") -> Non
 
 
 def _add_cameras(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
-    """Add "overview" and "top", which show the leaf's sweep and the robot's way."""
+    """Add "overview" and "top", which show the motion of leaf and robot."""
     shown = _shown_points(door, base)
     into_door = -task_rotation_w(door, base=base)[:, 0]
     turn, elevation = _viewing_direction(door, base)
@@ -112,15 +112,15 @@ def _viewing_direction(door: DoorConfig, base: Base) -> tuple[float, float]:
 
 
 def _camera_position(points: Matrix) -> Matrix:
-    """Return the nearest place from which points fill a picture, camera axes (3,) [m].
+    """Return the nearest camera position that shows all points, camera axes (3,) [m].
 
     A point (x, y, z) is in the picture of a camera at c if |x - c_x| <= (c_z - z) t
     with the tangent t of half the field of view, and likewise in y. Each of these
     inequalities is linear in c.
 
     Args:
-        points: What has to be seen, in the camera's axes (right, up, backward),
-            (N, 3) [m].
+        points: Points to be shown, in the camera's axes (right, up, backward), (N, 3)
+            [m].
     """
     vertical = math.tan(_FIELD_OF_VIEW / 2.0) / _MARGIN
     tangents = np.array([_ASPECT * vertical, vertical])
@@ -134,9 +134,9 @@ def _camera_position(points: Matrix) -> Matrix:
 def _shown_points(door: DoorConfig, base: Base) -> Matrix:
     """Return corners of the leaf and the robot while the door opens, world (N, 3) [m].
 
-    A base that drives turns with the leaf about the hinge while it pulls, and goes
-    straight on with the handle while it pushes; this is where
-    `gplfd_env.robot.whole_body` brings it, to about a decimetre.
+    A mobile base turns with the leaf about the hinge while it pulls, and moves straight
+    with the handle while it pushes. This approximates `gplfd_env.robot.whole_body` to
+    about a decimetre.
     """
     axes = task_rotation_w(door, base=base)
     floor = handle_position_w(door, Placement(), base) * [1.0, 1.0, 0.0]

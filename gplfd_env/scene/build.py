@@ -1,9 +1,9 @@
-"""From a door's configuration to a MuJoCo model with a settled grasp.
+"""Compilation of a door's configuration to a MuJoCo model with a settled grasp.
 
-Every scene of one robot has the same layout, so a model is compiled once and then
-brought from door to door by overwriting the fields in which scenes differ. Geometry
-needs a compilation and a settled grasp, 4 ms, and is cached; mass, hinge and closer are
-written directly.
+Every scene of one robot and one `Structure` has the same layout. A model is compiled
+once; for another door only the fields in which scenes differ are overwritten. A new
+geometry needs a compilation and a settled grasp (4 ms) and is cached. Mass, hinge and
+closer are written directly.
 """
 
 import dataclasses
@@ -28,7 +28,7 @@ from gplfd_env.robot.placement import (
     standoff_pose,
 )
 from gplfd_env.robot.stance import check_reach
-from gplfd_env.scene.arena import add_room
+from gplfd_env.scene.arena import add_arena
 from gplfd_env.scene.door import (
     NOMINAL_MASS,
     Structure,
@@ -56,7 +56,7 @@ SCENE_FIELDS: Final = (
 
 _SETTLING_TIME: Final = 0.4
 _BAR_INDENTATION: Final = 7.3e-5
-"""How deep the fingers' 16 N press into the bar's soft contact [m]."""
+"""Penetration of the bar's soft contact under the fingers' 16 N [m]."""
 
 _WRITTEN: Final = (
     "hinge_friction", "hinge_damping", "panel_mass", "stiction", "seal", "seal_angle",
@@ -72,7 +72,7 @@ _NOMINAL: Final[dict[str, Any]] = {
     for field in dataclasses.fields(DoorConfig)
     if field.name in _WRITTEN
 }
-"""What they are in a compiled scene."""
+"""Their values in a compiled scene."""
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ def build_spec(
     structure: Structure | None = None,
     base: Base = "fixed",
 ) -> mujoco.MjSpec:
-    """Assemble room, robot, door and sensors without compiling them.
+    """Assemble arena, robot, door and sensors without compiling them.
 
     Args:
         door: Geometry and hinge of the door.
@@ -100,7 +100,7 @@ def build_spec(
     """
     structure = structure_of(door) if structure is None else structure
     spec = load_robot(control, door, base)
-    add_room(spec, door, base)
+    add_arena(spec, door, base)
     add_door(spec, door, placement, structure, base)
     add_sensors(spec, structure, control, base, gripper=grasp == "gripper")
     add_walls(spec, door, base)
@@ -162,7 +162,7 @@ def load_scene(
     control: Control = "pose",
     base: Base = "fixed",
 ) -> None:
-    """Bring a scene's model to another door, in place.
+    """Write another door into a scene's model, in place.
 
     The result depends on the arguments alone, not on the door before: it is that of
     `build_scene`, bit for bit.
@@ -173,8 +173,8 @@ def load_scene(
         data: Of the same model; reset it to the keyframe afterwards.
         door: The new door.
         grasp: As the model was made.
-        placement: Where the robot stands and grasps; without error by default.
-        standoff: Where the hand begins; by default it holds the handle.
+        placement: Pose of the robot and its grasp; without error by default.
+        standoff: Initial pose of the hand; by default it holds the handle.
         control: As the model was made.
         base: As the model was made.
 
@@ -249,7 +249,7 @@ def _settle(
 
 
 def _draw_back(model: mujoco.MjModel, pose: Array) -> None:
-    """Let the keyframe begin with the open hand at a pose before the handle."""
+    """Make the keyframe start with the open hand at a pose in front of the handle."""
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
     mujoco.mj_kinematics(model, data)

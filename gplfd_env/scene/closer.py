@@ -1,7 +1,7 @@
-"""What closes a door: springs that fade, and dampers that work one way.
+"""The closer: springs that fade with the angle and one-way dampers.
 
-MuJoCo's joint springs and dampers know no direction and no range. Three things do, and
-need no callback:
+MuJoCo's joint springs and dampers depend on neither direction nor range. Three elements
+do, without a callback:
 
 * a torque T that fades linearly to nothing at an angle φ₁ is the constant T, the
   stiffness -T/φ₁, and a tendon's spring T/φ₁ that is slack below φ₁;
@@ -9,7 +9,7 @@ need no callback:
   D times the velocity towards the limit, and never negative;
 * efficiency is Coulomb friction: opening and closing moment differ by twice of it.
 
-None of them creates energy, whatever the door does.
+None of them adds energy.
 """
 
 import math
@@ -20,7 +20,7 @@ import mujoco
 from gplfd_env.doors.config import DoorConfig
 
 STICTION_ANGLE: Final = math.radians(0.5)
-"""Where a door has broken away [rad]."""
+"""Angle at which the stiction has faded [rad]."""
 
 _FADING: Final = ("stiction", "seal", "closer_boost")
 """Torques that fade; each is a tendon of that name."""
@@ -28,14 +28,14 @@ _FADING: Final = ("stiction", "seal", "closer_boost")
 _CLOSING: Final = "closing_damper"
 _BACKCHECK: Final = "backcheck"
 _ANYWHERE: Final = 10.0
-"""Beyond every angle of a door [rad]."""
+"""Greater than every opening angle [rad]."""
 
 _SOFT: Final = 1e-4
-"""Impedance of a limit that is a damper, the least that MuJoCo allows: its force then
-does not depend on what else acts on the door."""
+"""Impedance of a limit that acts as a damper, the least that MuJoCo allows: its force
+then does not depend on the other forces on the door."""
 
 _SPEED: Final = 1e-3
-"""Below it a door stands still [rad/s]."""
+"""Speed below which a door counts as at rest [rad/s]."""
 
 
 def fading_torques(door: DoorConfig) -> tuple[tuple[float, float], ...]:
@@ -68,13 +68,13 @@ class CloserLaw:
         self._friction, self._damping = door.closer_friction, door.closer_damping
         self._closing = door.closing_damping
         self._backcheck = door.backcheck_damping, door.backcheck_angle
-        # Most doors have none of it, and this is asked for in every control period.
+        # Fast path: most doors have none of these, and this runs in every period.
         self._springs_alone = not (
             self._fading or self._friction or self._damping or has_tendons(door)
         )
 
     def torque(self, angle: float, velocity: float) -> float:
-        """Return it [N m].
+        """Return the torque [N m].
 
         Args:
             angle: Opening angle φ [rad].
@@ -136,7 +136,7 @@ def add_closer(spec: mujoco.MjSpec, door: DoorConfig, *, tendons: bool) -> None:
 
 
 def set_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
-    """Give a compiled closer its numbers; the leaf must have its mass already.
+    """Write a closer's parameters into a compiled scene, after the leaf's mass.
 
     Args:
         model: The scene; edited in place.
@@ -161,7 +161,7 @@ def set_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
 
 
 def _bias(door: DoorConfig) -> tuple[float, float]:
-    """Return what the actuator adds, constant [N m] and per angle [N m/rad]."""
+    """Return the actuator's bias: constant [N m] and per angle [N m/rad]."""
     preload, stiffness = door.closer_preload, door.closer_stiffness
     for torque, faded in fading_torques(door):
         preload += torque

@@ -23,7 +23,7 @@ from gplfd_env.scene.handle import STEEL, add_bar, add_turning_handle, set_handl
 from gplfd_env.scene.latch import add_latch, set_latch
 from gplfd_env.scene.visuals import (
     add_casing,
-    add_closer_looks,
+    add_closer_visuals,
     add_far_handle,
     add_lock_plate,
     add_panels,
@@ -44,10 +44,10 @@ _CYLINDER: Final = mujoco.mjtGeom.mjGEOM_CYLINDER
 
 
 class Structure(NamedTuple):
-    """What a door consists of: scenes of one structure differ in numbers alone.
+    """Parts of a door. Scenes of one structure differ in numbers only.
 
     Attributes:
-        handle: What the hand holds.
+        handle: Kind of handle.
         latched: Whether there is a bolt.
         closer: Whether the closer has tendons.
     """
@@ -58,7 +58,7 @@ class Structure(NamedTuple):
 
 
 def structure_of(door: DoorConfig) -> Structure:
-    """Return what a door consists of."""
+    """Return the structure of a door."""
     return Structure(door.handle, door.latch != "none", has_tendons(door))
 
 
@@ -82,8 +82,8 @@ def add_door(
         spec: The scene, with the robot in it; edited in place.
         door: Geometry and hinge.
         placement: Where the robot stands and grasps; without error by default.
-        structure: What to add; by default what the door consists of.
-        base: Whose stance before the door it is.
+        structure: Parts to add; by default those of the door.
+        base: Whether the base is fixed or mobile.
     """
     structure = structure_of(door) if structure is None else structure
     placement = Placement() if placement is None else placement
@@ -110,7 +110,7 @@ def add_door(
         armature=0.01,
     )
     if base == "mobile":
-        # Beside the hinge's own limit, which disturbances move and which stays softer.
+        # The hinge's own limit, which disturbances move, stays softer.
         hinge.solref_limit = SOFT_STOP
         end = spec.add_tendon(
             name="hinge_end",
@@ -128,10 +128,10 @@ def add_door(
     if structure.latched:
         add_latch(spec, frame, leaf, door, _edges_in_frame(door)[1], base)
     add_closer(spec, door, tendons=structure.closer)
-    _add_looks(spec, frame, leaf, door, structure)
+    _add_visuals(spec, frame, leaf, door, structure)
 
 
-def _add_looks(
+def _add_visuals(
     spec: mujoco.MjSpec,
     frame: mujoco.MjsBody,
     leaf: mujoco.MjsBody,
@@ -140,7 +140,7 @@ def _add_looks(
 ) -> None:
     top = DOOR_HEIGHT - door.handle_height
     if structure.closer:
-        add_closer_looks(spec, frame, leaf, door, top)
+        add_closer_visuals(spec, frame, leaf, door, top)
     if structure.latched:
         add_lock_plate(leaf, door)
     if door.handle != "bar":
@@ -231,7 +231,7 @@ def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
 
 
 def set_hinge(model: mujoco.MjModel, stop: float, friction: float) -> bool:
-    """Set where a door stops and how its hinge rubs; return whether that was a change.
+    """Set stop and friction of the hinge; return whether they changed.
 
     Args:
         model: The scene; edited in place.

@@ -22,9 +22,9 @@ _HELD: Final[dict[str, Any]] = {
     "solref": [0.005, 1.0],
     "priority": 1,
 }
-"""The only geom that touches the hand; its contact parameters rule (priority). A short
-time constant keeps the creep of a sustained pull below a millimetre; it must stay above
-two physics steps."""
+"""The only geom that collides with the hand; its contact parameters have priority. A
+short time constant keeps the creep under a sustained pull below a millimetre; it must
+exceed two physics steps."""
 
 
 def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) -> None:
@@ -116,7 +116,7 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
 
 
 def set_handle(model: mujoco.MjModel, door: DoorConfig) -> None:
-    """Give the return spring of a compiled lever or knob its numbers.
+    """Write the parameters of the handle's return spring into a compiled scene.
 
     Args:
         model: The scene; edited in place.
@@ -128,7 +128,7 @@ def set_handle(model: mujoco.MjModel, door: DoorConfig) -> None:
 def set_spring(
     model: mujoco.MjModel, joint: str, preload: float, stiffness: float
 ) -> None:
-    """Let a joint be drawn to zero by preload + stiffness times position."""
+    """Set the spring of a joint: preload + stiffness times position, towards zero."""
     handle = model.joint(joint)
     model.jnt_stiffness[handle.id] = stiffness
     model.qpos_spring[handle.qposadr[0]] = -preload / stiffness

@@ -1,9 +1,9 @@
-"""A sprung bolt in the leaf, its strike in the frame, and what the handle does to it.
+"""The latch: a sprung bolt in the leaf and its strike in the frame.
 
-The bolt is a slide joint. Its round nose touches one thing, the strike: a wedge whose
-upright face holds the door and whose bevel pushes the bolt in when the door closes. A
-tendon's limit draws the bolt in with the handle beyond its dead travel, and lets the
-handle go back alone.
+The bolt is a slide joint. Its round nose collides only with the strike, a wedge whose
+upright face holds the door and whose bevel pushes the bolt in when the door closes. The
+limit of a tendon retracts the bolt with the handle beyond its dead travel; the handle
+returns without the bolt.
 """
 
 import math
@@ -21,7 +21,7 @@ _NOSE: Final = 0.003
 """Radius of the bolt's nose [m]."""
 
 GAP: Final = 0.003
-"""Between leaf and frame: where a bolt stands out by less, the door is free [m]."""
+"""Gap between leaf and frame: a bolt that protrudes by less holds no door [m]."""
 
 _CLEARANCE: Final = 0.001
 """Between the bolt of a closed door and the strike [m]."""
@@ -30,9 +30,9 @@ _BEVEL: Final = 0.018
 """Length and rise of the strike's bevel [m]; more than the longest bolt needs."""
 
 _UNDERCUT: Final[dict[Base, float]] = {"fixed": 0.0, "mobile": math.radians(3.0)}
-"""By how much the strike's upright face recedes behind its edge [rad]. Then the edge
-loads the bolt's flank, and nothing pushes the bolt in while the leaf gives way by less.
-An upright face lets 2 kN of a robot that drives into the door push it in."""
+"""Angle by which the strike's upright face recedes behind its edge [rad]. The edge then
+loads the flank of the bolt and does not push it in while the leaf deflects by less.
+Without it, the 2 kN of a mobile robot that hits the door push the bolt in."""
 
 _CONTACT: Final[dict[Base, list[float]]] = {
     "fixed": [0.9, 0.95, 0.001, 0.5, 2.0],
@@ -49,22 +49,22 @@ _MIRRORED: Final = {
     ("pull", "left"): (0.0, 1.0, 0.0, 0.0),
     ("push", "left"): (0.0, 0.0, 1.0, 0.0),
 }
-"""Half-turns that do to the strike, alike above and below, what mirrors would do."""
+"""Half turns that mirror the strike, which is symmetric above and below."""
 
 _BOLT_MASS: Final = 0.1
 
 
 _PLAY: Final = math.radians(1.0)
-"""A latched door is open by less than this [rad]."""
+"""A latched door opens by less than this [rad]."""
 
 
 def latch_holds(door: DoorConfig, angle: float, bolt: float) -> bool:
-    """Return whether the bolt stands before the strike.
+    """Return whether the bolt engages the strike.
 
     Args:
         door: Its latch and throw.
         angle: Opening angle [rad].
-        bolt: How far the bolt is drawn in [m].
+        bolt: Retraction of the bolt [m].
     """
     return door.latch == "spring" and angle < _PLAY and bolt < door.bolt_throw - GAP
 
@@ -77,7 +77,7 @@ def add_latch(
     lock_edge: float,
     base: Base = "fixed",
 ) -> None:
-    """Add bolt and strike, and what draws the bolt in.
+    """Add bolt, strike and the tendon that retracts the bolt.
 
     Adds the joint ``bolt``, the geoms ``bolt_nose`` and ``strike``, and the tendon
     ``retraction`` between the joints ``handle`` and ``bolt``.
@@ -87,8 +87,8 @@ def add_latch(
         frame: The door's frame.
         leaf: The leaf's body, its origin on the hinge's axis.
         door: Geometry and spring.
-        lock_edge: Where the leaf's free edge is in the frame, task-frame z [m].
-        base: Whether a robot that drives can run into the leaf.
+        lock_edge: The leaf's free edge, task-frame z [m].
+        base: Whether the base is fixed or mobile.
     """
     _add_bolt(leaf, door)
     _add_strike(spec, frame, door, lock_edge, _UNDERCUT[base])
@@ -169,7 +169,7 @@ def _add_strike(
 
 
 def set_latch(model: mujoco.MjModel, door: DoorConfig) -> None:
-    """Give the spring of a compiled bolt its numbers.
+    """Write the parameters of the bolt's spring into a compiled scene.
 
     Args:
         model: The scene; edited in place.

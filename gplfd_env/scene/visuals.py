@@ -1,7 +1,7 @@
-"""What makes a door of a building look like one; none of it touches or weighs anything.
+"""Visual-only geoms of a building's door: casing, panels, far handle, closer.
 
-All geoms here are of the group `GROUP`, without mass and contact: a scene with them
-moves as it would without, bit for bit. Beside a bar there are none but a closer's.
+All of them are in the geom group `GROUP` and have neither mass nor contact. They do not
+change the physics by a bit. Doors with a bar have only those of a closer.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from gplfd_env.doors.config import BAR_RADIUS, KNOB_RADIUS, DoorConfig
 from gplfd_env.scene.handle import STEEL
 
 GROUP: Final = 2
-"""Of geoms that are there to be seen; nothing else of a scene has it."""
+"""Visual-only geom group."""
 
 CLOSER_PARTS: Final = ("closer_box", "closer_shoe")
 """Geoms of a closer; the tendon `CLOSER_ARM` joins them."""
@@ -89,7 +89,7 @@ def add_panels(leaf: mujoco.MjsBody, door: DoorConfig, width: float) -> None:
 def add_far_handle(
     leaf: mujoco.MjsBody, handle: mujoco.MjsBody, door: DoorConfig
 ) -> None:
-    """Add what the other side of the leaf has: the same handle, in the mirror.
+    """Add the mirrored handle on the other side of the leaf.
 
     Args:
         leaf: The leaf's body, its origin on the hinge's axis.
@@ -131,7 +131,7 @@ def add_lock_plate(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
     _add_box(leaf, "lock_plate", place, [0.010, 0.10, 0.0008], STEEL)
 
 
-def add_closer_looks(
+def add_closer_visuals(
     spec: mujoco.MjSpec,
     frame: mujoco.MjsBody,
     leaf: mujoco.MjsBody,
@@ -140,9 +140,9 @@ def add_closer_looks(
 ) -> None:
     """Add a closer's box on the leaf, its shoe on the frame, and the arm between.
 
-    The arm is one straight tendon without any force: a real one's two links would be
-    bodies with joints of their own. Doors whose closer is not to be seen (`has_box`)
-    have the same parts, without colour.
+    The arm is one straight tendon without force; two links would need bodies and joints
+    of their own. Doors without a visible closer (`has_box`) have the same parts,
+    transparent.
 
     Args:
         spec: The scene; edited in place.
@@ -161,7 +161,7 @@ def add_closer_looks(
     _add_box(frame, "closer_shoe", shoe, [0.012, 0.012, 0.03], colour)
     frame.add_site(name="closer_foot", pos=shoe, **UNDRAWN)
     width = _arm_radius(door)
-    # Else its resting length would be that of the door that was compiled.
+    # Without it the resting length would be that of the compiled door.
     arm = spec.add_tendon(
         name=CLOSER_ARM, width=width, rgba=colour, springlength=[0.0, 0.0]
     )
@@ -175,11 +175,11 @@ def has_box(door: DoorConfig) -> bool:
 
 
 def show_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
-    """Let the closer of a compiled scene be seen, or not.
+    """Show or hide the closer of a compiled scene.
 
     Args:
-        model: The scene, with the parts of `add_closer_looks`; edited in place.
-        door: The door that it becomes.
+        model: The scene, with the parts of `add_closer_visuals`; edited in place.
+        door: Determines whether there is a closer.
     """
     for part in CLOSER_PARTS:
         model.geom_rgba[model.geom(part).id, 3] = _opacity(door)
