@@ -145,9 +145,9 @@ EACH_BY_ITSELF = (
 )
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
-def test_code_in_the_pages_runs(page: Path, first_run: Path) -> None:
-    blocks = python_blocks(page)
+def test_code_in_the_pages_runs(first_run: Path) -> None:
+    """Every block has names of its own; a traceback has the block's text."""
+    blocks = [block for page in PAGES for block in python_blocks(page)]
     ran = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", EACH_BY_ITSELF, *blocks],
         cwd=first_run,
@@ -191,7 +191,7 @@ def test_policies_that_readers_copy_open_doors_gently(tmp_path: Path) -> None:
     (tmp_path / "feel.py").write_text(cell.split("\n", 1)[1])
     study = (
         "benchmark --config small --no-skill --engine serial --json --quiet "
-        "--policies mine:make feel:make method:make"
+        "--seeds 1 --policies mine:make feel:make method:make"
     )
     ran = subprocess.run(
         [sys.executable, "-m", "gplfd", *study.split()],
@@ -203,7 +203,7 @@ def test_policies_that_readers_copy_open_doors_gently(tmp_path: Path) -> None:
     assert ran.returncode == 0, ran.stderr
     rows = json.loads(ran.stdout)
     assert {(row["door"], row["opened"]) for row in rows} == {
-        (door, 3) for door in ("small", "medium", "large")
+        (door, 1) for door in ("small", "medium", "large")
     }
     assert all(row["force_radial_peak"] < 8.0 for row in rows)
     assert all(row["force_tangential_peak"] < 16.0 for row in rows)
