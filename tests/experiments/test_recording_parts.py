@@ -43,7 +43,7 @@ FIXED = """
 """
 
 
-def test_geoms_of_fixed_bodies_are_drawn_where_their_carrier_has_them() -> None:
+def test_geoms_of_fixed_bodies_are_drawn_where_their_carrier_has_them():
     """The pose on the carrier, moved by the carrier's, is MuJoCo's own."""
     model = mujoco.MjModel.from_xml_string(FIXED)
     data = mujoco.MjData(model)
@@ -69,9 +69,7 @@ def test_geoms_of_fixed_bodies_are_drawn_where_their_carrier_has_them() -> None:
     np.testing.assert_allclose(rotation.as_matrix().ravel(), site.xmat, atol=1e-12)
 
 
-def test_what_is_the_same_is_drawn_once_for_all_recordings(
-    door_model: mujoco.MjModel,
-) -> None:
+def test_what_is_the_same_is_drawn_once_for_all_recordings(door_model):
     def ids() -> dict[str, str]:
         return {chunk.entity_path: chunk.id for chunk in drawn_scene(door_model)}
 
@@ -83,9 +81,7 @@ def test_what_is_the_same_is_drawn_once_for_all_recordings(
     assert changed["/world/scene/world"] == first["/world/scene/world"]
 
 
-def test_bodies_move_between_frames_as_in_a_video(
-    make_log: MakeLog, door_model: mujoco.MjModel
-) -> None:
+def test_bodies_move_between_frames_as_in_a_video(make_log, door_model):
     log = make_log()
     (leaf,) = moved_scene(door_model, Part(log=log))
     times = leaf.to_record_batch().column("sim_time").cast(pa.int64()).to_numpy()
@@ -105,7 +101,7 @@ SLIDES = """
 """
 
 
-def test_every_body_moves_by_its_own_joint(make_log: MakeLog) -> None:
+def test_every_body_moves_by_its_own_joint(make_log):
     model = mujoco.MjModel.from_xml_string(SLIDES)
     log = make_log(qpos=np.outer(np.linspace(0.0, 1.0, 601), [1.0, 2.0]))
     moved = {chunk.entity_path: chunk for chunk in moved_scene(model, Part(log=log))}
@@ -141,11 +137,8 @@ FROM_OUTSIDE = {
 @pytest.mark.parametrize("changes", [{}, FROM_OUTSIDE], ids=["", "from outside"])
 @pytest.mark.parametrize("ends", [[2, 4, 150, 601], [301, 601], [350, 450, 550, 601]])
 def test_an_episode_shown_in_parts_shows_what_it_shows_at_once(
-    make_log: MakeLog,
-    door_model: mujoco.MjModel,
-    ends: list[int],
-    changes: dict[str, Any],
-) -> None:
+    make_log, door_model, ends, changes
+):
     predicted = np.array(make_log().predicted_mean)
     predicted[:200] = np.nan
     whole = make_log(predicted_mean=predicted, **changes)
@@ -183,7 +176,7 @@ def so_far(log: EpisodeLog, end: int) -> EpisodeLog:
     return EpisodeLog(**fields)
 
 
-def test_policy_without_uncertainty_is_drawn_as_its_mean(make_log: MakeLog) -> None:
+def test_policy_without_uncertainty_is_drawn_as_its_mean(make_log):
     """Its tube has no width, and no corner that a viewer could not draw."""
     log = make_log()
     unsure = dataclasses.replace(

@@ -9,7 +9,7 @@ from gplfd_experiments.recording.tube import (
 )
 
 
-def test_tube_touches_the_ellipse_of_the_normal_quantile() -> None:
+def test_tube_touches_the_ellipse_of_the_normal_quantile():
     """On a straight path along x the section has half axes 1.96 σ_z and 1.96 σ_y."""
     mean = np.outer(np.linspace(0.0, 1.0, 30), [1.0, 0.0, 0.0])
     vertices, normals = tube_vertices(mean, np.tile([9.0, 0.01, 0.02], (30, 1)))
@@ -23,7 +23,7 @@ def test_tube_touches_the_ellipse_of_the_normal_quantile() -> None:
 
 
 @pytest.mark.parametrize("axis", [None, 1])
-def test_tube_of_a_path_without_a_direction_is_finite(axis: int | None) -> None:
+def test_tube_of_a_path_without_a_direction_is_finite(axis):
     """One that stands still, and one straight upwards."""
     mean = np.zeros((5, 3))
     if axis is not None:
@@ -33,7 +33,7 @@ def test_tube_of_a_path_without_a_direction_is_finite(axis: int | None) -> None:
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-6)
 
 
-def test_tube_of_a_path_that_waits_keeps_its_direction() -> None:
+def test_tube_of_a_path_that_waits_keeps_its_direction():
     """Noise at the end of a path along x does not turn the last section."""
     mean = np.zeros((40, 3))
     mean[:20, 0], mean[20:, 0] = np.linspace(0.0, 1.0, 20), 1.0
@@ -43,7 +43,7 @@ def test_tube_of_a_path_that_waits_keeps_its_direction() -> None:
     np.testing.assert_allclose(last[:, 0], 1.0, atol=1e-3)
 
 
-def test_tubes_of_many_paths_are_those_of_each() -> None:
+def test_tubes_of_many_paths_are_those_of_each():
     rng = np.random.default_rng(0)
     means = np.cumsum(rng.normal(size=(3, 40, 3)), axis=1)
     means[1, 10:20] = means[1, 10]  # it waits for a while

@@ -21,7 +21,7 @@ ORACLE = ("run", "--policy", "oracle")
 
 
 @pytest.fixture(autouse=True)
-def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+def small_pictures(monkeypatch):
     monkeypatch.setattr(video, "SIZE", (64, 48))
 
 
@@ -37,9 +37,7 @@ def pictures(file: Path) -> np.ndarray:
 
 
 @pytest.mark.needs("opengl")
-def test_a_video_per_door_shows_the_whole_episode(
-    gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_video_per_door_shows_the_whole_episode(gplfd, tmp_path, capsys):
     doors = ("--doors", "small", "0.42")
     assert gplfd(*ORACLE, *doors, "--video", "new/op.mp4", "--out", "o") == 0
     folder = tmp_path / "new"
@@ -56,7 +54,7 @@ def test_a_video_per_door_shows_the_whole_episode(
 
 
 @pytest.mark.needs("opengl")
-def test_one_door_has_the_file_itself(gplfd: Gplfd, tmp_path: Path) -> None:
+def test_one_door_has_the_file_itself(gplfd, tmp_path):
     assert gplfd(*ORACLE, "--doors", "small", "--video", "op.mp4", "--quiet") == 0
     assert (tmp_path / "op.mp4").stat().st_size > 1000
 
@@ -68,13 +66,7 @@ def test_one_door_has_the_file_itself(gplfd: Gplfd, tmp_path: Path) -> None:
         ("there.mp4", "--video there.mp4 is a folder"),
     ],
 )
-def test_another_kind_of_file_is_refused(
-    gplfd: Gplfd,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    file: str,
-    message: str,
-) -> None:
+def test_another_kind_of_file_is_refused(gplfd, tmp_path, capsys, file, message):
     (tmp_path / "there.mp4").mkdir()
     assert gplfd(*ORACLE, "--doors", "small", "--video", file, "--out", "o") == 2
     assert message in capsys.readouterr().err
@@ -82,11 +74,8 @@ def test_another_kind_of_file_is_refused(
 
 
 def test_without_encoder_the_message_says_what_to_install(
-    gplfd: Gplfd,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    gplfd, tmp_path, monkeypatch, capsys
+):
     found = importlib.util.find_spec
     monkeypatch.setattr(
         importlib.util,
@@ -98,12 +87,7 @@ def test_without_encoder_the_message_says_what_to_install(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_without_opengl_nothing_is_written(
-    gplfd: Gplfd,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_without_opengl_nothing_is_written(gplfd, tmp_path, monkeypatch, capsys):
     def picture(*_: Any) -> None:
         raise RuntimeError("no picture without OpenGL")
 
@@ -115,11 +99,8 @@ def test_without_opengl_nothing_is_written(
 
 @pytest.mark.needs("opengl")
 def test_a_video_that_ffmpeg_did_not_finish_replaces_nothing(
-    gplfd: Gplfd,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    gplfd, tmp_path, monkeypatch, capsys
+):
     """As when the disk is full: ffmpeg tells that on its standard error alone."""
     (tmp_path / "op.mp4").write_text("the last one")
     monkeypatch.setattr(imageio_ffmpeg, "count_frames_and_secs", lambda _: (3, 0.1))
@@ -139,12 +120,7 @@ def test_a_video_that_ffmpeg_did_not_finish_replaces_nothing(
         ({"MUJOCO_GL": "osmesa"}, "libEGL.so.1", "osmesa"),
     ],
 )
-def test_without_a_screen_egl_draws(
-    monkeypatch: pytest.MonkeyPatch,
-    given: dict[str, str],
-    library: str | None,
-    expected: str | None,
-) -> None:
+def test_without_a_screen_egl_draws(monkeypatch, given, library, expected):
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"):
         monkeypatch.delenv(name, raising=False)
     for name, value in given.items():

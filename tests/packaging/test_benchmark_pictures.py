@@ -18,7 +18,7 @@ sys.path.append(str(ROOT / "benchmarks"))  # as for a script that is run
 leaderboard, pictures = map(importlib.import_module, ("leaderboard", "pictures"))
 
 
-def test_pictures_stand_side_by_side_pixel_by_pixel() -> None:
+def test_pictures_stand_side_by_side_pixel_by_pixel():
     colours = {"a": 10, "b": 90, "c": 170}
     given = {
         name: np.full((40, 40, 3), value, np.uint8) for name, value in colours.items()
@@ -32,7 +32,7 @@ def test_pictures_stand_side_by_side_pixel_by_pixel() -> None:
         assert np.all(inside == value)
 
 
-def test_a_moving_picture_lasts_at_its_end(tmp_path: Path) -> None:
+def test_a_moving_picture_lasts_at_its_end(tmp_path):
     frames = [Image.new("RGB", (8, 8), (40 * one, 0, 0)) for one in range(6)]
     pictures.write_gif(tmp_path / "film.gif", frames, 0.1, 8)
     lasting = []
@@ -45,7 +45,7 @@ def test_a_moving_picture_lasts_at_its_end(tmp_path: Path) -> None:
     assert lasting == [100, 100, 100, 100, 100, 1000]
 
 
-def test_the_moving_picture_has_shades_enough_for_its_surfaces() -> None:
+def test_the_moving_picture_has_shades_enough_for_its_surfaces():
     """Few colours make blotches of a leaf on which the light changes."""
     file = ROOT / "docs" / "images" / "opening.gif"
     assert file.stat().st_size < 500_000
@@ -57,7 +57,7 @@ def test_the_moving_picture_has_shades_enough_for_its_surfaces() -> None:
 
 
 @pytest.mark.needs("opengl")
-def test_a_scene_is_pictured_at_its_angle() -> None:
+def test_a_scene_is_pictured_at_its_angle():
     scene = pictures.Scene("cabinet", "cabinet", "fixed", 10.0)
     picture = pictures.pictured(scene, 80)
     assert picture.shape == (60, 80, 3)
@@ -65,7 +65,7 @@ def test_a_scene_is_pictured_at_its_angle() -> None:
 
 
 @pytest.mark.parametrize("trial", TRIALS)
-def test_the_gallery_shows_every_trial(trial: str) -> None:
+def test_the_gallery_shows_every_trial(trial):
     task = pictures.task_of(trial)
     assert (task.policy, task.trial) == ("gp", trial)
     film = ROOT / "docs" / "images" / "films" / f"{trial}.gif"
@@ -78,9 +78,7 @@ def test_the_gallery_shows_every_trial(trial: str) -> None:
 
 
 @pytest.mark.needs("opengl")
-def test_a_film_shows_the_hand_s_way(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_film_shows_the_hand_s_way(tmp_path, monkeypatch):
     """Red grows from nothing, where the demonstrations' blue is from the start."""
     task = dataclasses.replace(pictures.task_of("radius"), policy="oracle")
     monkeypatch.setattr(pictures, "task_of", lambda name: task)
@@ -105,16 +103,12 @@ def printed(capsys: pytest.CaptureFixture[str], *files: Path) -> str:
     return capsys.readouterr().out.strip()
 
 
-def test_the_page_has_what_the_script_prints(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_page_has_what_the_script_prints(capsys):
     page = (ROOT / "docs" / "leaderboard.md").read_text()
     assert f"\n\n{printed(capsys)}\n\n" in page
 
 
-def test_a_policy_of_others_has_its_place(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_policy_of_others_has_its_place(tmp_path, capsys):
     """Between those that open more and less; without a trial it has none."""
     stored = json.loads(leaderboard.STORED.read_text())["trials"]
     for policies in (level for trial in stored.values() for level in trial.values()):
@@ -133,9 +127,7 @@ def test_a_policy_of_others_has_its_place(
     assert "mine:make" not in printed(capsys, theirs)
 
 
-def test_a_policy_with_lost_episodes_has_no_place(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_policy_with_lost_episodes_has_no_place(tmp_path, capsys):
     stored = json.loads(leaderboard.STORED.read_text())["trials"]
     for policies in (level for trial in stored.values() for level in trial.values()):
         if "oracle" in policies:
@@ -153,7 +145,7 @@ def test_a_policy_with_lost_episodes_has_no_place(
         leaderboard.answers_of([leaderboard.STORED, theirs])
 
 
-def test_another_protocol_has_another_leaderboard(tmp_path: Path) -> None:
+def test_another_protocol_has_another_leaderboard(tmp_path):
     old = ROOT / "docs" / "results" / "trials-v1.json"
     with pytest.raises(ValueError, match=f"of protocol 1, .* leaderboard of {VERSION}"):
         leaderboard.answers_of([leaderboard.STORED, old])

@@ -80,11 +80,11 @@ def commands() -> set[str]:
     return found
 
 
-def test_every_command_is_run() -> None:
+def test_every_command_is_run():
     assert set(RUNS) | ELSEWHERE == commands()
 
 
-def test_documents_name_every_command_and_no_other() -> None:
+def test_documents_name_every_command_and_no_other():
     """Every figure in the documents keeps the command that made it."""
     text = "".join(path.read_text() for path in (ROOT / "docs").glob("*.md"))
     named = re.findall(r"python benchmarks/(\w+)\.py(?:\s(\w+))?", text)
@@ -96,9 +96,7 @@ def test_documents_name_every_command_and_no_other() -> None:
 
 
 @pytest.mark.parametrize("command", RUNS)
-def test_script_runs(
-    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_script_runs(command, capsys, monkeypatch):
     fewer = {"2 of 3 radii": partial(forecasts.arcs, (0.3, 0.4, 0.5))}
     monkeypatch.setattr(forecasts, "OPENINGS", fewer)
     worth = {"left out": forecasts.WORTH_FORMS["left out"]}
@@ -128,19 +126,19 @@ def test_script_runs(
     assert printed.startswith("commit ")
 
 
-def test_slopes_of_a_power_law_are_its_exponents() -> None:
+def test_slopes_of_a_power_law_are_its_exponents():
     sizes = [(d, m) for d in (2, 6, 20) for m in (100, 400)]
     seconds = [3e-3 * d**0.25 * m**1.5 for d, m in sizes]
     assert learning.log_log_slopes(sizes, seconds) == pytest.approx((0.25, 1.5))
 
 
-def test_known_distribution_is_learned_well() -> None:
+def test_known_distribution_is_learned_well():
     result = learning.measure_calibration(1, [("independent", 20)])
     assert 0.0 < result.rows["20 independent"]["NLPD above the truth's"] < 0.02
     assert result.targets[0].met
 
 
-def test_deciding_is_counted_per_control_step(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_deciding_is_counted_per_control_step(monkeypatch):
     # One microsecond passes between any two looks at the clock.
     monkeypatch.setattr(
         agents.time, "thread_time_ns", iter(range(0, 10**9, 1000)).__next__
@@ -152,9 +150,7 @@ def test_deciding_is_counted_per_control_step(monkeypatch: pytest.MonkeyPatch) -
 # --- A held hand -------------------------------------------------------------
 
 
-def test_contact_model_agrees_with_the_simulation(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_contact_model_agrees_with_the_simulation(capsys, monkeypatch):
     """Free and held, 0 to 3 periods of delay, 100 to 500 N/m, both dampings."""
     monkeypatch.setattr(contact, "threshold", lambda *arguments: 400.0)
     tyro.cli(contact.loop, args=["--seconds", "2"])
@@ -167,7 +163,7 @@ def test_contact_model_agrees_with_the_simulation(
         assert re.search(rf"verdicts that differ, {name} +0 +at most 0 +met", printed)
 
 
-def test_threshold_is_where_it_stops() -> None:
+def test_threshold_is_where_it_stops():
     found = contact.threshold(lambda k: k < 293.0, 20.0, 1500.0)
     assert found == pytest.approx(293.0, rel=0.01)
 
@@ -175,7 +171,7 @@ def test_threshold_is_where_it_stops() -> None:
 # --- Doors that were not demonstrated ----------------------------------------
 
 
-def test_door_opening_without_wobble_is_the_arc() -> None:
+def test_door_opening_without_wobble_is_the_arc():
     times = np.linspace(0.0, 1.0, 20)
     rng = np.random.default_rng(0)
     poses = forecasts.wobbling_arc(0.4, times, times, 0.0, rng)
@@ -184,7 +180,7 @@ def test_door_opening_without_wobble_is_the_arc() -> None:
     assert poses[-1, 4] == pytest.approx(math.radians(67.0))
 
 
-def test_left_out_radius_is_not_learned_from(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_left_out_radius_is_not_learned_from(monkeypatch):
     learned, fit = [], forecasts.fit_skill
 
     def learn(aligned: Any) -> Any:
@@ -201,7 +197,7 @@ def test_left_out_radius_is_not_learned_from(monkeypatch: pytest.MonkeyPatch) ->
     assert 0.0 < scores[forecasts.SOON_ERROR] < scores[forecasts.REST_ERROR]
 
 
-def test_door_targets_compare_with_the_product_of_the_same_doors() -> None:
+def test_door_targets_compare_with_the_product_of_the_same_doors():
     def scores(rest: float) -> dict[str, float]:
         return {
             forecasts.SOON_ERROR: 4.0,
@@ -219,7 +215,7 @@ def test_door_targets_compare_with_the_product_of_the_same_doors() -> None:
 # --- Recorded demonstrations -------------------------------------------------
 
 
-def test_a_task_that_is_lost_shows_however_good_the_mean() -> None:
+def test_a_task_that_is_lost_shows_however_good_the_mean():
     tasks = {
         "letters": {"gp": -5.0, "kmp": -4.0},
         "doors": {"gp": -3.0, "kmp": -2.9},
@@ -240,9 +236,7 @@ def test_a_task_that_is_lost_shows_however_good_the_mean() -> None:
     assert (held.met, held.value) == (True, pytest.approx(0.94))
 
 
-def test_sets_are_judged_as_the_command_skill_judges_them(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_sets_are_judged_as_the_command_skill_judges_them(tmp_path, capsys):
     demos = Teacher().standard_demonstrations(seed=0)[:3]
     save_demonstrations(tmp_path / "demos.npz", demos)
     tyro.cli(
@@ -265,12 +259,7 @@ def test_sets_are_judged_as_the_command_skill_judges_them(
         (["none.npz"], "none.npz"),
     ],
 )
-def test_what_cannot_be_judged_is_said(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_cannot_be_judged_is_said(arguments, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_demonstrations("demos.npz", Teacher().standard_demonstrations(seed=0)[:2])
     with pytest.raises(SystemExit, match=message):

@@ -30,7 +30,7 @@ def run(program: str, folder: Path) -> str:
 @pytest.mark.parametrize(
     "package", ["gplfd_env", "gplfd_env.task.opening", "gplfd_policies"]
 )
-def test_importing_does_not_load_the_simulator(package: str, tmp_path: Path) -> None:
+def test_importing_does_not_load_the_simulator(package, tmp_path):
     program = (
         f"import sys, {package}\n"
         "heavy = {'mujoco', 'rerun', 'glfw', 'matplotlib', 'sklearn', 'scipy.stats'}\n"
@@ -40,7 +40,7 @@ def test_importing_does_not_load_the_simulator(package: str, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_importing_changes_nothing_outside(package: str, tmp_path: Path) -> None:
+def test_importing_changes_nothing_outside(package, tmp_path):
     """No file written, no environment variable set, no global random state touched.
 
     Imported first: the two dependencies that set variables of their own.
@@ -66,7 +66,7 @@ def folder_of(package: str) -> Path:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_the_import_names_are_ours(package: str) -> None:
+def test_the_import_names_are_ours(package):
     """`policies` and `experiments` are folders of the checkout, not import names:
     other projects and users' folders have them, too.
     """
@@ -84,7 +84,7 @@ def test_the_import_names_are_ours(package: str) -> None:
         assert folder_of(package) == Path(str(place))
 
 
-def test_folders_of_the_same_names_are_the_users_own(tmp_path: Path) -> None:
+def test_folders_of_the_same_names_are_the_users_own(tmp_path):
     for name in ("policies", "experiments"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text("mine = True\n")
@@ -102,11 +102,11 @@ def test_folders_of_the_same_names_are_the_users_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("package", ["gplfd", *PACKAGES])
-def test_packages_are_marked_as_typed(package: str) -> None:
+def test_packages_are_marked_as_typed(package):
     assert (folder_of(package) / "py.typed").is_file()
 
 
-def test_console_script_exists_and_explains_itself(tmp_path: Path) -> None:
+def test_console_script_exists_and_explains_itself(tmp_path):
     (script,) = importlib.metadata.entry_points(group="console_scripts", name="gplfd")
     assert script.value == "gplfd.__main__:main"
     result = subprocess.run(

@@ -64,9 +64,7 @@ def ran(folder: Path) -> list[str]:
     ],
     ids=["script", "module"],
 )
-def test_a_policy_is_all_of_the_working_folder_that_is_run(
-    tmp_path: Path, command: Sequence[str | Path], names: Sequence[str]
-) -> None:
+def test_a_policy_is_all_of_the_working_folder_that_is_run(tmp_path, command, names):
     """With what it imports, and nothing else that lies there."""
     lay_out(tmp_path, names)
     (tmp_path / "beside.py").write_text("NAME = 'oracle'\n")
@@ -81,7 +79,7 @@ def test_a_policy_is_all_of_the_working_folder_that_is_run(
     assert ran(tmp_path) == []
 
 
-def test_the_next_command_can_be_given_as_it_is_printed(tmp_path: Path) -> None:
+def test_the_next_command_can_be_given_as_it_is_printed(tmp_path):
     """And --quiet leaves nothing else to read on the standard error."""
     environment = tmp_path / "no environment"
     environment.symlink_to(GPLFD.parent)
@@ -94,14 +92,14 @@ def test_the_next_command_can_be_given_as_it_is_printed(tmp_path: Path) -> None:
         assert last == f"look at it:  {program} view run/small.rrd"
 
 
-def test_a_folder_on_the_python_path_hides_no_installed_module(tmp_path: Path) -> None:
+def test_a_folder_on_the_python_path_hides_no_installed_module(tmp_path):
     lay_out(tmp_path, [name for name in NAMES if name != "re"])
     finished = gplfd(tmp_path, *STUDY, PYTHONPATH=".")
     assert finished.returncode == 0, finished.stderr
     assert ran(tmp_path) == []
 
 
-def test_a_module_that_the_script_itself_imports_is_replaced(tmp_path: Path) -> None:
+def test_a_module_that_the_script_itself_imports_is_replaced(tmp_path):
     lay_out(tmp_path, ["re"])
     bare = subprocess.run(
         [sys.executable, "-c", ""],
@@ -117,7 +115,7 @@ def test_a_module_that_the_script_itself_imports_is_replaced(tmp_path: Path) -> 
     assert ran(tmp_path) in ([], ["ran-re"])
 
 
-def test_a_module_of_the_python_path_is_still_found(tmp_path: Path) -> None:
+def test_a_module_of_the_python_path_is_still_found(tmp_path):
     (tmp_path / "my_folder").mkdir()
     (tmp_path / "my_folder" / "helper.py").write_text("")
     finished = subprocess.run(
@@ -138,9 +136,7 @@ def test_a_module_of_the_python_path_is_still_found(tmp_path: Path) -> None:
         (400_000, "small.rrd", ["demonstrations.npz", "run.json", "small.npz"]),
     ],
 )
-def test_a_full_disk_leaves_no_half_of_a_file(
-    tmp_path: Path, limit: int, cut: str, complete: list[str]
-) -> None:
+def test_a_full_disk_leaves_no_half_of_a_file(tmp_path, limit, cut, complete):
     import resource
 
     def fill() -> None:
@@ -161,7 +157,7 @@ def test_a_full_disk_leaves_no_half_of_a_file(
     assert sorted(path.name for path in (tmp_path / "run").iterdir()) == complete
 
 
-def test_a_reader_that_has_gone_is_no_traceback(tmp_path: Path) -> None:
+def test_a_reader_that_has_gone_is_no_traceback(tmp_path):
     reader, writer = os.pipe()
     os.close(reader)
     with open(writer, "wb") as pipe:
@@ -174,22 +170,20 @@ def test_a_reader_that_has_gone_is_no_traceback(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "environment", [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C", "PYTHONUTF8": "0"}]
 )
-def test_a_terminal_that_knows_only_ascii_gets_question_marks(
-    tmp_path: Path, environment: dict[str, str]
-) -> None:
+def test_a_terminal_that_knows_only_ascii_gets_question_marks(tmp_path, environment):
     finished = gplfd(tmp_path, "list", PYTHONCOERCECLOCALE="0", **environment)
     assert finished.returncode == 0, finished.stderr
     assert "actions within ?1" in finished.stdout
 
 
-def test_the_version_is_that_of_the_distribution(tmp_path: Path) -> None:
+def test_the_version_is_that_of_the_distribution(tmp_path):
     import importlib.metadata
 
     finished = gplfd(tmp_path, "--version")
     assert finished.stdout == f"gplfd {importlib.metadata.version('gplfd')}\n"
 
 
-def test_a_policy_that_crashes_python_is_named_with_its_line(tmp_path: Path) -> None:
+def test_a_policy_that_crashes_python_is_named_with_its_line(tmp_path):
     code = "import ctypes\ndef make(training):\n    ctypes.string_at(0)\n"
     (tmp_path / "mine.py").write_text(code)
     finished = gplfd(tmp_path, "run", "--policy", "mine:make")
@@ -237,7 +231,7 @@ INTERRUPTED = {
 
 
 @pytest.mark.parametrize("moment", INTERRUPTED)
-def test_ctrl_c_ends_the_command_with_one_line(tmp_path: Path, moment: str) -> None:
+def test_ctrl_c_ends_the_command_with_one_line(tmp_path, moment):
     code = f"import contextlib, ctypes, signal, time\n{INTERRUPTED[moment]}\n"
     (tmp_path / "mine.py").write_text(code)
     finished = gplfd(tmp_path, "run", "--policy", "mine:make", "--quiet")
