@@ -12,7 +12,7 @@ from gplfd_env.doors.config import DOORS, DoorConfig, door_config
 from gplfd_env.robot.mobile_base import BASE_JOINTS
 from gplfd_env.scene.build import build_scene
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.recording.episode import happening, stage_setting
+from gplfd_experiments.recording.episode import part_chunks, static_chunks
 from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.mechanism import (
     ARM,
@@ -53,7 +53,7 @@ def log(make_log, model):
 
 @pytest.fixture
 def shown(columns):
-    return lambda part, model: columns(happening(part, model))
+    return lambda part, model: columns(part_chunks(part, model))
 
 
 def test_nothing_is_made_of_a_plain_bar_door(make_log, door_model, shown):
@@ -129,7 +129,7 @@ def test_the_true_arc_is_that_of_the_model_s_handle(make_log, swing, hinge_side)
     log = make_log(door_config=door.as_dict(), qpos=np.zeros((601, model.nq)))
     arc = next(
         chunk.to_record_batch().column("LineStrips3D:strips").to_pylist()[0][0]
-        for chunk in stage_setting(log, model, [])
+        for chunk in static_chunks(log, model, [])
         if chunk.entity_path == "/world/task/true_arc"
     )
     data = mujoco.MjData(model)

@@ -12,7 +12,7 @@ from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.recording.episode import happening
+from gplfd_experiments.recording.episode import part_chunks
 from gplfd_experiments.recording.motion import policy_motion
 from gplfd_experiments.recording.scene import (
     body_poses,
@@ -147,12 +147,12 @@ def test_an_episode_shown_in_parts_shows_what_it_shows_at_once(
     for end in ends:
         log = so_far(whole, end)
         part = Part(log=log, first_row=first_row, first_forecast=first_forecast)
-        new = columns_of(happening(part, door_model))
+        new = columns_of(part_chunks(part, door_model))
         assert not parts.keys() & new.keys()
         parts |= new
         first_row, first_forecast = end, log.forecast_times.size
     missing = []
-    for key, value in columns_of(happening(Part(log=whole), door_model)).items():
+    for key, value in columns_of(part_chunks(Part(log=whole), door_model)).items():
         if key not in parts:
             missing.append(key)
         elif key[1] == "LineStrips3D:strips" and "trail" in key[0]:

@@ -22,9 +22,9 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours, motion
 from gplfd_experiments.recording.colours import Colour
-from gplfd_experiments.recording.episode import check_model, stage_setting
+from gplfd_experiments.recording.disturbances import balls
+from gplfd_experiments.recording.episode import check_model, static_chunks
 from gplfd_experiments.recording.layout import TEXT, Eye, as_chunks, only, view_3d
-from gplfd_experiments.recording.outside import balls
 from gplfd_experiments.recording.scene import moved_scene, task_frame
 from gplfd_experiments.recording.stream import Part, moving, recording_file, static
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -235,7 +235,7 @@ def _robot(
     overlay = _below(f"{_OVERLAY}{motion.ROOT}/paths", log.policy)
     hand = motion.hand_motion(part)
     yield static(f"{root}/world", rr.Transform3D(translation=SPACING * number * ROW))
-    yield from _moved_to(root, stage_setting(log, model, []))
+    yield from _moved_to(root, static_chunks(log, model, []))
     yield from _moved_to(root, [*moved_scene(model, part), *motion.policy_motion(part)])
     yield from _moved_to(root, [*hand, *balls(part)])
     for chunk in hand:

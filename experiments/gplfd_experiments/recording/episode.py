@@ -11,6 +11,7 @@ from rerun.chunk import Chunk
 
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.provenance import versions
+from gplfd_experiments.recording.disturbances import disturbance_chunks, kinds_of
 from gplfd_experiments.recording.lanes import stage_lane, stiffness_lane
 from gplfd_experiments.recording.layout import TEXT, layout_chunks
 from gplfd_experiments.recording.mechanism import mechanism, mechanism_of
@@ -20,7 +21,6 @@ from gplfd_experiments.recording.motion import (
     hand_stiffness,
     policy_motion,
 )
-from gplfd_experiments.recording.outside import causes_of, from_outside
 from gplfd_experiments.recording.panels import panels
 from gplfd_experiments.recording.scene import drawn_scene, moved_scene
 from gplfd_experiments.recording.stream import Part, recording_file, static
@@ -50,13 +50,13 @@ def record_episode(
     """
     check_model(log, model)
     there = mechanism_of(model, log.door_config)
-    arrangement = layout_chunks(causes_of(log), there, log.config.hinge_side)
+    arrangement = layout_chunks(kinds_of(log), there, log.config.hinge_side)
     with recording_file(path, arrangement) as stream:
         stream.send_recording_name(recording_name(log))
         # One by one: while one is written the next is made.
         chunks = itertools.chain(
-            stage_setting(log, model, demonstrations, looks),
-            happening(Part(log=log), model),
+            static_chunks(log, model, demonstrations, looks),
+            part_chunks(Part(log=log), model),
             stage_lane(log),
             [page(log, len(demonstrations))],
         )
@@ -78,7 +78,7 @@ def recording_name(log: EpisodeLog) -> str:
     return f"{log.door} door, {log.policy}, seed {log.seed}"
 
 
-def stage_setting(
+def static_chunks(
     log: EpisodeLog,
     model: mujoco.MjModel,
     demonstrations: Sequence[Demonstration],
@@ -91,7 +91,7 @@ def stage_setting(
     yield from door_frame(model, log.config, demonstrations)
 
 
-def happening(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
+def part_chunks(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
     """What happens in a part of an episode: motion, forecasts and time series."""
     yield from moved_scene(model, part)
     yield from policy_motion(part)
@@ -99,7 +99,7 @@ def happening(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
     yield from hand_stiffness(part)
     yield from stiffness_lane(part)
     yield from panels(part)
-    yield from from_outside(part)
+    yield from disturbance_chunks(part)
     yield from mechanism(part, model)
 
 
@@ -118,7 +118,7 @@ def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk
         f"{name.replace('_', ' ')} {value if isinstance(value, str) else f'{value:g}'}"
         for name, value in log.door_config.items()
     )
-    outside = ", ".join(causes_of(log))
+    outside = ", ".join(kinds_of(log))
     if outside:
         outside = f"- **from outside** (white, a ball above the hand): {outside}\n"
     text = f"""\

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from rerun.chunk import Chunk, RrdReader
 
 from gplfd_env.doors.config import HingeSide
-from gplfd_experiments.recording import lanes, mechanism, motion, outside, panels
+from gplfd_experiments.recording import disturbances, lanes, mechanism, motion, panels
 from gplfd_experiments.recording.colours import BACKGROUND
 from gplfd_experiments.recording.stream import APPLICATION, TIMELINE
 
@@ -88,7 +88,7 @@ PLOTS: Final = {
 
 
 def layout(
-    causes: tuple[str, ...],
+    kinds: tuple[str, ...],
     there: tuple[str, ...] = (),
     hinge: HingeSide = "right",
     *,
@@ -101,18 +101,18 @@ def layout(
     themselves to what there is.
 
     Args:
-        causes: Names of the disturbances.
+        kinds: Names of the disturbances.
         there: Names of what `gplfd_experiments.recording.mechanism` shows.
         hinge: Where the door's hinge is.
         live: Whether time follows what comes in, and does not play what is there.
     """
-    return _layout(causes, there, hinge, live)
+    return _layout(kinds, there, hinge, live)
 
 
 # A layout has identifiers of its own: the same one for the same arguments.
 @functools.cache
 def _layout(
-    causes: tuple[str, ...],
+    kinds: tuple[str, ...],
     there: tuple[str, ...],
     hinge: HingeSide,
     live: bool,
@@ -123,7 +123,7 @@ def _layout(
     everything = ["/world/**", f"- {motion.PLAN}/**"]
     scene = view_3d("Scene", motion.VIEW, everything, _seen_from(hinge, scene_eye))
     # From above its number would lie on that of a disturbance.
-    hidden = [f"- {motion.STIFFNESS}"] if causes else []
+    hidden = [f"- {motion.STIFFNESS}"] if kinds else []
     plan = view_3d(
         f"From above: door at the top, hinge {hinge}",
         motion.VIEW,
@@ -132,12 +132,12 @@ def _layout(
     )
     about: rrb.Container | rrb.View
     about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
-    if causes:
+    if kinds:
         columns = rrb.archetypes.TextLogColumns(text_log_columns=["Body"])
-        happenings = rrb.TextLogView(
-            origin=outside.LOG, name="From outside", columns=columns
+        events = rrb.TextLogView(
+            origin=disturbances.LOG, name="From outside", columns=columns
         )
-        about = rrb.Vertical(happenings, about, row_shares=[2, 3])
+        about = rrb.Vertical(events, about, row_shares=[2, 3])
     left = rrb.Vertical(
         scene,
         rrb.StateTimelineView(origin=lanes.ROOT, name="Stage and stiffness"),
@@ -145,10 +145,10 @@ def _layout(
         row_shares=[5, 2.4 if "latch" in there else 1.9, 4],
     )
     tabs = dict(PLOTS)
-    if causes:
-        shown = ", ".join(f"{name} [{outside.CAUSES[name].unit}]" for name in causes)
+    if kinds:
+        shown = ", ".join(f"{name} [{disturbances.KINDS[name].unit}]" for name in kinds)
         first = next(iter(tabs))
-        plot = Plot(outside.PANEL, f"From outside: {shown}", from_zero=True)
+        plot = Plot(disturbances.PANEL, f"From outside: {shown}", from_zero=True)
         tabs[first] = (*tabs[first], plot)
     if there:
         tabs["Handle, latch, closer, base"] = tuple(
@@ -168,12 +168,12 @@ def _layout(
 
 @functools.cache
 def layout_chunks(
-    causes: tuple[str, ...],
+    kinds: tuple[str, ...],
     there: tuple[str, ...] = (),
     hinge: HingeSide = "right",
 ) -> tuple[Chunk, ...]:
     """Return the `layout` of a recording, made once per process."""
-    return as_chunks(layout(causes, there, hinge))
+    return as_chunks(layout(kinds, there, hinge))
 
 
 def only(

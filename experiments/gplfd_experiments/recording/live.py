@@ -34,16 +34,16 @@ from gplfd_experiments.episodes.doors import named_doors
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.rollout import Progress, rollout
 from gplfd_experiments.episodes.task import episode_task
+from gplfd_experiments.recording.disturbances import KINDS
 from gplfd_experiments.recording.episode import (
-    happening,
     page,
+    part_chunks,
     recording_name,
-    stage_setting,
+    static_chunks,
 )
 from gplfd_experiments.recording.lanes import stage_lane, stages
 from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.mechanism import mechanism_of
-from gplfd_experiments.recording.outside import CAUSES
 from gplfd_experiments.recording.stream import Part, open_stream
 from gplfd_experiments.recording.viewer import has_display, viewer
 from gplfd_policies.agents.agent import Agent
@@ -93,10 +93,10 @@ class LiveRecording:
         stream, page_due = self._stream, ended or self._rows == 0
         if self._rows == 0:
             stream.send_recording_name(recording_name(log))
-            stream.send_chunks(stage_setting(log, self._model, self._demonstrations))
+            stream.send_chunks(static_chunks(log, self._model, self._demonstrations))
         if log.times.size > self._rows:
             part = Part(log=log, first_row=self._rows, first_forecast=self._forecasts)
-            stream.send_chunks(happening(part, self._model))
+            stream.send_chunks(part_chunks(part, self._model))
         stream.send_chunks(stage_lane(log, self._stages, ended=ended))
         if page_due:
             stream.send_chunks(page(log, len(self._demonstrations), ended=ended))
@@ -211,8 +211,8 @@ def watch(
     model, drawn = inner.model, inner.door
     there = mechanism_of(model, drawn.as_dict())
     happens = disturbance_named(disturbance)
-    causes = tuple(one for one in CAUSES if getattr(happens, one) is not None)
-    arrangement = layout(causes, there, drawn.hinge_side, live=True)
+    kinds = tuple(one for one in KINDS if getattr(happens, one) is not None)
+    arrangement = layout(kinds, there, drawn.hinge_side, live=True)
 
     with contextlib.closing(env), _viewer_process(serve=serve) as (process, url):
         try:

@@ -32,7 +32,7 @@ _BALL: Final = 0.008
 """Its radius at 1 N [m]; it grows with the force's square root."""
 
 
-class Cause(NamedTuple):
+class Kind(NamedTuple):
     """A kind of disturbance, and what to say about it.
 
     Attributes:
@@ -55,21 +55,19 @@ class Cause(NamedTuple):
         return acts
 
 
-CAUSES: Final[Mapping[str, Cause]] = MappingProxyType(
+KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
     {
-        "push": Cause(
-            lambda log: log.push_force, "N", "a push begins", "the push ends"
-        ),
-        "person": Cause(
+        "push": Kind(lambda log: log.push_force, "N", "a push begins", "the push ends"),
+        "person": Kind(
             lambda log: log.person_force,
             "N",
             "contact with a person",
             "the person lets go",
         ),
-        "stop": Cause(
+        "stop": Kind(
             lambda log: log.stop_force, "N", "the door meets a stop", "the stop is gone"
         ),
-        "bump": Cause(
+        "bump": Kind(
             lambda log: 1e3 * log.base_shift,
             "mm",
             "the base is moved",
@@ -80,20 +78,20 @@ CAUSES: Final[Mapping[str, Cause]] = MappingProxyType(
 """What a log tells, by the names of `gplfd_env.doors.disturbance.Disturbance`."""
 
 
-def causes_of(log: EpisodeLog) -> tuple[str, ...]:
+def kinds_of(log: EpisodeLog) -> tuple[str, ...]:
     """Return the names of what happened from outside."""
-    return tuple(name for name, cause in CAUSES.items() if cause.acts(log).any())
+    return tuple(name for name, kind in KINDS.items() if kind.acts(log).any())
 
 
-def from_outside(part: Part) -> Iterator[Chunk]:
+def disturbance_chunks(part: Part) -> Iterator[Chunk]:
     """Balls, curves, limits and texts of disturbances in a part of an episode."""
     yield from balls(part)
-    for name, cause in CAUSES.items():
-        if (due := _due(part, cause.acts(part.log))) is None:
+    for name, kind in KINDS.items():
+        if (unsent := _unsent(part, kind.acts(part.log))) is None:
             continue
         path = f"{panels.ROOT}/{PANEL}/{name}"
         line = panels.Line(name, colours.OUTSIDE)
-        yield from panels.lines(due, path, {line: cause.curve(part.log)})
+        yield from panels.lines(unsent, path, {line: kind.curve(part.log)})
         new = [event for event in events(part.log, name) if event[0] >= part.first_row]
         if new:
             rows, texts = zip(*new, strict=True)
@@ -101,25 +99,25 @@ def from_outside(part: Part) -> Iterator[Chunk]:
             yield moving(f"{LOG}/{name}", part.log.times[list(rows)], columns)
     for limit in LIMITS:
         near = part.log.person_force >= 0.5 * limit
-        if (due := _due(part, near)) is not None:
+        if (unsent := _unsent(part, near)) is not None:
             path = f"{panels.ROOT}/{PANEL}/allowed_{limit:g}"
-            yield from panels.levels(due, path, (limit,), colours.LIMIT)
+            yield from panels.levels(unsent, path, (limit,), colours.LIMIT)
 
 
 def balls(part: Part) -> Iterator[Chunk]:
     """A ball above the hand while something acts, with its name and strength."""
     log = part.log
-    for name, cause in CAUSES.items():
-        if (due := _due(part, cause.acts(log))) is None:
+    for name, kind in KINDS.items():
+        if (unsent := _unsent(part, kind.acts(log))) is None:
             continue
-        path, rows = f"{motion.ROOT}/outside/{name}", due.frames()
-        acts, values = cause.acts(log)[rows], cause.curve(log)[rows]
+        path, rows = f"{motion.ROOT}/outside/{name}", unsent.frames()
+        acts, values = kind.acts(log)[rows], kind.curve(log)[rows]
         columns = rr.Points3D.columns(
             positions=log.ee_pose[rows[acts], :3] + _ABOVE,
             radii=_BALL * np.sqrt(values[acts]),
-            labels=[f"{name} {value:.0f} {cause.unit}" for value in values[acts]],
+            labels=[f"{name} {value:.0f} {kind.unit}" for value in values[acts]],
         )
-        if due.first_row == 0:
+        if unsent.first_row == 0:
             look = rr.Points3D.from_fields(colors=colours.OUTSIDE, show_labels=True)
             yield static(path, look)
         yield moving(path, log.times[rows], columns.partition(acts.astype(int)))
@@ -127,18 +125,18 @@ def balls(part: Part) -> Iterator[Chunk]:
 
 def events(log: EpisodeLog, name: str) -> list[tuple[int, str]]:
     """Rows in which something begins or ends, and what to say of it."""
-    cause = CAUSES[name]
-    edges = np.diff(cause.acts(log), prepend=False, append=False).nonzero()[0]
+    kind = KINDS[name]
+    edges = np.diff(kind.acts(log), prepend=False, append=False).nonzero()[0]
     said = []
     for first, end in edges.reshape(-1, 2):
-        said.append((int(first), cause.begins))
+        said.append((int(first), kind.begins))
         if end < log.times.size:
-            most = cause.curve(log)[first:end].max()
-            said.append((int(end), f"{cause.ends}: {most:.0f} {cause.unit} at most"))
+            most = kind.curve(log)[first:end].max()
+            said.append((int(end), f"{kind.ends}: {most:.0f} {kind.unit} at most"))
     return said
 
 
-def _due(part: Part, happened: NDArray[np.bool_]) -> Part | None:
+def _unsent(part: Part, happened: NDArray[np.bool_]) -> Part | None:
     """Part to send of something: none before it happens, then all that has passed."""
     if not happened.any():
         return None

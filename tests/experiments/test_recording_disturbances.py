@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 
 from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.recording.disturbances import (
+    KINDS,
+    disturbance_chunks,
+    events,
+    kinds_of,
+)
 from gplfd_experiments.recording.layout import layout
-from gplfd_experiments.recording.outside import CAUSES, causes_of, events, from_outside
 from gplfd_experiments.recording.stream import Part
 
 MakeLog = Callable[..., EpisodeLog]
@@ -25,13 +30,13 @@ def held(peak: float, first: int = 200, end: int = 450) -> np.ndarray:
 def shown(columns):
     """What is shown of disturbances, of the part of an episode from a row on."""
     return lambda log, first_row=0: columns(
-        from_outside(Part(log=log, first_row=first_row))
+        disturbance_chunks(Part(log=log, first_row=first_row))
     )
 
 
 def test_nothing_is_made_of_an_undisturbed_episode(make_log, shown):
     assert list(shown(make_log())) == []
-    assert causes_of(make_log()) == ()
+    assert kinds_of(make_log()) == ()
 
 
 def test_the_curve_is_the_log_s(make_log, shown):
@@ -74,9 +79,9 @@ def test_a_ball_stands_above_the_hand_while_something_acts(make_log, shown):
 def test_beginning_and_end_are_told(make_log, shown):
     log = make_log(person_force=held(33.0) + held(20.0, 500, 700))
     assert events(log, "person") == [
-        (200, CAUSES["person"].begins),
-        (450, f"{CAUSES['person'].ends}: 33 N at most"),
-        (500, CAUSES["person"].begins),
+        (200, KINDS["person"].begins),
+        (450, f"{KINDS['person'].ends}: 33 N at most"),
+        (500, KINDS["person"].begins),
     ]
     assert shown(log)["/outside/log/person", "TextLog:text"][1][1] == [
         "the person lets go: 33 N at most"
@@ -101,7 +106,7 @@ def test_limits_are_drawn_only_near_them(make_log, peak, limits, shown):
 
 def test_the_layout_has_room_only_for_what_happens(make_log):
     def titles(log: EpisodeLog) -> list[str]:
-        return named(layout(causes_of(log)).root_container)
+        return named(layout(kinds_of(log)).root_container)
 
     def named(part: Any) -> list[str]:
         inside = getattr(part, "contents", None)
