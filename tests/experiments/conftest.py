@@ -298,6 +298,19 @@ def columns(monkeypatch: pytest.MonkeyPatch) -> type[Columns]:
 
 
 @pytest.fixture
+def titles_of() -> Callable[[Any], list[str]]:
+    """The titles of all views in a layout's container."""
+
+    def titles(part: Any) -> list[str]:
+        inside = getattr(part, "contents", None)
+        if isinstance(inside, list | tuple) and not hasattr(part, "class_identifier"):
+            return [title for one in inside for title in titles(one)]
+        return [str(part.name)]
+
+    return titles
+
+
+@pytest.fixture
 def door_model() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(MODEL)
 

@@ -129,25 +129,6 @@ def test_labels_say_how_it_ended(record, make_log):
     assert "| dmp | stalled | 40° | 3.0 N |" in text
 
 
-def test_a_policy_without_uncertainty_has_a_tube_that_can_be_drawn(record, make_log):
-    log = make_log(policy="dmp")
-    unknown = np.full_like(log.forecast_std, math.nan)
-    chunks = record(make_log(policy="dmp", forecast_std=unknown))
-    _, tubes = chunks["/robots/dmp/world/task/policy_now", "Mesh3D:vertex_positions"]
-    assert np.isfinite(np.array(tubes)).all()
-
-
-def test_episodes_without_forecasts_are_shown(record, make_log):
-    bare = make_log(
-        policy="oracle",
-        forecast_times=np.empty(0),
-        forecast_phase=np.empty(0),
-        forecast_mean=np.empty((0, 0, 6)),
-        forecast_std=np.empty((0, 0, 6)),
-    )
-    assert any("/robots/oracle" in entity for entity in record(bare).entities)
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -1,7 +1,6 @@
 """What a recording shows of what happens from outside."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -104,16 +103,10 @@ def test_limits_are_drawn_only_near_them(make_log, peak, limits, shown):
     assert [int(limit) for limit in drawn] == limits
 
 
-def test_the_layout_has_room_only_for_what_happens(make_log):
-    def titles(log: EpisodeLog) -> list[str]:
-        return named(layout(kinds_of(log)).root_container)
-
-    def named(part: Any) -> list[str]:
-        inside = getattr(part, "contents", None)
-        if isinstance(inside, list | tuple) and not hasattr(part, "class_identifier"):
-            return [title for one in inside for title in named(one)]
-        return [str(part.name)]
-
-    plain, disturbed = titles(make_log()), titles(make_log(person_force=held(33.0)))
+def test_the_layout_has_room_only_for_what_happens(make_log, titles_of):
+    plain, disturbed = (
+        titles_of(layout(kinds_of(log)).root_container)
+        for log in (make_log(), make_log(person_force=held(33.0)))
+    )
     assert set(disturbed) - set(plain) == {"From outside: person [N]", "From outside"}
     assert len(plain) == 16

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -141,21 +140,14 @@ def test_the_true_arc_is_that_of_the_model_s_handle(make_log, swing, hinge_side)
     np.testing.assert_allclose(arc[60], expected, atol=1e-5)
 
 
-def test_the_layout_has_room_for_what_there_is_and_is_mirrored():
-    def views(part: Any) -> list[Any]:
-        inside = getattr(part, "contents", None)
-        if isinstance(inside, list | tuple) and not hasattr(part, "class_identifier"):
-            return [view for one in inside for view in views(one)]
-        return [part]
-
-    plain = [str(view.name) for view in views(layout(()).root_container)]
-    full = views(layout((), tuple(PANELS), "left").root_container)
-    titles = [str(view.name) for view in full]
-    assert set(titles) - set(plain) == {
+def test_the_layout_has_room_for_what_there_is_and_is_mirrored(titles_of):
+    plain = titles_of(layout(()).root_container)
+    full = titles_of(layout((), tuple(PANELS), "left").root_container)
+    assert set(full) - set(plain) == {
         *(panel.title for panel in PANELS.values()),
         "From above: door at the top, hinge left",
     }
-    assert len(titles) == len(plain) + len(PANELS)
+    assert len(full) == len(plain) + len(PANELS)
 
 
 def test_the_door_of_a_log_is_its_configuration(log):
