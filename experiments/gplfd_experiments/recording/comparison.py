@@ -93,12 +93,6 @@ def _beside_path(log: EpisodeLog) -> FloatArray:
     return 1e3 * beside
 
 
-def _at_handle(log: EpisodeLog) -> FloatArray:
-    forces = (log.force_tangential, log.force_radial, log.force_vertical)
-    size: FloatArray = np.linalg.norm(forces, axis=0)
-    return size
-
-
 RADIAL: Final = "force_radial_peak"
 """What policies are compared by if nothing else is said."""
 
@@ -115,7 +109,9 @@ MEASURED: Final[Mapping[str, Measured]] = MappingProxyType(
         "force_handle_peak": Measured(
             "handle",
             "Force at the handle [N]",
-            _at_handle,
+            lambda log: np.linalg.norm(
+                (log.force_tangential, log.force_radial, log.force_vertical), axis=0
+            ),
             ("peak at the handle", "N"),
             "**Force at the handle** is what the hand must hold.",
         ),

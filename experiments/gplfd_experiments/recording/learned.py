@@ -45,11 +45,19 @@ def record_learned(path: str | Path, movement: Movement, name: str) -> None:
         OSError: The file cannot be written.
     """
     demonstrated = movement.aligned.poses
+    text = f"""\
+### What `{name}` learned from {len(demonstrated)} recordings
+
+Grey: the recordings, aligned. Violet: the mean and its tube, ±1.96 σ per axis (normal \
+quantile; with few recordings less than 95 %). Where recordings agree the tube is \
+narrow, and a robot that follows it is stiff; where they differ it is wide and soft. \
+Playing takes {movement.duration:.1f} s, the recordings' mean duration.
+"""
+    page = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
     with recording_file(path, _layout(demonstrated)) as stream:
         stream.send_recording_name(f"what {name} learned")
-        stream.send_chunks(
-            [*_scene(movement), *_outputs(movement), _page(movement, name)]
-        )
+        chunks = [*_scene(movement), *_outputs(movement), static(TEXT, page)]
+        stream.send_chunks(chunks)
 
 
 def _scene(movement: Movement) -> list[Chunk]:
@@ -150,16 +158,3 @@ def _layout(demonstrated: FloatArray) -> tuple[Chunk, ...]:
         column_shares=[5, 3, 3],
     )
     return as_chunks(only(views))
-
-
-def _page(movement: Movement, name: str) -> Chunk:
-    aligned = movement.aligned
-    text = f"""\
-### What `{name}` learned from {len(aligned.poses)} recordings
-
-Grey: the recordings, aligned. Violet: the mean and its tube, ±1.96 σ per axis (normal \
-quantile; with few recordings less than 95 %). Where recordings agree the tube is \
-narrow, and a robot that follows it is stiff; where they differ it is wide and soft. \
-Playing takes {movement.duration:.1f} s, the recordings' mean duration.
-"""
-    return static(TEXT, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))

@@ -52,7 +52,17 @@ def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
             if kinds[geom] in _PRIMITIVES:
                 primitives.setdefault(kinds[geom], []).append(rows[geom].tobytes())
             elif kinds[geom] == _GEOM.mjGEOM_MESH:
-                chunks.append(_mesh(model, geom, f"{entity}/mesh_{geom}", rows[geom]))
+                mesh, row = int(model.geom_dataid[geom]), rows[geom]
+                first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+                face, n_faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+                shape = rr.Mesh3D(
+                    vertex_positions=model.mesh_vert[first : first + count],
+                    triangle_indices=model.mesh_face[face : face + n_faces],
+                    albedo_factor=row[10:],
+                )
+                turn = rr.Quaternion(xyzw=_xyzw(row[6:10]))
+                place = rr.Transform3D(translation=row[3:6], quaternion=turn)
+                chunks.append(static(f"{entity}/mesh_{geom}", shape, place))
         packed = tuple((kind, b"".join(each)) for kind, each in primitives.items())
         chunks.append(_body(entity, packed))
     return chunks
@@ -224,24 +234,6 @@ def _body(entity: str, primitives: tuple[tuple[int, bytes], ...]) -> Chunk:
             look |= {"lengths": 2.0 * half, "radii": radii}
             drawn.append(rr.Capsules3D(translations=starts, **look))
     return static(entity, *drawn)
-
-
-def _mesh(model: mujoco.MjModel, geom: int, entity: str, row: FloatArray) -> Chunk:
-    """Draw a mesh; ``row`` is that of `_solids`."""
-    mesh = int(model.geom_dataid[geom])
-    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-    face, n_faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    return static(
-        entity,
-        rr.Mesh3D(
-            vertex_positions=model.mesh_vert[first : first + count],
-            triangle_indices=model.mesh_face[face : face + n_faces],
-            albedo_factor=row[10:],
-        ),
-        rr.Transform3D(
-            translation=row[3:6], quaternion=rr.Quaternion(xyzw=_xyzw(row[6:10]))
-        ),
-    )
 
 
 def _colours(model: mujoco.MjModel) -> FloatArray:

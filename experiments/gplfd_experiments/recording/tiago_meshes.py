@@ -95,7 +95,23 @@ def tiago_looks(bodies: Sequence[str]) -> TiagoLooks:
         ModuleNotFoundError: The meshes or what reads them are not installed.
         ValueError: The installed description is not the one expected.
     """
-    robot = _load(description())
+    path = description()
+    try:
+        import yourdfpy
+    except ImportError as error:
+        raise ModuleNotFoundError(
+            "PAL's meshes of TIAGo are read by yourdfpy, which is not installed: "
+            "pip install 'gplfd[tiago]'"
+        ) from error
+    robot: Any = yourdfpy.URDF.load(str(path))
+    if _BASE not in robot.link_map:
+        raise ValueError(f"{path} is not TIAGo's description: it has no link {_BASE}")
+    drawn = sum(len(link.visuals) for link in robot.robot.links)
+    if len(robot.scene.geometry) < drawn:
+        raise ValueError(
+            f"only {len(robot.scene.geometry)} of {drawn} meshes that {path} names "
+            f"could be read; install {DISTRIBUTION} again"
+        )
     above = {joint.child: joint.parent for joint in robot.robot.joints}
     graph = robot.scene.graph
     meshes: dict[str, list[LinkMesh]] = {}
@@ -141,26 +157,6 @@ def description() -> Path:
         f"PAL's meshes of TIAGo come from the package {DISTRIBUTION}, which is not "
         "installed: pip install 'gplfd[tiago]' (131 MB; its licence is CC BY-NC-ND 3.0)"
     )
-
-
-def _load(path: Path) -> Any:
-    try:
-        import yourdfpy
-    except ImportError as error:
-        raise ModuleNotFoundError(
-            "PAL's meshes of TIAGo are read by yourdfpy, which is not installed: "
-            "pip install 'gplfd[tiago]'"
-        ) from error
-    robot = yourdfpy.URDF.load(str(path))
-    if _BASE not in robot.link_map:
-        raise ValueError(f"{path} is not TIAGo's description: it has no link {_BASE}")
-    drawn = sum(len(link.visuals) for link in robot.robot.links)
-    if len(robot.scene.geometry) < drawn:
-        raise ValueError(
-            f"only {len(robot.scene.geometry)} of {drawn} meshes that {path} names "
-            f"could be read; install {DISTRIBUTION} again"
-        )
-    return robot
 
 
 def _pose(data: mujoco.MjData, body: str) -> FloatArray:
