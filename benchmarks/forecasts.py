@@ -476,16 +476,16 @@ def doors(draws: int = 2, every: int = 4) -> None:
 def unseen(
     draws: int = 4,
     recording: Path | None = None,
-    radii: tuple[float, ...] = _UNSEEN,
+    unseen: tuple[float, ...] = _UNSEEN,
 ) -> None:
     """Forecast motions by generators that nothing was tuned to.
 
     Args:
         draws: Draws of every generator.
         recording: Also recordings, a file of `gplfd demos import`.
-        radii: Of the doors that are predicted [m].
+        unseen: Radii of the doors that are predicted [m].
     """
-    report({"unseen": partial(unseen_motions, draws, recording, radii)})
+    report({"unseen": partial(unseen_motions, draws, recording, unseen)})
 
 
 def model_worth(draws: int = 12, per_radius: tuple[int, ...] = (1, 2, 4, 8)) -> None:

@@ -43,7 +43,7 @@ from gplfd_env.scene.door import structure_of
 from gplfd_env.task.draw import draw_episode
 
 ROOT = Path(__file__).parents[2]
-sys.path.append(str(ROOT / "benchmarks"))  # as for a script that is run
+sys.path.insert(0, str(ROOT / "benchmarks"))  # as for a script that is run
 on_warp = importlib.import_module("on_warp")
 
 

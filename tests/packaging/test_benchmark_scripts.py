@@ -20,7 +20,7 @@ from gplfd_policies import POLICIES
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "benchmarks"
-sys.path.append(str(FOLDER))  # as for a script that is run
+sys.path.insert(0, str(FOLDER))  # as for a script that is run
 agents, approach, building_doors, contact, demonstrations, forecasts, learning = map(
     importlib.import_module,
     (
@@ -47,7 +47,7 @@ RUNS = {
         "gp, 2 s: sets within 1.5 x the same",
     ),
     "forecasts doors": ("--draws 1 --every 80", "2 of 3 radii, process"),
-    "forecasts unseen": ("--draws 1 --radii 0.42", "synthetic human, own-clock"),
+    "forecasts unseen": ("--draws 1 --unseen 0.42", "synthetic human, own-clock"),
     "forecasts worth": ("--draws 1 --per-radius 2", "synthetic human, left out"),
     "learning calibration": ("--draws 1", "accuracy, 20 smooth: in stated 95 %"),
     "learning scaling": (
