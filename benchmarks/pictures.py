@@ -39,7 +39,7 @@ from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies.jobs import episode_logs
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import TRIALS
-from gplfd_experiments.workflows.repetition import model_of
+from gplfd_experiments.workflows.study_recordings import model_of
 from gplfd_policies import Demonstration, make_agent
 from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.agents.model_based.oracle import OracleAgent
