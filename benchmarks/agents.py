@@ -4,45 +4,35 @@ import copy
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import gymnasium as gym
-import numpy as np
 import tyro
+from harness import report
 
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.recording import record_episode
 from gplfd_experiments.speed.machine import load
-from gplfd_experiments.speed.report import Measurement, at_least, at_most, measure_all
+from gplfd_experiments.speed.report import Measurement, at_least, at_most
 from gplfd_experiments.speed.timing import Action, Timed, after, measure, repeated
-from gplfd_policies.agents.agent import Agent
 from gplfd_policies.agents.lockstep import batch_agents
 from gplfd_policies.registry.catalogue import make_agent
 
-ALONE = "one agent, gym.make"
-TOGETHER = "{} agents in lockstep, gym.make_vec on 2 threads"
-
-Observation = Mapping[str, np.ndarray]
+ALONE: Final = "one agent, gym.make"
+TOGETHER: Final = "{} agents in lockstep, gym.make_vec on 2 threads"
 
 
-def loop(
-    envs: Any,
-    reset: Callable[[Observation], None],
-    act: Callable[[Observation], Any],
-    count: int,
-    periods: int,
-) -> tuple[Timed, list[float]]:
+def loop(envs: Any, agents: Any, count: int, periods: int) -> tuple[Timed, list[float]]:
     """Return a closed loop of agents and simulations, to be timed.
 
     Args:
         envs: One door or many.
-        reset: Lets the agents begin.
-        act: Gives their actions.
+        agents: One agent or as many in lockstep.
         count: How many doors.
         periods: Control periods of one run; so few that no episode ends.
 
@@ -54,14 +44,14 @@ def loop(
 
     def prepare() -> Action:
         first, _ = envs.reset(seed=0)
-        reset(first)
+        agents.reset(first)
         return partial(run, first)
 
-    def run(observation: Observation) -> None:
+    def run(observation: Any) -> None:
         spent = 0
         for _ in range(periods):
             started = time.thread_time_ns()
-            action = act(observation).action
+            action = agents.act(observation).action
             spent += time.thread_time_ns() - started
             observation, *_ = envs.step(action)
         deciding.append(1e-9 * spent / (count * periods))
@@ -69,36 +59,24 @@ def loop(
     return Timed(prepare=prepare, operations=count * periods), deciding
 
 
-def lockstep(agent: Agent, count: int, periods: int) -> tuple[Timed, list[float]]:
-    """Return copies of an agent in lockstep, at doors of the demonstrated radii."""
-    doors = [DEMONSTRATED_RADII[row % len(DEMONSTRATED_RADII)] for row in range(count)]
-    envs = gym.make_vec(
-        ENVIRONMENT_ID,
-        num_envs=count,
-        door=doors,
-        num_threads=2,
-        autoreset_mode="Disabled",
-    )
-    # One learning serves all: a copy is an agent of its own.
-    agents = batch_agents([copy.deepcopy(agent) for _ in range(count)])
-    return loop(envs, agents.reset, agents.act, count, periods)
-
-
-def measure_loops(
-    repeats: int, counts: tuple[int, ...] = (2, 16, 64), periods: int = 250
-) -> Measurement:
-    """Let agents open doors, one alone and many together, in turns.
-
-    Args:
-        repeats: Rounds of ``periods`` control steps of every agent.
-        counts: How many agents open doors together, rising.
-        periods: Control periods of one run; so few that no episode ends.
-    """
+def measure_loops(repeats: int, counts: tuple[int, ...], periods: int) -> Measurement:
+    """Let agents open doors, one alone and rising numbers together, in turns."""
     agent = make_agent("gp", Teacher().standard_demonstrations(seed=0))
-    env = gym.make(ENVIRONMENT_ID, door="medium")
-    loops = {ALONE: loop(env, agent.reset, agent.act, 1, periods)} | {
-        TOGETHER.format(count): lockstep(agent, count, periods) for count in counts
-    }
+    alone = gym.make(ENVIRONMENT_ID, door="medium")
+    loops = {ALONE: loop(alone, agent, 1, periods)}
+    for count in counts:
+        envs = gym.make_vec(
+            ENVIRONMENT_ID,
+            num_envs=count,
+            door=[
+                DEMONSTRATED_RADII[n % len(DEMONSTRATED_RADII)] for n in range(count)
+            ],
+            num_threads=2,
+            autoreset_mode="Disabled",
+        )
+        # One learning serves all: a copy is an agent of its own.
+        agents = batch_agents([copy.deepcopy(agent) for _ in range(count)])
+        loops[TOGETHER.format(count)] = loop(envs, agents, count, periods)
     times = measure({name: timed for name, (timed, _) in loops.items()}, repeats)
     most = TOGETHER.format(counts[-1])
     return Measurement(
@@ -118,11 +96,7 @@ def measure_loops(
 
 
 def measure_recording(repeats: int) -> Measurement:
-    """Open the medium door and record it, in turns; all threads' CPU time.
-
-    Args:
-        repeats: Episodes, all the same.
-    """
+    """Open the medium door and record it, in turns; all threads' CPU time."""
     given = Teacher().standard_demonstrations(seed=0)
     agent = make_agent("gp", given)
     env: Any = gym.make(ENVIRONMENT_ID, door="medium")
@@ -137,17 +111,12 @@ def measure_recording(repeats: int) -> Measurement:
         )
         size = path.stat().st_size
     env.close()
+    over = times["recording"].cpu_over(times["rollout"])
     return Measurement(
         title=f"recording of an episode of {len(log.times)} control steps, "
         f"{size / 1e6:.1f} MB",
         rows={name: {"CPU ms [quartiles]": cpu} for name, cpu in times.items()},
-        targets=(
-            at_most(
-                "recording: CPU time over the rollout's",
-                times["recording"].cpu_over(times["rollout"]),
-                0.10,
-            ),
-        ),
+        targets=(at_most("recording: CPU time over the rollout's", over, 0.10),),
     )
 
 
@@ -161,8 +130,11 @@ def main(
         counts: How many agents open doors together, rising.
         periods: Control periods of a run; 250 are half an opening.
     """
-    loops = partial(measure_loops, counts=counts, periods=periods)
-    measure_all({"loops": loops, "recording": measure_recording}, repeats)
+    measures: dict[str, Callable[[], Measurement]] = {
+        "loops": partial(measure_loops, repeats, counts, periods),
+        "recording": partial(measure_recording, repeats),
+    }
+    report(measures)
 
 
 if __name__ == "__main__":

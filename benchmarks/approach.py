@@ -5,83 +5,69 @@ which draws the hand's place. Beside it the same policies begin with the handle 
 hand, before the same doors.
 """
 
-import warnings
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from typing import Final, get_args
 
 import numpy as np
 import tyro
+from harness import opened, report, tasks_of
 
 from gplfd_env.conventions.constants import Start
-from gplfd_env.doors.config import DOORS, DoorConfig
-from gplfd_experiments.episodes.build import learned_agents, open_together
+from gplfd_env.doors.config import DOORS
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.task import episode_task
-from gplfd_experiments.speed.report import Measurement, Value, at_least, measure_all
-from gplfd_policies import POLICIES
+from gplfd_experiments.speed.report import Measurement, Value, at_least
 
 _GRASPED: Final = 1
 """Stage from which a handle has been taken."""
-
-
-def opened(
-    policy: str, door: DoorConfig, start: Start, seeds: int, randomization: str
-) -> Sequence[EpisodeLog]:
-    """Let a policy open a door once per seed; return the logs."""
-    tasks = [
-        episode_task(
-            f"{door.radius:g}",
-            door,
-            policy=policy,
-            seed=seed,
-            randomization=randomization,
-            start=start,
-        )
-        for seed in range(seeds)
-    ]
-    with warnings.catch_warnings():
-        # Preparing demonstrations says what it found.
-        warnings.simplefilter("ignore")
-        agents = [learned_agents(task, POLICIES[policy])() for task in tasks]
-    return open_together(tasks, agents)
 
 
 def summary(logs: Sequence[EpisodeLog]) -> dict[str, Value]:
     """Return what episodes of one condition came to."""
     taken = [log for log in logs if log.capability.max() >= _GRASPED]
     when = [log.times[np.argmax(log.capability >= _GRASPED)] for log in taken]
+    forces = [0.0]
+    for log in logs:
+        reaching = log.wrench[log.capability < _GRASPED, :3]
+        forces += np.linalg.norm(reaching, axis=1).tolist()
     reasons = Counter(log.reason for log in logs if not log.success)
     return {
         "grasped": f"{len(taken)} of {len(logs)}",
         "opened": f"{sum(log.success for log in logs)} of {len(logs)}",
         "grasped after [s], median": float(np.median(when)) if when else None,
-        "greatest force while reaching [N]": max(map(_reaching_force, logs)),
+        "greatest force while reaching [N]": max(forces),
         "greatest slip [mm]": 1e3 * max(float(log.slip.max()) for log in logs),
         "why not": ", ".join(f"{n} {why}" for why, n in reasons.items()) or None,
     }
-
-
-def _reaching_force(log: EpisodeLog) -> float:
-    reaching = log.capability < _GRASPED
-    force = np.linalg.norm(log.wrench[reaching, :3], axis=1)
-    return float(force.max()) if reaching.any() else 0.0
 
 
 def conditions(
     policy: str, doors: Sequence[str], seeds: int, randomization: str
 ) -> Measurement:
     """Open doors from both starts."""
-    found = {
-        (name, start): opened(policy, DOORS[name], start, seeds, randomization)
-        for name in doors
-        for start in get_args(Start)
-    }
-    reached = [found[name, "approach"] for name in doors]
-    taken = [log.capability.max() >= _GRASPED for logs in reached for log in logs]
+    rows: dict[str, dict[str, Value]] = {}
+    taken = []
+    for name in doors:
+        for start in get_args(Start):
+            tasks = [
+                task
+                for seed in range(seeds)
+                for task in tasks_of(
+                    [DOORS[name]],
+                    policy,
+                    seed=seed,
+                    randomization=randomization,
+                    start=start,
+                )
+            ]
+            logs = opened(tasks)
+            rows[f"{name}, {start}"] = summary(logs)
+            if start == "approach":
+                taken += [log.capability.max() >= _GRASPED for log in logs]
     return Measurement(
         title=f"{policy}, randomization {randomization}, {seeds} seeds",
-        rows={f"{name}, {start}": summary(found[name, start]) for name, start in found},
+        rows=rows,
         targets=(at_least(f"{policy}: share grasped", float(np.mean(taken)), 0.95),),
     )
 
@@ -100,11 +86,9 @@ def main(
         seeds: How many of demonstrations and resets.
         randomization: What every reset draws.
     """
-
-    def measured(policy: str) -> Callable[[int], Measurement]:
-        return lambda _: conditions(policy, doors, seeds, randomization)
-
-    measure_all({policy: measured(policy) for policy in policies}, repeats=1)
+    report(
+        {one: partial(conditions, one, doors, seeds, randomization) for one in policies}
+    )
 
 
 if __name__ == "__main__":

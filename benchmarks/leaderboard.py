@@ -124,12 +124,11 @@ def leaderboard(found: Found) -> Table:
             if value == best and one not in REFERENCES:
                 text = f"**{text}**"
             cells[one].append(f"{_share(found, name, one):.2f}\n{text}")
-    rows = ((_named(policy), *cells[policy]) for policy in policies)
+    rows = []
+    for policy in policies:
+        told = " (learns nothing)" if policy in REFERENCES else ""
+        rows.append((f"`{policy}`{told}", *cells[policy]))
     return Table(columns=("policy", "all", *TRIALS), rows=tuple(rows))
-
-
-def _named(policy: str) -> str:
-    return f"`{policy}`" + (" (learns nothing)" if policy in REFERENCES else "")
 
 
 def main(files: tyro.conf.Positional[tuple[Path, ...]] = ()) -> None:

@@ -10,7 +10,7 @@ reinforcement. Needs the extra sb3.
 import copy
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -19,6 +19,7 @@ import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
 import tyro
+from harness import report
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from gplfd_env import ENVIRONMENT_ID, RL_ENVIRONMENT_ID
@@ -28,7 +29,7 @@ from gplfd_env.wrappers import RelativeAction, VectorGentleReward, action_of
 from gplfd_env.wrappers.sb3 import make_sb3
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.speed.machine import load
-from gplfd_experiments.speed.report import Measurement, Value, at_least, measure_all
+from gplfd_experiments.speed.report import Measurement, Value, at_least
 from gplfd_experiments.speed.timing import Timed, after, measure
 from gplfd_policies.agents.lockstep import batch_agents
 from gplfd_policies.registry.catalogue import policy_named
@@ -40,23 +41,32 @@ CLONE: Final = f"{Path(__file__).parents[1] / 'examples' / 'cloned_policy.py'}:m
 """A network that imitates gp."""
 
 _PERIODS: Final = 30
-_REST: Final = np.zeros(6, np.float32)
 
 
-def measure_steps(repeats: int, counts: tuple[int, ...] = (2, 8, 32)) -> Measurement:
-    """Let hands rest in every form of n doors, in turns.
+def resting(envs: Any, n: int, **seed: int) -> Timed:
+    """Return n doors whose hands rest for some periods, to be timed."""
+    actions = np.zeros((n, 6), np.float32)
 
-    Args:
-        repeats: Rounds of at least 800 steps each.
-        counts: Numbers of doors n.
-    """
-    times = measure(
-        {f"{name}, {n}": way for n in counts for name, way in _ways(n).items()},
-        repeats,
-        least_operations=800,
-    )
+    def action() -> None:
+        for _ in range(_PERIODS):
+            envs.step(actions)
+
+    return after(partial(envs.reset, **seed), action, operations=n * _PERIODS)
+
+
+def measure_steps(repeats: int, counts: tuple[int, ...]) -> Measurement:
+    """Let hands rest in every form of n doors, in turns, 800 steps or more each."""
+    forms: dict[str, Timed] = {}
+    for n in counts:
+        for id in (ENVIRONMENT_ID, RL_ENVIRONMENT_ID):
+            envs = gym.make_vec(id, n, autoreset_mode="SameStep")
+            forms[f"{id}, {n}"] = resting(envs, n, seed=0)
+        forms[f"make_sb3, {n}"] = resting(make_sb3(n), n)
+        own = DummyVecEnv(n * [lambda: gym.make(RL_ENVIRONMENT_ID)])
+        forms[f"DummyVecEnv, {n}"] = resting(own, n)
+    times = measure(forms, repeats, least_operations=800)
     rates = {
-        name: times[name].speed_over(times[f"{_WRAPPED}, {name.split(', ')[-1]}"])
+        name: times[name].speed_over(times[f"{RL_ENVIRONMENT_ID}, {name.split()[-1]}"])
         for name in times
     }
     return Measurement(
@@ -66,58 +76,47 @@ def measure_steps(repeats: int, counts: tuple[int, ...] = (2, 8, 32)) -> Measure
             for name, time in times.items()
         },
         targets=tuple(
-            at_least(f"{_ADAPTED}, {n}: of the wrapped", rates[f"{_ADAPTED}, {n}"], 0.8)
+            at_least(f"make_sb3, {n}: of the wrapped", rates[f"make_sb3, {n}"], 0.8)
             for n in counts
         ),
     )
 
 
-_PLAIN: Final = ENVIRONMENT_ID
-_WRAPPED: Final = RL_ENVIRONMENT_ID
-_ADAPTED: Final = "make_sb3"
-_OWN: Final = "DummyVecEnv"
-
-
-def _ways(n: int) -> dict[str, Timed]:
-    """Return the forms of n doors, each resting for some periods."""
-
-    def stepped(envs: Any, reset: Any) -> Timed:
-        actions = np.tile(_REST, (n, 1))
-
-        def action() -> None:
-            for _ in range(_PERIODS):
-                envs.step(actions)
-
-        return after(reset, action, operations=n * _PERIODS)
-
-    plain, wrapped = (
-        gym.make_vec(id, n, autoreset_mode="SameStep") for id in (_PLAIN, _WRAPPED)
-    )
-    adapted = make_sb3(n)
-    own = DummyVecEnv(n * [lambda: gym.make(RL_ENVIRONMENT_ID)])
-    return {
-        _PLAIN: stepped(plain, lambda: plain.reset(seed=0)),
-        _WRAPPED: stepped(wrapped, lambda: wrapped.reset(seed=0)),
-        _ADAPTED: stepped(adapted, adapted.reset),
-        _OWN: stepped(own, own.reset),
-    }
-
-
-def measure_scripts(repeats: int) -> Measurement:
+def measure_scripts() -> Measurement:
     """Open doors along their true arc in 6 s, and by pulling with all that is allowed.
 
-    Args:
-        repeats: Not needed: nothing is drawn.
+    Both rewards are of the same episode.
     """
     rows: dict[str, dict[str, Value]] = {}
+    behind = []
     for door in ("small", "medium", "large", "heavy"):
+        returns = []
         for script in (gentle, slam):
-            rows[f"{door}, {script.__name__}"] = _played(door, script)
-    behind = [
-        float(rows[f"{door}, gentle"]["return"])  # type: ignore[arg-type]
-        - float(rows[f"{door}, slam"]["return"])  # type: ignore[arg-type]
-        for door in ("small", "medium", "large", "heavy")
-    ]
+            learner: Any = gym.make(RL_ENVIRONMENT_ID, door=door)
+            plain = RelativeAction(gym.make(ENVIRONMENT_ID, door=door))
+            learner.reset(seed=0)
+            observation, _ = plain.reset(seed=0)
+            radius, dense, step, over = learner.unwrapped.door.radius, 0.0, 0, False
+            while not over:
+                step += 1
+                action = script(step, observation["ee_pose"], radius)
+                observation, reward, *_ = plain.step(action)
+                *_, terminated, truncated, info = learner.step(action)
+                dense += float(reward)
+                over = terminated or truncated
+            for env in (learner, plain):
+                env.close()
+            rows[f"{door}, {script.__name__}"] = {
+                "opened": "yes" if info["success"] else "no",
+                "angle [deg]": math.degrees(info["door_angle"]),
+                "time [s]": step * CONTROL_PERIOD,
+                "peak radial [N]": info["peak_force"],
+                "peak slip [mm]": 1e3 * info["peak_slip"],
+                "dense return": dense,
+                "return": info["return"],
+            }
+            returns.append(float(info["return"]))
+        behind.append(returns[0] - returns[1])
     return Measurement(
         title="what two scripts earn",
         rows=rows,
@@ -137,50 +136,17 @@ def slam(step: int, hand: np.ndarray, radius: float) -> np.ndarray:
     return np.array([math.cos(hand[4]), 0.0, -math.sin(hand[4]), 0.0, 0.5, 0.0])
 
 
-def _played(door: str, script: Any) -> dict[str, Value]:
-    """Return what an episode came to under both rewards; it is the same episode."""
-    learner: Any = gym.make(RL_ENVIRONMENT_ID, door=door)
-    plain = RelativeAction(gym.make(ENVIRONMENT_ID, door=door))
-    learner.reset(seed=0)
-    observation, _ = plain.reset(seed=0)
-    radius, dense, over = learner.unwrapped.door.radius, 0.0, False
-    step = 0
-    while not over:
-        step += 1
-        action = script(step, observation["ee_pose"], radius)
-        observation, reward, *_ = plain.step(action)
-        *_, terminated, truncated, info = learner.step(action)
-        dense += float(reward)
-        over = terminated or truncated
-    for env in (learner, plain):
-        env.close()
-    return {
-        "opened": "yes" if info["success"] else "no",
-        "angle [deg]": math.degrees(info["door_angle"]),
-        "time [s]": step * CONTROL_PERIOD,
-        "peak radial [N]": info["peak_force"],
-        "peak slip [mm]": 1e3 * info["peak_slip"],
-        "dense return": dense,
-        "return": info["return"],
-    }
-
-
-def measure_policies(repeats: int, policies: tuple[str, ...]) -> Measurement:
-    """Let policies that learned from six demonstrations open the judged doors.
-
-    Args:
-        repeats: Not needed: nothing is drawn.
-        policies: Names, or file.py:function.
-    """
+def measure_policies(policies: tuple[str, ...]) -> Measurement:
+    """Let policies that learned from six demonstrations open the judged doors."""
     training = TrainingInput(demonstrations=Teacher().standard_demonstrations(seed=0))
     rows: dict[str, dict[str, Value]] = {}
     for name in policies:
         agent = policy_named(name).make(training)
-        rows[Path(name).stem] = _judged([copy.deepcopy(agent) for _ in JUDGED])
+        rows[Path(name).stem] = judged([copy.deepcopy(agent) for _ in JUDGED])
     return Measurement(title=f"doors of {', '.join(map(str, JUDGED))} m", rows=rows)
 
 
-def _judged(alone: Sequence[object]) -> dict[str, Value]:
+def judged(alone: Sequence[object]) -> dict[str, Value]:
     """Return what came of one episode per door, as a learner's curve has it."""
     agents = batch_agents(alone)
     made = gym.make_vec(
@@ -205,35 +171,30 @@ def _judged(alone: Sequence[object]) -> dict[str, Value]:
     }
 
 
-def summarize_curves(repeats: int, curves: tuple[Path, ...]) -> Measurement:
+def summarize_curves(curves: tuple[Path, ...]) -> Measurement:
     """Say what a learner's runs came to at their end: each, and their middle and range.
 
     Args:
-        repeats: Not needed: everything was written by the learner.
         curves: What ``examples/learned_policy.py`` wrote, one of every seed.
     """
-    ends = {
-        str(curve.parent): _end_of(json.loads(curve.read_text())) for curve in curves
-    }
-    summary: dict[str, dict[str, Value]] = {}
-    for name, of in (("median", np.median), ("least", np.min), ("greatest", np.max)):
-        columns = next(iter(ends.values()))
-        summary[name] = {
+    ends: dict[str, dict[str, Value]] = {}
+    for curve in curves:
+        rows = json.loads(curve.read_text())
+        since = math.inf
+        for row in reversed(rows):
+            if row["opened"] < row["of"]:
+                break
+            since = row["steps"]
+        ends[str(curve.parent)] = {**rows[-1], "all open since": since}
+    columns = next(iter(ends.values()))
+    summary: dict[str, dict[str, Value]] = {
+        name: {
             column: float(of([end[column] for end in ends.values()]))
             for column in columns
         }
+        for name, of in (("median", np.median), ("least", np.min), ("greatest", np.max))
+    }
     return Measurement(title="PPO, judged at the end", rows={**ends, **summary})
-
-
-def _end_of(judged: Sequence[Mapping[str, float]]) -> dict[str, Value]:
-    """Return the last row of a curve, and since when every door was opened."""
-    end: dict[str, Value] = {name: value for name, value in judged[-1].items()}
-    since = math.inf
-    for row in reversed(judged):
-        if row["opened"] < row["of"]:
-            break
-        since = row["steps"]
-    return {**end, "all open since": since}
 
 
 def draw(
@@ -289,14 +250,14 @@ def main(
             them.
         figure: Picture to write if there are curves.
     """
-    measures = {
-        "steps": partial(measure_steps, counts=counts),
+    measures: dict[str, Callable[[], Measurement]] = {
+        "steps": partial(measure_steps, repeats, counts),
         "scripts": measure_scripts,
-        "policies": partial(measure_policies, policies=policies),
+        "policies": partial(measure_policies, policies),
     }
     if curves:
-        measures["curves"] = partial(summarize_curves, curves=curves)
-    found = measure_all(measures, repeats)
+        measures["curves"] = partial(summarize_curves, curves)
+    found = report(measures)
     if curves:
         draw(curves, found["policies"].rows, figure)
 

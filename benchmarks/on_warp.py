@@ -14,6 +14,7 @@ import mujoco_warp
 import numpy as np
 import tyro
 import warp
+from harness import report
 
 from gplfd_env import RL_ENVIRONMENT_ID, TIME_LIMIT
 from gplfd_env.conventions.constants import CONTROL_PERIOD
@@ -24,8 +25,8 @@ from gplfd_env.simulation.command import COMMANDS
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.wrappers import action_of
 from gplfd_experiments.speed.machine import load
-from gplfd_experiments.speed.report import Measurement, Value, at_most, measure_all
-from gplfd_experiments.speed.timing import Timed, Timing, after, measure
+from gplfd_experiments.speed.report import Measurement, Value, at_most
+from gplfd_experiments.speed.timing import Timed, after, measure
 
 DOORS: Final = (
     *("small", "medium", "large", "heavy", "cabinet", "wardrobe"),
@@ -136,11 +137,10 @@ def differences(
     return {name: np.concatenate(values) for name, values in found.items()}
 
 
-def measure_agreement(repeats: int, seeds: int, periods: int) -> Measurement:
+def measure_agreement(seeds: int, periods: int) -> Measurement:
     """Compare Warp with MuJoCo, and MuJoCo with itself and with the other servo.
 
     Args:
-        repeats: Not needed: nothing is timed.
         seeds: Episodes of every door.
         periods: Control periods of each.
     """
@@ -152,13 +152,30 @@ def measure_agreement(repeats: int, seeds: int, periods: int) -> Measurement:
             RL_ENVIRONMENT_ID, len(DOORS), **doors, **given
         ),
     }
+    columns = (("door", 1e3, "mrad"), ("wrench", 1.0, "N"), ("return", 1.0, ""))
     rows: dict[str, Mapping[str, Value]] = {}
     worst = 0.0
     for script in (arcs, shoves):
         for randomization in ("none", "hard"):
             for name, make in firsts.items():
-                apart = _apart(make, script, randomization, seeds, periods)
-                rows[f"{script.__name__}, {randomization}: {name}"] = _summary(apart)
+                pair = [each(randomization=randomization) for each in (make, mujoco)]
+                found = [
+                    differences(*pair, script, periods, seed) for seed in range(seeds)
+                ]
+                for envs in pair:
+                    envs.close()
+                apart = {
+                    what: np.concatenate([one[what] for one in found])
+                    for what in found[0]
+                }
+                # Medians, what 95 % are within, and what all are within.
+                rows[f"{script.__name__}, {randomization}: {name}"] = {
+                    f"{what} {share} [{unit}]".removesuffix(" []"): float(
+                        np.quantile(scale * apart[what], level)
+                    )
+                    for what, scale, unit in columns
+                    for share, level in (("50 %", 0.5), ("95 %", 0.95), ("all", 1.0))
+                }
                 if name == "Warp" and script is arcs:
                     worst = max(worst, math.degrees(apart["door"].max()))
     return Measurement(
@@ -166,28 +183,6 @@ def measure_agreement(repeats: int, seeds: int, periods: int) -> Measurement:
         rows=rows,
         targets=(at_most("door's angle on arcs [deg], worst", worst, 0.05),),
     )
-
-
-def _apart(
-    make: Any, script: Any, randomization: str, seeds: int, periods: int
-) -> dict[str, Array]:
-    pair = [each(randomization=randomization) for each in (make, mujoco)]
-    found = [differences(*pair, script, periods, seed) for seed in range(seeds)]
-    for envs in pair:
-        envs.close()
-    return {name: np.concatenate([one[name] for one in found]) for name in found[0]}
-
-
-def _summary(apart: Mapping[str, Array]) -> dict[str, Value]:
-    """Return medians, what 95 % are within, and what all are within."""
-    columns = (("door", 1e3, "mrad"), ("wrench", 1.0, "N"), ("return", 1.0, ""))
-    return {
-        f"{name} {share} [{unit}]".removesuffix(" []"): float(
-            np.quantile(scale * apart[name], level)
-        )
-        for name, scale, unit in columns
-        for share, level in (("50 %", 0.5), ("95 %", 0.95), ("all", 1.0))
-    }
 
 
 def measure_steps(repeats: int, counts: tuple[int, ...]) -> Measurement:
@@ -199,42 +194,30 @@ def measure_steps(repeats: int, counts: tuple[int, ...]) -> Measurement:
     """
     rows: dict[str, Mapping[str, Value]] = {}
     for n in counts:
-        times = measure(_ways(n), repeats, least_operations=2 * n * _PERIODS)
+        still, rest = np.zeros((n, 6), np.float32), np.zeros((n, 6))
+        ways = {}
+        for name, envs in {
+            "MuJoCo": gym.make_vec(RL_ENVIRONMENT_ID, n),
+            "Warp": make_warp(n),
+        }.items():
+            advance = envs.unwrapped._batch.advance
+            ways[name] = _periods(envs, partial(envs.step, still), n)
+            physics = partial(advance, rest, None, {}, {}, {})
+            ways[f"{name}, physics"] = _periods(envs, physics, n)
+        times = measure(ways, repeats, least_operations=2 * n * _PERIODS)
         for name, time in times.items():
+            # What a step of one door takes besides its physics [µs].
+            alone = times.get(f"{name}, physics")
+            beside = alone and 1e6 * (1.0 / time.rate - 1.0 / alone.rate)
             rows[f"{name}, {n}"] = {
                 "steps/s": time.rate,
                 "of MuJoCo": time.speed_over(times["MuJoCo"]),
-                "beside physics [us]": _beside(times, name),
+                "beside physics [us]": beside,
             }
     return Measurement(
         title=f"control steps of n doors, Warp on {warp.get_device()} ({load()})",
         rows=rows,
     )
-
-
-def _beside(times: Mapping[str, Timing], name: str) -> Value:
-    """Return what a step of one door takes besides its physics [µs]."""
-    physics = times.get(f"{name}, physics")
-    return physics and 1e6 * (1.0 / times[name].rate - 1.0 / physics.rate)
-
-
-def _ways(n: int) -> dict[str, Timed]:
-    """Return what steps n doors for some periods: all of it, or physics alone."""
-    still, rest = np.zeros((n, 6), np.float32), np.zeros((n, 6))
-    ways = {}
-    for name, envs in {
-        "MuJoCo": gym.make_vec(RL_ENVIRONMENT_ID, n),
-        "Warp": make_warp(n),
-    }.items():
-        actions = {
-            name: partial(envs.step, still),
-            f"{name}, physics": partial(
-                envs.unwrapped._batch.advance, rest, None, {}, {}, {}
-            ),
-        }
-        for each, action in actions.items():
-            ways[each] = _periods(envs, action, n)
-    return ways
 
 
 def _periods(envs: Any, action: Callable[[], object], n: int) -> Timed:
@@ -264,11 +247,11 @@ def main(
     warp.config.log_level = warp.LOG_WARNING
     if device is not None:
         warp.set_device(device)
-    measures = {"steps": partial(measure_steps, counts=counts)}
+    measures: dict[str, Callable[[], Measurement]] = {}
     if seeds:
-        agreement = partial(measure_agreement, seeds=seeds, periods=periods)
-        measures = {"agreement": agreement, **measures}
-    measure_all(measures, repeats)
+        measures["agreement"] = partial(measure_agreement, seeds, periods)
+    measures["steps"] = partial(measure_steps, repeats, counts)
+    report(measures)
     print(f"MuJoCo Warp {mujoco_warp.__version__}, Warp {warp.__version__}")
 
 

@@ -3,7 +3,7 @@
 import functools
 import json
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -255,6 +255,59 @@ def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]
             return int(error.code or 0)
 
     return run
+
+
+class Columns:
+    """Chunks of a recording: times [s] (None when static) and values of a component.
+
+    By entity and component; of several chunks with the same, the first.
+    """
+
+    def __init__(self, chunks: Iterable[Any]) -> None:
+        self.chunks = list(chunks)
+        self.entities = {chunk.entity_path for chunk in self.chunks}
+
+    def __iter__(self) -> Iterator[tuple[str, str]]:
+        for chunk in self.chunks:
+            names = chunk.to_record_batch().schema.names
+            yield from ((chunk.entity_path, name) for name in names if ":" in name)
+
+    def __getitem__(self, key: tuple[str, str]) -> tuple[Any, list[Any]]:
+        entity, component = key
+        for chunk in self.chunks:
+            if chunk.entity_path != entity:
+                continue
+            batch = chunk.to_record_batch()
+            if component in batch.schema.names:
+                values = batch.column(component).to_pylist()
+                if chunk.is_static:
+                    return None, values
+                times = batch.column("sim_time").cast("int64").to_numpy() / 1e9
+                return times, values
+        raise KeyError(f"{entity} has no {component}: {sorted(self.entities)}")
+
+
+@pytest.fixture
+def columns(monkeypatch: pytest.MonkeyPatch) -> type[Columns]:
+    """What reads chunks back; Rerun is strict meanwhile."""
+    import rerun
+
+    monkeypatch.setenv("RERUN_STRICT", "1")
+    rerun.set_strict_mode(True)
+    return Columns
+
+
+@pytest.fixture
+def titles_of() -> Callable[[Any], list[str]]:
+    """The titles of all views in a layout's container."""
+
+    def titles(part: Any) -> list[str]:
+        inside = getattr(part, "contents", None)
+        if isinstance(inside, list | tuple) and not hasattr(part, "class_identifier"):
+            return [title for one in inside for title in titles(one)]
+        return [str(part.name)]
+
+    return titles
 
 
 @pytest.fixture

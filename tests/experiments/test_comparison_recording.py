@@ -5,48 +5,31 @@ import math
 
 import mujoco
 import numpy as np
-import pyarrow as pa
 import pytest
-import rerun as rr
 from rerun.chunk import RrdReader
 
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.metrics import episode_metrics
-from gplfd_experiments.recording.compared import MEASURED
-from gplfd_experiments.recording.comparison import COLOURS, record_comparison
-from gplfd_experiments.recording.comparison_layout import ROW, SPACING
+from gplfd_experiments.recording.comparison import (
+    COLOURS,
+    MEASURED,
+    ROW,
+    SPACING,
+    record_comparison,
+)
 from gplfd_experiments.studies.trials.protocol import TRIALS
 
 
-@pytest.fixture(autouse=True)
-def strict_rerun(monkeypatch):
-    monkeypatch.setenv("RERUN_STRICT", "1")
-    rr.set_strict_mode(True)
-
-
 @pytest.fixture
-def record(tmp_path, door_model):
+def record(tmp_path, door_model, columns):
     demonstrations = Teacher().demonstrate_doors([0.5], 1, rng=np.random.default_rng(0))
 
     def record(*logs, **options):
         path = tmp_path / "comparison.rrd"
         record_comparison(path, logs, door_model, demonstrations, **options)
-        return list(RrdReader(path).stream())
+        return columns(RrdReader(path).stream())
 
     return record
-
-
-def column(chunks, entity, component):
-    """Times [s] (None when static) and values of one component."""
-    for chunk in chunks:
-        batch = chunk.to_record_batch()
-        if chunk.entity_path == entity and component in batch.schema.names:
-            values = batch.column(component).to_pylist()
-            if chunk.is_static:
-                return None, values
-            times = batch.column("sim_time").cast(pa.int64()).to_numpy() / 1e9
-            return times, values
-    raise AssertionError(f"{entity} has no {component}")
 
 
 def packed(colour):
@@ -57,11 +40,11 @@ def packed(colour):
 def test_robots_stand_in_a_row_and_the_same_scene_moves_in_each(record, make_log):
     chunks = record(make_log(), make_log(policy="kmp", qpos=np.zeros((601, 1))))
     for number, policy in enumerate(("gp", "kmp")):
-        _, places = column(chunks, f"/robots/{policy}/world", "Transform3D:translation")
+        _, places = chunks[f"/robots/{policy}/world", "Transform3D:translation"]
         np.testing.assert_allclose(places[0], [SPACING * number * ROW], atol=1e-6)
     leaf = "world/scene/leaf"
-    _, moving = column(chunks, f"/robots/gp/{leaf}", "Transform3D:quaternion")
-    _, still = column(chunks, f"/robots/kmp/{leaf}", "Transform3D:quaternion")
+    _, moving = chunks[f"/robots/gp/{leaf}", "Transform3D:quaternion"]
+    _, still = chunks[f"/robots/kmp/{leaf}", "Transform3D:quaternion"]
     turn = 2.0 * math.acos(abs(np.dot(moving[0][0], moving[-1][0])))
     assert turn == pytest.approx(math.radians(66.0), abs=1e-3)
     np.testing.assert_allclose(still[0], still[-1])
@@ -70,19 +53,19 @@ def test_robots_stand_in_a_row_and_the_same_scene_moves_in_each(record, make_log
 def test_curves_are_the_logs_in_the_policys_colour_and_name(record, make_log):
     log, other = make_log(), make_log(policy="kmp", force_radial=np.full(601, -7.0))
     chunks = record(log, other)
-    times, values = column(chunks, "/plots/angle/gp", "Scalars:scalars")
+    times, values = chunks["/plots/angle/gp", "Scalars:scalars"]
     np.testing.assert_allclose(times, log.times, atol=1e-9)
     np.testing.assert_allclose(np.ravel(values), np.degrees(log.door_angle))
-    _, values = column(chunks, "/plots/radial/kmp", "Scalars:scalars")
+    _, values = chunks["/plots/radial/kmp", "Scalars:scalars"]
     assert np.ravel(values).tolist() == [7.0] * 601
     for policy, colour in zip(("gp", "kmp"), COLOURS, strict=False):
         for panel in ("angle", "radial"):
             entity = f"/plots/{panel}/{policy}"
-            assert column(chunks, entity, "SeriesLines:names")[1] == [[policy]]
-            tints = column(chunks, entity, "SeriesLines:colors")[1]
+            assert chunks[entity, "SeriesLines:names"][1] == [[policy]]
+            tints = chunks[entity, "SeriesLines:colors"][1]
             assert tints == [[packed(colour)]]
         overlay = f"/overlay/world/task/paths/{policy}"
-        assert column(chunks, overlay, "LineStrips3D:colors")[1] == [[packed(colour)]]
+        assert chunks[overlay, "LineStrips3D:colors"][1] == [[packed(colour)]]
 
 
 def test_policies_are_compared_by_what_decides(record, make_log):
@@ -90,14 +73,14 @@ def test_policies_are_compared_by_what_decides(record, make_log):
     chunks = record(
         make_log(person_force=force), measure="person_force_peak", heading="Who holds?"
     )
-    _, values = column(chunks, "/plots/person/gp", "Scalars:scalars")
+    _, values = chunks["/plots/person/gp", "Scalars:scalars"]
     assert np.ravel(values).tolist() == force.tolist()
-    text = column(chunks, "/about", "TextDocument:text")[1][0][0]
+    text = chunks["/about", "TextDocument:text"][1][0][0]
     assert text.startswith("### Who holds?")
     assert "| gp | opened | 66° | 30.0 N |" in text
     ball = "/robots/gp/world/task/outside/person"
-    assert column(chunks, ball, "Points3D:labels")[1][-1] == ["person 30 N"]
-    assert not any("/plots/radial" in chunk.entity_path for chunk in chunks)
+    assert chunks[ball, "Points3D:labels"][1][-1] == ["person 30 N"]
+    assert not any("/plots/radial" in entity for entity in chunks.entities)
 
 
 def test_the_measured_curves_end_in_the_metrics_of_their_names(make_log):
@@ -120,7 +103,7 @@ def test_the_measured_curves_end_in_the_metrics_of_their_names(make_log):
 def test_any_name_has_a_place_of_its_own(record, make_log):
     chunks = record(make_log(), make_log(policy="gp, prior mean"))
     entity = r"/plots/angle/gp\,\ prior\ mean"
-    assert column(chunks, entity, "SeriesLines:names")[1] == [["gp, prior mean"]]
+    assert chunks[entity, "SeriesLines:names"][1] == [["gp, prior mean"]]
 
 
 def test_labels_say_how_it_ended(record, make_log):
@@ -135,38 +118,15 @@ def test_labels_say_how_it_ended(record, make_log):
     lost = dataclasses.replace(stuck, policy="gmr", failure="grasp_lost")
     chunks = record(make_log(), stuck, lost)
     label = "world/task/label"
-    assert column(chunks, f"/robots/gp/{label}", "Points3D:labels")[1] == [
-        ["gp: opened"]
-    ]
-    assert column(chunks, f"/robots/dmp/{label}", "Points3D:labels")[1] == [
+    assert chunks[f"/robots/gp/{label}", "Points3D:labels"][1] == [["gp: opened"]]
+    assert chunks[f"/robots/dmp/{label}", "Points3D:labels"][1] == [
         ["dmp: stuck at 40°"]
     ]
-    assert column(chunks, f"/robots/gmr/{label}", "Points3D:labels")[1] == [
+    assert chunks[f"/robots/gmr/{label}", "Points3D:labels"][1] == [
         ["gmr: let go at 40°"]
     ]
-    text = column(chunks, "/about", "TextDocument:text")[1][0][0]
+    text = chunks["/about", "TextDocument:text"][1][0][0]
     assert "| dmp | stalled | 40° | 3.0 N |" in text
-
-
-def test_a_policy_without_uncertainty_has_a_tube_that_can_be_drawn(record, make_log):
-    log = make_log(policy="dmp")
-    unknown = np.full_like(log.forecast_std, math.nan)
-    chunks = record(make_log(policy="dmp", forecast_std=unknown))
-    _, tubes = column(
-        chunks, "/robots/dmp/world/task/policy_now", "Mesh3D:vertex_positions"
-    )
-    assert np.isfinite(np.array(tubes)).all()
-
-
-def test_episodes_without_forecasts_are_shown(record, make_log):
-    bare = make_log(
-        policy="oracle",
-        forecast_times=np.empty(0),
-        forecast_phase=np.empty(0),
-        forecast_mean=np.empty((0, 0, 6)),
-        forecast_std=np.empty((0, 0, 6)),
-    )
-    assert any("/robots/oracle" in chunk.entity_path for chunk in record(bare))
 
 
 @pytest.mark.parametrize(

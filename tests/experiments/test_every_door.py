@@ -15,7 +15,7 @@ from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.episodes.build import make_environment
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.task import episode_task
-from gplfd_experiments.recording import live_view
+from gplfd_experiments.recording import live
 from gplfd_experiments.recording.stream import open_stream
 from gplfd_experiments.studies.settings import StudySettings
 from gplfd_experiments.studies.settings_file import read_settings, write_settings
@@ -220,8 +220,8 @@ def test_it_is_watched_live(
     def viewer_process(*, serve: bool) -> Iterator[tuple[_Viewer, str]]:
         yield _Viewer(), str(tmp_path / "live.rrd")
 
-    monkeypatch.setattr(live_view, "_stream_to", stream_to)
-    monkeypatch.setattr(live_view, "_viewer_process", viewer_process)
+    monkeypatch.setattr(live, "_stream_to", stream_to)
+    monkeypatch.setattr(live, "_viewer_process", viewer_process)
     given = ("--door", door, "--start", start, "--policy", "oracle")
     assert gplfd("view", "--live", "--serve", *given, "--speed", "1e6") == 0
     assert ": opened in" in capsys.readouterr().err

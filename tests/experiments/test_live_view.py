@@ -2,7 +2,6 @@
 
 import contextlib
 import itertools
-import socket
 import stat
 import sys
 import time
@@ -21,7 +20,7 @@ from rerun.chunk import Chunk, RrdReader
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.recording import live, live_view, record_episode
+from gplfd_experiments.recording import live, record_episode
 from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.live import LiveRecording, watched_rollout
 from gplfd_experiments.recording.stream import open_stream
@@ -35,14 +34,8 @@ NAMES = {
 DEMONSTRATIONS = Teacher().demonstrate_doors([0.5], 1, rng=np.random.default_rng(0))
 
 
-@pytest.fixture(autouse=True)
-def strict_rerun(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("RERUN_STRICT", "1")
-    rr.set_strict_mode(True)
-
-
 @pytest.fixture
-def watch(tmp_path: Path) -> Callable[..., tuple[EpisodeLog, list[Chunk]]]:
+def watch(tmp_path, columns):
     """Run an episode and return its log and what was streamed, in order."""
 
     def watch(
@@ -72,13 +65,8 @@ def entities_of(chunks: list[Chunk]) -> set[tuple[str, bool]]:
 
 @pytest.mark.parametrize("outcome", ["success", "grasp_lost"])
 def test_live_and_recorded_show_the_same(
-    watch: Callable[..., tuple[EpisodeLog, list[Chunk]]],
-    door_env: Any,
-    arc_agent: Any,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    outcome: str,
-) -> None:
+    watch, door_env, arc_agent, tmp_path, monkeypatch, outcome
+):
     monkeypatch.setattr(live, "_PERIOD", 0.0)  # an update per step
     env = door_env(outcome)
     log, chunks = watch(env, arc_agent(), speed=np.inf)
@@ -95,11 +83,8 @@ def test_live_and_recorded_show_the_same(
 
 
 def test_times_arrive_in_order_and_every_step_is_shown_once(
-    watch: Callable[..., tuple[EpisodeLog, list[Chunk]]],
-    door_env: Any,
-    arc_agent: Any,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    watch, door_env, arc_agent, monkeypatch
+):
     monkeypatch.setattr(live, "_PERIOD", 0.0)
     log, chunks = watch(door_env(), arc_agent(), speed=np.inf)
     series: dict[str, list[int]] = {}
@@ -125,44 +110,32 @@ def times_of_rows(log: EpisodeLog) -> list[int]:
     return column.as_arrow_array().cast(pa.int64()).to_pylist()
 
 
-def test_an_episode_is_watched_in_its_own_time(
-    watch: Callable[..., tuple[EpisodeLog, list[Chunk]]],
-    door_env: Any,
-    arc_agent: Any,
-) -> None:
+def test_an_episode_is_watched_in_its_own_time(watch, door_env, arc_agent):
     started = time.perf_counter()
     log, _ = watch(door_env(n_steps=60), arc_agent(n_steps=60), speed=2.0)
     assert time.perf_counter() - started >= log.times[-1] / 2.0
 
 
-def test_an_episode_that_nobody_watches_is_given_up(
-    watch: Callable[..., tuple[EpisodeLog, list[Chunk]]],
-    door_env: Any,
-    arc_agent: Any,
-) -> None:
+def test_an_episode_that_nobody_watches_is_given_up(watch, door_env, arc_agent):
     env = door_env()
     with pytest.raises(InterruptedError, match="nobody watches"):
         watch(env, arc_agent(), speed=np.inf, wanted=lambda: False)
     assert len(env.actions) < env.n_steps
 
 
-def test_a_policy_without_forecasts_can_be_watched(
-    watch: Callable[..., tuple[EpisodeLog, list[Chunk]]],
-    door_env: Any,
-    arc_agent: Any,
-) -> None:
+def test_a_policy_without_forecasts_can_be_watched(watch, door_env, arc_agent):
     log, chunks = watch(door_env(), arc_agent(forecasts=False), speed=np.inf)
     assert log.forecast_times.size == 0
     assert not any("policy" in chunk.entity_path for chunk in chunks)
 
 
-def test_time_follows_what_comes_in() -> None:
+def test_time_follows_what_comes_in():
     assert layout((), live=True).time_panel.play_state == "following"
     assert layout(()).time_panel.play_state == "playing"
 
 
 @pytest.fixture
-def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Gplfd:
+def gplfd(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(variable, raising=False)
@@ -195,13 +168,9 @@ def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Gplfd:
     ],
 )
 def test_bad_arguments_have_status_2_and_start_nothing(
-    gplfd: Gplfd,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
-    message: str,
-) -> None:
-    monkeypatch.setattr(live_view.subprocess, "Popen", None)
+    gplfd, monkeypatch, capsys, arguments, message
+):
+    monkeypatch.setattr(live.subprocess, "Popen", None)
     assert gplfd(*arguments) == 2
     printed = capsys.readouterr().err
     assert printed.startswith("gplfd: ")
@@ -209,7 +178,7 @@ def test_bad_arguments_have_status_2_and_start_nothing(
     assert len(printed.splitlines()) == 1
 
 
-def test_unreadable_speed_is_a_parser_error(gplfd: Gplfd) -> None:
+def test_unreadable_speed_is_a_parser_error(gplfd):
     assert gplfd("--live", "--speed", "fast") == 2
 
 
@@ -228,17 +197,15 @@ def stand_in(monkeypatch: pytest.MonkeyPatch, script: str) -> None:
     path = Path("viewer").resolve()
     path.write_text(f"#!{sys.executable}\n{script}")
     path.chmod(path.stat().st_mode | stat.S_IXUSR)
-    monkeypatch.setattr(live_view, "viewer", lambda: str(path))
+    monkeypatch.setattr(live, "viewer", lambda: str(path))
 
 
 ORACLE = ("--live", "--serve", "--policy", "oracle")
 
 
 def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
-    gplfd: Gplfd,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    gplfd, monkeypatch, capsys
+):
     seen: dict[str, Any] = {}
 
     @contextlib.contextmanager
@@ -251,8 +218,8 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
         assert wanted()
         raise InterruptedError
 
-    monkeypatch.setattr(live_view, "_stream_to", connected)
-    monkeypatch.setattr(live_view, "watched_rollout", show)
+    monkeypatch.setattr(live, "_stream_to", connected)
+    monkeypatch.setattr(live, "watched_rollout", show)
     stand_in(monkeypatch, LISTENING)
     assert gplfd(*ORACLE, "--door", "0.42", "--disturbance", "person") == 0
     assert seen["arrangement"] is layout(("person",), live=True)
@@ -268,30 +235,14 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
     assert "closed before the episode ended" in printed
 
 
-def test_a_viewer_that_does_not_start_is_told(
-    gplfd: Gplfd,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_viewer_that_does_not_start_is_told(gplfd, monkeypatch, capsys):
     stand_in(monkeypatch, "raise SystemExit(102)")
     assert gplfd(*ORACLE) == 2
     assert "the viewer ended with status 102" in capsys.readouterr().err
 
 
-def test_a_viewer_that_does_not_answer_is_told(
-    gplfd: Gplfd,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.setattr(live_view, "_START_TIMEOUT", 0.2)
+def test_a_viewer_that_does_not_answer_is_told(gplfd, monkeypatch, capsys):
+    monkeypatch.setattr(live, "_START_TIMEOUT", 0.2)
     stand_in(monkeypatch, "import time; time.sleep(60)")
     assert gplfd(*ORACLE) == 2
     assert "did not answer within 0.2 s" in capsys.readouterr().err
-
-
-def test_ports_are_free_and_two() -> None:
-    first, second = live_view._free_ports()
-    assert first != second
-    for port in (first, second):
-        with socket.create_server(("127.0.0.1", port)):
-            pass

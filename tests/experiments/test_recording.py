@@ -1,28 +1,23 @@
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
-import pyarrow as pa
 import pytest
-import rerun as rr
-from rerun.chunk import Chunk, RrdReader
+from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording import colours, record_episode
-from gplfd_experiments.recording.geoms import visual_geoms
-from gplfd_experiments.recording.layout import _policy_views, layout
+from gplfd_experiments.recording.lanes import LEVELS, SCALE, recent_mean, stages
+from gplfd_experiments.recording.layout import PLOTS, layout
 from gplfd_experiments.recording.motion import VIEW
 from gplfd_experiments.recording.panels import share_of_bound
-from gplfd_experiments.recording.stages import stages
-from gplfd_experiments.recording.stiffness import LEVELS, SCALE, recent_mean
+from gplfd_experiments.recording.scene import visual_geoms
 from gplfd_experiments.recording.tube import (
     N_RINGS,
     N_SIDES,
@@ -31,94 +26,55 @@ from gplfd_experiments.recording.tube import (
 MakeLog = Callable[..., EpisodeLog]
 
 
-@pytest.fixture(autouse=True)
-def strict_rerun(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("RERUN_STRICT", "1")
-    rr.set_strict_mode(True)
-
-
-class Recording:
-    """The columns of one .rrd by entity and component."""
-
-    def __init__(self, path: Path) -> None:
-        self.reader = RrdReader(path)
-        self.chunks = list(self.reader.stream())
-
-    @property
-    def entities(self) -> set[str]:
-        return {chunk.entity_path for chunk in self.chunks}
-
-    def column(self, entity: str, component: str) -> tuple[Any, list[Any]]:
-        """Times [s] (None when static) and values of one component, in order."""
-        for chunk in self.chunks:
-            batch = chunk.to_record_batch()
-            if chunk.entity_path != entity or component not in batch.schema.names:
-                continue
-            values = batch.column(component).to_pylist()
-            if chunk.is_static:
-                return None, values
-            times = batch.column("sim_time").cast(pa.int64()).to_numpy() / 1e9
-            return times, values
-        raise AssertionError(f"{entity} has no {component}: {sorted(self.entities)}")
-
-
 @pytest.fixture
-def record(
-    tmp_path: Path, door_model: mujoco.MjModel
-) -> Callable[[EpisodeLog], Recording]:
-    def record(log: EpisodeLog) -> Recording:
+def record(tmp_path, door_model, columns):
+    def record(log):
         demonstrations = Teacher().demonstrate_doors(
             [0.35, 0.65], 1, rng=np.random.default_rng(0)
         )
         path = tmp_path / "episode.rrd"
         record_episode(path, log, door_model, demonstrations)
-        return Recording(path)
+        return columns(RrdReader(path).stream())
 
     return record
 
 
 def test_every_visible_geom_is_drawn_once_in_its_place_and_colour(
-    record: Callable[[EpisodeLog], Recording],
-    make_log: MakeLog,
-    door_model: mujoco.MjModel,
-) -> None:
+    record, make_log, door_model
+):
     recording = record(make_log())
     assert sum(map(len, visual_geoms(door_model).values())) == 7
     leaf = "/world/scene/leaf"
     drawn = {path for path in recording.entities if path.startswith("/world/scene/")}
     assert drawn == {"/world/scene/world", leaf, f"{leaf}/mesh_6"}
-    _, sizes = recording.column(leaf, "Boxes3D:half_sizes")
+    _, sizes = recording[leaf, "Boxes3D:half_sizes"]
     np.testing.assert_allclose(sizes[0], [[0.02, 1.0, 0.25]], atol=1e-6)
-    _, colours = recording.column(leaf, "Boxes3D:colors")
+    _, colours = recording[leaf, "Boxes3D:colors"]
     assert colours == [[0x0000FFFF]]  # of the material
-    _, colours = recording.column(leaf, "Capsules3D:colors")
+    _, colours = recording[leaf, "Capsules3D:colors"]
     assert colours == [[0xFF000080]]  # of the geom, half transparent
-    _, sizes = recording.column(leaf, "Ellipsoids3D:half_sizes")
+    _, sizes = recording[leaf, "Ellipsoids3D:half_sizes"]
     np.testing.assert_allclose(sizes[0], [[0.02] * 3, [0.02, 0.03, 0.04]], atol=1e-6)
     # MuJoCo centres the capsule at (0, 0, R); Rerun's starts at its lower end.
-    _, start = recording.column(leaf, "Capsules3D:translations")
+    _, start = recording[leaf, "Capsules3D:translations"]
     quaternion = door_model.geom("bar").quat
     axis = np.zeros(3)
     mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, 1.0]), quaternion)
     np.testing.assert_allclose(start[0][0], [0.0, 0.0, 0.5] - 0.1 * axis, atol=1e-6)
-    _, faces = recording.column(f"{leaf}/mesh_6", "Mesh3D:triangle_indices")
+    _, faces = recording[f"{leaf}/mesh_6", "Mesh3D:triangle_indices"]
     assert len(faces[0]) == 4
     # The floor is infinite: a thin box of 6 m below it.
-    _, floor = recording.column("/world/scene/world", "Boxes3D:centers")
+    _, floor = recording["/world/scene/world", "Boxes3D:centers"]
     np.testing.assert_allclose(floor[0], [[0.0, 0.0, -0.005]], atol=1e-6)
-    _, floor = recording.column("/world/scene/world", "Boxes3D:half_sizes")
+    _, floor = recording["/world/scene/world", "Boxes3D:half_sizes"]
     np.testing.assert_allclose(floor[0], [[3.0, 3.0, 0.005]], atol=1e-6)
 
 
-def test_bodies_move_as_forward_kinematics_says(
-    record: Callable[[EpisodeLog], Recording],
-    make_log: MakeLog,
-    door_model: mujoco.MjModel,
-) -> None:
+def test_bodies_move_as_forward_kinematics_says(record, make_log, door_model):
     log = make_log()
     recording = record(log)
     leaf = "/world/scene/leaf"
-    times, quaternions = recording.column(leaf, "Transform3D:quaternion")
+    times, quaternions = recording[leaf, "Transform3D:quaternion"]
     assert times[0] == 0.0
     assert times[-1] == log.times[-1]
     data = mujoco.MjData(door_model)
@@ -126,63 +82,53 @@ def test_bodies_move_as_forward_kinematics_says(
     mujoco.mj_kinematics(door_model, data)
     w, x, y, z = data.body("leaf").xquat
     np.testing.assert_allclose(quaternions[-1][0], [x, y, z, w], atol=1e-6)
-    with pytest.raises(AssertionError, match="has no"):
-        recording.column("/world/scene/world", "Transform3D:quaternion")
+    with pytest.raises(KeyError, match="has no"):
+        recording["/world/scene/world", "Transform3D:quaternion"]
 
 
-def test_leaf_in_the_view_from_above_ends_at_the_handle(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
-) -> None:
+def test_leaf_in_the_view_from_above_ends_at_the_handle(record, make_log):
     log = make_log()
     recording, plan = record(log), "/world/task/plan"
-    _, hinge = recording.column(plan, "Transform3D:translation")
-    _, leaf = recording.column(f"{plan}/leaf", "LineStrips3D:strips")
-    _, turns = recording.column(f"{plan}/leaf", "Transform3D:quaternion")
+    _, hinge = recording[plan, "Transform3D:translation"]
+    _, leaf = recording[f"{plan}/leaf", "LineStrips3D:strips"]
+    _, turns = recording[f"{plan}/leaf", "Transform3D:quaternion"]
     start, end = np.array(leaf[0][0])
     np.testing.assert_array_equal(start, 0.0)
     handle = hinge[0][0] + Rotation.from_quat(turns[-1][0]).apply(end)
     np.testing.assert_allclose(handle, log.handle_pose[-1, :3], atol=1e-6)
 
 
-def test_log_of_another_model_is_refused(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog, tmp_path: Path
-) -> None:
+def test_log_of_another_model_is_refused(record, make_log, tmp_path):
     with pytest.raises(ValueError, match=r"has 2 generalised positions .* model has 1"):
         record(make_log(qpos=np.zeros((601, 2))))
     assert list(tmp_path.iterdir()) == []
 
 
-def test_handle_arc_ends_where_the_handle_is_in_the_world(
-    record: Callable[[EpisodeLog], Recording],
-    make_log: MakeLog,
-    door_model: mujoco.MjModel,
-) -> None:
+def test_handle_arc_ends_where_the_handle_is_in_the_world(record, make_log, door_model):
     """The task frame maps the logged arc onto MuJoCo's own handle site."""
     log = make_log()
     recording = record(log)
     task = "/world/task"
-    _, origin = recording.column(task, "Transform3D:translation")
-    _, rotation = recording.column(task, "Transform3D:quaternion")
+    _, origin = recording[task, "Transform3D:translation"]
+    _, rotation = recording[task, "Transform3D:quaternion"]
     x, y, z, w = rotation[0][0]
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, np.array([w, x, y, z]))
     data = mujoco.MjData(door_model)
     data.qpos[0] = math.radians(60.0)
     mujoco.mj_kinematics(door_model, data)
-    _, strips = recording.column(f"{task}/true_arc", "LineStrips3D:strips")
+    _, strips = recording[f"{task}/true_arc", "LineStrips3D:strips"]
     at_60_degrees = matrix.reshape(3, 3) @ strips[0][0][60] + origin[0][0]
     np.testing.assert_allclose(at_60_degrees, data.site("handle").xpos, atol=1e-6)
 
 
-def test_policy_tube_is_still_before_and_moves_after(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
-) -> None:
+def test_policy_tube_is_still_before_and_moves_after(record, make_log):
     log = make_log()
     recording = record(log)
     root = "/world/task"
     component = "Mesh3D:vertex_positions"
-    before, (first,) = recording.column(f"{root}/policy_before", component)
-    times, tubes = recording.column(f"{root}/policy_now", component)
+    before, (first,) = recording[f"{root}/policy_before", component]
+    times, tubes = recording[f"{root}/policy_now", component]
     assert before is None
     np.testing.assert_allclose(times, log.forecast_times)
     assert {len(tube) for tube in tubes} == {N_RINGS * N_SIDES}
@@ -191,33 +137,31 @@ def test_policy_tube_is_still_before_and_moves_after(
     ring = slice(middle, middle + N_SIDES)
     width = [np.ptp(np.array(tube)[ring, 1]) for tube in tubes]
     assert width[1] < 0.5 * width[0]
-    _, lines = recording.column(f"{root}/policy_now", "LineStrips3D:strips")
+    _, lines = recording[f"{root}/policy_now", "LineStrips3D:strips"]
     np.testing.assert_allclose(lines[1][0], log.forecast_mean[1, :, :3], atol=1e-6)
 
 
 def test_bands_are_1_96_sigma_and_predictions_end_where_they_are_unknown(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
-) -> None:
+    record, make_log
+):
     mean = np.array(make_log().predicted_mean)
     mean[:100] = np.nan
     recording = record(make_log(predicted_mean=mean))
-    _, variances = recording.column("/plots/turn/belief", "Measurements:variances")
+    _, variances = recording["/plots/turn/belief", "Measurements:variances"]
     to_degrees = 180.0 / math.pi
     before, now = variances[-1]
     assert before == pytest.approx((1.96 * 0.03 * to_degrees) ** 2)
     assert now == pytest.approx((1.96 * 0.004 * to_degrees) ** 2)
-    _, values = recording.column("/plots/turn/belief", "Measurements:values")
+    _, values = recording["/plots/turn/belief", "Measurements:values"]
     assert np.isfinite(values).all(axis=0).tolist() == [True, False]
     assert np.flatnonzero(np.isfinite(values)[:, 1])[0] == 100
-    _, names = recording.column("/plots/turn/belief", "Measurements:names")
+    _, names = recording["/plots/turn/belief", "Measurements:names"]
     assert names == [["before", "policy now"]]
-    _, values = recording.column("/plots/turn/motion", "Scalars:scalars")
+    _, values = recording["/plots/turn/motion", "Scalars:scalars"]
     np.testing.assert_allclose(values[-1], [66.0, 66.0])
 
 
-def test_policy_without_forecasts_or_predictions_can_be_recorded(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
-) -> None:
+def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_log):
     nothing = np.full((601, 6), np.nan)
     recording = record(
         make_log(
@@ -243,9 +187,7 @@ def test_policy_without_forecasts_or_predictions_can_be_recorded(
     assert "/world/task/true_arc" in recording.entities
 
 
-def test_before_adaptation_is_the_first_forecast_at_the_observed_phase(
-    make_log: MakeLog,
-) -> None:
+def test_before_adaptation_is_the_first_forecast_at_the_observed_phase(make_log):
     log = make_log()
     mean, std = log.first_forecast(log.observed_phase)
     arc = handle_pose_on_arc(0.5, math.radians(66.0) * 0.5)
@@ -254,19 +196,15 @@ def test_before_adaptation_is_the_first_forecast_at_the_observed_phase(
     np.testing.assert_allclose(std, 0.03)
 
 
-def test_share_of_bound_is_one_on_the_bound(make_log: MakeLog) -> None:
+def test_share_of_bound_is_one_on_the_bound(make_log):
     np.testing.assert_allclose(share_of_bound(make_log()), 0.2)  # 20 of 100
     on_bound = make_log(stability_margin=np.zeros((601, 6)))
     np.testing.assert_allclose(share_of_bound(on_bound), 1.0)
 
 
-def test_via_points_accumulate_where_they_are_apart(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
-) -> None:
+def test_via_points_accumulate_where_they_are_apart(record, make_log):
     log = make_log()
-    times, positions = record(log).column(
-        "/world/task/hand/via_points", "Points3D:positions"
-    )
+    times, positions = record(log)["/world/task/hand/via_points", "Points3D:positions"]
     counts = [len(points) for points in positions]
     assert counts == list(range(1, len(counts) + 1))
     shown, there = np.array(positions[-1]), log.ee_pose[log.via_point, :3]
@@ -275,11 +213,9 @@ def test_via_points_accumulate_where_they_are_apart(
     assert set(times.round(6)) <= set(log.times[log.via_point].round(6))
 
 
-def test_trail_grows_with_the_hand(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
-) -> None:
+def test_trail_grows_with_the_hand(record, make_log):
     log = make_log()
-    times, strips = record(log).column("/world/task/hand/trail", "LineStrips3D:strips")
+    times, strips = record(log)["/world/task/hand/trail", "LineStrips3D:strips"]
     assert len(times) < 80
     for time, stretches in zip(times, strips, strict=True):
         row = round(time / log.dt)
@@ -319,7 +255,7 @@ def test_trail_grows_with_the_hand(
         ),
     ],
 )
-def test_stages(make_log: MakeLog, changes: dict[str, Any], names: list[str]) -> None:
+def test_stages(make_log, changes, names):
     log = make_log(**changes)
     began = stages(log)
     assert [name for _, name in began] == names
@@ -332,57 +268,46 @@ def test_stages(make_log: MakeLog, changes: dict[str, Any], names: list[str]) ->
             assert angle == pytest.approx(expected_deg[name], abs=0.5)
 
 
-def test_file_carries_its_layout_and_explains_itself(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
-) -> None:
-    recording = record(make_log(success=False, failure="stalled"))
-    _, page = recording.column("/about", "TextDocument:text")
-    for words in ("medium door", "`gp`", "not opened** (stalled)", "**seed**: 3"):
+def test_the_page_explains_the_run_and_the_view(record, make_log):
+    """Bands have a normal quantile per axis: no 95 % band of few demonstrations."""
+    _, page = record(make_log(success=False, failure="stalled"))[
+        "/about", "TextDocument:text"
+    ]
+    for words in (
+        *("medium door", "`gp`", "not opened** (stalled)", "**seed**: 3"),
+        *("**yellow**, 500 N/m", "**violet**, 100 N/m"),
+        "±1.96 σ per axis (normal quantile",
+    ):
         assert words in page[0][0]
-
-
-def test_bands_are_called_what_they_are(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
-) -> None:
-    """A normal quantile per axis, which is no 95 % band of few demonstrations."""
-    titles = [str(view.name) for view in _policy_views()]
+    assert "(95 %)" not in page[0][0]
+    titles = [plot.title for plot in PLOTS["Motion and policy"]]
     assert [title for title in titles if "±1.96 σ" in title] == titles
     assert not any("95" in title for title in titles)
-    _, page = record(make_log()).column("/about", "TextDocument:text")
-    assert "±1.96 σ per axis (normal quantile" in page[0][0]
-    assert "(95 %)" not in page[0][0]
 
 
-def blueprint_of(path: Path) -> list[Chunk]:
+def blueprint_of(path):
+    """Columns of the layout in a file."""
     reader = RrdReader(path)
     (blueprint,) = reader.blueprints()
-    return list(reader.stream(store=blueprint))
-
-
-def test_file_carries_the_layout_as_rerun_would_write_it(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog, tmp_path: Path
-) -> None:
-    record(make_log())
-    written = columns_of_blueprint(blueprint_of(tmp_path / "episode.rrd"))
-    layout(()).save("gplfd", tmp_path / "plain.rbl")
-    assert written == columns_of_blueprint(blueprint_of(tmp_path / "plain.rbl"))
-    views = {path for path, name in written if name == "ViewBlueprint:space_origin"}
-    assert len(views) == 16  # twelve of series, two 3-D, lanes and page
-
-
-def columns_of_blueprint(chunks: Iterable[Chunk]) -> dict[tuple[str, str], Any]:
     return {
         (chunk.entity_path, name): chunk.to_record_batch().column(name).to_pylist()
-        for chunk in chunks
+        for chunk in reader.stream(store=blueprint)
         for name in chunk.to_record_batch().schema.names
         if ":" in name
     }
 
 
+def test_file_carries_the_layout_as_rerun_would_write_it(record, make_log, tmp_path):
+    record(make_log())
+    written = blueprint_of(tmp_path / "episode.rrd")
+    layout(()).save("gplfd", tmp_path / "plain.rbl")
+    assert written == blueprint_of(tmp_path / "plain.rbl")
+    views = {path for path, name in written if name == "ViewBlueprint:space_origin"}
+    assert len(views) == 16  # twelve of series, two 3-D, lanes and page
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="counts threads in /proc")
-def test_recordings_leave_no_threads_behind(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
-) -> None:
+def test_recordings_leave_no_threads_behind(record, make_log):
     log = make_log()
     for _ in range(2):
         record(log)
@@ -392,12 +317,10 @@ def test_recordings_leave_no_threads_behind(
     assert len(os.listdir("/proc/self/task")) <= before + 2
 
 
-def test_no_legend_lies_on_a_curve(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog, tmp_path: Path
-) -> None:
+def test_no_legend_lies_on_a_curve(record, make_log, tmp_path):
     """σ and the pull start at zero, stiffness at its most."""
     record(make_log())
-    written = columns_of_blueprint(blueprint_of(tmp_path / "episode.rrd"))
+    written = blueprint_of(tmp_path / "episode.rrd")
     corners = {}
     for path, name in written:
         if name == "PlotLegend:visible" and written[path, name] == [[True]]:
@@ -413,40 +336,33 @@ def test_no_legend_lies_on_a_curve(
     }
 
 
-def test_colours_say_how_stiff_the_hand_is(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
-) -> None:
+def test_colours_say_how_stiff_the_hand_is(record, make_log):
     """Half of the episode soft, half stiff; trail, tube, ball and lane agree."""
     stiffness = np.full((601, 6), 100.0)
     stiffness[300:] = 500.0
     log = make_log(stiffness=stiffness)
     recording = record(log)
     soft, stiff = (packed(SCALE[level]) for level in (100.0, 500.0))
-    times, tints = recording.column("/world/task/hand/trail", "LineStrips3D:colors")
+    times, tints = recording["/world/task/hand/trail", "LineStrips3D:colors"]
     assert set(tints[np.flatnonzero(times < 3.0)[-1]]) == {soft}
     assert (tints[-1][0], tints[-1][-1]) == (soft, stiff)
-    times, labels = recording.column("/world/task/hand/stiffness", "Points3D:labels")
+    times, labels = recording["/world/task/hand/stiffness", "Points3D:labels"]
     assert (labels[0], labels[-1]) == (["100 N/m"], ["500 N/m"])
-    _, tints = recording.column("/world/task/hand/stiffness", "Points3D:colors")
+    _, tints = recording["/world/task/hand/stiffness", "Points3D:colors"]
     assert (tints[0], tints[-1]) == ([soft], [stiff])
-    times, tubes = recording.column("/world/task/policy_now", "Mesh3D:albedo_factor")
+    times, tubes = recording["/world/task/policy_now", "Mesh3D:albedo_factor"]
     opaque = [(tint[0] | 0xFF) for tint in tubes]
     assert opaque == [soft if time < 3.0 else stiff for time in times]
-    times, states = recording.column("/stage/stiffness", "StateChange:state")
+    times, states = recording["/stage/stiffness", "StateChange:state"]
     assert [one[0] for one in states] == list(LEVELS)
     assert times[1] == pytest.approx(3.0, abs=0.25)
-    _, page = recording.column("/about", "TextDocument:text")
-    for words in ("**yellow**, 500 N/m", "**violet**, 100 N/m"):
-        assert words in page[0][0]
 
 
-def test_who_has_no_stiffness_has_the_colours_of_hand_and_policy(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
-) -> None:
+def test_who_has_no_stiffness_has_the_colours_of_hand_and_policy(record, make_log):
     recording = record(make_log(stiffness=np.full((601, 6), np.nan)))
-    _, tints = recording.column("/world/task/hand/trail", "LineStrips3D:colors")
+    _, tints = recording["/world/task/hand/trail", "LineStrips3D:colors"]
     assert set(tints[-1]) == {packed(colours.HAND)}
-    _, tubes = recording.column("/world/task/policy_now", "Mesh3D:albedo_factor")
+    _, tubes = recording["/world/task/policy_now", "Mesh3D:albedo_factor"]
     assert {tint[0] | 0xFF for tint in tubes} == {packed(colours.ADAPTED)}
     assert {"/stage/stiffness", "/world/task/hand/stiffness"}.isdisjoint(
         recording.entities
@@ -458,21 +374,19 @@ def packed(colour: tuple[int, int, int]) -> int:
     return (red << 24) + (green << 16) + (blue << 8) + 255
 
 
-def test_what_is_shown_first_has_no_sawtooth(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
-) -> None:
+def test_what_is_shown_first_has_no_sawtooth(record, make_log):
     """As σ has, which grows and falls at every via-point; what was is kept."""
     ramp = 1e-3 * (np.arange(601) % 10)[:, None] * np.ones(6)
     recording = record(make_log(std=ramp))
-    _, raw = recording.column("/plots/uncertainty_raw/axes", "Scalars:scalars")
+    _, raw = recording["/plots/uncertainty_raw/axes", "Scalars:scalars"]
     np.testing.assert_allclose(np.array(raw)[:, 0], 1e3 * ramp[:, 0])
-    _, shown = recording.column("/plots/uncertainty/axes", "Scalars:scalars")
+    _, shown = recording["/plots/uncertainty/axes", "Scalars:scalars"]
     assert np.ptp(np.array(raw)[100:, 0]) == pytest.approx(9.0)
     assert np.ptp(np.array(shown)[100:, 0]) < 2.0
     assert np.mean(np.array(shown)[100:, 0]) == pytest.approx(4.5, abs=0.1)
 
 
-def test_a_recent_mean_knows_no_future_and_no_missing_rows() -> None:
+def test_a_recent_mean_knows_no_future_and_no_missing_rows():
     values = np.random.default_rng(0).normal(size=(100, 2))
     values[:10] = np.nan
     values[40, 1] = np.nan
@@ -483,12 +397,10 @@ def test_a_recent_mean_knows_no_future_and_no_missing_rows() -> None:
     np.testing.assert_allclose(whole[12], values[10:13].mean(axis=0))
 
 
-def test_views_look_from_a_frame_with_z_up(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
-) -> None:
+def test_views_look_from_a_frame_with_z_up(record, make_log):
     recording = record(make_log())
-    _, task = recording.column("/world/task", "Transform3D:quaternion")
-    _, axes = recording.column(VIEW, "Transform3D:mat3x3")
+    _, task = recording["/world/task", "Transform3D:quaternion"]
+    _, axes = recording[VIEW, "Transform3D:mat3x3"]
     columns = np.array(axes[0][0]).reshape(3, 3).T
     upward = Rotation.from_quat(task[0][0]).apply(columns[:, 2])
     assert np.linalg.det(columns) == pytest.approx(1.0)
@@ -497,8 +409,6 @@ def test_views_look_from_a_frame_with_z_up(
     np.testing.assert_allclose(upward, frame.apply([0.0, 1.0, 0.0]), atol=1e-6)
 
 
-def test_recordings_are_made_of_few_chunks(
-    record: Callable[[EpisodeLog], Recording], make_log: MakeLog
-) -> None:
+def test_recordings_are_made_of_few_chunks(record, make_log):
     """Time is spent per chunk, 0.1 ms each to make and to write."""
     assert len(record(make_log()).chunks) <= 70

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,7 +11,7 @@ from gplfd_env.doors.config import DOORS, DoorConfig, door_config
 from gplfd_env.robot.mobile_base import BASE_JOINTS
 from gplfd_env.scene.build import build_scene
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.recording.episode import happening, stage_setting
+from gplfd_experiments.recording.episode import part_chunks, static_chunks
 from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.mechanism import (
     ARM,
@@ -21,7 +20,7 @@ from gplfd_experiments.recording.mechanism import (
     bolt_states,
     mechanism_of,
 )
-from gplfd_experiments.recording.part import Part
+from gplfd_experiments.recording.stream import Part
 
 MakeLog = Callable[..., EpisodeLog]
 ROWS = np.arange(601)
@@ -31,12 +30,12 @@ TORQUE = 20.0 + 1e-2 * ROWS
 
 
 @pytest.fixture(scope="module")
-def model() -> mujoco.MjModel:
+def model():
     return build_scene(DOORS["heavy-fire"], base="mobile")
 
 
 @pytest.fixture
-def log(make_log: MakeLog, model: mujoco.MjModel) -> EpisodeLog:
+def log(make_log, model):
     """A handle that is turned in 1 s and let go after 4 s, before a base that backs."""
     qpos = np.tile(model.key_qpos[0], (601, 1))
     for joint, values in (
@@ -51,19 +50,12 @@ def log(make_log: MakeLog, model: mujoco.MjModel) -> EpisodeLog:
     return make_log(qpos=qpos, door_config=door, closer_torque=TORQUE)
 
 
-def shown(part: Part, model: mujoco.MjModel) -> dict[tuple[str, str], Any]:
-    """Columns by entity and component."""
-    return {
-        (chunk.entity_path, name): chunk.to_record_batch().column(name).to_pylist()
-        for chunk in happening(part, model)
-        for name in chunk.to_record_batch().schema.names
-        if ":" in name
-    }
+@pytest.fixture
+def shown(columns):
+    return lambda part, model: columns(part_chunks(part, model))
 
 
-def test_nothing_is_made_of_a_plain_bar_door(
-    make_log: MakeLog, door_model: mujoco.MjModel
-) -> None:
+def test_nothing_is_made_of_a_plain_bar_door(make_log, door_model, shown):
     entities = {entity for entity, _ in shown(Part(log=make_log()), door_model)}
     assert not any(f"/plots/{name}/" in path for path in entities for name in PANELS)
     assert not {LATCH, ARM} & entities
@@ -81,49 +73,41 @@ def test_nothing_is_made_of_a_plain_bar_door(
         ({"handle": "knob"}, "fixed", ("handle",)),
     ],
 )
-def test_only_what_is_there_is_shown(
-    door: Any, base: Any, there: tuple[str, ...]
-) -> None:
+def test_only_what_is_there_is_shown(door, base, there):
     config = door_config(door)
     assert mechanism_of(build_scene(config, base=base), config.as_dict()) == there
 
 
-def test_curves_are_the_log_s_in_the_units_of_the_titles(
-    log: EpisodeLog, model: mujoco.MjModel
-) -> None:
+def test_curves_are_the_log_s_in_the_units_of_the_titles(log, model, shown):
     found = shown(Part(log=log), model)
     for name, values in (
         ("handle", np.degrees(TURN)),
         ("latch", 1e3 * BOLT),
         ("closer", TORQUE),
     ):
-        curve = found[f"/plots/{name}/motion", "Scalars:scalars"]
+        curve = found[f"/plots/{name}/motion", "Scalars:scalars"][1]
         np.testing.assert_allclose(np.ravel(curve), values, err_msg=name)
-    base = np.array(found["/plots/base/motion", "Scalars:scalars"])
+    base = np.array(found["/plots/base/motion", "Scalars:scalars"][1])
     left = model.key_qpos[0, model.joint(BASE_JOINTS[1]).qposadr[0]]
     expected = np.column_stack([-1e-3 * ROWS, np.full(601, left), 1e-4 * ROWS])
     np.testing.assert_allclose(base, expected)
 
 
-def test_the_bolt_is_held_back_where_the_door_is_free(
-    log: EpisodeLog, model: mujoco.MjModel
-) -> None:
+def test_the_bolt_is_held_back_where_the_door_is_free(log, model, shown):
     """3 mm stand out at the most: 9.7 of 12.7 mm are drawn in after 0.77 s."""
     states = bolt_states(log, model)
     free = math.ceil(100.0 * 9.7 / 12.7)
     expected = [(0, "bolt thrown"), (free, "bolt held back"), (400, "bolt thrown")]
     assert states == expected
-    lane = shown(Part(log=log), model)[LATCH, "StateChange:state"]
+    lane = shown(Part(log=log), model)[LATCH, "StateChange:state"][1]
     assert [state for (state,) in lane] == [state for _, state in expected]
-    later = shown(Part(log=log, first_row=200), model)[LATCH, "StateChange:state"]
+    later = shown(Part(log=log, first_row=200), model)[LATCH, "StateChange:state"][1]
     assert later == [["bolt thrown"]]
 
 
-def test_the_arm_joins_box_and_frame_in_every_frame(
-    log: EpisodeLog, model: mujoco.MjModel
-) -> None:
+def test_the_arm_joins_box_and_frame_in_every_frame(log, model, shown):
     part = Part(log=log)
-    strips = shown(part, model)[ARM, "LineStrips3D:strips"]
+    strips = shown(part, model)[ARM, "LineStrips3D:strips"][1]
     data = mujoco.MjData(model)
     assert len(strips) == part.frames().size
     for frame in (0, -1):
@@ -137,16 +121,14 @@ def test_the_arm_joins_box_and_frame_in_every_frame(
 
 @pytest.mark.parametrize("swing", ["pull", "push"])
 @pytest.mark.parametrize("hinge_side", ["right", "left"])
-def test_the_true_arc_is_that_of_the_model_s_handle(
-    make_log: MakeLog, swing: str, hinge_side: str
-) -> None:
+def test_the_true_arc_is_that_of_the_model_s_handle(make_log, swing, hinge_side):
     """Both ways, both sides, at the place of a lever that is held."""
     door = door_config({"preset": "room-709", "swing": swing, "hinge_side": hinge_side})
     model = build_scene(door, base="mobile")
     log = make_log(door_config=door.as_dict(), qpos=np.zeros((601, model.nq)))
     arc = next(
         chunk.to_record_batch().column("LineStrips3D:strips").to_pylist()[0][0]
-        for chunk in stage_setting(log, model, [])
+        for chunk in static_chunks(log, model, [])
         if chunk.entity_path == "/world/task/true_arc"
     )
     data = mujoco.MjData(model)
@@ -158,23 +140,16 @@ def test_the_true_arc_is_that_of_the_model_s_handle(
     np.testing.assert_allclose(arc[60], expected, atol=1e-5)
 
 
-def test_the_layout_has_room_for_what_there_is_and_is_mirrored() -> None:
-    def views(part: Any) -> list[Any]:
-        inside = getattr(part, "contents", None)
-        if isinstance(inside, list | tuple) and not hasattr(part, "class_identifier"):
-            return [view for one in inside for view in views(one)]
-        return [part]
-
-    plain = [str(view.name) for view in views(layout(()).root_container)]
-    full = views(layout((), tuple(PANELS), "left").root_container)
-    titles = [str(view.name) for view in full]
-    assert set(titles) - set(plain) == {
+def test_the_layout_has_room_for_what_there_is_and_is_mirrored(titles_of):
+    plain = titles_of(layout(()).root_container)
+    full = titles_of(layout((), tuple(PANELS), "left").root_container)
+    assert set(full) - set(plain) == {
         *(panel.title for panel in PANELS.values()),
         "From above: door at the top, hinge left",
     }
-    assert len(titles) == len(plain) + len(PANELS)
+    assert len(full) == len(plain) + len(PANELS)
 
 
-def test_the_door_of_a_log_is_its_configuration(log: EpisodeLog) -> None:
+def test_the_door_of_a_log_is_its_configuration(log):
     assert log.config == DOORS["heavy-fire"]
     assert isinstance(log.config, DoorConfig)

@@ -12,12 +12,23 @@ from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.recording.episode import happening
-from gplfd_experiments.recording.geoms import visual_geoms
-from gplfd_experiments.recording.kinematics import body_poses, task_frame
+from gplfd_experiments.recording.episode import part_chunks
 from gplfd_experiments.recording.motion import policy_motion
-from gplfd_experiments.recording.part import Part
-from gplfd_experiments.recording.scene import drawn_scene, entity_of_body, moved_scene
+from gplfd_experiments.recording.scene import (
+    body_poses,
+    drawn_scene,
+    entity_of_body,
+    moved_scene,
+    task_frame,
+    visual_geoms,
+)
+from gplfd_experiments.recording.stream import Part
+from gplfd_experiments.recording.tube import (
+    N_SIDES,
+    QUANTILE,
+    tube_triangles,
+    tube_vertices,
+)
 
 MakeLog = Callable[..., EpisodeLog]
 
@@ -38,7 +49,7 @@ FIXED = """
 """
 
 
-def test_geoms_of_fixed_bodies_are_drawn_where_their_carrier_has_them() -> None:
+def test_geoms_of_fixed_bodies_are_drawn_where_their_carrier_has_them():
     """The pose on the carrier, moved by the carrier's, is MuJoCo's own."""
     model = mujoco.MjModel.from_xml_string(FIXED)
     data = mujoco.MjData(model)
@@ -64,9 +75,7 @@ def test_geoms_of_fixed_bodies_are_drawn_where_their_carrier_has_them() -> None:
     np.testing.assert_allclose(rotation.as_matrix().ravel(), site.xmat, atol=1e-12)
 
 
-def test_what_is_the_same_is_drawn_once_for_all_recordings(
-    door_model: mujoco.MjModel,
-) -> None:
+def test_what_is_the_same_is_drawn_once_for_all_recordings(door_model):
     def ids() -> dict[str, str]:
         return {chunk.entity_path: chunk.id for chunk in drawn_scene(door_model)}
 
@@ -78,9 +87,7 @@ def test_what_is_the_same_is_drawn_once_for_all_recordings(
     assert changed["/world/scene/world"] == first["/world/scene/world"]
 
 
-def test_bodies_move_between_frames_as_in_a_video(
-    make_log: MakeLog, door_model: mujoco.MjModel
-) -> None:
+def test_bodies_move_between_frames_as_in_a_video(make_log, door_model):
     log = make_log()
     (leaf,) = moved_scene(door_model, Part(log=log))
     times = leaf.to_record_batch().column("sim_time").cast(pa.int64()).to_numpy()
@@ -100,7 +107,7 @@ SLIDES = """
 """
 
 
-def test_every_body_moves_by_its_own_joint(make_log: MakeLog) -> None:
+def test_every_body_moves_by_its_own_joint(make_log):
     model = mujoco.MjModel.from_xml_string(SLIDES)
     log = make_log(qpos=np.outer(np.linspace(0.0, 1.0, 601), [1.0, 2.0]))
     moved = {chunk.entity_path: chunk for chunk in moved_scene(model, Part(log=log))}
@@ -136,11 +143,8 @@ FROM_OUTSIDE = {
 @pytest.mark.parametrize("changes", [{}, FROM_OUTSIDE], ids=["", "from outside"])
 @pytest.mark.parametrize("ends", [[2, 4, 150, 601], [301, 601], [350, 450, 550, 601]])
 def test_an_episode_shown_in_parts_shows_what_it_shows_at_once(
-    make_log: MakeLog,
-    door_model: mujoco.MjModel,
-    ends: list[int],
-    changes: dict[str, Any],
-) -> None:
+    make_log, door_model, ends, changes
+):
     predicted = np.array(make_log().predicted_mean)
     predicted[:200] = np.nan
     whole = make_log(predicted_mean=predicted, **changes)
@@ -149,12 +153,12 @@ def test_an_episode_shown_in_parts_shows_what_it_shows_at_once(
     for end in ends:
         log = so_far(whole, end)
         part = Part(log=log, first_row=first_row, first_forecast=first_forecast)
-        new = columns_of(happening(part, door_model))
+        new = columns_of(part_chunks(part, door_model))
         assert not parts.keys() & new.keys()
         parts |= new
         first_row, first_forecast = end, log.forecast_times.size
     missing = []
-    for key, value in columns_of(happening(Part(log=whole), door_model)).items():
+    for key, value in columns_of(part_chunks(Part(log=whole), door_model)).items():
         if key not in parts:
             missing.append(key)
         elif key[1] == "LineStrips3D:strips" and "trail" in key[0]:
@@ -178,7 +182,7 @@ def so_far(log: EpisodeLog, end: int) -> EpisodeLog:
     return EpisodeLog(**fields)
 
 
-def test_policy_without_uncertainty_is_drawn_as_its_mean(make_log: MakeLog) -> None:
+def test_policy_without_uncertainty_is_drawn_as_its_mean(make_log):
     """Its tube has no width, and no corner that a viewer could not draw."""
     log = make_log()
     unsure = dataclasses.replace(
@@ -192,3 +196,51 @@ def test_policy_without_uncertainty_is_drawn_as_its_mean(make_log: MakeLog) -> N
                 assert np.isfinite(tube).all()
                 seen += 1
     assert seen > 1
+
+
+# --- Tubes -------------------------------------------------------------------
+
+
+def test_tube_touches_the_ellipse_of_the_normal_quantile():
+    """On a straight path along x the section has half axes 1.96 σ_z and 1.96 σ_y."""
+    mean = np.outer(np.linspace(0.0, 1.0, 30), [1.0, 0.0, 0.0])
+    vertices, normals = tube_vertices(mean, np.tile([9.0, 0.01, 0.02], (30, 1)))
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-6)
+    across = vertices / (QUANTILE * np.array([np.inf, 0.01, 0.02]))
+    np.testing.assert_allclose(np.linalg.norm(across, axis=1), 1.0, rtol=1e-6)
+    triangles = tube_triangles()
+    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
+    outward = np.sum(np.cross(b - a, c - a) * normals[triangles[:, 0]], axis=1)
+    assert np.all(outward > 0.0) or np.all(outward < 0.0)
+
+
+@pytest.mark.parametrize("axis", [None, 1])
+def test_tube_of_a_path_without_a_direction_is_finite(axis):
+    """One that stands still, and one straight upwards."""
+    mean = np.zeros((5, 3))
+    if axis is not None:
+        mean[:, axis] = np.linspace(0.0, 1.0, 5)
+    vertices, normals = tube_vertices(mean, np.zeros((5, 3)))
+    assert np.isfinite(vertices).all()
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-6)
+
+
+def test_tube_of_a_path_that_waits_keeps_its_direction():
+    """Noise at the end of a path along x does not turn the last section."""
+    mean = np.zeros((40, 3))
+    mean[:20, 0], mean[20:, 0] = np.linspace(0.0, 1.0, 20), 1.0
+    mean[20:, 2] = 1e-4 * np.random.default_rng(0).normal(size=20)
+    vertices, _ = tube_vertices(mean, np.full((40, 3), 0.1))
+    last = vertices[-N_SIDES:]
+    np.testing.assert_allclose(last[:, 0], 1.0, atol=1e-3)
+
+
+def test_tubes_of_many_paths_are_those_of_each():
+    rng = np.random.default_rng(0)
+    means = np.cumsum(rng.normal(size=(3, 40, 3)), axis=1)
+    means[1, 10:20] = means[1, 10]  # it waits for a while
+    stds = rng.uniform(0.01, 0.02, means.shape)
+    together = tube_vertices(means, stds)
+    for number, (mean, std) in enumerate(zip(means, stds, strict=True)):
+        for all_of_them, alone in zip(together, tube_vertices(mean, std), strict=True):
+            np.testing.assert_allclose(all_of_them[number], alone)

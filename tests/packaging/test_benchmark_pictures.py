@@ -14,18 +14,16 @@ from PIL import Image
 from gplfd_experiments.studies.trials.protocol import TRIALS, VERSION
 
 ROOT = Path(__file__).parents[2]
-sys.path.append(str(ROOT / "benchmarks"))  # as for a script that is run
-films, gallery, leaderboard = map(
-    importlib.import_module, ("films", "gallery", "leaderboard")
-)
+sys.path.insert(0, str(ROOT / "benchmarks"))  # as for a script that is run
+leaderboard, pictures = map(importlib.import_module, ("leaderboard", "pictures"))
 
 
-def test_pictures_stand_side_by_side_pixel_by_pixel() -> None:
+def test_pictures_stand_side_by_side_pixel_by_pixel():
     colours = {"a": 10, "b": 90, "c": 170}
-    pictures = {
+    given = {
         name: np.full((40, 40, 3), value, np.uint8) for name, value in colours.items()
     }
-    canvas = gallery.side_by_side(pictures, 2).canvas
+    canvas = pictures.side_by_side(given, 2).canvas
     canvas.draw()
     drawn = np.asarray(canvas.buffer_rgba())[..., 0]
     assert drawn.shape == (2 * (40 + 26), 80)
@@ -34,9 +32,9 @@ def test_pictures_stand_side_by_side_pixel_by_pixel() -> None:
         assert np.all(inside == value)
 
 
-def test_a_moving_picture_lasts_at_its_end(tmp_path: Path) -> None:
+def test_a_moving_picture_lasts_at_its_end(tmp_path):
     frames = [Image.new("RGB", (8, 8), (40 * one, 0, 0)) for one in range(6)]
-    gallery.write_gif(tmp_path / "film.gif", frames, 0.1, 8)
+    pictures.write_gif(tmp_path / "film.gif", frames, 0.1, 8)
     lasting = []
     with Image.open(tmp_path / "film.gif") as film:
         for number in range(film.n_frames):
@@ -47,7 +45,7 @@ def test_a_moving_picture_lasts_at_its_end(tmp_path: Path) -> None:
     assert lasting == [100, 100, 100, 100, 100, 1000]
 
 
-def test_the_moving_picture_has_shades_enough_for_its_surfaces() -> None:
+def test_the_moving_picture_has_shades_enough_for_its_surfaces():
     """Few colours make blotches of a leaf on which the light changes."""
     file = ROOT / "docs" / "images" / "opening.gif"
     assert file.stat().st_size < 500_000
@@ -59,16 +57,16 @@ def test_the_moving_picture_has_shades_enough_for_its_surfaces() -> None:
 
 
 @pytest.mark.needs("opengl")
-def test_a_scene_is_pictured_at_its_angle() -> None:
-    scene = gallery.Scene("cabinet", "cabinet", "fixed", 10.0)
-    picture = gallery.pictured(scene, 80)
+def test_a_scene_is_pictured_at_its_angle():
+    scene = pictures.Scene("cabinet", "cabinet", "fixed", 10.0)
+    picture = pictures.pictured(scene, 80)
     assert picture.shape == (60, 80, 3)
     assert picture.std() > 10
 
 
 @pytest.mark.parametrize("trial", TRIALS)
-def test_the_gallery_shows_every_trial(trial: str) -> None:
-    task = films.task_of(trial)
+def test_the_gallery_shows_every_trial(trial):
+    task = pictures.task_of(trial)
     assert (task.policy, task.trial) == ("gp", trial)
     film = ROOT / "docs" / "images" / "films" / f"{trial}.gif"
     assert film.stat().st_size < 300_000
@@ -80,13 +78,11 @@ def test_the_gallery_shows_every_trial(trial: str) -> None:
 
 
 @pytest.mark.needs("opengl")
-def test_a_film_shows_the_hand_s_way(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_film_shows_the_hand_s_way(tmp_path, monkeypatch):
     """Red grows from nothing, where the demonstrations' blue is from the start."""
-    task = dataclasses.replace(films.task_of("radius"), policy="oracle")
-    monkeypatch.setattr(films, "task_of", lambda name: task)
-    films.film(tmp_path / "radius.gif", "radius", (160, 120))
+    task = dataclasses.replace(pictures.task_of("radius"), policy="oracle")
+    monkeypatch.setattr(pictures, "task_of", lambda name: task)
+    pictures.film_trial(tmp_path / "radius.gif", "radius", (160, 120))
     red, blue = [], []
     with Image.open(tmp_path / "radius.gif") as film:
         for number in range(film.n_frames):
@@ -107,16 +103,12 @@ def printed(capsys: pytest.CaptureFixture[str], *files: Path) -> str:
     return capsys.readouterr().out.strip()
 
 
-def test_the_page_has_what_the_script_prints(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_page_has_what_the_script_prints(capsys):
     page = (ROOT / "docs" / "leaderboard.md").read_text()
     assert f"\n\n{printed(capsys)}\n\n" in page
 
 
-def test_a_policy_of_others_has_its_place(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_policy_of_others_has_its_place(tmp_path, capsys):
     """Between those that open more and less; without a trial it has none."""
     stored = json.loads(leaderboard.STORED.read_text())["trials"]
     for policies in (level for trial in stored.values() for level in trial.values()):
@@ -135,9 +127,7 @@ def test_a_policy_of_others_has_its_place(
     assert "mine:make" not in printed(capsys, theirs)
 
 
-def test_a_policy_with_lost_episodes_has_no_place(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_policy_with_lost_episodes_has_no_place(tmp_path, capsys):
     stored = json.loads(leaderboard.STORED.read_text())["trials"]
     for policies in (level for trial in stored.values() for level in trial.values()):
         if "oracle" in policies:
@@ -155,7 +145,7 @@ def test_a_policy_with_lost_episodes_has_no_place(
         leaderboard.answers_of([leaderboard.STORED, theirs])
 
 
-def test_another_protocol_has_another_leaderboard(tmp_path: Path) -> None:
+def test_another_protocol_has_another_leaderboard(tmp_path):
     old = ROOT / "docs" / "results" / "trials-v1.json"
     with pytest.raises(ValueError, match=f"of protocol 1, .* leaderboard of {VERSION}"):
         leaderboard.answers_of([leaderboard.STORED, old])

@@ -77,7 +77,7 @@ def test_links_lead_somewhere(document):
         assert [path for path in paths if not path.is_relative_to(DOCS)] == []
 
 
-def test_the_citation_is_of_this_package() -> None:
+def test_the_citation_is_of_this_package():
     """Keys that the Citation File Format 1.2.0 requires, and what is said twice."""
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert {"cff-version", "message", "title", "authors"} <= set(citation)
@@ -91,7 +91,7 @@ def test_the_citation_is_of_this_package() -> None:
         assert {"type", "title", "authors"} <= set(reference)
 
 
-def test_the_paper_cites_what_its_bibliography_has() -> None:
+def test_the_paper_cites_what_its_bibliography_has():
     paper = (ROOT / "paper" / "paper.md").read_text()
     _, header, body = paper.split("---\n", 2)
     assert {"title", "tags", "authors", "affiliations", "date", "bibliography"} <= set(
@@ -129,7 +129,7 @@ PAGES = [
 
 
 @pytest.fixture(scope="module")
-def first_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def first_run(tmp_path_factory):
     """A folder in which the README's first command has been run, for one door."""
     folder = tmp_path_factory.mktemp("newcomer")
     (folder / "examples").symlink_to(ROOT / "examples")
@@ -145,9 +145,9 @@ EACH_BY_ITSELF = (
 )
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
-def test_code_in_the_pages_runs(page: Path, first_run: Path) -> None:
-    blocks = python_blocks(page)
+def test_code_in_the_pages_runs(first_run):
+    """Every block has names of its own; a traceback has the block's text."""
+    blocks = [block for page in PAGES for block in python_blocks(page)]
     ran = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", EACH_BY_ITSELF, *blocks],
         cwd=first_run,
@@ -171,7 +171,7 @@ def copied_policy(document: Path) -> str:
     return next(cell for cell in cells if "def act(" in cell).split("\n", 1)[1] + "\n"
 
 
-def test_policies_that_readers_copy_open_doors_gently(tmp_path: Path) -> None:
+def test_policies_that_readers_copy_open_doors_gently(tmp_path):
     """The doors of `gplfd run` and of `--config small`, with the literal snippets."""
     tutorial = DOCS / "tutorials" / "your-policy.ipynb"
     snippet = copied_policy(ROOT / "README.md")
@@ -191,7 +191,7 @@ def test_policies_that_readers_copy_open_doors_gently(tmp_path: Path) -> None:
     (tmp_path / "feel.py").write_text(cell.split("\n", 1)[1])
     study = (
         "benchmark --config small --no-skill --engine serial --json --quiet "
-        "--policies mine:make feel:make method:make"
+        "--seeds 1 --policies mine:make feel:make method:make"
     )
     ran = subprocess.run(
         [sys.executable, "-m", "gplfd", *study.split()],
@@ -203,7 +203,7 @@ def test_policies_that_readers_copy_open_doors_gently(tmp_path: Path) -> None:
     assert ran.returncode == 0, ran.stderr
     rows = json.loads(ran.stdout)
     assert {(row["door"], row["opened"]) for row in rows} == {
-        (door, 3) for door in ("small", "medium", "large")
+        (door, 1) for door in ("small", "medium", "large")
     }
     assert all(row["force_radial_peak"] < 8.0 for row in rows)
     assert all(row["force_tangential_peak"] < 16.0 for row in rows)
@@ -222,9 +222,7 @@ def commands(document: Path) -> Iterator[list[str]]:
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
-def test_commands_are_what_the_command_line_takes(
-    document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_commands_are_what_the_command_line_takes(document, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "results/study").mkdir(parents=True)
     write_settings(tmp_path / "results/study/study.toml", StudySettings())
@@ -234,7 +232,7 @@ def test_commands_are_what_the_command_line_takes(
         assert cli.main(arguments) == 0, arguments
 
 
-def test_the_method_s_page_quotes_the_stored_trials() -> None:
+def test_the_method_s_page_quotes_the_stored_trials():
     """The table of what somebody feels, and the heavy doors that open."""
     trials = json.loads((DOCS / "results" / "trials-v2.json").read_text())["trials"]
 
@@ -258,7 +256,7 @@ def test_the_method_s_page_quotes_the_stored_trials() -> None:
         assert cells == " | ".join([*(f"{one:.1f}" for one in felt), ", ".join(opened)])
 
 
-def test_every_public_name_has_a_place_in_the_reference() -> None:
+def test_every_public_name_has_a_place_in_the_reference():
     """Whatever a module exports, and every class that an environment's id makes."""
     pages = "".join(path.read_text() for path in (ROOT / "docs" / "api").glob("*.md"))
     described = re.findall(r"^::: ([\w.]+)$", pages, re.MULTILINE)
@@ -280,7 +278,7 @@ def test_every_public_name_has_a_place_in_the_reference() -> None:
         assert not shown or name in shown, f"{module}.{name}"
 
 
-def test_every_page_is_three_clicks_away() -> None:
+def test_every_page_is_three_clicks_away():
     """From the start page: by its links, and by the navigation beside it."""
     pages = {*DOCS.glob("*.md"), *TUTORIALS}
     reached = front = {DOCS / "index.md"}
@@ -297,7 +295,7 @@ def test_every_page_is_three_clicks_away() -> None:
     assert pages - reached == set()
 
 
-def test_what_newcomers_bring_is_one_click_away() -> None:
+def test_what_newcomers_bring_is_one_click_away():
     """Doors, demonstrations and policies of their own, from the start page."""
     start = text_of(DOCS / "index.md")
     for name in ("your-door", "your-recordings", "your-policy", "study-on-a-cluster"):
@@ -307,7 +305,7 @@ def test_what_newcomers_bring_is_one_click_away() -> None:
 
 
 @pytest.mark.parametrize("notebook", TUTORIALS, ids=lambda path: path.stem)
-def test_notebooks_keep_no_outputs(notebook: Path) -> None:
+def test_notebooks_keep_no_outputs(notebook):
     """The site's are those of its own build: `mkdocs build` runs them."""
     assert f"tutorials/{notebook.name}" in (ROOT / "mkdocs.yml").read_text()
     cells = json.loads(notebook.read_text())["cells"]

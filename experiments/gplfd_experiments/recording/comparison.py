@@ -6,37 +6,27 @@ curves.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from types import MappingProxyType
+from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
 from gplfd_env.task.opening import SUCCESS_ANGLE
 from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours, motion
 from gplfd_experiments.recording.colours import Colour
-from gplfd_experiments.recording.compared import MEASURED, RADIAL, Measured
-from gplfd_experiments.recording.comparison_layout import (
-    ABOUT,
-    ANGLE,
-    OVERLAY,
-    PLOTS,
-    ROW,
-    SPACING,
-    below,
-    comparison_layout,
-    robot_entity,
-)
-from gplfd_experiments.recording.episode import check_model, stage_setting
-from gplfd_experiments.recording.motion import hand_motion, policy_motion
-from gplfd_experiments.recording.outside import balls
-from gplfd_experiments.recording.part import Part
-from gplfd_experiments.recording.scene import moved_scene
-from gplfd_experiments.recording.stream import moving, recording_file, seconds, static
+from gplfd_experiments.recording.disturbances import balls
+from gplfd_experiments.recording.episode import check_model, static_chunks
+from gplfd_experiments.recording.layout import TEXT, Eye, as_chunks, only, view_3d
+from gplfd_experiments.recording.scene import moved_scene, task_frame
+from gplfd_experiments.recording.stream import Part, moving, recording_file, static
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 COLOURS: Final[tuple[Colour, ...]] = (
@@ -53,6 +43,19 @@ COLOURS: Final[tuple[Colour, ...]] = (
 )
 """A colour per policy, in order; no more policies than these."""
 
+SPACING: Final = 1.5
+"""Distance between neighbouring robots [m]."""
+
+_TURN: Final = math.radians(35.0)
+"""How far the view is turned from the robots' heading, about the world's z axis. From
+there no robot hides its own hand, and the row stands across it."""
+ROW: Final = np.array([-math.sin(_TURN), -math.cos(_TURN), 0.0])
+"""Direction of the row in the world; each robot stands a little behind the last."""
+
+_PLOTS: Final = "/plots"
+_ANGLE: Final = f"{_PLOTS}/angle"
+_OVERLAY: Final = "/overlay"
+"""Entity of the one door on which all paths are laid over each other."""
 _TRAIL: Final = f"{motion.ROOT}/hand/trail"
 _ENDED: Final = {
     "stalled": "stuck",
@@ -63,6 +66,88 @@ _ENDED: Final = {
 """What a failure is called where there is little room."""
 _LABEL: Final = (1.15, -0.8, -0.2)
 """Where a robot's name stands, behind it, in its task frame [m]."""
+
+
+class Measured(NamedTuple):
+    """A number over time that policies are compared by.
+
+    Attributes:
+        panel: Name of the panel's entity.
+        title: Of the panel.
+        values: From a log, (T,).
+        greatest: What its greatest value is called, and its unit.
+        meaning: A sentence or two for who sees it the first time.
+    """
+
+    panel: str
+    title: str
+    values: Callable[[EpisodeLog], FloatArray]
+    greatest: tuple[str, str]
+    meaning: str
+
+
+def _beside_path(log: EpisodeLog) -> FloatArray:
+    """How far the hand is from the policy's path, or from its command [mm]."""
+    path = np.where(np.isfinite(log.desired), log.desired, log.action)
+    beside: FloatArray = np.linalg.norm((log.ee_pose - path)[:, :3], axis=1)
+    return 1e3 * beside
+
+
+RADIAL: Final = "force_radial_peak"
+"""What policies are compared by if nothing else is said."""
+
+MEASURED: Final[Mapping[str, Measured]] = MappingProxyType(
+    {
+        RADIAL: Measured(
+            "radial",
+            "Radial force [N]: fights the hinge",
+            lambda log: np.abs(log.force_radial),
+            ("radial peak", "N"),
+            "**Radial force** does no work: it tells that the path does not fit the "
+            "door.",
+        ),
+        "force_handle_peak": Measured(
+            "handle",
+            "Force at the handle [N]",
+            lambda log: np.linalg.norm(
+                (log.force_tangential, log.force_radial, log.force_vertical), axis=0
+            ),
+            ("peak at the handle", "N"),
+            "**Force at the handle** is what the hand must hold.",
+        ),
+        "person_force_peak": Measured(
+            "person",
+            "Force on the person [N]",
+            lambda log: log.person_force,
+            ("on the person", "N"),
+            "**Force on the person:** ISO/TS 15066 allows a hand 140 N, and 280 N for "
+            "an instant.",
+        ),
+        "stop_force_sustained": Measured(
+            "stop",
+            "Force on the stop [N]",
+            lambda log: log.stop_force,
+            ("on the stop", "N"),
+            "**Force on the stop** is that of the door, as if at the handle.",
+        ),
+        "grasp_kept": Measured(
+            "slip",
+            "Slip of the hand on the handle [mm]",
+            lambda log: 1e3 * log.slip,
+            ("slip", "mm"),
+            "**Slip** is how far the hand is from where it took hold.",
+        ),
+        "push_displacement_mm": Measured(
+            "beside",
+            "Hand beside its path [mm]",
+            _beside_path,
+            ("beside its path", "mm"),
+            "**Beside its path** is how far the hand is from where the policy wants "
+            "it, or from the command if it has no path.",
+        ),
+    }
+)
+"""By the name of the metric that an episode's number becomes."""
 
 
 def record_comparison(
@@ -88,17 +173,6 @@ def record_comparison(
             does not fit the model.
         OSError: The file cannot be written.
     """
-    _check(logs, model)
-    measured = MEASURED[measure]
-    about = _about(logs, measured, heading)
-    with recording_file(path, comparison_layout(logs, model, measured)) as stream:
-        stream.send_recording_name(f"{logs[0].door} door, {len(logs)} policies")
-        page = rr.TextDocument(about, media_type="text/markdown")
-        stream.send_chunks(static(ABOUT, page))
-        stream.send_chunks(_everything(logs, model, demonstrations, measured))
-
-
-def _check(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> None:
     if not 1 <= len(logs) <= len(COLOURS):
         raise ValueError(
             f"a comparison shows 1 to {len(COLOURS)} episodes, got {len(logs)}"
@@ -113,6 +187,14 @@ def _check(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> None:
                 "shows one door"
             )
         check_model(log, model)
+    measured = MEASURED[measure]
+    with recording_file(path, _layout(logs, model, measured)) as stream:
+        stream.send_recording_name(f"{logs[0].door} door, {len(logs)} policies")
+        page = rr.TextDocument(
+            _about(logs, measured, heading), media_type="text/markdown"
+        )
+        stream.send_chunks(static(TEXT, page))
+        stream.send_chunks(_everything(logs, model, demonstrations, measured))
 
 
 def _everything(
@@ -122,59 +204,51 @@ def _everything(
     measured: Measured,
 ) -> Iterator[Chunk]:
     door = motion.door_frame(model, logs[0].config, demonstrations)
-    yield from _moved_to(OVERLAY, door)
-    yield from _success_line(logs)
+    yield from _moved_to(_OVERLAY, door)
+    # The angle from which on a door counts as opened.
+    entity, angle = f"{_ANGLE}/opened", math.degrees(SUCCESS_ANGLE)
+    look = rr.SeriesLines(colors=colours.MARK, widths=1.0, names=f"opened: {angle:.0f}")
+    yield static(entity, look)
+    ends = np.array([0.0, max(log.times[-1] for log in logs)])
+    yield moving(entity, ends, rr.Scalars.columns(scalars=[angle] * 2))
     for number, (log, colour) in enumerate(zip(logs, COLOURS, strict=False)):
         yield from _robot(number, log, colour, model)
-        yield from _curves(log, colour, measured)
+        for panel, values in (
+            (_ANGLE, np.degrees(log.door_angle)),
+            (f"{_PLOTS}/{measured.panel}", measured.values(log)),
+        ):
+            entity = _below(panel, log.policy)
+            look = rr.SeriesLines(colors=colour, widths=1.5, names=log.policy)
+            yield static(entity, look)
+            yield moving(entity, log.times, rr.Scalars.columns(scalars=values))
 
 
 def _robot(
     number: int, log: EpisodeLog, colour: Colour, model: mujoco.MjModel
 ) -> Iterator[Chunk]:
     """A robot at its door, and its path again on the common door."""
-    root, part = robot_entity(log.policy), Part(log=log)
-    place = rr.Transform3D(translation=SPACING * number * ROW)
-    yield static(f"{root}/world", place)
-    overlay, hand = (
-        below(f"{OVERLAY}{motion.ROOT}/paths", log.policy),
-        hand_motion(part),
-    )
-    yield from _moved_to(root, stage_setting(log, model, []))
-    yield from _moved_to(root, [*moved_scene(model, part), *policy_motion(part), *hand])
-    yield from _moved_to(root, balls(part))
+    root, part = _below("/robots", log.policy), Part(log=log)
+    overlay = _below(f"{_OVERLAY}{motion.ROOT}/paths", log.policy)
+    hand = motion.hand_motion(part)
+    yield static(f"{root}/world", rr.Transform3D(translation=SPACING * number * ROW))
+    yield from _moved_to(root, static_chunks(log, model, []))
+    yield from _moved_to(root, [*moved_scene(model, part), *motion.policy_motion(part)])
+    yield from _moved_to(root, [*hand, *balls(part)])
     for chunk in hand:
         if chunk.entity_path == _TRAIL:
             yield chunk.with_entity_path(overlay)
     for entity in (f"{root}{_TRAIL}", overlay):
         yield static(entity, rr.LineStrips3D.from_fields(colors=colour, radii=0.007))
-    text = [_label(log)]
+    ended = _ENDED.get(log.failure, log.failure.replace("_", " "))
+    outcome = "opened" if log.success else f"{ended} at {_widest(log):.0f}°"
     label = rr.Points3D(
-        [_LABEL], radii=0.012, colors=colour, labels=text, show_labels=True
+        [_LABEL],
+        radii=0.012,
+        colors=colour,
+        labels=[f"{log.policy}: {outcome}"],
+        show_labels=True,
     )
     yield static(f"{root}{motion.ROOT}/label", label)
-
-
-def _curves(log: EpisodeLog, colour: Colour, measured: Measured) -> Iterator[Chunk]:
-    index = seconds(log.times)
-    for panel, values in (
-        (ANGLE, np.degrees(log.door_angle)),
-        (f"{PLOTS}/{measured.panel}", measured.values(log)),
-    ):
-        entity = below(panel, log.policy)
-        yield static(
-            entity, rr.SeriesLines(colors=colour, widths=1.5, names=log.policy)
-        )
-        yield moving(entity, index, rr.Scalars.columns(scalars=values))
-
-
-def _success_line(logs: Sequence[EpisodeLog]) -> Iterator[Chunk]:
-    """The angle from which on a door counts as opened."""
-    entity, angle = f"{ANGLE}/opened", math.degrees(SUCCESS_ANGLE)
-    look = rr.SeriesLines(colors=colours.MARK, widths=1.0, names=f"opened: {angle:.0f}")
-    yield static(entity, look)
-    ends = np.array([0.0, max(log.times[-1] for log in logs)])
-    yield moving(entity, seconds(ends), rr.Scalars.columns(scalars=[angle] * 2))
 
 
 def _moved_to(root: str, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
@@ -183,10 +257,14 @@ def _moved_to(root: str, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
         yield chunk.with_entity_path(f"{root}{chunk.entity_path}")
 
 
-def _label(log: EpisodeLog) -> str:
-    angle = math.degrees(float(log.door_angle.max()))
-    ended = _ENDED.get(log.failure, log.failure.replace("_", " "))
-    return f"{log.policy}: {'opened' if log.success else f'{ended} at {angle:.0f}°'}"
+def _below(entity: str, policy: str) -> str:
+    """The entity of a policy below another, whatever the policy is called."""
+    return f"{entity}/{rr.escape_entity_path_part(policy)}"
+
+
+def _widest(log: EpisodeLog) -> float:
+    """Greatest angle of the door [deg]."""
+    return math.degrees(float(log.door_angle.max()))
 
 
 def _about(logs: Sequence[EpisodeLog], measured: Measured, heading: str) -> str:
@@ -194,7 +272,7 @@ def _about(logs: Sequence[EpisodeLog], measured: Measured, heading: str) -> str:
     rows = "\n".join(
         f"| {log.policy} | "
         f"{'opened' if log.success else log.failure.replace('_', ' ')} | "
-        f"{math.degrees(float(log.door_angle.max())):.0f}° | "
+        f"{_widest(log):.0f}° | "
         f"{float(measured.values(log).max()):.1f} {unit} |"
         for log in logs
     )
@@ -210,3 +288,41 @@ All learned from the same demonstrations and are at the same door (handle at \
 what a policy believes the rest of the motion to be, ±1.96 σ; green is the handle's \
 true arc.
 """
+
+
+def _layout(
+    logs: Sequence[EpisodeLog], model: mujoco.MjModel, measured: Measured
+) -> tuple[Chunk, ...]:
+    """All robots, from behind and above; their curves and their paths below."""
+    handle, _ = task_frame(model)
+    middle = handle + 0.5 * SPACING * (len(logs) - 1) * ROW + [-0.2, 0.0, -0.2]
+    away = max(2.2, 0.35 * SPACING * len(logs))
+    back = np.array([-math.cos(_TURN), math.sin(_TURN), 0.45])
+    plans = [f"- {_below('/robots', log.policy)}{motion.PLAN}/**" for log in logs]
+    robots = view_3d(
+        "One door each, the same door",
+        "/",
+        ["/robots/**", *plans],
+        Eye(middle + away * back, middle, (0.0, 0.0, 1.0)),
+    )
+    above, target = np.multiply(logs[0].radius, [[-0.5, -0.55, 1.45], [-0.5, -0.55, 0]])
+    paths = view_3d(
+        "All paths on one door, from above",
+        f"{_OVERLAY}{motion.VIEW}",
+        [f"{_OVERLAY}/**"],
+        Eye(above, target, (1.0, 0.0, 0.0)),
+    )
+    series = [
+        rrb.TimeSeriesView(
+            origin=origin,
+            name=name,
+            plot_legend=rrb.PlotLegend(corner="LeftTop", visible=legend),
+        )
+        for origin, name, legend in (
+            (_ANGLE, "Door angle [deg]", True),
+            (f"{_PLOTS}/{measured.panel}", measured.title, False),
+        )
+    ]
+    about = rrb.TextDocumentView(origin=TEXT, name="What is seen")
+    panels = rrb.Horizontal(*series, paths, about, column_shares=[3, 3, 2.4, 3])
+    return as_chunks(only(rrb.Vertical(robots, panels, row_shares=[5, 4])))

@@ -1,15 +1,19 @@
 """Write one episode as a recording that opens on the right view."""
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import mujoco
+import rerun as rr
 from rerun.chunk import Chunk
 
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.recording.about import page
-from gplfd_experiments.recording.layout import layout_chunks
+from gplfd_experiments.files.provenance import versions
+from gplfd_experiments.recording.disturbances import disturbance_chunks, kinds_of
+from gplfd_experiments.recording.lanes import stage_lane, stiffness_lane
+from gplfd_experiments.recording.layout import TEXT, layout_chunks
 from gplfd_experiments.recording.mechanism import mechanism, mechanism_of
 from gplfd_experiments.recording.motion import (
     door_frame,
@@ -17,13 +21,9 @@ from gplfd_experiments.recording.motion import (
     hand_stiffness,
     policy_motion,
 )
-from gplfd_experiments.recording.outside import causes_of, from_outside
 from gplfd_experiments.recording.panels import panels
-from gplfd_experiments.recording.part import Part
 from gplfd_experiments.recording.scene import drawn_scene, moved_scene
-from gplfd_experiments.recording.stages import stage_lane
-from gplfd_experiments.recording.stiffness import stiffness_lane
-from gplfd_experiments.recording.stream import recording_file
+from gplfd_experiments.recording.stream import Part, recording_file, static
 from gplfd_experiments.recording.tiago_meshes import TiagoLooks
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
@@ -50,13 +50,13 @@ def record_episode(
     """
     check_model(log, model)
     there = mechanism_of(model, log.door_config)
-    arrangement = layout_chunks(causes_of(log), there, log.config.hinge_side)
+    arrangement = layout_chunks(kinds_of(log), there, log.config.hinge_side)
     with recording_file(path, arrangement) as stream:
         stream.send_recording_name(recording_name(log))
         # One by one: while one is written the next is made.
         chunks = itertools.chain(
-            stage_setting(log, model, demonstrations, looks),
-            happening(Part(log=log), model),
+            static_chunks(log, model, demonstrations, looks),
+            part_chunks(Part(log=log), model),
             stage_lane(log),
             [page(log, len(demonstrations))],
         )
@@ -73,18 +73,25 @@ def check_model(log: EpisodeLog, model: mujoco.MjModel) -> None:
         )
 
 
-def stage_setting(
+def recording_name(log: EpisodeLog) -> str:
+    """Return what the viewer calls the episode."""
+    return f"{log.door} door, {log.policy}, seed {log.seed}"
+
+
+def static_chunks(
     log: EpisodeLog,
     model: mujoco.MjModel,
     demonstrations: Sequence[Demonstration],
     looks: TiagoLooks | None = None,
 ) -> Iterator[Chunk]:
     """What is there before anything moves: robot, door, demonstrations."""
-    yield from drawn_scene(model, looks)
+    yield from drawn_scene(model if looks is None else looks.undressed(model))
+    if looks is not None:
+        yield from looks.drawn(model)
     yield from door_frame(model, log.config, demonstrations)
 
 
-def happening(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
+def part_chunks(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
     """What happens in a part of an episode: motion, forecasts and time series."""
     yield from moved_scene(model, part)
     yield from policy_motion(part)
@@ -92,10 +99,45 @@ def happening(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
     yield from hand_stiffness(part)
     yield from stiffness_lane(part)
     yield from panels(part)
-    yield from from_outside(part)
+    yield from disturbance_chunks(part)
     yield from mechanism(part, model)
 
 
-def recording_name(log: EpisodeLog) -> str:
-    """Return what the viewer calls the episode."""
-    return f"{log.door} door, {log.policy}, seed {log.seed}"
+def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk:
+    """Write the page beside the scene: what was run and how to read the view.
+
+    Args:
+        log: Episode.
+        n_demonstrations: How many demonstrations the policy learned from.
+        ended: Whether the outcome is known.
+    """
+    opened = "**opened**" if log.success else f"**not opened** ({log.failure})"
+    angle = math.degrees(log.door_angle[-1])
+    end = f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s"
+    door = ", ".join(
+        f"{name.replace('_', ' ')} {value if isinstance(value, str) else f'{value:g}'}"
+        for name, value in log.door_config.items()
+    )
+    outside = ", ".join(kinds_of(log))
+    if outside:
+        outside = f"- **from outside** (white, a ball above the hand): {outside}\n"
+    text = f"""\
+### {log.door} door, policy `{log.policy}`: {end if ended else "being opened"}
+
+**Sure is stiff, unsure is soft.** Where the policy's σ is small, the hand is stiff \
+(**yellow**, 500 N/m); where σ is large, it is soft (**violet**, 100 N/m) and lets the \
+door lead. The ball above the hand, its trail, the tube and the lane *stiffness* have \
+this colour: violet 100, pink 300, yellow 500 N/m, mean of x and z.
+
+- **tube**: what the policy believes now, ±1.96 σ per axis (normal quantile; with few \
+demonstrations less than 95 %); **grey-blue tube**: before it felt the door; **grey \
+lines**: demonstrations; **green**: the handle's true arc
+- **red arrow**: force of the door on the hand, 10 cm per 10 N
+- σ, stiffness and colours are means of the last 0.25 s; the tab *Unsmoothed, rates* \
+has what the controller used, which is stable below 100 % of the bound
+- **door**: {door} (SI)
+- **demonstrations**: {n_demonstrations}; **seed**: {log.seed}; **control period**: \
+{1e3 * log.dt:g} ms
+{outside}- {", ".join(f"{name} {version}" for name, version in versions().items())}
+"""
+    return static(TEXT, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))

@@ -1,6 +1,7 @@
 """What a method learned, as a recording: demonstrations, mean and tube, and σ."""
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +13,7 @@ from rerun.chunk import Chunk
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.layout import TEXT, Eye, as_chunks, only, view_3d
-from gplfd_experiments.recording.stream import moving, recording_file, seconds, static
+from gplfd_experiments.recording.stream import moving, recording_file, static
 from gplfd_experiments.recording.tube import QUANTILE, tube_triangles, tube_vertices
 from gplfd_policies.movements.movement import Movement
 
@@ -44,33 +45,46 @@ def record_learned(path: str | Path, movement: Movement, name: str) -> None:
         OSError: The file cannot be written.
     """
     demonstrated = movement.aligned.poses
+    text = f"""\
+### What `{name}` learned from {len(demonstrated)} recordings
+
+Grey: the recordings, aligned. Violet: the mean and its tube, ±1.96 σ per axis (normal \
+quantile; with few recordings less than 95 %). Where recordings agree the tube is \
+narrow, and a robot that follows it is stiff; where they differ it is wide and soft. \
+Playing takes {movement.duration:.1f} s, the recordings' mean duration.
+"""
+    page = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
     with recording_file(path, _layout(demonstrated)) as stream:
         stream.send_recording_name(f"what {name} learned")
-        stream.send_chunks(
-            [*_scene(movement), *_outputs(movement), _page(movement, name)]
-        )
+        chunks = [*_scene(movement), *_outputs(movement), static(TEXT, page)]
+        stream.send_chunks(chunks)
 
 
 def _scene(movement: Movement) -> list[Chunk]:
+    """Demonstrations, mean, tube, and a hand that moves along the mean."""
     aligned, learned = movement.aligned, movement.predict(_PHASES)
-    strips = [poses[:, :3] for poses in aligned.poses]
-    size = _size(aligned.poses)
-    demonstrated = rr.LineStrips3D(
-        strips, colors=colours.DEMONSTRATION, radii=_LINE * size
-    )
+    line = _LINE * _size(aligned.poses)
     mean = learned.mean[:, :3]
-    std = np.nan_to_num(learned.std[:, :3])
-    vertices, normals = tube_vertices(mean, std)
-    turns = rr.Transform3D.columns(
-        translation=mean, quaternion=_quaternions(learned.mean[:, 3:])
+    vertices, normals = tube_vertices(mean, np.nan_to_num(learned.std[:, :3]))
+    # Quaternions (x, y, z, w) of the rotation vectors.
+    turns = learned.mean[:, 3:]
+    angle = np.sqrt(np.sum(turns**2, axis=1, keepdims=True))
+    axis = 0.5 * np.sinc(0.5 * angle / np.pi) * turns
+    hand = rr.Transform3D.columns(
+        translation=mean, quaternion=np.hstack([axis, np.cos(angle / 2)])
     )
-    index = seconds(movement.duration * _PHASES)
-    axes = rr.TransformAxes3D(0.12 * size)
     return [
-        static(f"{_SCENE}/demonstrations", demonstrated),
+        static(
+            f"{_SCENE}/demonstrations",
+            rr.LineStrips3D(
+                [poses[:, :3] for poses in aligned.poses],
+                colors=colours.DEMONSTRATION,
+                radii=line,
+            ),
+        ),
         static(
             f"{_SCENE}/mean",
-            rr.LineStrips3D([mean], colors=colours.ADAPTED, radii=2.0 * _LINE * size),
+            rr.LineStrips3D([mean], colors=colours.ADAPTED, radii=2.0 * line),
         ),
         static(
             f"{_SCENE}/tube",
@@ -81,57 +95,36 @@ def _scene(movement: Movement) -> list[Chunk]:
                 albedo_factor=(*colours.ADAPTED, _OPACITY),
             ),
         ),
-        static(f"{_SCENE}/hand", axes),
-        moving(f"{_SCENE}/hand", index, turns),
+        static(f"{_SCENE}/hand", rr.TransformAxes3D(0.12 * _size(aligned.poses))),
+        moving(f"{_SCENE}/hand", movement.duration * _PHASES, hand),
     ]
 
 
-def _outputs(movement: Movement) -> list[Chunk]:
+def _outputs(movement: Movement) -> Iterator[Chunk]:
     """Every output over time: demonstrations, mean and band."""
     aligned, learned = movement.aligned, movement.predict(_PHASES)
-    index = seconds(movement.duration * _PHASES)
-    shown = seconds(movement.duration * aligned.times)
     count = len(aligned.poses)
-    chunks = []
     for output, (name, _, scale) in enumerate(_OUTPUTS):
-        curves = scale * aligned.poses[:, :, output].T
-        chunks += [
-            static(
-                f"{_PLOTS}/{name}/demonstrations",
-                rr.SeriesLines.from_fields(
-                    colors=[colours.DEMONSTRATION] * count,
-                    widths=[1.0] * count,
-                    names=[f"demonstration {number}" for number in range(count)],
-                ),
-            ),
-            moving(
-                f"{_PLOTS}/{name}/demonstrations",
-                shown,
-                rr.Scalars.columns(scalars=curves),
-            ),
-            static(
-                f"{_PLOTS}/{name}/learned",
-                rr.Measurements.from_fields(
-                    colors=[colours.ADAPTED], widths=[2.0], names=["mean, ±1.96 σ"]
-                ),
-            ),
-            moving(
-                f"{_PLOTS}/{name}/learned",
-                index,
-                rr.Measurements.columns(
-                    values=scale * learned.mean[:, output],
-                    variances=(QUANTILE * scale * np.nan_to_num(learned.std[:, output]))
-                    ** 2,
-                ),
-            ),
-        ]
-    return chunks
-
-
-def _quaternions(rotvecs: FloatArray) -> FloatArray:
-    """Return quaternions (x, y, z, w) of rotation vectors, (N, 4)."""
-    angle = np.sqrt(np.sum(rotvecs**2, axis=1, keepdims=True))
-    return np.hstack([0.5 * np.sinc(0.5 * angle / np.pi) * rotvecs, np.cos(angle / 2)])
+        demonstrated, believed = (
+            f"{_PLOTS}/{name}/{each}" for each in ("demonstrations", "learned")
+        )
+        look = rr.SeriesLines.from_fields(
+            colors=[colours.DEMONSTRATION] * count,
+            widths=[1.0] * count,
+            names=[f"demonstration {number}" for number in range(count)],
+        )
+        yield static(demonstrated, look)
+        curves = rr.Scalars.columns(scalars=scale * aligned.poses[:, :, output].T)
+        yield moving(demonstrated, movement.duration * aligned.times, curves)
+        band = rr.Measurements.from_fields(
+            colors=[colours.ADAPTED], widths=[2.0], names=["mean, ±1.96 σ"]
+        )
+        yield static(believed, band)
+        std = QUANTILE * scale * np.nan_to_num(learned.std[:, output])
+        values = rr.Measurements.columns(
+            values=scale * learned.mean[:, output], variances=std**2
+        )
+        yield moving(believed, movement.duration * _PHASES, values)
 
 
 def _size(demonstrated: FloatArray) -> float:
@@ -165,16 +158,3 @@ def _layout(demonstrated: FloatArray) -> tuple[Chunk, ...]:
         column_shares=[5, 3, 3],
     )
     return as_chunks(only(views))
-
-
-def _page(movement: Movement, name: str) -> Chunk:
-    aligned = movement.aligned
-    text = f"""\
-### What `{name}` learned from {len(aligned.poses)} recordings
-
-Grey: the recordings, aligned. Violet: the mean and its tube, ±1.96 σ per axis (normal \
-quantile; with few recordings less than 95 %). Where recordings agree the tube is \
-narrow, and a robot that follows it is stiff; where they differ it is wide and soft. \
-Playing takes {movement.duration:.1f} s, the recordings' mean duration.
-"""
-    return static(TEXT, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))

@@ -4,7 +4,6 @@ Handle, bolt and base are joints of the model, so the log's generalised position
 them. What there is follows from model and door alone, before anything has happened.
 """
 
-import functools
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
@@ -19,11 +18,10 @@ from gplfd_env.scene.latch import GAP
 from gplfd_env.scene.visuals import CLOSER_ARM
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.recording import colours, panels, stages
-from gplfd_experiments.recording.part import Part
-from gplfd_experiments.recording.stream import moving, seconds, static
+from gplfd_experiments.recording import colours, lanes, panels
+from gplfd_experiments.recording.stream import Part, moving, static
 
-LATCH: Final = f"{stages.ENTITY}/latch"
+LATCH: Final = f"{lanes.ROOT}/latch"
 """Entity of the lane that says whether the bolt is out."""
 
 ARM: Final = "/world/scene/closer_arm"
@@ -40,24 +38,47 @@ _CLOSING: Final = (
 """Fields of a door of which any makes a closing torque."""
 
 
+class Curve(NamedTuple):
+    """A curve of a panel: its line, the joint that it shows, and the unit's factor."""
+
+    line: panels.Line
+    joint: str
+    scale: float = 1.0
+
+
 class Panel(NamedTuple):
     """A panel of time series, shown where a door or a base has what it shows.
 
     Attributes:
         title: Of the panel.
-        joint: That a model has if there is something to show; "" for the closer.
+        curves: Positions of joints; without any, the closing torque.
     """
 
     title: str
-    joint: str
+    curves: tuple[Curve, ...] = ()
 
 
 PANELS: Final[Mapping[str, Panel]] = MappingProxyType(
     {
-        "handle": Panel("Handle [deg]", "handle"),
-        "latch": Panel("Bolt, held back by [mm]", "bolt"),
-        "closer": Panel("Closing torque [N m]: closer, seal, stiction", ""),
-        "base": Panel("Base [m, rad]", BASE_JOINTS[0]),
+        "handle": Panel(
+            "Handle [deg]",
+            (Curve(panels.Line("handle", colours.HAND), "handle", 180.0 / np.pi),),
+        ),
+        "latch": Panel(
+            "Bolt, held back by [mm]",
+            (Curve(panels.Line("bolt held back", colours.HAND), "bolt", 1e3),),
+        ),
+        "closer": Panel("Closing torque [N m]: closer, seal, stiction"),
+        "base": Panel(
+            "Base [m, rad]",
+            (
+                Curve(panels.Line("x, ahead [m]", colours.AXIS_X), BASE_JOINTS[0]),
+                Curve(
+                    panels.Line("y, to the left [m]", colours.AXIS_Z), BASE_JOINTS[1]
+                ),
+                Curve(panels.Line("turn [rad]", colours.ADAPTED), BASE_JOINTS[2]),
+            ),
+        ),
     }
 )
 """By the entity below `gplfd_experiments.recording.panels.ROOT`."""
@@ -77,7 +98,7 @@ def mechanism_of(
     return tuple(
         name
         for name, panel in PANELS.items()
-        if (panel.joint in joints if panel.joint else closing)
+        if (panel.curves[0].joint in joints if panel.curves else closing)
     )
 
 
@@ -85,36 +106,24 @@ def mechanism(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
     """Curves, the latch's lane and the closer's arm in a part of an episode."""
     log = part.log
     there = mechanism_of(model, log.door_config)
-    index = seconds(log.times[part.first_row :])
     for name in there:
-        path = f"{panels.ROOT}/{name}/motion"
-        yield from panels.lines(part, index, path, curves(name, log, model))
+        curves = {
+            line: scale * _positions(log, model, joint)
+            for line, joint, scale in PANELS[name].curves
+        } or {panels.Line("closing torque", colours.FORCE): log.closer_torque}
+        yield from panels.lines(part, f"{panels.ROOT}/{name}/motion", curves)
     if "latch" in there:
-        yield from _lane(part, model)
-    yield from _arm(part, model)
-
-
-def curves(
-    name: str, log: EpisodeLog, model: mujoco.MjModel
-) -> dict[panels.Line, FloatArray]:
-    """Return the lines of one of `PANELS`, (T,) each."""
-    if name == "handle":
-        line = panels.Line("handle", colours.HAND)
-        return {line: np.degrees(_positions(log, model, "handle"))}
-    if name == "latch":
-        line = panels.Line("bolt held back", colours.HAND)
-        return {line: 1e3 * _positions(log, model, "bolt")}
-    if name == "closer":
-        return {panels.Line("closing torque", colours.FORCE): log.closer_torque}
-    looks = {
-        "x, ahead [m]": colours.AXIS_X,
-        "y, to the left [m]": colours.AXIS_Z,
-        "turn [rad]": colours.ADAPTED,
-    }
-    return {
-        panels.Line(title, colour): _positions(log, model, joint)
-        for (title, colour), joint in zip(looks.items(), BASE_JOINTS, strict=True)
-    }
+        if part.first_row == 0:
+            names, tints = tuple(BOLT_STATES), tuple(BOLT_STATES.values())
+            yield lanes.lane_style(LATCH, names, tints)
+        new = [one for one in bolt_states(log, model) if one[0] >= part.first_row]
+        if new:
+            rows, states = zip(*new, strict=True)
+            columns = rr.StateChange.columns(state=states)
+            yield moving(LATCH, log.times[list(rows)], columns)
+    tendons = [model.tendon(index).name for index in range(model.ntendon)]
+    if CLOSER_ARM in tendons:
+        yield from _arm(part, model, tendons.index(CLOSER_ARM))
 
 
 def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]:
@@ -129,30 +138,8 @@ def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]
     return [(int(row), held if back[row] else thrown) for row in rows]
 
 
-def _lane(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
-    if part.first_row == 0:
-        yield _lane_style()
-    new = [one for one in bolt_states(part.log, model) if one[0] >= part.first_row]
-    if new:
-        rows, names = zip(*new, strict=True)
-        columns = rr.StateChange.columns(state=names)
-        yield moving(LATCH, seconds(part.log.times[list(rows)]), columns)
-
-
-@functools.cache
-def _lane_style() -> Chunk:
-    names, tints = list(BOLT_STATES), np.array(list(BOLT_STATES.values()))
-    return static(
-        LATCH, rr.StateConfiguration(values=names, labels=names, colors=tints)
-    )
-
-
-def _arm(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
+def _arm(part: Part, model: mujoco.MjModel, arm: int) -> Iterator[Chunk]:
     """Draw the tendon that is a closer's arm, where it has a colour."""
-    tendons = [model.tendon(index).name for index in range(model.ntendon)]
-    if CLOSER_ARM not in tendons:
-        return
-    arm = tendons.index(CLOSER_ARM)
     colour = model.tendon_rgba[arm]
     if colour[3] == 0.0:
         return
@@ -169,11 +156,8 @@ def _arm(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
         radius = model.tendon_width[arm]
         yield static(ARM, rr.LineStrips3D.from_fields(colors=tint, radii=radius))
     columns = rr.LineStrips3D.columns(strips=strips)
-    yield moving(
-        ARM,
-        seconds(part.log.times[frames]),
-        columns.partition(np.ones(frames.size, int)),
-    )
+    each = columns.partition(np.ones(frames.size, int))
+    yield moving(ARM, part.log.times[frames], each)
 
 
 def _positions(log: EpisodeLog, model: mujoco.MjModel, joint: str) -> FloatArray:

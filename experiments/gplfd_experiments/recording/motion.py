@@ -15,10 +15,9 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
-from gplfd_experiments.recording.kinematics import task_frame
-from gplfd_experiments.recording.part import Part
-from gplfd_experiments.recording.stiffness import colour_of, shown_stiffness
-from gplfd_experiments.recording.stream import moving, seconds, static
+from gplfd_experiments.recording.lanes import colour_of, shown_stiffness
+from gplfd_experiments.recording.scene import task_frame
+from gplfd_experiments.recording.stream import Part, moving, static
 from gplfd_experiments.recording.tube import tube_triangles, tube_vertices
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
@@ -103,18 +102,25 @@ def policy_motion(part: Part) -> list[Chunk]:
         *rr.Mesh3D.columns(albedo_factor=np.hstack([tints, opacity])),
         *rr.LineStrips3D.columns(strips=means),
     ]
-    index = seconds(log.forecast_times[first:])
-    now = moving(f"{ROOT}/policy_now", index, forecasts)
+    now = moving(f"{ROOT}/policy_now", log.forecast_times[first:], forecasts)
     if first > 0:
         return [now]
+    triangles = tube_triangles()
     before = static(
         f"{ROOT}/policy_before",
-        _tube_style(colours.BEFORE, _OPACITY_BEFORE),
-        rr.Mesh3D.from_fields(vertex_positions=vertices[0], vertex_normals=normals[0]),
+        rr.Mesh3D(
+            vertex_positions=vertices[0],
+            vertex_normals=normals[0],
+            triangle_indices=triangles,
+            albedo_factor=(*colours.BEFORE, _OPACITY_BEFORE),
+        ),
         rr.LineStrips3D(means[:1], colors=colours.BEFORE, radii=_LINE),
     )
-    tube = rr.Mesh3D.from_fields(triangle_indices=tube_triangles())
-    look = static(f"{ROOT}/policy_now", tube, _line_style(colours.ADAPTED))
+    look = static(
+        f"{ROOT}/policy_now",
+        rr.Mesh3D.from_fields(triangle_indices=triangles),
+        rr.LineStrips3D.from_fields(colors=colours.ADAPTED, radii=_LINE),
+    )
     return [before, look, now]
 
 
@@ -122,19 +128,35 @@ def hand_motion(part: Part) -> list[Chunk]:
     """The hand's path, its via-points, the force on it, and the leaf it turns."""
     log, positions = part.log, part.log.ee_pose[:, :3]
     rows = part.frames()
-    index = seconds(log.times[rows])
     arrows = rr.Arrows3D.columns(
         origins=positions[rows], vectors=METRES_PER_NEWTON * log.wrench[rows, :3]
     )
     # Not as the handle, which may turn in the leaf.
     about_up = log.config.side * log.config.way * log.door_angle[rows, None]
     turns = Rotation.from_rotvec(about_up * [0.0, 1.0, 0.0]).as_quat()
-    return [
-        moving(f"{ROOT}/hand/force", index, arrows),
-        moving(f"{PLAN}/leaf", index, rr.Transform3D.columns(quaternion=turns)),
-        *_trail(part),
-        *_via_points(part),
+    chunks = [
+        moving(f"{ROOT}/hand/force", log.times[rows], arrows),
+        moving(
+            f"{PLAN}/leaf", log.times[rows], rr.Transform3D.columns(quaternion=turns)
+        ),
     ]
+    # The trail so far, a strip per stretch of about `_KNOT_SPACING`.
+    knots, counts = _stretches(part)
+    if counts.size:
+        ends = positions.astype(np.float32)
+        strips = np.stack([ends[knots[:-1]], ends[knots[1:]]], axis=1)
+        so_far = np.concatenate([strips[:count] for count in counts])
+        columns = rr.LineStrips3D.columns(strips=so_far).partition(counts)
+        chunks.append(moving(f"{ROOT}/hand/trail", log.times[knots[counts]], columns))
+    # All via-points so far; of those that lie on each other, the first.
+    rows = _spaced(positions, np.flatnonzero(log.via_point), _DOT_SPACING)
+    counts = np.flatnonzero(rows >= part.first_row) + 1
+    if counts.size:
+        so_far = np.concatenate([positions[rows[:count]] for count in counts])
+        dots = rr.Points3D.columns(positions=so_far).partition(counts)
+        times = log.times[rows[counts - 1]]
+        chunks.append(moving(f"{ROOT}/hand/via_points", times, dots))
+    return chunks
 
 
 def hand_stiffness(part: Part) -> Iterator[Chunk]:
@@ -143,11 +165,9 @@ def hand_stiffness(part: Part) -> Iterator[Chunk]:
     knots, counts = _stretches(part)
     if counts.size:
         tints = colour_of(shown[knots[1:]], colours.HAND)
-        columns = rr.LineStrips3D.columns(
-            colors=np.concatenate([tints[:count] for count in counts])
-        )
-        index = seconds(log.times[knots[counts]])
-        yield moving(f"{ROOT}/hand/trail", index, columns.partition(counts))
+        so_far = np.concatenate([tints[:count] for count in counts])
+        columns = rr.LineStrips3D.columns(colors=so_far).partition(counts)
+        yield moving(f"{ROOT}/hand/trail", log.times[knots[counts]], columns)
     if not part.shows(shown):
         return
     rows = part.frames()
@@ -157,25 +177,10 @@ def hand_stiffness(part: Part) -> Iterator[Chunk]:
         positions=log.ee_pose[rows[there], :3] + _ABOVE_HAND,
         colors=colour_of(values, colours.HAND),
         labels=[f"{value:.0f} N/m" for value in values],
-    )
+    ).partition(there.astype(int))
     if part.begins(shown):
         yield static(STIFFNESS, rr.Points3D.from_fields(radii=_BALL, show_labels=True))
-    index = seconds(log.times[rows])
-    yield moving(STIFFNESS, index, columns.partition(there.astype(int)))
-
-
-def _trail(part: Part) -> list[Chunk]:
-    """The path so far, a strip per stretch of about `_KNOT_SPACING`."""
-    positions = part.log.ee_pose[:, :3].astype(np.float32)
-    knots, counts = _stretches(part)
-    if counts.size == 0:
-        return []
-    strips = np.stack([positions[knots[:-1]], positions[knots[1:]]], axis=1)
-    columns = rr.LineStrips3D.columns(
-        strips=np.concatenate([strips[:count] for count in counts])
-    )
-    index = seconds(part.log.times[knots[counts]])
-    return [moving(f"{ROOT}/hand/trail", index, columns.partition(counts))]
+    yield moving(STIFFNESS, log.times[rows], columns)
 
 
 def _stretches(part: Part) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -188,19 +193,6 @@ def _stretches(part: Part) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     log = part.log
     knots = _spaced(log.ee_pose[:, :3], np.arange(log.times.size), _KNOT_SPACING)
     return knots, np.flatnonzero((knots >= part.first_row) & (knots > 0))
-
-
-def _via_points(part: Part) -> list[Chunk]:
-    """All via-points so far; of those that lie on each other, the first."""
-    log, positions = part.log, part.log.ee_pose[:, :3]
-    rows = _spaced(positions, np.flatnonzero(log.via_point), _DOT_SPACING)
-    counts = np.flatnonzero(rows >= part.first_row) + 1
-    if counts.size == 0:
-        return []
-    so_far = np.concatenate([positions[rows[:count]] for count in counts])
-    columns = rr.Points3D.columns(positions=so_far).partition(counts)
-    index = seconds(log.times[rows[counts - 1]])
-    return [moving(f"{ROOT}/hand/via_points", index, columns)]
 
 
 def _spaced(
@@ -240,14 +232,4 @@ def _arc_and_styles(
         static(f"{ROOT}/hand/trail", rr.LineStrips3D.from_fields(radii=_TRAIL)),
         static(f"{ROOT}/hand/via_points", dots),
         static(f"{ROOT}/hand/force", arrow),
-    )
-
-
-def _line_style(colour: colours.Colour) -> rr.LineStrips3D:
-    return rr.LineStrips3D.from_fields(colors=colour, radii=_LINE)
-
-
-def _tube_style(colour: colours.Colour, opacity: int) -> rr.Mesh3D:
-    return rr.Mesh3D.from_fields(
-        triangle_indices=tube_triangles(), albedo_factor=(*colour, opacity)
     )

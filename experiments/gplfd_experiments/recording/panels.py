@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -12,9 +13,8 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.colours import Colour
-from gplfd_experiments.recording.part import Part
-from gplfd_experiments.recording.stiffness import recent_mean
-from gplfd_experiments.recording.stream import moving, seconds, static
+from gplfd_experiments.recording.lanes import recent_mean
+from gplfd_experiments.recording.stream import Part, moving, static
 from gplfd_experiments.recording.tube import QUANTILE
 
 ROOT: Final = "/plots"
@@ -77,11 +77,10 @@ def panels(part: Part) -> list[Chunk]:
             Line("true", colours.TRUTH, 3.0): scale * log.handle_pose[:, output],
             Line("hand", colours.HAND, 1.0): scale * log.ee_pose[:, output],
         }
-    index = seconds(log.times[part.first_row :])
-    drawn = [lines(part, index, f"{ROOT}/{path}", own) for path, own in curves.items()]
+    drawn = [lines(part, f"{ROOT}/{path}", own) for path, own in curves.items()]
     return [
         *itertools.chain.from_iterable(drawn),
-        *_beliefs(part, index),
+        *_beliefs(part),
         *levels(part, f"{ROOT}/angle/marks", ANGLE_MARKS_DEG, colours.MARK),
         *levels(part, f"{ROOT}/force/marks", FORCE_MARKS, colours.MARK),
         *levels(part, f"{ROOT}/stability/bound", (100.0,), colours.LIMIT),
@@ -98,14 +97,13 @@ def share_of_bound(log: EpisodeLog) -> FloatArray:
     return share
 
 
-def lines(
-    part: Part, index: list[rr.TimeColumn], path: str, curves: dict[Line, FloatArray]
-) -> list[Chunk]:
-    """Curves of one panel."""
+def lines(part: Part, path: str, curves: Mapping[Line, FloatArray]) -> list[Chunk]:
+    """Curves (T,) of one panel."""
     values = np.stack(list(curves.values()), axis=1)
     if not part.shows(values):
         return []
-    data = moving(path, index, rr.Scalars.columns(scalars=values[part.first_row :]))
+    columns = rr.Scalars.columns(scalars=values[part.first_row :])
+    data = moving(path, part.log.times[part.first_row :], columns)
     style = _style(rr.SeriesLines, path, tuple(curves))
     return [style, data] if part.begins(values) else [data]
 
@@ -116,12 +114,12 @@ def levels(
     """Horizontal lines through the whole part."""
     ends = part.log.times[[part.first_row, -1]]
     columns = rr.Scalars.columns(scalars=np.tile(levels, (2, 1)))
-    data = moving(path, seconds(ends), columns)
+    data = moving(path, ends, columns)
     look = tuple(Line(f"{level:g}", colour, 1.0) for level in levels)
     return [data] if part.first_row else [_style(rr.SeriesLines, path, look), data]
 
 
-def _beliefs(part: Part, index: list[rr.TimeColumn]) -> list[Chunk]:
+def _beliefs(part: Part) -> list[Chunk]:
     """Mean and ±1.96 σ of each output, before the door was felt and now.
 
     The viewer draws a band of one standard deviation, so variances are scaled.
@@ -143,7 +141,8 @@ def _beliefs(part: Part, index: list[rr.TimeColumn]) -> list[Chunk]:
         each = np.full(len(mean) - part.first_row, len(beliefs))
         if part.begins(mean):
             chunks.append(_style(rr.Measurements, path, tuple(beliefs)))
-        chunks.append(moving(path, index, columns.partition(each)))
+        times = log.times[part.first_row :]
+        chunks.append(moving(path, times, columns.partition(each)))
     return chunks
 
 

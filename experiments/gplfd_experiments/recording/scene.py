@@ -1,28 +1,71 @@
-"""Robot and door: their bodies drawn once, and moved by transforms."""
+"""Robot and door: MuJoCo's visual geoms drawn once, and moved with their bodies.
+
+Bodies that are fixed to each other move as one. The geoms of all of them are drawn on
+the entity of the moving body that carries them, or of the world, which is body 0.
+"""
+
+import functools
+from typing import Any, Final
 
 import mujoco
+import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
+from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.recording.geoms import drawn_geoms, visual_geoms, xyzw
-from gplfd_experiments.recording.kinematics import ROOT, body_poses, entity_of_body
-from gplfd_experiments.recording.part import Part
-from gplfd_experiments.recording.stream import moving, seconds, static, stretch
-from gplfd_experiments.recording.tiago_meshes import TiagoLooks
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.recording.stream import Part, moving, static
+
+ROOT: Final = "/world/scene"
+"""Entity above all bodies; the axes are MuJoCo's world axes, z up."""
+
+TASK_SITE: Final = "task_frame"
+"""Site of the model that carries the task frame."""
+
+Pose = tuple[FloatArray, FloatArray]
+"""Position (3,) [m] and quaternion (w, x, y, z)."""
+
+_GEOM: Final = mujoco.mjtGeom
+_PRIMITIVES: Final = (
+    _GEOM.mjGEOM_BOX,
+    _GEOM.mjGEOM_ELLIPSOID,
+    _GEOM.mjGEOM_CYLINDER,
+    _GEOM.mjGEOM_CAPSULE,
+)
+_LARGEST_VISUAL_GROUP: Final = 2
+"""MuJoCo's convention: geoms of groups 0 to 2 are drawn, 3 and above collide."""
+
+_PLANE_HALF_SIZE: Final = 3.0
+_PLANE_HALF_THICKNESS: Final = 0.005
+_TEXTURED: Final = (0.42, 0.43, 0.45, 1.0)
+"""Colour of geoms whose material has a texture; only floors do."""
 
 
-def drawn_scene(model: mujoco.MjModel, looks: TiagoLooks | None = None) -> list[Chunk]:
-    """Every visible geom, on the entity of the body that carries it.
-
-    Args:
-        model: The model that the episode ran in.
-        looks: Meshes to draw in place of the robot's own shapes.
-    """
-    up = static(ROOT, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-    shown = model if looks is None else looks.undressed(model)
-    entities = {body: entity_of_body(shown, body) for body in visual_geoms(shown)}
-    chunks = [up, *drawn_geoms(shown, entities)]
-    return chunks if looks is None else [*chunks, *looks.drawn(model)]
+def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
+    """Every visible geom: a chunk per body that moves on its own, one per mesh."""
+    kinds, rows = _solids(model)
+    chunks = [static(ROOT, rr.ViewCoordinates.RIGHT_HAND_Z_UP)]
+    for body, geoms in visual_geoms(model).items():
+        entity = entity_of_body(model, body)
+        primitives: dict[int, list[bytes]] = {}
+        for geom in geoms:
+            if kinds[geom] in _PRIMITIVES:
+                primitives.setdefault(kinds[geom], []).append(rows[geom].tobytes())
+            elif kinds[geom] == _GEOM.mjGEOM_MESH:
+                mesh, row = int(model.geom_dataid[geom]), rows[geom]
+                first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+                face, n_faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+                shape = rr.Mesh3D(
+                    vertex_positions=model.mesh_vert[first : first + count],
+                    triangle_indices=model.mesh_face[face : face + n_faces],
+                    albedo_factor=row[10:],
+                )
+                turn = rr.Quaternion(xyzw=_xyzw(row[6:10]))
+                place = rr.Transform3D(translation=row[3:6], quaternion=turn)
+                chunks.append(static(f"{entity}/mesh_{geom}", shape, place))
+        packed = tuple((kind, b"".join(each)) for kind, each in primitives.items())
+        chunks.append(_body(entity, packed))
+    return chunks
 
 
 def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
@@ -38,12 +81,178 @@ def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
     # One conversion for all bodies, of which each gets its stretch.
     columns = rr.Transform3D.columns(
         translation=positions.reshape(-1, 3),
-        quaternion=xyzw(quaternions).reshape(-1, 4),
+        quaternion=_xyzw(quaternions).reshape(-1, 4),
     )
-    index, size = seconds(part.log.times[frames]), frames.size
+    times, size = part.log.times[frames], frames.size
     return [
         moving(
-            entity_of_body(model, body), index, stretch(columns, number * size, size)
+            entity_of_body(model, body),
+            times,
+            [_Stretch(column, number * size, size) for column in columns],
         )
         for number, body in enumerate(bodies)
     ]
+
+
+class _Stretch:
+    """``size`` rows of a column of Rerun's from ``first`` on, which are not copied."""
+
+    def __init__(self, column: Any, first: int, size: int) -> None:
+        self._column, self._first, self._size = column, first, size
+
+    def component_descriptor(self) -> Any:
+        return self._column.component_descriptor()
+
+    def as_arrow_array(self) -> Any:
+        return self._column.as_arrow_array().slice(self._first, self._size)
+
+
+def visual_geoms(model: mujoco.MjModel) -> dict[int, list[int]]:
+    """Ids of the visible geoms by the body that carries them, alone or with others."""
+    seen = (model.geom_group <= _LARGEST_VISUAL_GROUP) & (_colours(model)[:, 3] > 0.0)
+    carriers = model.body_weldid[model.geom_bodyid].tolist()
+    geoms: dict[int, list[int]] = {}
+    for geom in np.flatnonzero(seen).tolist():
+        geoms.setdefault(carriers[geom], []).append(geom)
+    return geoms
+
+
+def entity_of_body(model: mujoco.MjModel, body: int) -> str:
+    """Path of a body's entity, below that of the moving body that carries it.
+
+    Of a body that moves on its own, the entity's transform is its pose in the world.
+    """
+    name = model.body(body).name or f"body_{body}"
+    carrier = int(model.body_weldid[body])
+    if carrier in (0, body):
+        return f"{ROOT}/{name}"
+    return f"{entity_of_body(model, carrier)}/{name}"
+
+
+def task_frame(model: mujoco.MjModel) -> tuple[FloatArray, Rotation]:
+    """Origin (3,) [m] and rotation of the task frame in the world.
+
+    Raises:
+        KeyError: The model has no site `TASK_SITE`.
+    """
+    site = model.site(TASK_SITE).id
+    position, quaternion = _product(
+        _pose_on_carrier(model, int(model.site_bodyid[site])),
+        (model.site_pos[site], model.site_quat[site]),
+    )
+    return position, Rotation.from_quat(quaternion, scalar_first=True)
+
+
+def body_poses(
+    model: mujoco.MjModel, qpos: FloatArray, bodies: list[int]
+) -> tuple[FloatArray, FloatArray]:
+    """World poses of bodies: (B, F, 3) [m] and quaternions (w, x, y, z) (B, F, 4)."""
+    data = mujoco.MjData(model)
+    positions = np.empty((len(qpos), model.nbody, 3))
+    quaternions = np.empty((len(qpos), model.nbody, 4))
+    now, xpos, xquat = data.qpos, data.xpos, data.xquat
+    for frame, configuration in enumerate(qpos):
+        now[:] = configuration
+        mujoco.mj_kinematics(model, data)
+        positions[frame] = xpos
+        quaternions[frame] = xquat
+    return (
+        positions[:, bodies].swapaxes(0, 1),
+        quaternions[:, bodies].swapaxes(0, 1),
+    )
+
+
+def _pose_on_carrier(model: mujoco.MjModel, body: int) -> Pose:
+    """Pose of a body on the moving body that carries it."""
+    pose = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    carrier = int(model.body_weldid[body])
+    while body != carrier:
+        pose = _product((model.body_pos[body], model.body_quat[body]), pose)
+        body = int(model.body_parentid[body])
+    return pose
+
+
+def _product(outer: Pose, inner: Pose) -> Pose:
+    position, quaternion = np.empty(3), np.empty(4)
+    mujoco.mju_mulPose(position, quaternion, *outer, *inner)
+    return position, quaternion
+
+
+def _solids(model: mujoco.MjModel) -> tuple[list[int], FloatArray]:
+    """Kind (ngeom) and size, pose on the carrier, colour (ngeom, 14) of every geom.
+
+    Spheres become ellipsoids and planes become thin boxes below them, so that a body
+    has at most one archetype of each sort.
+    """
+    kinds, sizes = np.array(model.geom_type), np.array(model.geom_size)
+    positions, quaternions = np.array(model.geom_pos), np.array(model.geom_quat)
+    fixed = np.flatnonzero(model.body_weldid != np.arange(model.nbody)).tolist()
+    poses = {body: _pose_on_carrier(model, body) for body in fixed}
+    for geom, body in enumerate(model.geom_bodyid.tolist()):
+        if body in poses:
+            positions[geom], quaternions[geom] = _product(
+                poses[body], (positions[geom], quaternions[geom])
+            )
+    balls, planes = kinds == _GEOM.mjGEOM_SPHERE, kinds == _GEOM.mjGEOM_PLANE
+    sizes[balls] = sizes[balls, :1]
+    if planes.any():
+        # A size of 0 means infinite.
+        sides = np.where(sizes[planes] == 0.0, _PLANE_HALF_SIZE, sizes[planes])
+        sizes[planes] = np.minimum(sides, _PLANE_HALF_SIZE)
+        sizes[planes, 2] = _PLANE_HALF_THICKNESS
+        normals = _axes(_xyzw(quaternions[planes]))
+        positions[planes] -= _PLANE_HALF_THICKNESS * normals
+    kinds[balls], kinds[planes] = _GEOM.mjGEOM_ELLIPSOID, _GEOM.mjGEOM_BOX
+    rows = np.hstack([sizes, positions, quaternions, _colours(model)])
+    return kinds.tolist(), rows
+
+
+# The robot's bodies are the same beside every door.
+@functools.lru_cache(maxsize=256)
+def _body(entity: str, primitives: tuple[tuple[int, bytes], ...]) -> Chunk:
+    """Draw the primitives of one body: by kind, bytes of their rows of `_solids`."""
+    drawn: list[Any] = []
+    for kind, packed in primitives:
+        rows = np.frombuffer(packed).reshape(-1, 14)
+        sizes, positions, quaternions = rows[:, :3], rows[:, 3:6], _xyzw(rows[:, 6:10])
+        radii, half = sizes[:, 0], sizes[:, 1]
+        look: dict[str, Any] = {
+            "quaternions": quaternions,
+            "colors": (255.0 * rows[:, 10:]).round().astype(np.uint8),
+            "fill_mode": "solid",
+        }
+        if kind == _GEOM.mjGEOM_BOX:
+            drawn.append(rr.Boxes3D(half_sizes=sizes, centers=positions, **look))
+        elif kind == _GEOM.mjGEOM_ELLIPSOID:
+            drawn.append(rr.Ellipsoids3D(half_sizes=sizes, centers=positions, **look))
+        elif kind == _GEOM.mjGEOM_CYLINDER:
+            look |= {"lengths": 2.0 * half, "radii": radii}
+            drawn.append(rr.Cylinders3D(centers=positions, **look))
+        else:
+            # MuJoCo centres a capsule; Rerun's runs from its origin along +z.
+            starts = positions - half[:, None] * _axes(quaternions)
+            look |= {"lengths": 2.0 * half, "radii": radii}
+            drawn.append(rr.Capsules3D(translations=starts, **look))
+    return static(entity, *drawn)
+
+
+def _colours(model: mujoco.MjModel) -> FloatArray:
+    """Colour of every geom, red, green, blue, opacity in [0, 1], (ngeom, 4)."""
+    materials = model.geom_matid
+    painted = materials >= 0
+    colours: FloatArray = np.array(model.geom_rgba, dtype=np.float64)
+    colours[painted] = model.mat_rgba[materials[painted]]
+    textured = np.zeros(model.ngeom, dtype=bool)
+    textured[painted] = np.any(model.mat_texid[materials[painted]] >= 0, axis=1)
+    colours[textured] = _TEXTURED
+    return colours
+
+
+def _axes(quaternions: FloatArray) -> FloatArray:
+    """The z axes that quaternions (N, 4), scalar last, turn to, (N, 3)."""
+    return Rotation.from_quat(quaternions).apply([0.0, 0.0, 1.0])
+
+
+def _xyzw(quaternion: FloatArray) -> FloatArray:
+    """MuJoCo's scalar-first quaternions (..., 4) in Rerun's order."""
+    return quaternion[..., [1, 2, 3, 0]]

@@ -1,10 +1,11 @@
-"""The Rerun stream that one recording is written to, and the chunks it is made of."""
+"""The Rerun stream that a recording is written to, and the chunks it is made of."""
 
 import contextlib
 import errno
 import functools
 import os
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,6 +15,8 @@ import rerun_bindings as bindings
 from numpy.typing import NDArray
 from rerun.chunk import Chunk
 
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.storage import complete_or_absent
 
 APPLICATION: Final = "gplfd"
@@ -22,9 +25,58 @@ APPLICATION: Final = "gplfd"
 TIMELINE: Final = "sim_time"
 """The only timeline: simulated time since reset."""
 
+FRAMES_PER_SECOND: Final = 30.0
+"""How often what moves in the scene is shown; no more than a video has."""
 
 _END: Final = b"RRF2FOOT"
 """What stands before the last four bytes of a recording, its version."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Part:
+    """Rows and forecasts of an episode from some row and forecast on.
+
+    A recording shows an episode at once, a live view shows it part by part. Both are
+    made by the same functions, each of which turns a `Part` into chunks: what a later
+    part adds never changes what an earlier one showed.
+
+    Attributes:
+        log: The episode so far.
+        first_row: The first of its rows that has not been shown.
+        first_forecast: The first of its forecasts that has not been shown.
+    """
+
+    log: EpisodeLog
+    first_row: int = 0
+    first_forecast: int = 0
+
+    def frames(self) -> NDArray[np.intp]:
+        """Rows at which moving things are shown, evenly spaced, and the last row."""
+        every = max(1, round(1.0 / (FRAMES_PER_SECOND * self.log.dt)))
+        last = self.log.times.size - 1
+        start = -(-self.first_row // every) * every
+        return np.unique(np.append(np.arange(start, last, every), last))
+
+    def shows(self, values: FloatArray) -> bool:
+        """Whether any of a series' values (T, ...) in this part is finite."""
+        return bool(np.isfinite(values[self.first_row :]).any())
+
+    def begins(self, values: FloatArray) -> bool:
+        """Whether none of a series' values (T, ...) before this part was finite."""
+        return not np.isfinite(values[: self.first_row]).any()
+
+
+def static(entity: str, *archetypes: Any) -> Chunk:
+    """Return what is true of an entity at all times, as one chunk."""
+    batches = [batch for one in archetypes for batch in one.as_component_batches()]
+    columns = [batch.partition([len(batch.as_arrow_array())]) for batch in batches]
+    return Chunk.from_columns(entity, [], columns)
+
+
+def moving(entity: str, times: FloatArray, columns: Iterable[Any]) -> Chunk:
+    """Return what changes in an entity at simulated times (N,) [s], as one chunk."""
+    index = [rr.TimeColumn(TIMELINE, duration=times)]
+    return Chunk.from_columns(entity, index, columns)
 
 
 @contextlib.contextmanager
@@ -49,8 +101,8 @@ def recording_file(
             source = _blueprint_source(os.getpid())
             blueprint = source.memory_recording().storage
             source.send_chunks(layout)
-            # As `stream.save`, which makes a blueprint from scratch every time, and
-            # with it two threads that stay.
+            # `stream.save` would make a blueprint from scratch every time, and with it
+            # two threads that stay.
             bindings.save(
                 str(temporary),
                 default_blueprint=blueprint,
@@ -60,19 +112,12 @@ def recording_file(
             stream.flush()
         finally:
             stream.disconnect()
-        _check_complete(temporary)
-
-
-def _check_complete(file: Path) -> None:
-    """Look for the end of a recording; Rerun only logs that it could not write.
-
-    Raises:
-        OSError: The file is cut off.
-    """
-    with file.open("rb") as stream:
-        stream.seek(-min(len(_END) + 4, file.stat().st_size), os.SEEK_END)
-        if not stream.read().startswith(_END):
-            raise OSError(errno.EIO, "cannot be written to its end; is the disk full?")
+        # Rerun only logs that it could not write: look for the end of the file.
+        with temporary.open("rb") as written:
+            written.seek(-min(len(_END) + 4, temporary.stat().st_size), os.SEEK_END)
+            if not written.read().startswith(_END):
+                message = "cannot be written to its end; is the disk full?"
+                raise OSError(errno.EIO, message)
 
 
 @functools.cache
@@ -92,38 +137,3 @@ def open_stream() -> rr.RecordingStream:
     # Wall-clock times of logging say nothing about the episode.
     stream.set_log_time_enabled(False)
     return stream
-
-
-def static(entity: str, *archetypes: Any) -> Chunk:
-    """Return what is true of an entity at all times, as one chunk."""
-    batches = [batch for one in archetypes for batch in one.as_component_batches()]
-    columns = [batch.partition([len(batch.as_arrow_array())]) for batch in batches]
-    return Chunk.from_columns(entity, [], columns)
-
-
-def moving(entity: str, times: list[rr.TimeColumn], columns: Iterable[Any]) -> Chunk:
-    """Return what changes in an entity, a row per time, as one chunk."""
-    return Chunk.from_columns(entity, times, columns)
-
-
-def stretch(columns: Iterable[Any], first: int, size: int) -> list[Any]:
-    """Return ``size`` rows of columns from ``first`` on, without copying them."""
-    return [_Stretch(column, first, size) for column in columns]
-
-
-class _Stretch:
-    """A stretch of a column of Rerun's."""
-
-    def __init__(self, column: Any, first: int, size: int) -> None:
-        self._column, self._first, self._size = column, first, size
-
-    def component_descriptor(self) -> Any:
-        return self._column.component_descriptor()
-
-    def as_arrow_array(self) -> Any:
-        return self._column.as_arrow_array().slice(self._first, self._size)
-
-
-def seconds(times: NDArray[np.float64]) -> list[rr.TimeColumn]:
-    """Index columns for values at simulated ``times`` (N,) [s]."""
-    return [rr.TimeColumn(TIMELINE, duration=times)]

@@ -18,7 +18,7 @@ import rerun as rr
 from rerun.chunk import Chunk
 
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.recording.kinematics import entity_of_body
+from gplfd_experiments.recording.scene import entity_of_body
 from gplfd_experiments.recording.stream import static
 
 DISTRIBUTION: Final = "example-robot-data"
@@ -68,14 +68,17 @@ class TiagoLooks:
         mujoco.mj_kinematics(model, data)
         chunks = []
         for name, meshes in self.meshes.items():
-            # Bodies that are fixed to each other move as one, the world as body 0.
             carrier = model.body(int(model.body_weldid[model.body(name).id]))
             pose = np.linalg.inv(_pose(data, carrier.name)) @ _pose(data, name)
+            rotation, position = pose[:3, :3], pose[:3, 3]
             entity = entity_of_body(model, carrier.id)
-            chunks += [
-                static(f"{entity}/tiago_{mesh.name}", _mesh(mesh, pose))
-                for mesh in meshes
-            ]
+            for mesh in meshes:
+                shape = rr.Mesh3D(
+                    vertex_positions=mesh.vertices @ rotation.T + position,
+                    vertex_normals=mesh.normals @ rotation.T,
+                    albedo_factor=mesh.colour,
+                )
+                chunks.append(static(f"{entity}/tiago_{mesh.name}", shape))
         return chunks
 
 
@@ -92,7 +95,23 @@ def tiago_looks(bodies: Sequence[str]) -> TiagoLooks:
         ModuleNotFoundError: The meshes or what reads them are not installed.
         ValueError: The installed description is not the one expected.
     """
-    robot = _load(description())
+    path = description()
+    try:
+        import yourdfpy
+    except ImportError as error:
+        raise ModuleNotFoundError(
+            "PAL's meshes of TIAGo are read by yourdfpy, which is not installed: "
+            "pip install 'gplfd[tiago]'"
+        ) from error
+    robot: Any = yourdfpy.URDF.load(str(path))
+    if _BASE not in robot.link_map:
+        raise ValueError(f"{path} is not TIAGo's description: it has no link {_BASE}")
+    drawn = sum(len(link.visuals) for link in robot.robot.links)
+    if len(robot.scene.geometry) < drawn:
+        raise ValueError(
+            f"only {len(robot.scene.geometry)} of {drawn} meshes that {path} names "
+            f"could be read; install {DISTRIBUTION} again"
+        )
     above = {joint.child: joint.parent for joint in robot.robot.joints}
     graph = robot.scene.graph
     meshes: dict[str, list[LinkMesh]] = {}
@@ -107,7 +126,14 @@ def tiago_looks(bodies: Sequence[str]) -> TiagoLooks:
         solid = robot.scene.geometry[geometry]
         solid = solid.copy().apply_transform(placement)
         carried = meshes.setdefault(body, [])
-        carried.append(_link_mesh(f"{link}_{len(carried)}", solid))
+        carried.append(
+            LinkMesh(
+                name=f"{link}_{len(carried)}",
+                vertices=solid.vertices[solid.faces].reshape(-1, 3),
+                normals=np.repeat(solid.face_normals, 3, axis=0),
+                colour=tuple(int(channel) for channel in solid.visual.main_color),
+            )
+        )
     return TiagoLooks(
         meshes=MappingProxyType({body: tuple(m) for body, m in meshes.items()})
     )
@@ -130,44 +156,6 @@ def description() -> Path:
     raise ModuleNotFoundError(
         f"PAL's meshes of TIAGo come from the package {DISTRIBUTION}, which is not "
         "installed: pip install 'gplfd[tiago]' (131 MB; its licence is CC BY-NC-ND 3.0)"
-    )
-
-
-def _load(path: Path) -> Any:
-    try:
-        import yourdfpy
-    except ImportError as error:
-        raise ModuleNotFoundError(
-            "PAL's meshes of TIAGo are read by yourdfpy, which is not installed: "
-            "pip install 'gplfd[tiago]'"
-        ) from error
-    robot = yourdfpy.URDF.load(str(path))
-    if _BASE not in robot.link_map:
-        raise ValueError(f"{path} is not TIAGo's description: it has no link {_BASE}")
-    drawn = sum(len(link.visuals) for link in robot.robot.links)
-    if len(robot.scene.geometry) < drawn:
-        raise ValueError(
-            f"only {len(robot.scene.geometry)} of {drawn} meshes that {path} names "
-            f"could be read; install {DISTRIBUTION} again"
-        )
-    return robot
-
-
-def _link_mesh(name: str, solid: Any) -> LinkMesh:
-    return LinkMesh(
-        name=name,
-        vertices=solid.vertices[solid.faces].reshape(-1, 3),
-        normals=np.repeat(solid.face_normals, 3, axis=0),
-        colour=tuple(int(channel) for channel in solid.visual.main_color),
-    )
-
-
-def _mesh(mesh: LinkMesh, pose: FloatArray) -> rr.Mesh3D:
-    rotation, position = pose[:3, :3], pose[:3, 3]
-    return rr.Mesh3D(
-        vertex_positions=mesh.vertices @ rotation.T + position,
-        vertex_normals=mesh.normals @ rotation.T,
-        albedo_factor=mesh.colour,
     )
 
 

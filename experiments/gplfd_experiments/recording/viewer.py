@@ -44,19 +44,6 @@ def open_recording(file: Path) -> int:
         FileNotFoundError: There is no such file, or no viewer.
         ValueError: It is a folder or another kind of file, or there is no screen.
     """
-    _check_recording(file)
-    if not has_display(sys.platform, os.environ):
-        raise ValueError(
-            "there is no display to open the viewer on. Copy the recording to a "
-            "machine with a screen and run `gplfd view` or `rerun` there, or serve "
-            f"it to a browser on this machine with `rerun --serve-web --bind "
-            f"127.0.0.1 {file}` (over ssh, forward the two ports that it prints)."
-        )
-    # A whole path: the viewer would take `--version.rrd` for an option.
-    return subprocess.call([viewer(), str(file.absolute())])
-
-
-def _check_recording(file: Path) -> None:
     if file.is_dir():
         inside = ", ".join(sorted(path.name for path in file.glob("*.rrd")))
         raise ValueError(f"{file} is a folder; recordings in it: {inside or 'none'}")
@@ -68,3 +55,12 @@ def _check_recording(file: Path) -> None:
         magic = stream.read(4)
     if magic[:2] != b"RR":
         raise ValueError(f"{file} is not a Rerun recording (.rrd)")
+    if not has_display(sys.platform, os.environ):
+        raise ValueError(
+            "there is no display to open the viewer on. Copy the recording to a "
+            "machine with a screen and run `gplfd view` or `rerun` there, or serve "
+            f"it to a browser on this machine with `rerun --serve-web --bind "
+            f"127.0.0.1 {file}` (over ssh, forward the two ports that it prints)."
+        )
+    # A whole path: the viewer would take `--version.rrd` for an option.
+    return subprocess.call([viewer(), str(file.absolute())])

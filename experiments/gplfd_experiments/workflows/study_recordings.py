@@ -36,8 +36,11 @@ from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.recording import record_episode
-from gplfd_experiments.recording.compared import MEASURED, RADIAL
-from gplfd_experiments.recording.comparison import record_comparison
+from gplfd_experiments.recording.comparison import (
+    MEASURED,
+    RADIAL,
+    record_comparison,
+)
 from gplfd_experiments.studies.jobs import episode_logs
 from gplfd_experiments.studies.trials.protocol import TRIALS
 from gplfd_experiments.studies.trials.records import Side, Trial

@@ -117,7 +117,7 @@ class ContactLoop:
 
 SERVO_LAG: Final = 0.005
 """Delay of servo, contact and wrist sensor [s]: 4.6 ms are the most that
-benchmarks/contact_loop.py finds where the friction grasp holds a locked door."""
+benchmarks/contact.py loop finds where the friction grasp holds a locked door."""
 
 HELD_HAND: Final = ContactLoop(
     stiffness=np.repeat([2000.0, 100.0], 3), delay=3.0 * CONTROL_PERIOD + SERVO_LAG

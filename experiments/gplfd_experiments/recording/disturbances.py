@@ -1,8 +1,8 @@
-"""What happens from outside: how strong and where, and when it begins and ends.
+"""Disturbances from outside: how strong they are, and when they begin and end.
 
 The log tells how strong a force is, not where it points: a ball above the hand, whose
-area grows with the force, and its label say what acts. Of an episode in which nothing
-happens from outside nothing is made.
+area grows with the force, and its label say what acts. Of an undisturbed episode
+nothing is made.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -17,8 +17,7 @@ from rerun.chunk import Chunk
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours, motion, panels
-from gplfd_experiments.recording.part import Part
-from gplfd_experiments.recording.stream import moving, seconds, static
+from gplfd_experiments.recording.stream import Part, moving, static
 
 LOG: Final = "/outside/log"
 """Entity of the text that says what begins and ends."""
@@ -33,8 +32,8 @@ _BALL: Final = 0.008
 """Its radius at 1 N [m]; it grows with the force's square root."""
 
 
-class Cause(NamedTuple):
-    """Something that happens from outside, and what to say about it.
+class Kind(NamedTuple):
+    """A kind of disturbance, and what to say about it.
 
     Attributes:
         curve: How strong it is, (T,).
@@ -56,21 +55,19 @@ class Cause(NamedTuple):
         return acts
 
 
-CAUSES: Final[Mapping[str, Cause]] = MappingProxyType(
+KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
     {
-        "push": Cause(
-            lambda log: log.push_force, "N", "a push begins", "the push ends"
-        ),
-        "person": Cause(
+        "push": Kind(lambda log: log.push_force, "N", "a push begins", "the push ends"),
+        "person": Kind(
             lambda log: log.person_force,
             "N",
             "contact with a person",
             "the person lets go",
         ),
-        "stop": Cause(
+        "stop": Kind(
             lambda log: log.stop_force, "N", "the door meets a stop", "the stop is gone"
         ),
-        "bump": Cause(
+        "bump": Kind(
             lambda log: 1e3 * log.base_shift,
             "mm",
             "the base is moved",
@@ -81,75 +78,66 @@ CAUSES: Final[Mapping[str, Cause]] = MappingProxyType(
 """What a log tells, by the names of `gplfd_env.doors.disturbance.Disturbance`."""
 
 
-def causes_of(log: EpisodeLog) -> tuple[str, ...]:
+def kinds_of(log: EpisodeLog) -> tuple[str, ...]:
     """Return the names of what happened from outside."""
-    return tuple(name for name, cause in CAUSES.items() if cause.acts(log).any())
+    return tuple(name for name, kind in KINDS.items() if kind.acts(log).any())
 
 
-def from_outside(part: Part) -> Iterator[Chunk]:
-    """Balls, curves, limits and texts of what happens in a part of an episode."""
+def disturbance_chunks(part: Part) -> Iterator[Chunk]:
+    """Balls, curves, limits and texts of disturbances in a part of an episode."""
     yield from balls(part)
-    for name, cause in CAUSES.items():
-        happened = cause.acts(part.log)
-        if (due := _due(part, happened)) is None:
+    for name, kind in KINDS.items():
+        if (unsent := _unsent(part, kind.acts(part.log))) is None:
             continue
-        index = seconds(part.log.times[due.first_row :])
         path = f"{panels.ROOT}/{PANEL}/{name}"
         line = panels.Line(name, colours.OUTSIDE)
-        yield from panels.lines(due, index, path, {line: cause.curve(part.log)})
-        yield from _texts(part, name)
+        yield from panels.lines(unsent, path, {line: kind.curve(part.log)})
+        new = [event for event in events(part.log, name) if event[0] >= part.first_row]
+        if new:
+            rows, texts = zip(*new, strict=True)
+            columns = rr.TextLog.columns(text=texts)
+            yield moving(f"{LOG}/{name}", part.log.times[list(rows)], columns)
     for limit in LIMITS:
         near = part.log.person_force >= 0.5 * limit
-        if (due := _due(part, near)) is not None:
+        if (unsent := _unsent(part, near)) is not None:
             path = f"{panels.ROOT}/{PANEL}/allowed_{limit:g}"
-            yield from panels.levels(due, path, (limit,), colours.LIMIT)
+            yield from panels.levels(unsent, path, (limit,), colours.LIMIT)
 
 
 def balls(part: Part) -> Iterator[Chunk]:
     """A ball above the hand while something acts, with its name and strength."""
-    for name, cause in CAUSES.items():
-        if (due := _due(part, cause.acts(part.log))) is not None:
-            yield from _ball(due, name)
-
-
-def _ball(part: Part, name: str) -> Iterator[Chunk]:
-    log, cause, path = part.log, CAUSES[name], f"{motion.ROOT}/outside/{name}"
-    rows = part.frames()
-    acts, values = cause.acts(log)[rows], cause.curve(log)[rows]
-    columns = rr.Points3D.columns(
-        positions=log.ee_pose[rows[acts], :3] + _ABOVE,
-        radii=_BALL * np.sqrt(values[acts]),
-        labels=[f"{name} {value:.0f} {cause.unit}" for value in values[acts]],
-    )
-    if part.first_row == 0:
-        look = rr.Points3D.from_fields(colors=colours.OUTSIDE, show_labels=True)
-        yield static(path, look)
-    yield moving(path, seconds(log.times[rows]), columns.partition(acts.astype(int)))
+    log = part.log
+    for name, kind in KINDS.items():
+        if (unsent := _unsent(part, kind.acts(log))) is None:
+            continue
+        path, rows = f"{motion.ROOT}/outside/{name}", unsent.frames()
+        acts, values = kind.acts(log)[rows], kind.curve(log)[rows]
+        columns = rr.Points3D.columns(
+            positions=log.ee_pose[rows[acts], :3] + _ABOVE,
+            radii=_BALL * np.sqrt(values[acts]),
+            labels=[f"{name} {value:.0f} {kind.unit}" for value in values[acts]],
+        )
+        if unsent.first_row == 0:
+            look = rr.Points3D.from_fields(colors=colours.OUTSIDE, show_labels=True)
+            yield static(path, look)
+        yield moving(path, log.times[rows], columns.partition(acts.astype(int)))
 
 
 def events(log: EpisodeLog, name: str) -> list[tuple[int, str]]:
     """Rows in which something begins or ends, and what to say of it."""
-    cause = CAUSES[name]
-    edges = np.diff(cause.acts(log), prepend=False, append=False).nonzero()[0]
+    kind = KINDS[name]
+    edges = np.diff(kind.acts(log), prepend=False, append=False).nonzero()[0]
     said = []
     for first, end in edges.reshape(-1, 2):
-        said.append((int(first), cause.begins))
+        said.append((int(first), kind.begins))
         if end < log.times.size:
-            most = cause.curve(log)[first:end].max()
-            said.append((int(end), f"{cause.ends}: {most:.0f} {cause.unit} at most"))
+            most = kind.curve(log)[first:end].max()
+            said.append((int(end), f"{kind.ends}: {most:.0f} {kind.unit} at most"))
     return said
 
 
-def _texts(part: Part, name: str) -> Iterator[Chunk]:
-    new = [event for event in events(part.log, name) if event[0] >= part.first_row]
-    if new:
-        rows, texts = zip(*new, strict=True)
-        columns = rr.TextLog.columns(text=texts)
-        yield moving(f"{LOG}/{name}", seconds(part.log.times[list(rows)]), columns)
-
-
-def _due(part: Part, happened: NDArray[np.bool_]) -> Part | None:
-    """What to send of something: nothing before it happens, then all its past."""
+def _unsent(part: Part, happened: NDArray[np.bool_]) -> Part | None:
+    """Part to send of something: none before it happens, then all that has passed."""
     if not happened.any():
         return None
     return part if happened[: part.first_row].any() else Part(log=part.log)

@@ -1,15 +1,19 @@
 """What a recording shows of what happens from outside."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
 
 from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.recording.disturbances import (
+    KINDS,
+    disturbance_chunks,
+    events,
+    kinds_of,
+)
 from gplfd_experiments.recording.layout import layout
-from gplfd_experiments.recording.outside import CAUSES, causes_of, events, from_outside
-from gplfd_experiments.recording.part import Part
+from gplfd_experiments.recording.stream import Part
 
 MakeLog = Callable[..., EpisodeLog]
 
@@ -21,69 +25,64 @@ def held(peak: float, first: int = 200, end: int = 450) -> np.ndarray:
     return np.where(inside, peak * (end - rows) / (end - first), 0.0)
 
 
-def shown(log: EpisodeLog, first_row: int = 0) -> dict[str, Any]:
-    """Columns by entity and component, of the part from a row on."""
-    found = {}
-    for chunk in from_outside(Part(log=log, first_row=first_row)):
-        batch = chunk.to_record_batch()
-        for name in batch.schema.names:
-            if ":" in name:
-                found[chunk.entity_path, name] = batch.column(name).to_pylist()
-    return found
+@pytest.fixture
+def shown(columns):
+    """What is shown of disturbances, of the part of an episode from a row on."""
+    return lambda log, first_row=0: columns(
+        disturbance_chunks(Part(log=log, first_row=first_row))
+    )
 
 
-def test_nothing_is_made_of_an_undisturbed_episode(make_log: MakeLog) -> None:
-    assert shown(make_log()) == {}
-    assert causes_of(make_log()) == ()
+def test_nothing_is_made_of_an_undisturbed_episode(make_log, shown):
+    assert list(shown(make_log())) == []
+    assert kinds_of(make_log()) == ()
 
 
-def test_the_curve_is_the_log_s(make_log: MakeLog) -> None:
+def test_the_curve_is_the_log_s(make_log, shown):
     found = shown(make_log(person_force=held(33.0)))
-    curve = found["/plots/outside/person", "Scalars:scalars"]
+    curve = found["/plots/outside/person", "Scalars:scalars"][1]
     np.testing.assert_allclose(np.ravel(curve), held(33.0))
     assert not any("push" in entity for entity, _ in found)
     shift = 1e-4 * np.clip(np.arange(601.0) - 99.0, 0.0, 120.0)
     found = shown(make_log(base_shift=shift))
-    curve = found["/plots/outside/bump", "Scalars:scalars"]
+    curve = found["/plots/outside/bump", "Scalars:scalars"][1]
     np.testing.assert_allclose(np.ravel(curve), 1e3 * shift)  # mm
 
 
-def test_a_live_view_is_sent_the_past_once_something_has_happened(
-    make_log: MakeLog,
-) -> None:
+def test_a_live_view_is_sent_the_past_once_something_has_happened(make_log, shown):
     """Until then nothing of it has been sent, after it only what is new."""
     log, curve = make_log(person_force=held(33.0)), "/plots/outside/person"
     for first_row, sent in ((150, held(33.0)), (300, held(33.0)[300:])):
-        found = shown(log, first_row)[curve, "Scalars:scalars"]
+        found = shown(log, first_row)[curve, "Scalars:scalars"][1]
         np.testing.assert_allclose(np.ravel(found), sent)
 
 
-def test_a_ball_stands_above_the_hand_while_something_acts(make_log: MakeLog) -> None:
+def test_a_ball_stands_above_the_hand_while_something_acts(make_log, shown):
     log = make_log(person_force=held(32.0))
     found, ball = shown(log), "/world/task/outside/person"
     rows = Part(log=log).frames()
-    labels = found[ball, "Points3D:labels"]
+    labels = found[ball, "Points3D:labels"][1]
     acts = [bool(label) for label in labels]
     assert acts == (log.person_force[rows] > 0.0).tolist()
     first = acts.index(True)
     assert labels[first] == [f"person {log.person_force[rows[first]]:.0f} N"]
-    place = found[ball, "Points3D:positions"][first][0]
+    place = found[ball, "Points3D:positions"][1][first][0]
     above = log.ee_pose[rows[first], :3] + [0.0, 0.30, 0.0]
     np.testing.assert_allclose(place, above, atol=1e-6)
     # A quarter of the force is half the radius.
-    radii = np.concatenate(found[ball, "Points3D:radii"])
+    radii = np.concatenate(found[ball, "Points3D:radii"][1])
     forces = log.person_force[rows[acts]]
     np.testing.assert_allclose(radii / radii[0], np.sqrt(forces / forces[0]), rtol=1e-6)
 
 
-def test_beginning_and_end_are_told(make_log: MakeLog) -> None:
+def test_beginning_and_end_are_told(make_log, shown):
     log = make_log(person_force=held(33.0) + held(20.0, 500, 700))
     assert events(log, "person") == [
-        (200, CAUSES["person"].begins),
-        (450, f"{CAUSES['person'].ends}: 33 N at most"),
-        (500, CAUSES["person"].begins),
+        (200, KINDS["person"].begins),
+        (450, f"{KINDS['person'].ends}: 33 N at most"),
+        (500, KINDS["person"].begins),
     ]
-    assert shown(log)["/outside/log/person", "TextLog:text"][1] == [
+    assert shown(log)["/outside/log/person", "TextLog:text"][1][1] == [
         "the person lets go: 33 N at most"
     ]
     shift = 1e-4 * np.clip(np.arange(601.0) - 99.0, 0.0, 120.0)
@@ -94,9 +93,7 @@ def test_beginning_and_end_are_told(make_log: MakeLog) -> None:
 @pytest.mark.parametrize(
     ("peak", "limits"), [(33.0, []), (69.0, []), (70.0, [140]), (150.0, [140, 280])]
 )
-def test_limits_are_drawn_only_near_them(
-    make_log: MakeLog, peak: float, limits: list[int]
-) -> None:
+def test_limits_are_drawn_only_near_them(make_log, peak, limits, shown):
     found = shown(make_log(person_force=held(peak)))
     drawn = [
         entity.rpartition("_")[2]
@@ -106,16 +103,10 @@ def test_limits_are_drawn_only_near_them(
     assert [int(limit) for limit in drawn] == limits
 
 
-def test_the_layout_has_room_only_for_what_happens(make_log: MakeLog) -> None:
-    def titles(log: EpisodeLog) -> list[str]:
-        return named(layout(causes_of(log)).root_container)
-
-    def named(part: Any) -> list[str]:
-        inside = getattr(part, "contents", None)
-        if isinstance(inside, list | tuple) and not hasattr(part, "class_identifier"):
-            return [title for one in inside for title in named(one)]
-        return [str(part.name)]
-
-    plain, disturbed = titles(make_log()), titles(make_log(person_force=held(33.0)))
+def test_the_layout_has_room_only_for_what_happens(make_log, titles_of):
+    plain, disturbed = (
+        titles_of(layout(kinds_of(log)).root_container)
+        for log in (make_log(), make_log(person_force=held(33.0)))
+    )
     assert set(disturbed) - set(plain) == {"From outside: person [N]", "From outside"}
     assert len(plain) == 16

@@ -1,0 +1,352 @@
+"""Hands in contact: python benchmarks/contact.py {loop,person,renderings}.
+
+``loop`` holds the hand at a locked door, or takes the bar away from it, knocks the
+set-point of the admittance once, and looks whether the force at the wrist dies out, for
+every delay of the command that ``"hard"`` draws.
+
+``person`` asks how little somebody can feel who holds the hand. The hand comes along
+with a speed that the demonstrations have, and arm and door with it. What is left of the
+force on the person if the hand is commanded to be where it is, from the first touch on,
+is what no controller of poses takes away.
+
+``renderings`` opens doors, undisturbed and in trials, with policies that differ in what
+renders the stiffness, set-point or arm, seed by seed on the same doors.
+"""
+
+import contextlib
+import itertools
+import math
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any, Final
+
+import gymnasium as gym
+import numpy as np
+import tyro
+from harness import report
+
+from gplfd_env import ENVIRONMENT_ID
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.config import DOORS
+from gplfd_experiments.episodes.build import learned_agents, make_environment
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import EpisodeMetrics, episode_metrics
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task
+from gplfd_experiments.speed.report import Measurement, Target, Value, at_least, at_most
+from gplfd_experiments.studies.jobs import episode_logs
+from gplfd_experiments.studies.tasks import jobs_of
+from gplfd_experiments.studies.trials.plan import trial_tasks
+from gplfd_experiments.studies.trials.protocol import TRIALS
+from gplfd_experiments.studies.trials.records import Level, Trial
+from gplfd_policies import POLICIES
+from gplfd_policies.agents.agent import Agent
+from gplfd_policies.control.admittance import Admittance
+from gplfd_policies.control.contact import HELD_HAND, SERVO_LAG
+from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
+
+# --- A knocked hand ----------------------------------------------------------
+
+PERIODS: Final = (0, 1, 2, 3)
+"""Delays [control periods]."""
+STIFFNESSES: Final = (100.0, 200.0, 330.0, 500.0)
+"""k of the admittance [N/m]."""
+DAMPINGS: Final = (0.0, 60.0)
+"""Least damping [N s/m]: none, and k_s times 30 ms."""
+AXIS: Final = 0
+"""The hand is knocked along x, at the closed door the direction of opening."""
+
+_KNOCK: Final = 0.001
+_KNOCK_BEGINS, _KNOCK_ENDS = 0.5, 0.6
+_DIED_OUT: Final = 0.5
+"""What is left of the knock's force after it has died out: less than this share."""
+_NEAR: Final = 0.0005
+"""Margins smaller than this say nothing about a simulation [s]."""
+
+
+def dynamics(least: float) -> VirtualDynamics:
+    """Return the default virtual dynamics with a least damping [N s/m]."""
+    return replace(DEFAULT_DYNAMICS, least_damping=np.full(6, least))
+
+
+def rest_of_a_knock(
+    stiffness: float, least: float, periods: int, *, held: bool, seconds: float
+) -> float:
+    """Knock a hand in simulation; return how much of the force is left in the end.
+
+    Args:
+        stiffness: k along x [N/m].
+        least: Least damping [N s/m].
+        periods: Delay of the command [control periods].
+        held: By a locked door, or by nothing.
+        seconds: For how long, after the knock.
+
+    Returns:
+        Standard deviation of the force over the last second over that of the first;
+        infinite if the grasp is lost.
+    """
+    env: Any = gym.make(
+        ENVIRONMENT_ID,
+        randomization={"shortest_delay": periods, "longest_delay": periods},
+        disturbance="locked" if held else "none",
+        max_episode_steps=10_000,
+    )
+    with contextlib.closing(env):
+        observation, _ = env.reset(seed=0)
+        if not held:
+            env.unwrapped.model.geom("handle_bar").conaffinity = 0
+        admittance = Admittance(dynamics(least))
+        only, gains = np.eye(6)[AXIS], np.full(6, stiffness)
+        forces = []
+        for step in range(round((_KNOCK_ENDS + seconds) / CONTROL_PERIOD)):
+            knocked = _KNOCK_BEGINS <= step * CONTROL_PERIOD < _KNOCK_ENDS
+            wrench = observation["wrench"] * only
+            offset = admittance.step(gains, wrench, CONTROL_PERIOD)
+            action = offset + _KNOCK * knocked * only
+            observation, _, ended, _, _ = env.step(action)
+            forces.append(float(observation["wrench"][AXIS]))
+            if held and ended:
+                return math.inf
+    second = round(1.0 / CONTROL_PERIOD)
+    after = forces[round(_KNOCK_ENDS / CONTROL_PERIOD) :]
+    return float(np.std(after[-second:]) / np.std(after[:second]))
+
+
+def model_margin(stiffness: float, least: float, periods: int) -> float:
+    """Return the further delay that the model allows a held hand, x axis [s]."""
+    gains, virtual = np.full(6, stiffness), dynamics(least)
+    limit = HELD_HAND.tolerated_delay(gains, virtual.damping(gains), virtual.mass)
+    return float(limit[AXIS]) - (periods * CONTROL_PERIOD + SERVO_LAG)
+
+
+def measure_verdicts(seconds: int) -> Measurement:
+    """Compare the model's verdicts with those of the simulation."""
+    rows: dict[str, dict[str, str]] = {}
+    wrong = {True: 0, False: 0}
+    for least, held, delay in itertools.product(DAMPINGS, (True, False), PERIODS):
+        damped = f"d >= {least:g}, " if least else ""
+        name = f"{'held' if held else 'free'}, {damped}{delay} periods"
+        rows[name] = {}
+        for k in STIFFNESSES:
+            rest = rest_of_a_knock(k, least, delay, held=held, seconds=seconds)
+            # Nothing holds a free hand: there is no loop that could oscillate.
+            margin = model_margin(k, least, delay) if held else math.inf
+            calm = rest < _DIED_OUT
+            wrong[held] += calm != (margin > 0.0) and abs(margin) > _NEAR
+            said = f" ({1e3 * margin:+.1f} ms)" if held else ""
+            rows[name][f"k = {k:g}"] = ("calm" if calm else "OSCILLATES") + said
+    return Measurement(
+        title="a knocked hand in simulation (and the model's contact margin)",
+        rows=rows,
+        targets=tuple(
+            at_most(f"verdicts that differ, {name}", wrong[held], 0)
+            for name, held in (("held", True), ("free", False))
+        ),
+    )
+
+
+def threshold(oscillates: Callable[[float], bool], low: float, high: float) -> float:
+    """Return the k between two at which oscillations stop, to 1 % [N/m]."""
+    while high > 1.01 * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if oscillates(middle) else (low, middle)
+    return math.sqrt(low * high)
+
+
+def measure_lag(seconds: int) -> Measurement:
+    """Find the softest calm admittance at each delay, and the lag that explains it."""
+    rows, targets = {}, list[Target]()
+    for delay in PERIODS[1:]:
+
+        def simulated(k: float, delay: int = delay) -> bool:
+            rest = rest_of_a_knock(k, 0.0, delay, held=True, seconds=seconds)
+            return rest >= _DIED_OUT
+
+        def modelled(k: float, delay: int = delay) -> bool:
+            return model_margin(k, 0.0, delay) + SERVO_LAG < 0.0
+
+        found = threshold(simulated, 20.0, 1500.0)
+        lag = 1e3 * (model_margin(found, 0.0, delay) + SERVO_LAG)
+        rows[f"{delay} periods"] = {
+            "simulation: calm from k =": found,
+            "model without lag": threshold(modelled, 20.0, 1500.0),
+            "lag that explains it [ms]": lag,
+        }
+        name = f"lag at {delay} periods [ms]"
+        targets.append(at_most(name, lag, 1e3 * SERVO_LAG))
+    return Measurement(
+        title="the softest admittance with d = 2√(m k) that stays calm when held",
+        rows=rows,
+        targets=tuple(targets),
+    )
+
+
+# --- A held hand -------------------------------------------------------------
+
+_WATCHED: Final = 100
+"""Steps after the first touch; the peak comes within twenty."""
+
+
+def held_by_a_person(
+    task: EpisodeTask, agent: Agent, follows: bool
+) -> tuple[float, float]:
+    """Let a person hold the hand; return the peak force [N] and the speed [m/s].
+
+    Args:
+        task: The door, the person and the seed.
+        agent: What has learned.
+        follows: Whether the command is the hand's own pose from the first touch on,
+            instead of the agent's.
+    """
+    env: Any = make_environment(task, agent.control)
+    with contextlib.closing(env):
+        observation, info = env.reset(seed=task.reset_seed)
+        agent.reset(observation)
+        peak, speed, since = 0.0, 0.0, 0
+        while since < _WATCHED:
+            action = agent.act(observation).action
+            if since and follows:
+                action = observation["ee_pose"]
+            if not since:
+                speed = float(np.linalg.norm(observation["ee_twist"][:3]))
+            observation, _, terminated, truncated, info = env.step(action)
+            peak = max(peak, info["person_force"])
+            since += info["person_force"] > 0.0 or since > 0
+            if terminated or truncated:
+                break
+    return peak, speed
+
+
+def measure_persons(seeds: int) -> Measurement:
+    """Hold the hand of the agent, and of one that follows the hand."""
+    found: dict[str, list[tuple[float, float]]] = {}
+    for seed in range(seeds):
+        task = episode_task(
+            "medium", DOORS["medium"], policy="gp", seed=seed, disturbance="person"
+        )
+        make = learned_agents(task, POLICIES["gp"])
+        for name, follows in (("gp", False), ("command follows the hand", True)):
+            one = held_by_a_person(task, make(), follows)
+            found.setdefault(name, []).append(one)
+    rows = {}
+    for name, each in found.items():
+        peak, speed = (statistics.median(values) for values in zip(*each, strict=True))
+        rows[name] = {"peak on the person [N]": peak, "hand before [m/s]": speed}
+    ours = rows["gp"]["peak on the person [N]"]
+    return Measurement(
+        title=f"somebody holds the hand, medians of {seeds} seeds",
+        rows=rows,
+        targets=(at_most("peak on the person, gp [N]", ours, 20.0),),
+    )
+
+
+# --- Set-point or arm --------------------------------------------------------
+
+RENDERED: Final = ("gp", "gp-impedance")
+"""What is compared: the same method, rendered by virtual dynamics and by the arm."""
+JUDGED: Final = ("person", "stop", "heavy", "push", "delay", "locked")
+"""Trials of what the rendering decides."""
+_UNDISTURBED: Final = "ordinary"
+_DOORS: Final = ("small", "medium", "large")
+NO_TRIAL: Final = Trial(
+    question="Are doors opened on which nothing is tried?",
+    claims=(),
+    measures=("success", "force_radial_peak"),
+    levels={
+        "none": Level(doors=_DOORS),
+        "hard": Level(doors=_DOORS, randomization="hard"),
+    },
+)
+
+_MEASURES: Final[Mapping[str, Callable[[EpisodeMetrics], float | None]]] = {
+    "angle [deg]": lambda one: one.final_angle_deg,
+    "radial [N]": lambda one: one.force_radial_peak,
+    "handle [N]": lambda one: one.force_handle_peak,
+    "person [N]": lambda one: one.person_force_peak or None,
+    "stop, sustained [N]": lambda one: one.stop_force_sustained or None,
+    "pushed by [mm]": lambda one: one.push_displacement_mm,
+    "released at [rad/s]": lambda one: one.release_speed,
+    "slip [mm]": lambda one: one.slip_max_mm,
+    "k_x least [N/m]": lambda one: one.stiffness_min[0] if one.stiffness_min else None,
+}
+"""Medians over episodes; nothing where nothing of it happened."""
+
+
+def compare_renderings(seeds: int, trials: Sequence[str]) -> Measurement:
+    """Open undisturbed doors, and those of some trials, with every policy."""
+    conditions = {_UNDISTURBED: NO_TRIAL} | {name: TRIALS[name] for name in trials}
+    planned = trial_tasks(conditions, policies=RENDERED)
+    tasks = [one for one in planned if one.policy in RENDERED and one.seed < seeds]
+    found: dict[tuple[str, str, str], list[EpisodeLog]] = {
+        (name, level, policy): []
+        for name, trial in conditions.items()
+        for level in trial.levels
+        for policy in RENDERED
+    }
+    for job in jobs_of(tasks):
+        episodes = [one for one in job if isinstance(one, EpisodeTask)]
+        for task, log in zip(episodes, episode_logs(episodes), strict=True):
+            found[task.trial, task.level, task.policy].append(log)
+    rows: dict[str, dict[str, Value]] = {}
+    targets: list[Target] = []
+    for (name, level, policy), logs in found.items():
+        every = [episode_metrics(log) for log in logs]
+        kept = sum(log.failure != "grasp_lost" for log in logs)
+        row = rows[f"{name}, {level}: {policy}"] = {
+            "opened": f"{sum(one.success for one in every)}/{len(every)}",
+            "kept": f"{kept}/{len(every)}",
+        }
+        for column, measure in _MEASURES.items():
+            values = [value for one in every if (value := measure(one)) is not None]
+            row[column] = statistics.median(values) if values else None
+        if (name, level) == (_UNDISTURBED, "none"):
+            share = statistics.mean(log.success for log in logs)
+            targets.append(
+                at_least(f"undisturbed doors opened by {policy}", share, 1.0)
+            )
+    return Measurement(
+        title=f"medians of {seeds} seeds", rows=rows, targets=tuple(targets)
+    )
+
+
+# --- Commands ----------------------------------------------------------------
+
+
+def loop(seconds: int = 3) -> None:
+    """Compare the model of the contact loop with the simulation.
+
+    Args:
+        seconds: Simulated time after each knock [s], at least two.
+    """
+    report(
+        {
+            "verdicts": partial(measure_verdicts, seconds),
+            "lag": partial(measure_lag, seconds),
+        }
+    )
+
+
+def person(seeds: int = 5) -> None:
+    """Compare the agent with the limit.
+
+    Args:
+        seeds: How many, from 0.
+    """
+    report({"person": partial(measure_persons, seeds)})
+
+
+def renderings(seeds: int = 4, trials: tuple[str, ...] = JUDGED) -> None:
+    """Compare renderings of one method's stiffness.
+
+    Args:
+        seeds: How many, from 0.
+        trials: Trials that are run beside the undisturbed doors.
+    """
+    report({"renderings": partial(compare_renderings, seeds, trials)})
+
+
+COMMANDS: Final = {"loop": loop, "person": person, "renderings": renderings}
+
+if __name__ == "__main__":
+    tyro.extras.subcommand_cli_from_dict(COMMANDS)

@@ -1,0 +1,510 @@
+"""How demonstrations are recorded.
+
+python benchmarks/demonstrations.py {alignments,rests,sets}
+
+``alignments``: three tasks, an opening, a letter and wiping, are recorded in ways that
+people record: with rests, pauses, from other starts, with stretches done twice, with
+parts of other sizes. How far each recording has come in the task is known at every
+sample; the error of an alignment is by how much the recordings differ in it at one
+phase. Of sets made by ``gplfd demos import`` spread and left-out likelihood are
+measured, too.
+
+``rests``: six clean arcs, two of each of three doors, are recorded with rests, at a
+sampling rate and with white noise; each method learns from them and opens the three
+doors. A set with rests is compared with the same motions recorded without.
+
+``sets``: methods are judged by their densities on several sets of recordings.
+"""
+
+import itertools
+import sys
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Final, get_args
+
+import matplotlib.pyplot as plt
+import numpy as np
+import tyro
+from gplfd_experiments.speed.scores import mean_scores, score
+from gplfd_experiments.studies.learning_tests.recorded import FEWEST, without
+from harness import opened, report
+from scipy.ndimage import gaussian_filter1d
+
+from gplfd_env.doors.config import DOORS
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE
+from gplfd_experiments.console.progress import LOG
+from gplfd_experiments.data.teacher.random_motion import minimum_jerk
+from gplfd_experiments.episodes.metrics import EpisodeMetrics, episode_metrics
+from gplfd_experiments.episodes.task import episode_task
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.speed.report import (
+    Measurement,
+    Target,
+    Value,
+    at_least,
+    at_most,
+    between,
+)
+from gplfd_experiments.studies.learning_tests.scores import of_the_prediction
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import AlignmentMethod, align
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import (
+    LabelledDemonstrations,
+    load_demonstrations,
+)
+from gplfd_policies.movements.skill import fit_skill
+from gplfd_policies.registry.catalogue import policy_named
+from gplfd_policies.registry.method import Method
+
+Sets = Annotated[tuple[Path, ...], tyro.conf.Positional]
+
+# --- Alignments --------------------------------------------------------------
+
+FORMS: Final[tuple[AlignmentMethod, ...]] = get_args(AlignmentMethod)
+_RATE: Final = 50.0
+_RECORDINGS: Final = 6
+_PHASES: Final = 200
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Habit:
+    """What a recording has that a clean one has not."""
+
+    rest: float = 0.0
+    """At both ends, at most [s]."""
+    pauses: int = 0
+    """In the middle, half a second to two each."""
+    start: float = 0.0
+    """How far from the others' it starts (standard deviation) [m]."""
+    again: bool = False
+    """A fifth of the task is gone back and done again, in every other recording."""
+    sizes: float = 0.0
+    """By how much each third of the path is longer or shorter (standard deviation)."""
+    noise: float = 0.0
+    """Of positions, low-passed as motion capture's is (standard deviation) [m]."""
+
+
+HABITS: Final[Mapping[str, Habit]] = {
+    "clean": Habit(),
+    "rests at the ends": Habit(rest=2.0),
+    "pauses": Habit(pauses=2),
+    "other starts": Habit(start=0.1),
+    "parts done again": Habit(again=True),
+    "parts of other sizes": Habit(sizes=0.25),
+    "all of these, noise": Habit(
+        rest=1.0, pauses=1, start=0.05, again=True, sizes=0.15, noise=1e-3
+    ),
+}
+_TURNS: Final = np.linspace(0.0, 1.2, 13)[1:]
+TASKS: Final[Mapping[str, FloatArray]] = {
+    "opening": 0.5 * np.column_stack([np.cos(_TURNS), np.sin(_TURNS)]) * 0.1,
+    # An N: up, down across, and up.
+    "letter": np.array([[0.0, 0.3], [0.2, -0.3], [0.0, 0.3]]),
+    # Forth and back three times on one line.
+    "wiping": np.tile([[0.4, 0.01], [-0.4, 0.01]], (3, 1)),
+}
+"""Steps from each corner of the path to the next, in thirds, (N, 2) [m]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Recorded:
+    """A recording of which it is known how far the task was at each sample."""
+
+    demonstration: Demonstration
+    done: FloatArray
+    """Share of the task, which falls where a part is gone back, (N,)."""
+
+
+def recordings(task: str, habit: Habit, seed: int) -> tuple[Recorded, ...]:
+    """Return recordings of one task by one person."""
+    rng = np.random.default_rng(seed)
+    return tuple(
+        recording(TASKS[task], habit, number % 2 == 1, rng)
+        for number in range(_RECORDINGS)
+    )
+
+
+def recording(
+    steps: FloatArray, habit: Habit, again: bool, rng: np.random.Generator
+) -> Recorded:
+    """Record a task; ``again`` is whether a part is done again if it is the habit."""
+    duration = rng.uniform(3.0, 6.0)
+    moving = np.arange(round(duration * _RATE)) / (duration * _RATE)
+    # Nobody keeps one pace: slower and faster parts, and gentle ends.
+    pace = np.sin(np.pi * moving) ** 0.5 * np.exp(
+        0.5 * gaussian_filter1d(rng.standard_normal(moving.size), 20) * 20**0.5
+    )
+    done = np.cumsum(pace) / np.sum(pace)
+    if habit.again and again:
+        # Go back by a fifth of the task at a place, and on again.
+        turn = rng.uniform(0.35, 0.75)
+        place = int(np.searchsorted(done, turn))
+        count = place - int(np.searchsorted(done, turn - 0.2))
+        back = np.interp(
+            np.linspace(0.0, 1.0, count), [0.0, 0.5, 1.0], [turn, turn - 0.2, turn]
+        )
+        done = np.insert(done, place, back)
+    for _ in range(habit.pauses):
+        place = rng.integers(done.size // 5, 4 * done.size // 5)
+        held = round(rng.uniform(0.5, 2.0) * _RATE)
+        done = np.insert(done, place, np.full(held, done[place]))
+    ends = (rng.uniform(0.0, habit.rest, 2) * _RATE).astype(int)
+    done = np.pad(done, ends, mode="edge")
+    sizes = np.exp(habit.sizes * rng.standard_normal(3))
+    thirds = np.repeat(sizes, len(steps) // len(sizes))[:, None]
+    corners = np.vstack([np.zeros(2), np.cumsum(thirds * steps, axis=0)])
+    shares = np.linspace(0.0, 1.0, len(corners))
+    fine = np.linspace(0.0, 1.0, 1001)
+    # Corners are rounded: a hand does not stop there.
+    way = gaussian_filter1d(
+        np.column_stack([np.interp(fine, shares, column) for column in corners.T]),
+        15.0,
+        axis=0,
+        mode="nearest",
+    )
+    positions = np.zeros((done.size, 3))
+    for axis in range(2):
+        positions[:, axis] = np.interp(done, fine, way[:, axis])
+    # From another start the usual way is reached after a quarter of the task.
+    positions += (
+        habit.start
+        * rng.standard_normal(3)
+        * np.clip(1.0 - 4.0 * done, 0.0, 1.0)[:, None] ** 2
+    )
+    shaken = gaussian_filter1d(rng.standard_normal(positions.shape), 2.0, axis=0)
+    positions += habit.noise * shaken / max(shaken.std(), 1e-12)
+    times = np.arange(done.size) / _RATE
+    return Recorded(
+        demonstration=Demonstration.from_positions(times, positions), done=done
+    )
+
+
+def phase_error(recorded: Sequence[Recorded], form: AlignmentMethod) -> float:
+    """Return by how much recordings differ in the task at one phase (rms), a share.
+
+    Stretches that are gone back are no error of whoever goes on.
+    """
+    aligned = align([one.demonstration for one in recorded], method=form)
+    assert aligned.clocks is not None
+    each = []
+    for one, clock, rests in zip(recorded, aligned.clocks, aligned.rests, strict=True):
+        # When the recording was at its own clock, which rests do not count.
+        times = one.demonstration.times
+        left_out = sum(rest.end - rest.start for rest in rests)
+        found = times[0] + clock * (times[-1] - times[0] - left_out)
+        for rest in rests:
+            found = np.where(found >= rest.start, found + rest.end - rest.start, found)
+        each.append(np.interp(found, times, np.maximum.accumulate(one.done)))
+    done = np.stack(each)
+    return float(np.sqrt(np.mean((done - done.mean(axis=0)) ** 2)))
+
+
+def compare_forms(habits: Sequence[str], seeds: int) -> Measurement:
+    """Measure every form's phase error on some habits, over all tasks."""
+    rows: dict[str, dict[str, float]] = {}
+    for name in habits:
+        sets = [
+            recordings(task, HABITS[name], seed)
+            for task in TASKS
+            for seed in range(seeds)
+        ]
+        rows[name] = {
+            form: 100.0 * float(np.mean([phase_error(one, form) for one in sets]))
+            for form in FORMS
+        }
+    worst = max(row["directions"] / row["interpolation"] for row in rows.values())
+    return Measurement(
+        title=f"phase error [%], rms: {len(TASKS)} tasks, {seeds} sets of each",
+        rows=rows,
+        targets=(at_most("directions / interpolation, worst habit", worst, 1.0),),
+    )
+
+
+def compare_sets(sets: Sequence[Path]) -> Measurement:
+    """Measure spread and left-out likelihood of real recordings.
+
+    Every alignment sees the recording that is left out: a form that bends clocks more
+    gains by it.
+    """
+    rows: dict[str, dict[str, Value]] = {}
+    for path in sets:
+        shown = load_demonstrations(path).demonstrations
+        for form in FORMS:
+            aligned = align(shown, method=form, n_samples=_PHASES)
+            times, poses = aligned.times, aligned.poses
+            apart = poses - poses.mean(axis=0)
+            spread = np.sqrt(np.mean(np.sum(apart[..., :3] ** 2, axis=-1)))
+            scores = []
+            for number, left_out in enumerate(poses):
+                given = np.delete(poses, number, axis=0)
+                skill = fit_skill(AlignedDemonstrations(times=times, poses=given))
+                scores.append(score(skill.predict(times), left_out))
+            rows[f"{path.name}: {form}"] = {
+                "spread of positions [mm]": 1e3 * float(spread),
+                **mean_scores(scores),
+            }
+    return Measurement(title="real recordings, each left out once", rows=rows)
+
+
+def draw_letter(file: Path) -> None:
+    """Draw one letter after every form, for the habits that tell forms apart."""
+    habits = ("other starts", "parts done again", "parts of other sizes")
+    figure, grid = plt.subplots(
+        len(habits), len(FORMS), figsize=(9, 5), sharex=True, layout="constrained"
+    )
+    for row, habit in zip(grid, habits, strict=True):
+        shown = [one.demonstration for one in recordings("letter", HABITS[habit], 1)]
+        row[0].set_ylabel(f"{habit}\ny [m]", fontsize=8)
+        for axes, form in zip(row, FORMS, strict=True):
+            aligned = align(shown, method=form)
+            axes.plot(aligned.times, aligned.poses[:, :, 1].T, linewidth=0.8)
+            axes.tick_params(labelsize=7)
+    for axes, form in zip(grid[0], FORMS, strict=True):
+        axes.set_title(form, fontsize=9)
+    figure.supxlabel("phase", fontsize=8)
+    figure.savefig(file, dpi=110)
+    plt.close(figure)
+
+
+# --- Rests -------------------------------------------------------------------
+
+METHODS: Final = ("gp", "kmp", "promp")
+RESTS: Final = (0.0, 1.0, 2.0)
+"""At both ends [s]."""
+_DOORS: Final = ("small", "medium", "large")
+_WORST_RATIO: Final = 1.5
+"""Of the radial force with rests to that without."""
+_WITHIN: Final = f"sets within {_WORST_RATIO:g} x the same without rests"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Case:
+    """What one set of recordings is like, and who learns from it."""
+
+    method: str
+    rest: float
+    rate: float
+    noise: float
+    seed: int
+
+
+def opened_after(case: Case) -> list[EpisodeMetrics]:
+    """Learn from two recordings of each door, and open the three doors.
+
+    Rests change nothing else of a seed's recordings.
+    """
+    paces = np.random.default_rng(case.seed).uniform(4.0, 7.0, 2 * len(_DOORS))
+    rng = np.random.default_rng((case.seed, 1))
+    spread = case.noise * np.repeat([1.0, 4.0], 3)
+    given = []
+    for door, duration in zip(np.repeat(_DOORS, 2), paces.tolist(), strict=True):
+        samples = round((duration + 2.0 * case.rest) * case.rate) + 1
+        times = np.arange(samples) / case.rate
+        progress = minimum_jerk((times - case.rest) / duration)
+        poses = handle_pose_on_arc(DOORS[door].radius, DEMONSTRATED_ANGLE * progress)
+        noisy = poses + spread * rng.standard_normal(poses.shape)
+        given.append(Demonstration(times=times, poses=noisy))
+    shown = LabelledDemonstrations(
+        demonstrations=tuple(given), radii=tuple(None for _ in given)
+    )
+    tasks = [
+        episode_task(door, DOORS[door], policy=case.method, seed=case.seed)
+        for door in _DOORS
+    ]
+    return [episode_metrics(log) for log in opened(tasks, shown)]
+
+
+def compare_rests(
+    rates: Sequence[float], noises: Sequence[float], sets: int
+) -> Measurement:
+    """Open doors after every kind of recording."""
+    found: dict[Case, list[EpisodeMetrics]] = {}
+    kinds = itertools.product(range(sets), METHODS, rates, noises, RESTS)
+    for seed, method, rate, noise, rest in kinds:
+        case = Case(method=method, rest=rest, rate=rate, noise=noise, seed=seed)
+        found[case] = opened_after(case)
+        if len(found) % 27 == 0:
+            LOG.info("%d sets of recordings", len(found))
+    # The radial peak of a set, the mean of its doors [N].
+    radial = {
+        case: float(np.mean([one.force_radial_peak for one in metrics]))
+        for case, metrics in found.items()
+    }
+    rows: dict[str, dict[str, Value]] = {}
+    targets: list[Target] = []
+    for method, rest in itertools.product(METHODS, RESTS):
+        here = [case for case in found if (case.method, case.rest) == (method, rest)]
+        ratios = [radial[case] / radial[replace(case, rest=0.0)] for case in here]
+        solved = [one.success for case in here for one in found[case]]
+        share = float(np.mean(solved))
+        within = float(np.mean([ratio <= _WORST_RATIO for ratio in ratios]))
+        name = f"{method}, {rest:g} s"
+        rows[name] = {
+            "opened": f"{sum(solved)}/{len(solved)}",
+            "share": share,
+            "radial, median of sets [N]": float(np.median([radial[c] for c in here])),
+            "over that without rests: median": float(np.median(ratios)),
+            "largest": max(ratios),
+            _WITHIN: within,
+        }
+        targets.append(at_least(f"{name}: opened and held, share", share, 1.0))
+        targets.append(at_least(f"{name}: {_WITHIN}, share", within, 1.0))
+    return Measurement(
+        title=f"{sets} sets of each of {len(rates)} rates and {len(noises)} noises",
+        rows=rows,
+        targets=tuple(targets),
+    )
+
+
+# --- Sets of recordings ------------------------------------------------------
+
+_BEHIND: Final = 0.5
+"""How far behind the best method's density a task may be [nats per number]."""
+_HOLD: Final = "stated 95 % holds"
+Scores = Mapping[str, float]
+"""Negative log densities per number by method."""
+
+
+def scores_of(
+    method: Method, recordings: Sequence[Demonstration]
+) -> tuple[float, float]:
+    """Leave every recording out once.
+
+    Args:
+        method: One that states a density.
+        recordings: At least `FEWEST`, in one frame.
+
+    Returns:
+        Means of the negative log density per number, and of the share that the
+        method's 95 % intervals hold: its own, or those of a normal distribution.
+    """
+    found = []
+    for number in range(len(recordings)):
+        movement, left_out, _ = without(method, recordings, number)
+        one = of_the_prediction(movement, left_out)
+        held = one["coverage_95_stated"]
+        found.append((one["nlpd"], one["coverage_95"] if held is None else held))
+    density, share = np.array(found, dtype=np.float64).mean(axis=0)
+    return float(density), float(share)
+
+
+def compare_methods(tasks: Mapping[str, Scores], held: Sequence[float]) -> Measurement:
+    """Compare methods over tasks, each of which counts once.
+
+    Args:
+        tasks: Scores by task, of the same methods; the first of them is to be close to
+            the best in every task.
+        held: Share of every task within the first method's stated 95 % intervals.
+    """
+    methods = list(next(iter(tasks.values())))
+    table = np.array([[one[method] for method in methods] for one in tasks.values()])
+    behind = table - table.min(axis=1, keepdims=True)
+    means = table.mean(axis=0)
+    rows = {
+        method: {
+            "mean NLPD": float(means[column]),
+            "median": float(np.median(table[:, column])),
+            "best in": int(np.sum(behind[:, column] == 0.0)),
+            "most behind": float(behind[:, column].max()),
+            "where": list(tasks)[int(behind[:, column].argmax())],
+        }
+        for column, method in enumerate(methods)
+    }
+    first, ahead = methods[0], float(means[0] - means[1:].min())
+    return Measurement(
+        title=f"{len(tasks)} tasks, each recording left out once; NLPD per number that "
+        "moves, m and rad",
+        rows=rows,
+        targets=(
+            at_most(f"{first}: nats behind a task's best", behind[:, 0].max(), _BEHIND),
+            at_most(f"{first}: mean NLPD less the best other's", ahead, 0.0),
+            between(f"{first}: {_HOLD}", float(np.mean(held)), 0.92, 0.98),
+        ),
+    )
+
+
+# --- Commands ----------------------------------------------------------------
+
+
+def alignments(
+    sets: Sets = (),
+    seeds: int = 5,
+    habits: tuple[str, ...] = tuple(HABITS),
+    figure: Path | None = None,
+) -> None:
+    """Measure every form of alignment; some minutes.
+
+    Args:
+        sets: Folders made by ``gplfd demos import``.
+        seeds: Sets of recordings of each kind.
+        habits: Of people who record.
+        figure: Where to draw how a letter is aligned.
+    """
+    measures: dict[str, Callable[[], Measurement]] = {
+        "messy": partial(compare_forms, habits, seeds)
+    }
+    if sets:
+        measures["real"] = partial(compare_sets, sets)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of noise and rests
+        report(measures)
+        if figure is not None:
+            draw_letter(figure)
+
+
+def rests(
+    sets: int = 5,
+    rates: tuple[float, ...] = (60.0, 120.0, 240.0),
+    noises: tuple[float, ...] = (0.0, 3e-4, 1e-3),
+) -> None:
+    """Measure what rests do; a quarter of an hour.
+
+    Args:
+        sets: Sets of recordings of each kind.
+        rates: Samples per second.
+        noises: Of positions [m]; rotations have four times the number [rad].
+    """
+    report({"rests": partial(compare_rests, rates, noises, sets)})
+
+
+def judged_sets(
+    sets: Sets, policies: tuple[str, ...] = ("gp", "promp", "kmp", "gmr")
+) -> None:
+    """Judge methods by their densities on several sets of recordings.
+
+    Args:
+        sets: Files of `gplfd demos import`, one per task.
+        policies: Two or more policies that state densities; the first is judged.
+    """
+    try:
+        methods = {}
+        for name in policies:
+            method = policy_named(name).method
+            if method is None:
+                raise ValueError(f"{name} learns nothing")
+            methods[name] = method
+        if len(methods) < 2:
+            raise ValueError("--policies needs two or more, to compare")
+        tasks, held = {}, []
+        for file in sets:
+            given = load_demonstrations(file).demonstrations
+            if len(given) < FEWEST:
+                raise ValueError(f"{file} holds fewer than {FEWEST} recordings")
+            LOG.info("judging: %s", file)
+            found = {name: scores_of(one, given) for name, one in methods.items()}
+            tasks[file.stem] = {name: density for name, (density, _) in found.items()}
+            held.append(found[policies[0]][1])
+    except (ValueError, OSError) as error:
+        sys.exit(f"demonstrations.py: {error}")
+    report({"sets": partial(compare_methods, tasks, held)})
+
+
+COMMANDS: Final = {"alignments": alignments, "rests": rests, "sets": judged_sets}
+
+if __name__ == "__main__":
+    tyro.extras.subcommand_cli_from_dict(COMMANDS)

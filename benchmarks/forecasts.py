@@ -1,0 +1,508 @@
+"""Forecasts of motions that were not demonstrated.
+
+python benchmarks/forecasts.py {doors,unseen,worth}
+
+``doors`` leaves every radius out of the demonstrations once, streams the left-out
+opening as via-points, and predicts the rest of it after each.
+
+``unseen`` streams motions by generators that nothing was tuned to until 20, 35 and 50 %
+of them are seen, and predicts what follows. In its own time the phase of an observation
+is its share of the motion's duration, and so are these cuts; told from the path the
+phase is what `PathPhase` finds, the cuts are shares of the path, and the error is the
+distance of the true path from the predicted one. A circle fitted to the same
+observations is the limit for somebody who knows that the path is one.
+
+``worth`` repeats ``unseen`` with one to eight demonstrations of each door and a model
+of deviations that is worth fewer and more independent deviations than
+`gplfd_policies.gp.deviations.MODEL_WORTH`, and with the share that forecasts left-out
+demonstrations best (`gplfd_policies.gp.deviations.forecast_score`).
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import tyro
+from gplfd_experiments.speed.align import resampled
+from harness import report
+
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.data.teacher.random_motion import minimum_jerk, smooth_functions
+from gplfd_experiments.episodes.forecast_error import squared_distances
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.speed.report import Measurement, Target, at_most, between
+from gplfd_policies.adaptation import (
+    ADAPTATIONS,
+    IndependentPhaseAdaptation,
+    OwnClockAdaptation,
+    ProcessAdaptation,
+    begin_adaptation,
+)
+from gplfd_policies.agents.model_based.circle import fit_circle
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import load_demonstrations
+from gplfd_policies.gp.deviations import MODEL_WORTH, forecast_score
+from gplfd_policies.movements.movement import AdaptationForm
+from gplfd_policies.movements.skill import Skill, fit_skill
+from gplfd_policies.movements.trajectory import ViaPoint
+from gplfd_policies.phase.path_phase import PathPhase
+
+_SAMPLES: Final = 200
+_SOON: Final = 20
+"""Samples that come next."""
+_STD: Final = 1e-3
+"""Noise of a via-point [m, rad]."""
+
+
+def wobbling_arc(
+    radius: float,
+    clock: FloatArray,
+    progress: FloatArray,
+    std: float,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Open a door in minimum-jerk time while the hand wobbles smoothly.
+
+    Args:
+        radius: Distance from hinge to handle [m].
+        clock: Time as a share of the duration, (M,).
+        progress: How far the motion is at these times, from 0 to 1, (M,).
+        std: Standard deviation of the wobble [m; 4 times as much in rad], which is zero
+            at the start.
+        rng: Source of randomness.
+
+    Returns:
+        Poses, (M, 6) [m, rad].
+    """
+    arc = handle_pose_on_arc(radius, DEMONSTRATED_ANGLE * minimum_jerk(progress))
+    rising = np.minimum(1.0, 10.0 * clock)[:, None]
+    wobble = rising * smooth_functions(clock, 0.2, 6, rng)
+    poses: FloatArray = arc + std * np.repeat([1.0, 4.0], 3) * wobble
+    return poses
+
+
+# --- Left-out radii ----------------------------------------------------------
+
+Openings = tuple[AlignedDemonstrations, FloatArray]
+"""Demonstrations on one clock, and the radius of the door of each [m]."""
+
+_PER_RADIUS: Final = 2
+_PLANE: Final = [0, 2]
+"""x and z, which a door moves [m]."""
+_FEW: Final = (0.30, 0.42, 0.53, 0.65)
+_MANY: Final = tuple(np.linspace(0.30, 0.65, 8).round(2))
+_EXACT_FORMS: Final = ("process", "product", "exact")
+"""Those for phases that are certain, as these are."""
+SOON_ERROR, SOON_HOLDS = f"next {_SOON}: rmse mm", f"next {_SOON}: stated 95 % holds"
+REST_ERROR, REST_HOLDS = "rest: rmse mm", "rest: stated 95 % holds"
+
+
+def arcs(radii: Sequence[float], rng: np.random.Generator) -> Openings:
+    """Draw two openings of each door, on a common clock."""
+    times = np.linspace(0.0, 1.0, _SAMPLES)
+    each = np.repeat(radii, _PER_RADIUS)
+    poses = [wobbling_arc(radius, times, times, 1.5e-3, rng) for radius in each]
+    return AlignedDemonstrations(times=times, poses=np.stack(poses)), each
+
+
+def taught(radii: Sequence[float], rng: np.random.Generator) -> Openings:
+    """Let the synthetic human open each door twice."""
+    recorded = Teacher().demonstrate_doors(radii, _PER_RADIUS, rng=rng)
+    return align(recorded), np.repeat(radii, _PER_RADIUS)
+
+
+OPENINGS: Final[Mapping[str, Callable[[np.random.Generator], Openings]]] = {
+    "3 of 4 radii": partial(arcs, _FEW),
+    "7 of 8 radii": partial(arcs, _MANY),
+    "3 of 4 radii, synthetic human": partial(taught, _FEW),
+}
+
+
+def left_out_radii(draws: int, every: int) -> Measurement:
+    """Leave every radius out once, stream it as via-points and predict the rest."""
+    rows: dict[str, dict[str, float]] = {}
+    targets: list[Target] = []
+    for doors, draw in OPENINGS.items():
+        openings = [draw(np.random.default_rng(seed)) for seed in range(draws)]
+        found = judge_exact(_EXACT_FORMS, openings, every)
+        rows |= {f"{doors}, {form}": scores for form, scores in found.items()}
+        targets += door_targets(doors, found)
+    return Measurement(
+        title="accuracy: left-out door radii 0.30 to 0.65 m, x and z, via-points every "
+        f"{every} of {_SAMPLES} samples",
+        rows=rows,
+        targets=tuple(targets),
+    )
+
+
+def door_targets(doors: str, found: Mapping[str, Mapping[str, float]]) -> list[Target]:
+    """What is wanted of the default form on one set of doors."""
+    process, product = found["process"], found["product"]
+    name, ratio = f"accuracy, {doors}:", process[REST_ERROR] / product[REST_ERROR]
+    return [
+        at_most(f"{name} {SOON_ERROR}", process[SOON_ERROR], 5.0),
+        at_most(f"{name} rmse of the rest / product's", ratio, 0.6),
+        between(f"{name} {SOON_HOLDS}", process[SOON_HOLDS], 0.90, 0.98),
+        between(f"{name} {REST_HOLDS}", process[REST_HOLDS], 0.90, 0.98),
+    ]
+
+
+def judge_exact(
+    forms: Sequence[str], draws: Sequence[Openings], every: int
+) -> dict[str, dict[str, float]]:
+    """Leave every radius out of every draw and judge forms of adaptation.
+
+    Averages are over stages of the openings, so that early ones, with a longer rest, do
+    not dominate.
+
+    Args:
+        forms: Names in `gplfd_policies.adaptation.ADAPTATIONS`.
+        draws: Draws of demonstrations.
+        every: Samples between via-points.
+    """
+    stages: dict[str, list[tuple[float, ...]]] = {form: [] for form in forms}
+    for seed, (aligned, radii) in enumerate(draws):
+        times, poses = aligned.times, aligned.poses
+        for radius in np.unique(radii):
+            left_out = radii == radius
+            given = AlignedDemonstrations(times=times, poses=poses[~left_out])
+            skill = fit_skill(given)
+            for form in forms:
+                rng = np.random.default_rng(seed)
+                for opening in poses[left_out]:
+                    adaptation = ADAPTATIONS[form](skill, times)
+                    stages[form] += _stages(adaptation, times, opening, every, rng)
+    scores = {}
+    for form in forms:
+        soon, soon_holds, rest, rest_holds = np.mean(stages[form], axis=0)
+        scores[form] = {
+            SOON_ERROR: 1e3 * soon**0.5,
+            SOON_HOLDS: soon_holds,
+            REST_ERROR: 1e3 * rest**0.5,
+            REST_HOLDS: rest_holds,
+        }
+    return scores
+
+
+def _stages(
+    adaptation: Any,
+    times: FloatArray,
+    opening: FloatArray,
+    every: int,
+    rng: np.random.Generator,
+) -> Iterator[tuple[float, ...]]:
+    """Yield at every stage: squared error and share inside, of what is next and all."""
+    # From the second via-point, as long as there are samples enough after it.
+    for stage, place in enumerate(range(0, len(times) - _SOON - every, every)):
+        seen = opening[place] + _STD * rng.standard_normal(6)
+        adaptation.observe(ViaPoint(phase=float(times[place]), pose=seen, std=_STD))
+        if stage > 0:
+            predicted = adaptation.trajectory()
+            error = ((opening - predicted.mean) ** 2)[place + every :, _PLANE]
+            inside = predicted.inside(opening)[place + every :, _PLANE]
+            soon = error[:_SOON].mean(), inside[:_SOON].mean()
+            yield *soon, error.mean(), inside.mean()
+
+
+# --- Unseen motions ----------------------------------------------------------
+
+_EVERY: Final = 4
+"""Samples between via-points."""
+_CUTS: Final = (0.20, 0.35, 0.50)
+_LEARNED: Final = (0.35, 0.50, 0.65)
+_UNSEEN: Final = (0.30, 0.42, 0.58)
+SOON, REST, HOLDS, ALL_HOLD = (
+    f"own time: next {_SOON} mm",
+    "own time: rest mm",
+    "own time: 95 % holds",
+    "own time: 95 % of six holds",
+)
+RADIAL, CIRCLE = "path phase: rest mm", "circle: rest mm"
+_ERRORS: Final = {"clean arcs": (4.0, 25.0), "synthetic human": (6.5, 42.0)}
+"""At most so much of what comes next and of the rest [mm]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Task:
+    """What is learned, and what is predicted."""
+
+    given: tuple[Demonstration, ...]
+    unseen: tuple[Demonstration, ...]
+    moving: tuple[int, ...]
+    """Positions that the task moves."""
+
+
+def paced_arc(radius: float, rng: np.random.Generator) -> Demonstration:
+    """Open a door on a clean arc, with 3 mm of wobble, at a pace of one parameter."""
+    clock = np.linspace(0.0, 1.0, 241)
+    hurry = float(np.clip(rng.normal(0.0, 0.25), -0.6, 0.6))
+    paced = clock + hurry * clock * (1.0 - clock)
+    poses = wobbling_arc(radius, clock, paced, 3e-3, rng)
+    return Demonstration(times=6.0 * clock, poses=poses)
+
+
+GENERATORS: Final[
+    Mapping[str, Callable[[float, np.random.Generator], Demonstration]]
+] = {"clean arcs": paced_arc, "synthetic human": Teacher().demonstrate}
+
+
+def drawn_task(
+    generator: str, seed: int, per_radius: int = 2, unseen: Sequence[float] = _UNSEEN
+) -> Task:
+    """Draw doors of three radii to learn from, and of others to predict."""
+    rng, demonstrate = np.random.default_rng(seed), GENERATORS[generator]
+    given = [demonstrate(radius, rng) for radius in _LEARNED for _ in range(per_radius)]
+    others = [demonstrate(radius, rng) for radius in unseen]
+    return Task(given=tuple(given), unseen=tuple(others), moving=(0, 2))
+
+
+def in_own_time(
+    skill: Skill, form: AdaptationForm, task: Task, seed: int
+) -> Iterator[dict[str, float]]:
+    """Predict every unseen motion of a task in its own time.
+
+    Yields:
+        At every cut: mean squared errors [m²] and shares inside.
+    """
+    grid, rng = np.linspace(0.0, 1.0, _SAMPLES), np.random.default_rng(seed)
+    moving = list(task.moving)
+    for one in task.unseen:
+        truth = resampled(one, _SAMPLES).poses
+        adaptation = begin_adaptation(skill, form, grid)
+        begun = 0
+        for cut in _CUTS:
+            end = round(cut * _SAMPLES)
+            for place in range(begun, end, _EVERY):
+                pose = truth[place] + _STD * rng.standard_normal(6)
+                point = ViaPoint(phase=float(grid[place]), pose=pose, std=_STD)
+                adaptation.observe(point)
+            begun = end
+            predicted = adaptation.trajectory()
+            error = np.sum((truth - predicted.mean)[end:, moving] ** 2, axis=1)
+            inside = predicted.inside(truth)[end:]
+            yield {
+                SOON: float(error[:_SOON].mean()) / len(moving),
+                REST: float(error.mean()) / len(moving),
+                HOLDS: float(inside[:, moving].mean()),
+                ALL_HOLD: float(inside.mean()),
+            }
+
+
+def by_path(
+    skill: Skill, form: AdaptationForm, task: Task, seed: int
+) -> Iterator[dict[str, float]]:
+    """Predict where every unseen motion goes, its phase told from the path.
+
+    Yields:
+        At every cut the mean squared distance of the true path [m²] from the predicted
+        one, and from the circle through what was seen.
+    """
+    grid, rng = np.linspace(0.0, 1.0, _SAMPLES), np.random.default_rng(seed)
+    for one in task.unseen:
+        truth = resampled(one, _SAMPLES).poses
+        rule, phase = PathPhase(skill, skill.aligned), np.zeros(())
+        adaptation = begin_adaptation(skill, form, grid)
+        seen: list[FloatArray] = []
+        last = -1.0
+        steps = np.linalg.norm(np.diff(truth[:, :3], axis=0), axis=1)
+        covered = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+        ends = {int(np.searchsorted(covered, cut)) for cut in _CUTS}
+        for place in range(max(ends) + 1):
+            pose = truth[place] + _STD * rng.standard_normal(6)
+            estimate = rule.update(pose, phase, phase)
+            phase, std = estimate.phase, estimate.std
+            seen.append(pose[:3])
+            if phase >= last + 0.01:
+                last = float(phase)
+                along = rule.rate(phase) * float(std)
+                noise = np.repeat([_STD, 3e-2], 3)
+                adaptation.observe(
+                    ViaPoint(phase=last, pose=pose, std=noise, along=along)
+                )
+            if place in ends:
+                rest = truth[place + 1 :, :3]
+                ahead = adaptation.mean[grid > last - 0.03, :3]
+                circle = fit_circle(np.array(seen))
+                pull, across, away = (rest @ circle.axes).T
+                radius = 1.0 / circle.curvature
+                gap = (np.hypot(pull, away + radius) - radius) ** 2 + across**2
+                yield {
+                    RADIAL: float(squared_distances(rest, ahead).mean()),
+                    CIRCLE: float(np.mean(gap)),
+                }
+
+
+def judge(
+    forms: Mapping[str, AdaptationForm], tasks: Sequence[Task]
+) -> dict[str, dict[str, float]]:
+    """Root mean squares and shares by form, averaged over all cuts of all tasks."""
+    found: dict[str, list[dict[str, float]]] = {name: [] for name in forms}
+    for seed, task in enumerate(tasks):
+        skill = fit_skill(align(task.given))
+        for name, form in forms.items():
+            own = in_own_time(skill, form, task, seed)
+            told = by_path(skill, form, task, seed)
+            found[name] += [a | b for a, b in zip(own, told, strict=True)]
+    rows: dict[str, dict[str, float]] = {}
+    for name, stages in found.items():
+        row = rows[name] = {}
+        for column in stages[0]:
+            each = np.array([stage[column] for stage in stages])
+            share = column in (HOLDS, ALL_HOLD)
+            row[column] = float(np.mean(each if share else 1e3 * np.sqrt(each)))
+    return rows
+
+
+UNSEEN_FORMS: Final[Mapping[str, AdaptationForm]] = {
+    "process": ProcessAdaptation,
+    "own-clock": OwnClockAdaptation,
+    "independent": IndependentPhaseAdaptation,
+}
+
+
+def unseen_motions(
+    draws: int, recording: Path | None, unseen: Sequence[float]
+) -> Measurement:
+    """Predict motions of every generator, and of a recording if there is one."""
+    sets = {
+        name: [drawn_task(name, seed, unseen=unseen) for seed in range(draws)]
+        for name in GENERATORS
+    }
+    if recording is not None:
+        given = load_demonstrations(recording).demonstrations
+        sets["recorded"] = [
+            Task(
+                given=(*given[:place], *given[place + 1 :]),
+                unseen=(given[place],),
+                moving=(0, 1, 2),
+            )
+            for place in range(len(given))
+        ]
+    rows: dict[str, dict[str, float]] = {}
+    targets: list[Target] = []
+    for name, tasks in sets.items():
+        found = judge(UNSEEN_FORMS, tasks)
+        rows |= {f"{name}, {form}": scores for form, scores in found.items()}
+        own = found["own-clock"]
+        targets.append(between(f"{name}: {ALL_HOLD}", own[ALL_HOLD], 0.90, 0.98))
+        if name in _ERRORS:
+            soon, rest = _ERRORS[name]
+            targets.append(at_most(f"{name}: {SOON}", own[SOON], soon))
+            targets.append(at_most(f"{name}: {REST}", own[REST], rest))
+    return Measurement(
+        title=f"unseen: radii {_LEARNED} learned, {tuple(unseen)} forecast",
+        rows=rows,
+        targets=tuple(targets),
+    )
+
+
+# --- Worth of the model of deviations ----------------------------------------
+
+_SHARES: Final = np.linspace(0.0, 0.9, 10)
+_SCORED: Final = 7
+"""Samples of the common times from one that leaving out looks at to the next."""
+
+
+def worth(deviations: float, skill: Skill, grid: FloatArray) -> ProcessAdaptation:
+    """Adapt with a model that is worth so many independent deviations."""
+    free = skill.count - 1
+    share = free / (deviations + free)
+    return ProcessAdaptation(skill, grid, empirical_share=share)
+
+
+def best_left_out(skill: Skill, grid: FloatArray) -> ProcessAdaptation:
+    """Adapt with the share that forecasts left-out demonstrations best."""
+    times = skill.aligned.times[::_SCORED]
+    poses = skill.aligned.poses[:, ::_SCORED]
+    noise = skill.processes.moments(times).noise
+
+    def score(share: float) -> float:
+        return sum(
+            forecast_score(
+                process.smooth_covariance(times, noise[:, output]),
+                process.white_variance(noise[:, output]),
+                (poses - poses.mean(axis=0))[:, :, output],
+                share,
+            )
+            for output, process in enumerate(skill.deviations)
+        )
+
+    best = max(_SHARES.tolist(), key=score)
+    return ProcessAdaptation(skill, grid, empirical_share=best)
+
+
+WORTH_FORMS: Final[Mapping[str, AdaptationForm]] = {
+    **{f"worth {n:.3g}": partial(worth, n) for n in (6.0, float(MODEL_WORTH), 20.0)},
+    "left out": best_left_out,
+}
+
+
+def worth_of_the_model(draws: int, per_radius: int) -> Measurement:
+    """Forecast after some demonstrations of every learned door."""
+    return Measurement(
+        title=f"{per_radius} of each door",
+        rows={
+            f"{name}, {form}": scores
+            for name in GENERATORS
+            for form, scores in judge(
+                WORTH_FORMS,
+                [drawn_task(name, seed, per_radius) for seed in range(draws)],
+            ).items()
+        },
+    )
+
+
+# --- Commands ----------------------------------------------------------------
+
+
+def doors(draws: int = 2, every: int = 4) -> None:
+    """Forecast doors that were not demonstrated; about half a minute per draw.
+
+    Args:
+        draws: Draws of every set of doors.
+        every: Samples between via-points.
+    """
+    report({"doors": partial(left_out_radii, draws, every)})
+
+
+def unseen(
+    draws: int = 4,
+    recording: Path | None = None,
+    unseen: tuple[float, ...] = _UNSEEN,
+) -> None:
+    """Forecast motions by generators that nothing was tuned to.
+
+    Args:
+        draws: Draws of every generator.
+        recording: Also recordings, a file of `gplfd demos import`.
+        unseen: Radii of the doors that are predicted [m].
+    """
+    report({"unseen": partial(unseen_motions, draws, recording, unseen)})
+
+
+def model_worth(draws: int = 12, per_radius: tuple[int, ...] = (1, 2, 4, 8)) -> None:
+    """Compare what the model of deviations may be worth.
+
+    Args:
+        draws: Draws of every generator.
+        per_radius: Demonstrations of every door.
+    """
+    report(
+        {
+            f"{count} of each": partial(worth_of_the_model, draws, count)
+            for count in per_radius
+        }
+    )
+
+
+COMMANDS: Final = {"doors": doors, "unseen": unseen, "worth": model_worth}
+
+if __name__ == "__main__":
+    tyro.extras.subcommand_cli_from_dict(COMMANDS)

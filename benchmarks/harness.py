@@ -1,0 +1,76 @@
+"""What the scripts of this folder share: doors that policies open, and how they report.
+
+A script has functions that return a `Measurement`; `report` calls one after the other
+and prints which code and machine they were measured with, a table of each, and whether
+the targets are met.
+"""
+
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Final
+
+from gplfd_env.doors.config import DoorConfig
+from gplfd_experiments.episodes.build import learned_agents, open_together
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task
+from gplfd_experiments.files.provenance import code_state
+from gplfd_experiments.speed.machine import load, processor
+from gplfd_experiments.speed.report import Measurement, measure_all
+from gplfd_policies.demonstrations.npz import LabelledDemonstrations
+from gplfd_policies.registry.catalogue import policy_named
+
+_TOGETHER: Final = 16
+"""Doors that are opened in lockstep."""
+
+
+def tasks_of(
+    doors: Iterable[DoorConfig], policy: str, **circumstances: Any
+) -> list[EpisodeTask]:
+    """Return the task to open each of some doors; `circumstances` are fields of all."""
+    return [
+        episode_task(f"{door.radius:g}", door, policy=policy, **circumstances)
+        for door in doors
+    ]
+
+
+def opened(
+    tasks: Sequence[EpisodeTask], given: LabelledDemonstrations | None = None
+) -> list[EpisodeLog]:
+    """Let a policy open doors; it learns once from each set of demonstrations.
+
+    Args:
+        tasks: Of one policy, one base and one start.
+        given: Demonstrations to learn from instead of those of the tasks.
+
+    Returns:
+        A log per task, in their order. It does not depend on the other tasks.
+    """
+    make: dict[str, Callable[[], Any]] = {}
+    with warnings.catch_warnings():
+        # About rests and noise of the demonstrations.
+        warnings.simplefilter("ignore")
+        for task in tasks:
+            if task.training not in make:
+                policy = policy_named(task.policy)
+                make[task.training] = learned_agents(task, policy, given)
+    logs: list[EpisodeLog] = []
+    for first in range(0, len(tasks), _TOGETHER):
+        some = tasks[first : first + _TOGETHER]
+        logs += open_together(some, [make[task.training]() for task in some])
+    return logs
+
+
+def report(measures: Mapping[str, Callable[[], Measurement]]) -> dict[str, Measurement]:
+    """Measure one after the other, and print what was found and with what.
+
+    Args:
+        measures: What to run, by name.
+    """
+    state = code_state()
+    versions = ", ".join(f"{name} {one}" for name, one in state["versions"].items())
+    git = state["git"] or {"commit": "unknown", "dirty": False}
+    changed = ", changed" if git["dirty"] else ""
+    print(f"commit {git['commit']}{changed}; {versions}; {processor()}, {load()}\n")
+    return measure_all(
+        {name: lambda _, one=one: one() for name, one in measures.items()}, repeats=1
+    )

@@ -1,0 +1,424 @@
+"""Pictures and films of the documents.
+
+MUJOCO_GL=egl python benchmarks/pictures.py {gallery,films}
+
+``gallery`` opens doors by the oracle, which is told the door, and pictures them on the
+way, side by side; the moving picture is of `gp`, which was shown three other doors of
+that kind.
+
+``films`` shows `gp` in every trial: an episode of the protocol's first seed, from its
+log, twice as fast as it was. Blue lines are the demonstrations that it learned from,
+the red one is the hand's way, and a ball at the hand is what acts from outside.
+
+Without a screen MUJOCO_GL must be set before Python starts.
+"""
+
+import contextlib
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import tyro
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from gplfd_env import ENVIRONMENT_IDS
+from gplfd_env.conventions.constants import Base
+from gplfd_env.doors.config import DOORS, DoorSpec
+from gplfd_env.envs.camera import Camera
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.episodes.build import demonstrations_of
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.studies.jobs import episode_logs
+from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
+from gplfd_experiments.studies.trials.protocol import TRIALS
+from gplfd_experiments.workflows.study_recordings import model_of
+from gplfd_policies import Demonstration, make_agent
+from gplfd_policies.agents.agent import Agent, as_agent
+from gplfd_policies.agents.model_based.oracle import OracleAgent
+from gplfd_policies.arrays.storage import complete_or_absent
+
+Picture = NDArray[np.uint8]
+Points = NDArray[np.float64]
+
+_PAUSE: Final = 1000
+"""How long the end of a moving picture is seen [ms]."""
+
+
+def write_gif(
+    path: Path, frames: Sequence[Image.Image], period: float, colours: int
+) -> None:
+    """Write frames of one size as a moving picture that lasts at its end.
+
+    Args:
+        path: File.
+        frames: In order.
+        period: How long each is seen [s].
+        colours: How many, the same for all frames.
+    """
+    # The last, too: light falls on an open door as on none before.
+    chosen = [*frames[:: max(1, len(frames) // 4)], frames[-1]]
+    several = np.hstack([np.asarray(one) for one in chosen])
+    # Median cut alone gives large areas of nearly one colour, as walls, few shades,
+    # which are seen as blotches.
+    palette = Image.fromarray(several).quantize(colours, kmeans=4)
+    pictures = [
+        frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
+    ]
+    lasting = [round(1000.0 * period)] * len(pictures)
+    lasting[-1] = _PAUSE
+    with complete_or_absent(path) as temporary:
+        pictures[0].save(
+            temporary,
+            format="GIF",
+            save_all=True,
+            append_images=pictures[1:],
+            duration=lasting,
+            loop=0,
+        )
+
+
+# --- Gallery -----------------------------------------------------------------
+
+
+class Scene(NamedTuple):
+    """A door and when it is pictured.
+
+    Attributes:
+        title: Below the picture.
+        door: As `gym.make` takes it.
+        base: Whether the robot drives.
+        angle: At which opening angle [deg].
+    """
+
+    title: str
+    door: DoorSpec
+    base: Base
+    angle: float
+
+
+SCENES: Final = (
+    Scene("cabinet", "cabinet", "fixed", 22.0),
+    Scene("wardrobe", "wardrobe", "fixed", 22.0),
+    Scene("room-834, lever: pull", "room-834", "mobile", 62.0),
+    Scene("room-834, push", {"preset": "room-834", "swing": "push"}, "mobile", 40.0),
+    Scene("heavy-fire, closer EN 4", "heavy-fire", "mobile", 22.0),
+    Scene(
+        "room-709, knob, just free",
+        {"preset": "room-709", "handle": "knob"},
+        "mobile",
+        4.0,
+    ),
+)
+_COLUMNS: Final = 3
+_MOVING: Final = "room-834"
+"""The door of the moving picture."""
+_FRAME: Final = 12
+"""Control periods from one frame of it to the next."""
+_SHADES: Final = 256
+"""Colours of it."""
+
+
+def pictured(scene: Scene, width: int) -> Picture:
+    """Open a door and return a 4:3 picture (H, W, 3) at the scene's angle.
+
+    Raises:
+        RuntimeError: The door was not opened so far, or there is no OpenGL.
+    """
+    env = gym.make(ENVIRONMENT_IDS["pose"], door=scene.door, base=scene.base)
+    for info in opening(env, as_agent(OracleAgent())):
+        if np.degrees(info["door_angle"]) >= scene.angle:
+            with overview(env, width) as camera:
+                return drawn(env, camera)
+    raise RuntimeError(f"{scene.title}: {info['failure'] or 'not opened'}")
+
+
+def opening(env: gym.Env[Any, Any], agent: Agent) -> Iterator[dict[str, Any]]:
+    """Let an agent open a door and yield what is known after every control period."""
+    inner: Any = env.unwrapped
+    observation, info = env.reset(seed=0)
+    agent.inform(inner.door_geometry)
+    agent.reset(observation)
+    ended = False
+    while not ended:
+        yield info
+        step = agent.act(observation)
+        observation, _, terminated, truncated, info = env.step(step.action)
+        ended = terminated or truncated
+    yield info
+
+
+def overview(env: gym.Env[Any, Any], width: int) -> contextlib.closing[Camera]:
+    """Return the camera "overview" for pictures (3/4 width, width), closed at the end.
+
+    It draws twice as many pixels in each direction, which smooths edges.
+    """
+    model = env.unwrapped.model  # type: ignore[attr-defined]
+    camera = Camera(model, 2 * width, 3 * width // 2, "overview", effects=True)
+    return contextlib.closing(camera)
+
+
+def drawn(env: gym.Env[Any, Any], camera: Camera) -> Picture:
+    """Return the picture of a camera of `overview`."""
+    data = env.unwrapped.data  # type: ignore[attr-defined]
+    return np.asarray(Image.fromarray(camera.picture("rgb_array", data)).reduce(2))
+
+
+def film_opening(path: Path, width: int) -> None:
+    """Let `gp` open a door that it was not shown, and write a GIF of it.
+
+    Raises:
+        RuntimeError: It was not opened, or there is no OpenGL.
+    """
+    shown = Teacher().standard_demonstrations(seed=0, like=DOORS[_MOVING])
+    env = gym.make(ENVIRONMENT_IDS["pose"], door=_MOVING, base="mobile")
+    inner: Any = env.unwrapped
+    frames = []
+    with overview(env, width) as camera:
+        for number, info in enumerate(opening(env, make_agent("gp", shown))):
+            if number % _FRAME == 0 or info["success"]:
+                frames.append(Image.fromarray(drawn(env, camera)))
+    if not info["success"]:
+        raise RuntimeError(f"{_MOVING}: {info['failure'] or 'not opened'}")
+    write_gif(path, frames, _FRAME * inner.dt, _SHADES)
+
+
+def side_by_side(pictures: Mapping[str, Picture], columns: int) -> Figure:
+    """Return a figure of pictures of one size, a pixel each, with their titles."""
+    height, width, _ = next(iter(pictures.values())).shape
+    title = 26
+    rows = -(-len(pictures) // columns)
+    size = columns * width, rows * (height + title)
+    figure = Figure(figsize=(size[0] / 100.0, size[1] / 100.0), dpi=100)
+    FigureCanvasAgg(figure)
+    for number, (name, picture) in enumerate(pictures.items()):
+        row, column = divmod(number, columns)
+        top = 1.0 - row * (height + title) / size[1]
+        high = height / size[1]
+        box = (column / columns, top - high, 1.0 / columns, high)
+        panel = figure.add_axes(box)
+        panel.imshow(picture, interpolation="none")
+        panel.axis("off")
+        middle = box[0] + box[2] / 2.0
+        below = top - high - 0.5 * title / size[1]
+        figure.text(middle, below, name, ha="center", va="center", fontsize=10)
+    return figure
+
+
+def gallery(
+    out: Path = Path("docs/images/gallery.png"),
+    moving: Path = Path("docs/images/opening.gif"),
+    width: int = 400,
+) -> None:
+    """Draw the gallery and the moving picture; a minute.
+
+    Args:
+        out: File of the gallery.
+        moving: File of the moving picture.
+        width: Of a picture [px].
+    """
+    pictures = {scene.title: pictured(scene, width) for scene in SCENES}
+    figure = side_by_side(pictures, min(_COLUMNS, len(SCENES)))
+    with complete_or_absent(out) as temporary:
+        figure.savefig(temporary, format="png", metadata={"Software": None})
+    film_opening(moving, width)
+
+
+# --- Films of the trials -----------------------------------------------------
+
+
+class Shot(NamedTuple):
+    """What of a trial is shown.
+
+    Attributes:
+        door: Its name in the protocol.
+        level: Of the trial.
+        said: In the picture, above.
+        curve: Of the log, the number that is shown below [N].
+    """
+
+    door: str
+    level: str
+    said: str
+    curve: str = "force_radial"
+
+
+SHOTS: Final = {
+    "radius": Shot("0.3", "beyond", "0.30 m; shown: 0.42, 0.50, 0.58 m"),
+    "further": Shot("medium", "nothing else", "shown to 45°, opened to 60°"),
+    "few": Shot("medium", "one per door", "one demonstration per door"),
+    "messy": Shot("large", "messy", "messy demonstrations"),
+    "rests": Shot("small", "rests", "demonstrations with long rests"),
+    "turned": Shot("medium", "± 5°", "the robot stands askew"),
+    "person": Shot(
+        "medium", "holds the hand", "somebody holds the hand", "person_force"
+    ),
+    "push": Shot(
+        "medium", "where they differ", "the hand is pushed for 0.3 s", "push_force"
+    ),
+    "stop": Shot("medium", "stop", "blocked for 2.5 s, then freed", "stop_force"),
+    "locked": Shot("medium", "locked", "the door is locked", "stop_force"),
+    "heavy": Shot("heavy", "24 N", "24 N at the handle", "force_tangential"),
+    "breakaway": Shot(
+        "medium", "breakaway", "the hinge sticks at first", "force_tangential"
+    ),
+    "delay": Shot("medium", "30 ms", "commands 30 ms late"),
+    "noise": Shot("medium", "× 4", "four-fold sensor noise"),
+}
+"""By the name of the trial."""
+
+_NAMES: Final = {
+    "force_radial": "across",
+    "force_tangential": "along",
+    "person_force": "on the person",
+    "push_force": "push",
+    "stop_force": "on the stop",
+}
+"""Of the curves, in a picture."""
+
+_EVERY: Final = 0.2
+"""Simulated time from one frame to the next [s]."""
+_PERIOD: Final = 0.1
+"""How long a frame is seen [s]."""
+_LONGEST: Final = 9.4
+"""Of an episode that is shown [s]."""
+_COLOURS: Final = 128
+_BAR: Final = 20
+"""Height of a line of text [px]."""
+_INK, _PAPER = (30, 32, 38), (244, 244, 240)
+_SHOWN: Final = (0.15, 0.35, 0.85, 1.0)
+_HAND: Final = (0.90, 0.10, 0.10, 1.0)
+_OUTSIDE: Final = (0.98, 0.60, 0.05, 1.0)
+_ABOVE: Final = np.array([0.0, 0.0, 1.6])
+"""How far above the hand lines are drawn, so that nothing hides them [m]."""
+_BALL: Final = 0.012
+"""Its radius at 1 N, which grows with the root of the force [m]."""
+
+
+def task_of(name: str) -> EpisodeTask:
+    """Return the episode of `gp` that is shown of a trial."""
+    shot = SHOTS[name]
+    (task,) = (
+        task
+        for task in trial_tasks(named_trials((name,)), part="small")
+        if (task.policy, task.seed) == ("gp", 0)
+        and (task.door, task.level) == (shot.door, shot.level)
+    )
+    return task
+
+
+def film_frames(
+    log: EpisodeLog,
+    model: mujoco.MjModel,
+    demonstrations: Sequence[Demonstration],
+    size: tuple[int, int],
+) -> Iterator[tuple[int, Picture]]:
+    """Yield rows of a log and the pictures (H, W, 3) of the scene in them."""
+    data = mujoco.MjData(model)
+    model.vis.global_.fovy = 1.0
+    last = min(log.times.size - 1, round(_LONGEST / log.dt))
+    rows = [*range(0, last, round(_EVERY / log.dt)), last]
+    width, height = size
+    with mujoco.Renderer(model, height, width) as renderer:
+        for row in rows:
+            data.qpos[:] = log.qpos[row]
+            mujoco.mj_forward(model, data)
+            site = data.site("task_frame")
+            axes, origin = site.xmat.reshape(3, 3), site.xpos
+            # A plan: from above, without perspective, the robot below the door.
+            camera = mujoco.MjvCamera()
+            camera.orthographic = 1
+            camera.azimuth = np.degrees(np.arctan2(-axes[1, 0], -axes[0, 0]))
+            camera.elevation, camera.distance = -89.9, 3.0
+            camera.lookat[:] = origin + axes @ np.array([0.36, 0.0, -0.22])
+            renderer.update_scene(data, camera)
+            scene = renderer.scene
+            # Shadows on upright walls are speckled.
+            scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
+            # Ways and forces, above everything in the scene.
+            above = origin + _ABOVE
+            for one in demonstrations:
+                _line(scene, above + one.poses[::10, :3] @ axes.T, _SHOWN, 0.007)
+            way = log.ee_pose[: row + 1, :3] @ axes.T
+            _line(scene, above + way[::5], _HAND, 0.016)
+            force = max(log.push_force[row], log.person_force[row], log.stop_force[row])
+            if force > 0.0:
+                ball = _next_geom(scene, mujoco.mjtGeom.mjGEOM_SPHERE, _OUTSIDE)
+                ball.size[:], ball.pos[:] = _BALL * np.sqrt(force), above + way[-1]
+            yield row, renderer.render()
+
+
+def _line(
+    scene: mujoco.MjvScene, points: Points, colour: tuple[float, ...], width: float
+) -> None:
+    """Draw a line of a width [m] through points of the world [m]."""
+    kind = mujoco.mjtGeom.mjGEOM_CAPSULE
+    for start, end in itertools.pairwise(points):
+        geom = _next_geom(scene, kind, colour)
+        mujoco.mjv_connector(geom, kind, 0.5 * width, start, end)
+
+
+def _next_geom(
+    scene: mujoco.MjvScene, kind: mujoco.mjtGeom, colour: tuple[float, ...]
+) -> mujoco.MjvGeom:
+    """Add a shape that shines by itself to a scene."""
+    geom = scene.geoms[scene.ngeom]
+    place, turn = np.zeros(3), np.eye(3).ravel()
+    rgba = np.array(colour, dtype=np.float32)
+    mujoco.mjv_initGeom(geom, kind, np.ones(3), place, turn, rgba)
+    geom.emission = 0.3
+    scene.ngeom += 1
+    return geom
+
+
+def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
+    """Write the film of a trial, with a line of text above and one below."""
+    task, shot = task_of(name), SHOTS[name]
+    (log,) = episode_logs([task])
+    shown = demonstrations_of(task).demonstrations
+    curve = np.abs(getattr(log, shot.curve))
+    angle, force = np.degrees(log.door_angle), _NAMES[shot.curve]
+    width, height = size
+    pages = []
+    for row, picture in film_frames(log, model_of(task), shown, size):
+        page = Image.new("RGB", (width, height + 2 * _BAR), _PAPER)
+        page.paste(Image.fromarray(picture), (0, _BAR))
+        draw, font = ImageDraw.Draw(page), ImageFont.load_default(13)
+        draw.text((6, 2), f"{name}: {shot.said}", _INK, font)
+        below = (
+            f"{angle[row]:3.0f}°  {curve[row]:3.0f} N {force}, so far at most "
+            f"{curve[: row + 1].max():.0f} N"
+        )
+        draw.text((6, height + _BAR + 2), below, _INK, font)
+        pages.append(page)
+    write_gif(path, pages, _PERIOD, _COLOURS)
+
+
+def films(
+    out: Path = Path("docs/images/films"),
+    trials: tuple[str, ...] = tuple(TRIALS),
+    size: tuple[int, int] = (320, 240),
+) -> None:
+    """Film the trials; a minute.
+
+    Args:
+        out: Folder of the films, one <trial>.gif each.
+        trials: Which.
+        size: Width and height of the scene in a picture [px].
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    for name in trials:
+        film_trial(out / f"{name}.gif", name, size)
+
+
+COMMANDS: Final = {"gallery": gallery, "films": films}
+
+if __name__ == "__main__":
+    tyro.extras.subcommand_cli_from_dict(COMMANDS)

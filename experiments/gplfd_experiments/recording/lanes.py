@@ -1,0 +1,179 @@
+"""Coloured lanes over time: the stages of the task, and how stiff the hand is.
+
+Doors vary in two horizontal directions, along the pull (x) and across it (z). Colours
+of the stiffness show its mean in both, in the lane and in the scene.
+"""
+
+import functools
+import math
+from collections.abc import Collection, Iterator, Mapping
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+from rerun.chunk import Chunk
+
+from gplfd_env.task.opening import STALL_ANGLE, SUCCESS_ANGLE
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.recording.colours import BEFORE, FORCE, HAND, TRUTH, Colour
+from gplfd_experiments.recording.stream import Part, moving, static
+
+ROOT: Final = "/stage"
+"""Entity of the stages, above that of every other lane."""
+STIFFNESS: Final = f"{ROOT}/stiffness"
+
+SCALE: Final[Mapping[float, Colour]] = MappingProxyType(
+    {100.0: (120, 90, 255), 300.0: (235, 85, 160), 500.0: (255, 236, 120)}
+)
+"""Colour by stiffness [N/m], linear between these: violet is soft, yellow is stiff."""
+LEVELS: Final[Mapping[str, Colour]] = MappingProxyType(
+    {
+        "soft, < 200 N/m": SCALE[100.0],
+        "medium": SCALE[300.0],
+        "stiff, > 400 N/m": SCALE[500.0],
+    }
+)
+"""States of the lane of the stiffness, and their colours."""
+AVERAGED: Final = 0.25
+"""Over how long what is shown is averaged [s]. σ grows from one via-point to the next
+and falls there, three to ten times per second."""
+
+_EDGES: Final = (200.0, 400.0)
+"""Between the states of the stiffness [N/m]."""
+_MOVED: Final = math.radians(1.0)
+_ROOM: Final = 1.02
+"""Where the lane of the stages ends, in durations of the episode."""
+_STAGES: Final = {
+    "reach": (150, 140, 255),
+    "grasp": BEFORE,
+    "open": HAND,
+    "hold": (84, 190, 255),
+    "stuck": (222, 120, 60),
+    "success": TRUTH,
+    "failure": FORCE,
+}
+
+
+@functools.lru_cache(maxsize=16)
+def lane_style(
+    entity: str, states: tuple[str, ...], tints: tuple[Colour, ...], failure: str = ""
+) -> Chunk:
+    """Return the colours of a lane's states; the failure is said in its label."""
+    labels = [f"failure: {failure}" if one == "failure" else one for one in states]
+    colours = np.array(tints, dtype=np.uint8)
+    style = rr.StateConfiguration(values=states, labels=labels, colors=colours)
+    return static(entity, style)
+
+
+def stage_lane(
+    log: EpisodeLog, shown: Collection[str] = (), *, ended: bool = True
+) -> list[Chunk]:
+    """When each stage of `stages` began.
+
+    Args:
+        log: The episode, or so much of it as there is.
+        shown: Names of the stages that are shown already.
+        ended: Whether nothing more will happen.
+    """
+    began = [(log.times[row], name) for row, name in stages(log)]
+    new = [stage for stage in began if stage[1] not in shown]
+    if ended:
+        # The last stage is given some width.
+        new.append((_ROOM * log.times[-1], began[-1][1]))
+    if not new:
+        return []
+    times, names = zip(*new, strict=True)
+    lane = moving(ROOT, np.array(times), rr.StateChange.columns(state=names))
+    style = lane_style(ROOT, tuple(_STAGES), tuple(_STAGES.values()), log.failure)
+    return [lane] if shown and not log.failure else [style, lane]
+
+
+def stages(log: EpisodeLog) -> list[tuple[int, str]]:
+    """Row in which each stage began, in order, with its name.
+
+    ``reach`` until the hand has taken hold, ``grasp`` until the door has moved by a
+    degree, then ``open``, ``hold`` once the door is open by the task's angle, ``stuck``
+    from where a stalled door gained no more, ``success`` from the first solved step or
+    ``failure`` in the last.
+    """
+    angle, last = log.door_angle, log.times.size - 1
+    taken = log.capability > 0
+    began = [(int(np.argmax(taken)), "grasp")] if taken.any() else []
+    if not taken[0]:
+        began.insert(0, (0, "reach"))
+    if angle.max() >= _MOVED:
+        began.append((int(np.argmax(angle >= _MOVED)), "open"))
+    if log.failure in ("stalled", "latched") and angle.max() < SUCCESS_ANGLE:
+        began.append((int(np.argmax(angle >= angle.max() - STALL_ANGLE)), "stuck"))
+    if angle.max() >= SUCCESS_ANGLE:
+        began.append((int(np.argmax(angle >= SUCCESS_ANGLE)), "hold"))
+    if log.solved.any():
+        began.append((int(np.argmax(log.solved)), "success"))
+    elif not log.success:
+        began.append((last, "failure"))
+    # A stage that began no earlier than its successor did not happen.
+    return [
+        stage
+        for stage, following in zip(began, [*began[1:], (last + 1, "")], strict=True)
+        if stage[0] < following[0]
+    ]
+
+
+def stiffness_lane(part: Part) -> Iterator[Chunk]:
+    """When the hand became soft or stiff; nothing for policies without σ."""
+    shown = shown_stiffness(part.log)
+    if not part.shows(shown):
+        return
+    known = np.isfinite(shown)
+    level = np.where(known, np.digitize(shown, _EDGES), -1)
+    rows = np.flatnonzero(np.diff(level, prepend=-1))
+    rows = rows[(rows >= part.first_row) & known[rows]]
+    if part.begins(shown):
+        yield lane_style(STIFFNESS, tuple(LEVELS), tuple(LEVELS.values()))
+    if rows.size:
+        names = [list(LEVELS)[level[row]] for row in rows]
+        columns = rr.StateChange.columns(state=names)
+        yield moving(STIFFNESS, part.log.times[rows], columns)
+
+
+def recent_mean(values: FloatArray, dt: float) -> FloatArray:
+    """Return the mean of the last `AVERAGED` seconds up to every row.
+
+    Rows that are not finite do not count, and have no mean. It depends on no later row.
+
+    Args:
+        values: (T, ...).
+        dt: Time between two rows [s].
+    """
+    window = max(1, round(AVERAGED / dt))
+    finite = np.isfinite(values)
+    start = np.zeros((window, *values.shape[1:]))
+    sums = np.cumsum(np.concatenate([start, np.where(finite, values, 0.0)]), axis=0)
+    counts = np.cumsum(np.concatenate([start, finite]), axis=0)
+    total, count = sums[window:] - sums[:-window], counts[window:] - counts[:-window]
+    mean: FloatArray = np.where(finite, total / np.maximum(count, 1.0), np.nan)
+    return mean
+
+
+def shown_stiffness(log: EpisodeLog) -> FloatArray:
+    """Return the mean stiffness of x and z, averaged over time, (T,) [N/m]."""
+    return recent_mean(log.stiffness[:, [0, 2]].mean(axis=1), log.dt)
+
+
+def colour_of(stiffness: FloatArray, unknown: Colour) -> NDArray[np.uint8]:
+    """Return the colours of stiffnesses (N,) [N/m], (N, 3) in 0 to 255.
+
+    Args:
+        stiffness: NaN where a policy has none.
+        unknown: Colour of those.
+    """
+    known = np.isfinite(stiffness)
+    channels = [
+        np.interp(np.where(known, stiffness, 0.0), list(SCALE), channel)
+        for channel in zip(*SCALE.values(), strict=True)
+    ]
+    tints = np.where(known[:, None], np.stack(channels, axis=1), unknown)
+    return tints.round().astype(np.uint8)
