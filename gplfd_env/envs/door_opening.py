@@ -29,7 +29,7 @@ from gplfd_env.simulation.command import COMMANDS, DRIVEN
 from gplfd_env.simulation.single import DoorSimulation
 from gplfd_env.task.draw import draw_episode
 from gplfd_env.task.episode import REWARDS, Episode, Reward
-from gplfd_env.task.info import BASE_POSE, BASE_RATE, FLAGS, NUMBERS, POSE, TEXTS
+from gplfd_env.task.info import info_of
 from gplfd_env.task.observation import Observation, Reader, observation_space
 from gplfd_env.validation.fields import check_choice
 
@@ -198,11 +198,12 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._simulation.restart(drawn.variation)
         self._reader = self._reader_now()
         rest = self.command.resting(drawn.variation, self._base)
-        episode = Episode(drawn, self._reader, self._reward, self._sense(), rest)
-        self._episode = episode
+        self._episode = episode = Episode.begin(
+            drawn, self._reader, self._reward, self._sense(), rest
+        )
         if self.render_mode == "human":
             self.render()
-        return self._observation(episode), self._info(episode)
+        return episode.observation(self._sensed), info_of(episode)
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
         """Give the servo a command for one control period.
@@ -225,19 +226,25 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         if self._base == "mobile":
             # MuJoCo clamps what the servo is told, but the base follows it, too.
             command = self.command.clamped(command)
-        loads = episode.loads()
-        command = episode.due(command)
-        drive = episode.drive(command, obeys=self.command.drives)
-        width = episode.grip(command, obeys=self.command.grips)
-        diverged = self._simulation.advance(command, loads, drive, width)
+        loads, rates, widths = episode.demand(
+            command[None], drives=self.command.drives, grips=self.command.grips
+        )
+        diverged = self._simulation.advance(
+            command, loads.get(0), rates.get(0), widths.get(0)
+        )
         if diverged:
             episode.break_off()
         else:
             episode.advance(self._sense())
         if self.render_mode == "human":
             self.render()
-        ended = episode.terminated, episode.simulation_error
-        return self._observation(episode), episode.reward, *ended, self._info(episode)
+        return (
+            episode.observation(self._sensed),
+            episode.reward,
+            episode.terminated,
+            episode.progress.simulation_error,
+            info_of(episode),
+        )
 
     def render(self) -> Any:
         """Return a picture of the scene, or draw it in a window (``"human"``).
@@ -296,24 +303,6 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._sensed = self._simulation.sensordata.copy()
         values: list[float] = self._sensed.tolist()
         return values
-
-    def _observation(self, episode: Episode) -> Observation:
-        observation = self._reader.observation(
-            self._sensed, np.array(episode.wrench), np.array([episode.time])
-        )
-        episode.falsify(observation)
-        return observation
-
-    def _info(self, episode: Episode) -> Info:
-        row = episode.row
-        info: Info = dict(zip(NUMBERS, row, strict=False))
-        info["handle_pose"] = np.array(row[POSE])
-        info["base_pose"] = np.array(row[BASE_POSE])
-        info["base_velocity"] = np.array(row[BASE_RATE])
-        info.update(zip(FLAGS, row[BASE_RATE.stop :], strict=True))
-        info.update({name: getattr(episode, name) for name in TEXTS})
-        info["reward_terms"] = episode.terms
-        return info
 
 
 class DoorOpeningImpedanceEnv(DoorOpeningEnv):

@@ -27,8 +27,8 @@ from gplfd_env.simulation.batch import Alike, DoorBatch
 from gplfd_env.simulation.command import COMMANDS, DRIVEN
 from gplfd_env.task.draw import Drawn
 from gplfd_env.task.episode import REWARDS, Episode, Reward
+from gplfd_env.task.episodes import Episodes
 from gplfd_env.task.observation import Observation, Reader, observation_space
-from gplfd_env.task.step_result import outcome
 from gplfd_env.validation.fields import Range, check_choice, checked_count
 
 Array = NDArray[np.float64]
@@ -128,7 +128,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         )
         self._hold: Hold = hold_of(grasp, start, commanded=self.command.grips)
         self._reward: Reward = reward
-        self._episodes: list[Episode] = []
+        self._episodes: Episodes | None = None
         begin = [Variation(door=one) for one in self._sources.doors]
         self._batch = DoorBatch(
             begin, self._hold, self.command, num_threads, base, self.physics
@@ -144,7 +144,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     @property
     def variations(self) -> tuple[Variation, ...]:
         """Door and circumstances of every episode; none before the first reset."""
-        return tuple(episode.variation for episode in self._episodes)
+        return () if self._episodes is None else self._episodes.variations
 
     @property
     def door_geometries(self) -> tuple[DoorGeometry, ...]:
@@ -201,14 +201,13 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             for row, one in enumerate(each_seed(seed, self.num_envs))
             if one is not None or not self._random
         }
-        rows = self._sources.take(options, begun=bool(self._episodes))
+        rows = self._sources.take(options, begun=self._episodes is not None)
         self._random = [
             fresh[row] if row in fresh and rows[row] else self._random[row]
             for row in range(self.num_envs)
         ]
-        self._restart(rows)
-        *_, infos = self._outcome(rows)
-        return self._observation(), infos
+        episodes = self._restart(rows)
+        return episodes.observation(self._sensed), episodes.infos(rows)
 
     def step(self, actions: Array) -> tuple[Observation, Array, Mask, Mask, Info]:
         """Command every hand for one control period.
@@ -221,21 +220,23 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             ValueError: The shape is wrong or an action is not finite.
             gymnasium.error.ResetNeeded: There was no reset yet.
         """
-        if not self._episodes:
+        if self._episodes is None:
             raise gym.error.ResetNeeded("call reset() before the first step()")
         resting = self._ended if np.count_nonzero(self._ended) else None
         shape = self.num_envs, *self.command.rest.shape
         commands = self.command.check(actions, shape, resting)
         if self._base == "mobile":
             commands = self.command.clamped(commands)
-        self._advance(commands, resting)
+        episodes = self._episodes
+        self._advance(episodes, commands, resting)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and resting is not None:
             self._restart(resting)
-        rewards, terminations, truncations, infos = self._outcome(self._everyone)
+        rewards, terminations, truncations = episodes.outcome(self._limit)
         self._ended = terminations | truncations
+        infos = episodes.infos(self._everyone)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
-            infos = self._reset_at_once(self._ended, infos)
-        observations = self._observation()
+            infos = self._reset_at_once(episodes, infos)
+        observations = episodes.observation(self._sensed)
         return observations, rewards, terminations, truncations, infos
 
     def render(self) -> tuple[Any, ...] | None:
@@ -255,7 +256,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         """Free the renderer; a later picture makes another."""
         self._camera.close()
 
-    def _restart(self, rows: Mask) -> None:
+    def _restart(self, rows: Mask) -> Episodes:
         """Draw new episodes for some simulations and begin them."""
         chosen = np.flatnonzero(rows).tolist()
         drawn = {row: self._sources.draw(row, self._random[row][0]) for row in chosen}
@@ -263,13 +264,13 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             self._batch.load(row, drawn[row].variation)
         self._batch.restart(chosen)
         self._sensed = self._batch.read(chosen, self._sensed)
-        self._episodes = [
-            self._begun(drawn[row], self._sensed[row])
-            if row in drawn
-            else self._episodes[row]
-            for row in range(self.num_envs)
-        ]
+        begun = {row: self._begun(drawn[row], self._sensed[row]) for row in chosen}
+        if self._episodes is None:
+            self._episodes = Episodes(list(begun.values()))
+        else:
+            self._episodes.replace(begun)
         self._ended = self._ended & ~rows
+        return self._episodes
 
     def _begun(self, drawn: Drawn, sensed: Array) -> Episode:
         door = drawn.variation.door
@@ -283,69 +284,35 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             tells_gripper=self.command.grips,
         )
         rest = self.command.resting(drawn.variation, self._base)
-        return Episode(drawn, reader, self._reward, sensed.tolist(), rest)
+        return Episode.begin(drawn, reader, self._reward, sensed.tolist(), rest)
 
-    def _advance(self, commands: Array, resting: Mask | None) -> None:
+    def _advance(
+        self, episodes: Episodes, commands: Array, resting: Mask | None
+    ) -> None:
         """Step what does not rest by one control period."""
-        episodes = self._episodes
-        stepped: Sequence[int] = range(self.num_envs)
-        if resting is not None:
-            stepped = np.flatnonzero(~resting).tolist()
-            for row in np.flatnonzero(resting).tolist():
-                episodes[row].stand_still()
-        loads, drives, widths = {}, {}, {}
-        for row in stepped:
-            episode = episodes[row]
-            if not episode.takes_commands_as_given:
-                acting = episode.loads()
-                if acting is not None:
-                    loads[row] = acting
-                commands[row] = episode.due(commands[row])
-            rate = episode.drive(commands[row], obeys=self.command.drives)
-            if rate is not None:
-                drives[row] = rate
-            width = episode.grip(commands[row], obeys=self.command.grips)
-            if width is not None:
-                widths[row] = width
-        rows = None if resting is None else stepped
-        diverged = self._batch.advance(commands, rows, loads, drives, widths)
-        if diverged is not None:
-            for row in np.flatnonzero(diverged).tolist():
-                episodes[row].break_off()
-            stepped = [row for row in stepped if not diverged[row]]
-        everyone = len(stepped) == self.num_envs
-        self._sensed = self._batch.read(None if everyone else stepped, self._sensed)
-        values = self._sensed.tolist()
-        for row in stepped:
-            episodes[row].advance(values[row])
-
-    def _observation(self) -> Observation:
-        episodes = self._episodes
-        # What the observation takes lies alike in all sensor arrays.
-        observation = episodes[0].reader.observation(
-            self._sensed,
-            np.array([one.wrench for one in episodes]),
-            np.array([[one.time] for one in episodes]),
+        stepped = None if resting is None else ~resting
+        demands = episodes.demand(
+            commands, stepped, drives=self.command.drives, grips=self.command.grips
         )
-        for row, one in enumerate(episodes):
-            one.falsify(observation, row)
-        return observation
+        rows = None if stepped is None else np.flatnonzero(stepped).tolist()
+        diverged = self._batch.advance(commands, rows, *demands)
+        if diverged is not None:
+            stepped = ~diverged if stepped is None else stepped & ~diverged
+            rows = np.flatnonzero(stepped).tolist()
+        self._sensed = self._batch.read(rows, self._sensed)
+        episodes.advance(self._sensed, stepped, diverged)
 
-    def _outcome(self, rows: Mask) -> tuple[Array, Mask, Mask, Info]:
-        """Return rewards, terminations, truncations, and infos with masks."""
-        return outcome(self._episodes, self._limit, rows)
-
-    def _reset_at_once(self, ended: Mask, infos: Info) -> Info:
+    def _reset_at_once(self, episodes: Episodes, infos: Info) -> Info:
         """Reset ended simulations in the step that ended them; return its infos."""
-        last = self._observation()
+        ended = self._ended
+        last = episodes.observation(self._sensed)
         final_obs = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(ended):
             final_obs[row] = {name: last[name][row].copy() for name in last}
         final_info = masked(unmasked(infos), ended)
         self._restart(ended)
         final = {"final_obs": final_obs, "final_info": final_info}
-        *_, infos = self._outcome(self._everyone)
-        return infos | masked(final, ended)
+        return episodes.infos(self._everyone) | masked(final, ended)
 
 
 class DoorOpeningImpedanceVectorEnv(DoorOpeningVectorEnv):

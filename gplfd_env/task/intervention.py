@@ -63,8 +63,13 @@ class Intervention:
         return self._bump.shift if self._bump else _NOTHING
 
     @property
+    def base_distance(self) -> float:
+        """Its magnitude [m]."""
+        return math.hypot(*self.base_shift)
+
+    @property
     def base_velocity(self) -> Vector:
-        """Its rate [m/s]."""
+        """Rate of that displacement [m/s]."""
         return self._bump.velocity if self._bump else _NOTHING
 
     def loads(self, time: float, reading: DoorReading, slip: float) -> Loads:

@@ -382,7 +382,7 @@ def test_the_end_of_the_hinge_is_no_disturbance(
         env.data.joint("hinge").qpos, env.data.joint("hinge").qvel = 1.5, 2.0
         forces = [env.step(REST)[-1]["stop_force"] for _ in range(40)]
         assert (max(forces) > 1.0) == blocked
-        assert env._episode._reading.angle > 1.5
+        assert env._episode.readings.door.angle > 1.5
 
 
 def test_nothing_happens_by_default(make_env: Callable) -> None:
