@@ -1,7 +1,7 @@
 """Many doors at once on `mujoco.batch.Batch`: what ``gym.make_vec`` makes."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, get_args
+from collections.abc import Mapping
+from typing import Any
 
 import gymnasium as gym
 import mujoco
@@ -11,25 +11,19 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, Base, Start
+from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.conventions.resets import Seeds, each_seed, masked, unmasked
-from gplfd_env.doors.config import DoorSpec
-from gplfd_env.doors.disturbance import DisturbanceSpec
 from gplfd_env.doors.geometry import DoorGeometry
-from gplfd_env.doors.randomization import RandomizationSpec
 from gplfd_env.doors.variation import Variation
-from gplfd_env.envs.camera import Camera
-from gplfd_env.envs.sources import Sources
-from gplfd_env.robot.gripper import hold_of
-from gplfd_env.robot.model import Grasp, Hold
+from gplfd_env.envs.settings import Sources, VectorSettings, made_with
 from gplfd_env.robot.placement import door_geometry
 from gplfd_env.simulation.batch import Alike, DoorBatch
 from gplfd_env.simulation.command import COMMANDS, DRIVEN
 from gplfd_env.task.draw import Drawn
-from gplfd_env.task.episode import REWARDS, Episode, Reward
+from gplfd_env.task.episode import Episode
 from gplfd_env.task.episodes import Episodes
-from gplfd_env.task.observation import Observation, Reader, observation_space
-from gplfd_env.validation.fields import Range, check_choice, checked_count
+from gplfd_env.task.observation import Observation, observation_space
+from gplfd_env.validation.fields import check_choice
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -46,19 +40,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     alone.
 
     Args:
-        num_envs: Number of simulations n.
-        door: As for the single environment, or a sequence of n such; so are
-            `randomization` and `disturbance`.
-        max_episode_steps: Control periods after which an episode is truncated; None or
-            -1 for no limit.
-        autoreset_mode: ``"NextStep"`` (the step after an episode's end resets it),
-            ``"SameStep"`` (its last observation and info are in ``final_obs`` and
-            ``final_info``) or ``"Disabled"`` (ended simulations stand still, at no
-            cost, until ``reset(options={"reset_mask": ...})``).
-        num_threads: Threads that step the simulations; 0 for one per core.
-        render_mode: None or ``"rgb_array"``: `render` returns n pictures.
-
-    The other arguments are those of the single environment.
+        settings: The fields of `gplfd_env.envs.settings.VectorSettings`, `num_envs` and
+            `door` also without their names.
 
     Raises:
         ValueError: As the single environment, and for an unknown autoreset mode.
@@ -70,44 +53,13 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     physics: type[Alike] = Alike
     """What steps simulations before doors of one structure."""
 
-    def __init__(
-        self,
-        num_envs: int = 1,
-        door: DoorSpec | Sequence[DoorSpec] = "medium",
-        *,
-        grasp: Grasp = "contact",
-        randomization: RandomizationSpec | Sequence[RandomizationSpec] = "none",
-        disturbance: DisturbanceSpec | Sequence[DisturbanceSpec] = "none",
-        reward: Reward = "dense",
-        base: Base = "fixed",
-        start: Start = "grasped",
-        max_episode_steps: int | None = None,
-        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
-        num_threads: int = 0,
-        render_mode: str | None = None,
-        width: int = 640,
-        height: int = 480,
-        camera_name: str = "overview",
-        effects: bool = False,
-    ) -> None:
-        check_choice("grasp", grasp, get_args(Grasp))
-        check_choice("reward", reward, REWARDS)
-        check_choice("base", base, get_args(Base))
-        check_choice("start", start, get_args(Start))
-        check_choice("render_mode", render_mode, (None, "rgb_array"))
-        self.num_envs = checked_count("num_envs", num_envs, Range(low=1))
-        checked_count("num_threads", num_threads, Range(low=0))
-        self._limit = np.inf
-        if max_episode_steps not in (None, -1):
-            self._limit = checked_count(
-                "max_episode_steps", max_episode_steps, Range(low=1)
-            )
-        mode = getattr(autoreset_mode, "value", autoreset_mode)
-        check_choice("autoreset_mode", mode, [known.value for known in AutoresetMode])
-        self.autoreset_mode = AutoresetMode(mode)
-        self.render_mode = render_mode
+    @made_with(VectorSettings)
+    def __init__(self, settings: VectorSettings) -> None:
+        self._settings, self.render_mode = settings, settings.render_mode
+        self.num_envs = n = int(settings.num_envs)
+        self.autoreset_mode = AutoresetMode(settings.autoreset_mode)
         self.metadata = {
-            "render_modes": ["rgb_array"],
+            "render_modes": [*settings.render_modes],
             "render_fps": round(1 / CONTROL_PERIOD),
             "autoreset_mode": self.autoreset_mode,
         }
@@ -115,30 +67,22 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             tells_base=self.command.drives, tells_gripper=self.command.grips
         )
         self.single_action_space = self.command.space
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self._base: Base = base
-        self._sources = Sources(
-            num_envs,
-            base,
-            start,
-            door=door,
-            randomization=randomization,
-            disturbance=disturbance,
-        )
-        self._hold: Hold = hold_of(grasp, start, commanded=self.command.grips)
-        self._reward: Reward = reward
-        self._episodes: Episodes | None = None
-        begin = [Variation(door=one) for one in self._sources.doors]
+        self.observation_space = batch_space(self.single_observation_space, n)
+        self.action_space = batch_space(self.single_action_space, n)
+        self._sources = Sources.of(settings)
         self._batch = DoorBatch(
-            begin, self._hold, self.command, num_threads, base, self.physics
+            [Variation(door=door) for door in self._sources.doors],
+            settings.hold(self.command),
+            self.command,
+            settings.num_threads,
+            settings.base,
+            self.physics,
         )
-        self._camera = Camera(
-            self.models[0], width, height, camera_name, effects=effects
-        )
+        self._camera = settings.camera(self.models[0])
+        self._episodes: Episodes | None = None
         self._random: list[tuple[np.random.Generator, int]] = []
-        self._everyone = np.ones(num_envs, dtype=bool)
-        self._ended = np.zeros(num_envs, dtype=bool)
+        self._everyone = np.ones(n, dtype=bool)
+        self._ended = np.zeros(n, dtype=bool)
         self._sensed = self._batch.read(None)
 
     @property
@@ -149,7 +93,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     @property
     def door_geometries(self) -> tuple[DoorGeometry, ...]:
         """Where hinges and handles of these doors are in the task frame."""
-        return tuple(door_geometry(one, self._base) for one in self.variations)
+        return tuple(door_geometry(one, self._settings.base) for one in self.variations)
 
     @property
     def models(self) -> tuple[mujoco.MjModel, ...]:
@@ -201,7 +145,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             for row, one in enumerate(each_seed(seed, self.num_envs))
             if one is not None or not self._random
         }
-        rows = self._sources.take(options, begun=self._episodes is not None)
+        self._sources, rows = self._sources.changed(
+            options, begun=self._episodes is not None
+        )
         self._random = [
             fresh[row] if row in fresh and rows[row] else self._random[row]
             for row in range(self.num_envs)
@@ -225,13 +171,13 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         resting = self._ended if np.count_nonzero(self._ended) else None
         shape = self.num_envs, *self.command.rest.shape
         commands = self.command.check(actions, shape, resting)
-        if self._base == "mobile":
+        if self._settings.base == "mobile":
             commands = self.command.clamped(commands)
         episodes = self._episodes
         self._advance(episodes, commands, resting)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and resting is not None:
             self._restart(resting)
-        rewards, terminations, truncations = episodes.outcome(self._limit)
+        rewards, terminations, truncations = episodes.outcome(self._settings.limit)
         self._ended = terminations | truncations
         infos = episodes.infos(self._everyone)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
@@ -273,18 +219,10 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         return self._episodes
 
     def _begun(self, drawn: Drawn, sensed: Array) -> Episode:
-        door = drawn.variation.door
-        reader = Reader.of(
-            self._hold,
-            self.command.control,
-            self._base,
-            door.handle,
-            door.swing,
-            tells_base=self.command.drives,
-            tells_gripper=self.command.grips,
-        )
-        rest = self.command.resting(drawn.variation, self._base)
-        return Episode.begin(drawn, reader, self._reward, sensed.tolist(), rest)
+        settings, variation = self._settings, drawn.variation
+        reader = settings.reader(self.command, variation.door)
+        rest = self.command.resting(variation, settings.base)
+        return Episode.begin(drawn, reader, settings.reward, sensed.tolist(), rest)
 
     def _advance(
         self, episodes: Episodes, commands: Array, resting: Mask | None
