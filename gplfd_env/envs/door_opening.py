@@ -37,16 +37,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     ``wrench`` (6,) [N, N m] on the hand, all in the task frame; ``joint_pos`` (7,)
     [rad], ``joint_vel`` (7,) [rad/s], ``time`` (1,) [s].
 
-    Info, same keys at reset and step: ``door_angle`` [rad], ``door_velocity``
-    [rad/s], ``door_radius`` [m], ``handle_pose`` (6,) [m, rad],
-    ``base_pose`` (3,) [m, rad], ``base_velocity`` (3,) [m/s, rad/s], ``success``,
-    ``is_success``, ``grasped``, ``slip`` [m], ``force_tangential``,
-    ``force_radial``, ``force_vertical`` [N, hand on handle], ``push_force``,
-    ``person_force`` [N], ``person_energy`` [J], ``base_shift`` [m], ``stop_force``
-    [N, of the door at the handle's radius], ``handle_angle`` [rad], ``bolt`` [m],
-    ``closer_torque`` [N m], ``capability`` and its ``stage``, ``failure`` and its
-    ``reason``,
-    ``simulation_error``, ``reward_terms``. Never blurred by sensor noise.
+    Info, same keys at reset and step, without sensor noise: the keys of
+    `gplfd_env.task.info.INFO`, which has their units and meanings.
 
     The episode terminates in success (60° held for 0.5 s, handle grasped) or when
     the grasp is lost, and is truncated by the time limit or a diverged simulation.

@@ -2,8 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Final, Literal, NamedTuple, TypeVar
+from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,21 +25,15 @@ from gplfd_env.conventions.one_and_many import (
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.gripper import Gripper
 from gplfd_env.robot.placement import hand_position_w
-from gplfd_env.robot.whole_body import BaseDrive, Planar
+from gplfd_env.robot.whole_body import BaseDrive
 from gplfd_env.scene.closer import CloserLaw
 from gplfd_env.scene.latch import latch_holds
-from gplfd_env.simulation.loads import Loads
-from gplfd_env.task.draw import DelayLine, Drawn, NoiseSource
+from gplfd_env.task.draw import Drawn
 from gplfd_env.task.intervention import Intervention
 from gplfd_env.task.observation import (
-    BaseState,
-    DoorReading,
-    Hand,
     Observation,
     Reader,
     Values,
-    Vector,
-    Wrench,
 )
 from gplfd_env.task.opening import (
     GRASP_LOST,
@@ -50,6 +43,14 @@ from gplfd_env.task.opening import (
     OpeningMonitor,
     reward_terms,
     sparse_reward_terms,
+)
+from gplfd_env.task.records import (
+    Companions,
+    Constants,
+    Demands,
+    Outside,
+    Progress,
+    Readings,
 )
 from gplfd_env.task.stages import Diagnosis, stage_after, turned_angle
 
@@ -63,128 +64,6 @@ REWARDS: Final = {"dense": reward_terms, "sparse": sparse_reward_terms}
 
 _CLOSED: Final = [0.0] * 6
 """Pose of a hand that holds the closed handle."""
-
-
-class Constants(NamedTuple):
-    """What does not change during an episode: numbers, or arrays (n,).
-
-    Attributes:
-        hand: What the wrist sensor carries.
-        way: `DoorConfig.way`; likewise `side`, `radius` and `hand_radius`.
-        closer: What closes the door.
-        latched: Whether it has a bolt; `bolt_throw` is how far it stands out [m].
-        turned: Angle from which the handle counts as turned [rad].
-        stopped: A disturbance stops the door.
-    """
-
-    hand: Hand
-    way: Number
-    side: Number
-    radius: Number
-    hand_radius: Number
-    closer: CloserLaw
-    latched: Flag
-    bolt_throw: Number
-    turned: Number
-    stopped: Flag
-
-
-class Readings(NamedTuple):
-    """What the sensors say, without noise: numbers, or arrays (n,).
-
-    Attributes:
-        time: Since the reset [s].
-        wrench: On the hand [N, N m].
-        hand: Its pose where a gripper opens and closes [m, rad].
-        base: Pose and rate of the base.
-        door: Privileged readings of door and grasp.
-        latched: The bolt holds the door.
-    """
-
-    time: Number
-    wrench: Wrench
-    hand: tuple[Number, ...]
-    base: BaseState
-    door: DoorReading
-    latched: Flag
-
-
-@dataclass(slots=True)
-class Progress:
-    """How far an episode has come: numbers, or arrays (n,).
-
-    Attributes:
-        steps: Control periods so far.
-        opening: Success and failure.
-        stage: The furthest stage, a place in `gplfd_env.task.stages.STAGES`.
-        diagnosis: What may be behind a failure.
-        grasp_point: Where the hand took hold, in the handle's frame [m].
-        terms: Of the last step's reward.
-        simulation_error: MuJoCo has reset a diverged state.
-    """
-
-    steps: Number
-    opening: OpeningMonitor
-    stage: Number
-    diagnosis: Diagnosis
-    grasp_point: Vector
-    terms: dict[str, Number]
-    simulation_error: Flag
-
-
-class Companions(NamedTuple):
-    """What only some episodes have; each computes with the numbers of one simulation.
-
-    Attributes:
-        variation: The door and what is around it.
-        rest: The action that holds the hand where it begins.
-        noise: Of the sensors.
-        delay: Of commands.
-        intervention: What happens from outside.
-        drive: Of a base that moves.
-        gripper: That opens and closes.
-    """
-
-    variation: Variation
-    rest: Array
-    noise: NoiseSource | None
-    delay: DelayLine | None
-    intervention: Intervention | None
-    drive: BaseDrive | None
-    gripper: Gripper | None
-
-
-class Outside(NamedTuple):
-    """What a disturbance does: numbers, or arrays (n,); zeros where there is none.
-
-    Attributes:
-        push_force: Of the last period's push [N].
-        person_force: Greatest force between a person and robot or door in the last
-            period [N].
-        person_energy: Work done on the person since the reset [J].
-        base_shift: Displacement of the base so far, task frame [m].
-        base_distance: Its magnitude [m].
-    """
-
-    push_force: Number = 0.0
-    person_force: Number = 0.0
-    person_energy: Number = 0.0
-    base_shift: Vector = (0.0, 0.0, 0.0)
-    base_distance: Number = 0.0
-
-
-class Demands(NamedTuple):
-    """What acts in a control period besides the commands, by simulation.
-
-    Attributes:
-        loads: From outside, where there is ever anything.
-        base_rates: Commanded rates of bases that move.
-        gripper_widths: Commanded widths of grippers that open and close [m].
-    """
-
-    loads: dict[int, Loads]
-    base_rates: dict[int, Planar]
-    gripper_widths: dict[int, float]
 
 
 _NO_DEMANDS: Final = Demands({}, {}, {})
@@ -367,7 +246,7 @@ class Episode:
         for row, delay in _chosen(self._delays, stepped):
             commands[row] = delay.pass_on(commands[row], self._companions[row].rest)
         for row, intervention in _chosen(self._interventions, stepped):
-            # The robot means its own frame, which has moved with the base.
+            # Commands are relative to the robot's own frame, which a bump has moved.
             commands[row, :3] += intervention.base_shift
         if self._drives:
             bases = by_row((*readings.base.pose, progress.stage))
@@ -378,7 +257,7 @@ class Episode:
             elif self._companions[row].variation.standoff is None or stage > 0:
                 drive.follow(command[:6], (x, y, yaw))
             else:
-                # Reaching is the arm's matter: the base stands right for the grasp.
+                # Only the arm reaches: the base is where it will stand for the grasp.
                 drive.follow(_CLOSED, (x, y, yaw))
             demands.base_rates[row] = drive.rate
         if self._grippers:
@@ -402,7 +281,8 @@ class Episode:
         """
         progress, opening = self.progress, self.progress.opening
         before = self.readings
-        unchanged = None if stepped is None else mapped(_same, (before, progress))
+        # No array is ever written into: copies of the records are enough.
+        old = None if stepped is None else mapped(lambda entry: entry, progress)
         progress.steps = progress.steps + 1
         self.readings = readings = self._read(values, progress.steps, stepped)
         door, latched = readings.door, readings.latched
@@ -438,12 +318,12 @@ class Episode:
         )
         gain = door.angle - before.door.angle
         progress.terms = self._terms(gain, door.forces.radial, opening.success)
-        if unchanged is not None:
-            unchanged[1].terms = self._terms(0.0, 0.0, False)
+        if old is not None:
+            old.terms = self._terms(0.0, 0.0, False)
             self.readings, self.progress = mapped(
-                lambda new, old: where(stepped, new, old),
+                lambda now, then: where(stepped, now, then),
                 (readings, progress),
-                unchanged,
+                (before, old),
             )
 
     def break_off(self, diverged: Flag = True) -> None:
@@ -590,7 +470,3 @@ def _chosen(
     if stepped is None or not things:
         return things.items()
     return [(row, thing) for row, thing in things.items() if stepped[row]]
-
-
-def _same(entry: Any) -> Any:
-    return entry

@@ -203,7 +203,7 @@ class PersonHand:
                 return 0.0
             self._held = time
             if not self._person.one_sided:
-                # Who takes hold goes along at first, and then brings it to rest.
+                # The hand begins with the speed of what it takes hold of.
                 self._anchor, self._velocity = arc, rate
         elif time - self._held >= self._person.duration - 1e-9:
             return 0.0
