@@ -19,7 +19,6 @@ from gplfd_env.envs.settings import Sources, VectorSettings, made_with
 from gplfd_env.robot.placement import door_geometry
 from gplfd_env.simulation.batch import Alike, DoorBatch
 from gplfd_env.simulation.command import COMMANDS, DRIVEN
-from gplfd_env.task.draw import Drawn
 from gplfd_env.task.episode import Episode
 from gplfd_env.task.episodes import Episodes
 from gplfd_env.task.observation import Observation, observation_space
@@ -204,25 +203,29 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     def _restart(self, rows: Mask) -> Episodes:
         """Draw new episodes for some simulations and begin them."""
+        settings, command = self._settings, self.command
         chosen = np.flatnonzero(rows).tolist()
         drawn = {row: self._sources.draw(row, self._random[row][0]) for row in chosen}
         for row in chosen:
             self._batch.load(row, drawn[row].variation)
         self._batch.restart(chosen)
         self._sensed = self._batch.read(chosen, self._sensed)
-        begun = {row: self._begun(drawn[row], self._sensed[row]) for row in chosen}
+        begun = {
+            row: Episode.begin(
+                each,
+                settings.reader(command, each.variation.door),
+                settings.reward,
+                self._sensed[row].tolist(),
+                command.resting(each.variation, settings.base),
+            )
+            for row, each in drawn.items()
+        }
         if self._episodes is None:
             self._episodes = Episodes(list(begun.values()))
         else:
             self._episodes.replace(begun)
         self._ended = self._ended & ~rows
         return self._episodes
-
-    def _begun(self, drawn: Drawn, sensed: Array) -> Episode:
-        settings, variation = self._settings, drawn.variation
-        reader = settings.reader(self.command, variation.door)
-        rest = self.command.resting(variation, settings.base)
-        return Episode.begin(drawn, reader, settings.reward, sensed.tolist(), rest)
 
     def _advance(
         self, episodes: Episodes, commands: Array, resting: Mask | None
