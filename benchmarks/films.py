@@ -24,7 +24,7 @@ from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies.jobs import episode_logs
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import TRIALS
-from gplfd_experiments.workflows.repetition import model_of
+from gplfd_experiments.workflows.study_recordings import model_of
 from gplfd_policies import Demonstration
 
 Points = NDArray[np.float64]

@@ -258,6 +258,14 @@ def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]
 
 
 @pytest.fixture
+def small_plots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write plots with few dots per inch: their pixels are of no interest."""
+    from gplfd_experiments.analysis.figures import style
+
+    monkeypatch.setitem(style._STYLE, "savefig.dpi", 30)  # type: ignore[index]
+
+
+@pytest.fixture
 def door_model() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(MODEL)
 
@@ -272,8 +280,14 @@ def arc_agent() -> type[ArcAgent]:
     return ArcAgent
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_log() -> Callable[..., EpisodeLog]:
+    return log_by_formula
+
+
+@pytest.fixture(scope="session")
+def formula_log() -> Callable[..., EpisodeLog]:
+    """`make_log` for fixtures of a larger scope."""
     return log_by_formula
 
 

@@ -228,7 +228,7 @@ def test_doors_of_several_kinds_are_read_back(
     assert "| **lever with spring latch, pull** |" in printed
     found = read_results(tmp_path)
     assert found.unreadable == ()
-    assert {one.task.door: one.kind for one in found.episodes} == {
+    assert {one.task.door: one.split for one in found.episodes} == {
         "room-834": NON_STANDARD,
         "cabinet": NON_STANDARD,
         "small": DEMONSTRATED,
@@ -359,7 +359,9 @@ def test_recordings_are_made_when_asked_for(
 ) -> None:
     recorded: list[Path] = []
     module = types.SimpleNamespace(record_extremes=recorded.append)
-    monkeypatch.setitem(sys.modules, "gplfd_experiments.workflows.extremes", module)
+    monkeypatch.setitem(
+        sys.modules, "gplfd_experiments.workflows.study_recordings", module
+    )
     options = ["--policies", "gp", "--doors", "small", "--seeds", "1", "--no-skill"]
     assert benchmark(tmp_path, *options) == 0
     assert recorded == []

@@ -290,6 +290,9 @@ def test_help_and_errors_have_no_colours_where_nobody_sees_them(
     assert gplfd("list", "--jsn") == 2
     printed = capsys.readouterr()
     assert "doctor" in printed.out
+    # The overview has the first paragraph of each command's description.
+    assert "Learn from demonstrations, open doors" in printed.out
+    assert "Writes DIR/" not in printed.out
     assert "Unrecognized options: --jsn" in printed.err
     assert "\x1b" not in printed.out + printed.err
 
@@ -432,10 +435,14 @@ def test_a_file_that_is_no_door_is_refused(
 
 
 def test_a_policy_that_learns_nothing_is_not_said_to_learn(
-    gplfd: Gplfd, capsys: pytest.CaptureFixture[str]
+    gplfd: Gplfd, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    def stop(*_: Any) -> None:
+        raise ValueError("enough")
+
+    monkeypatch.setattr(runs, "learned_agents", stop)
     for policy, learns in {"hinge-fit": False, "gp-fixed": True}.items():
-        assert gplfd("run", "--policy", policy, "--doors", "small") == 0
+        assert gplfd("run", "--policy", policy, "--doors", "small") == 2
         assert ("learning from" in capsys.readouterr().err) is learns
 
 
@@ -518,7 +525,7 @@ def test_view_says_what_is_wrong(
 def test_numpy_is_kept_to_one_thread_unless_the_user_says_otherwise() -> None:
     code = (
         "import os, gplfd_experiments.cli.main as cli\n"
-        "cli.main(['list'])\n"
+        "cli.main(['view', 'nothing.rrd'])\n"
         "print(os.environ['OPENBLAS_NUM_THREADS'], os.environ['OMP_NUM_THREADS'])\n"
     )
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "3"}

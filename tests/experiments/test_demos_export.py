@@ -19,7 +19,7 @@ from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.data.npz import save_demonstrations
-from gplfd_experiments.data.preparation.samples import usable
+from gplfd_experiments.data.preparation.samples import Notes, usable
 from gplfd_experiments.data.readers import read_recordings
 from gplfd_experiments.data.readers.selection import Selection
 from gplfd_experiments.data.teacher import Teacher
@@ -28,11 +28,14 @@ from gplfd_policies.demonstrations.demonstration import Demonstration
 
 @pytest.fixture(autouse=True)
 def shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Demonstration, ...]:
-    """Two demonstrations in a file of the working folder, one with a gripper."""
+    """Two demonstrations with two signals in a file of the working folder."""
     monkeypatch.chdir(tmp_path)
     both = Teacher().demonstrate_doors([0.35, 0.5], 1, rng=np.random.default_rng(0))
-    gripper = [{"gripper": np.full((len(one.times), 2), 0.04)} for one in both]
-    save_demonstrations("demonstrations.npz", both, signals=gripper)
+    signals = [
+        {"gripper": np.full((len(one.times), 2), 0.04), "grasped": one.times[:, None]}
+        for one in both
+    ]
+    save_demonstrations("demonstrations.npz", both, signals=signals)
     return both
 
 
@@ -50,7 +53,8 @@ def test_what_was_written_is_read_back(
     again = read_recordings(out, Selection())
     assert len(again) == len(shown)
     for one, recorded in zip(shown, again, strict=True):
-        samples, notes = usable(recorded, None, None)
+        notes = Notes()
+        samples = usable(recorded, None, None, notes)
         assert len(notes) <= 1
         assert_allclose(samples.times, one.times - one.times[0], atol=1e-9)
         assert_allclose(samples.poses[:, :3], one.poses[:, :3], rtol=0, atol=apart)
@@ -78,6 +82,7 @@ def test_robomimic_finds_what_it_looks_for(shown: tuple[Demonstration, ...]) -> 
         assert_array_equal(demo["actions"][:-1, :3], position[1:])
         assert_array_equal(demo["next_obs/robot0_eef_pos"][:-1], position[1:])
         assert_array_equal(demo["obs/robot0_gripper_qpos"][()], 0.04)
+        assert_array_equal(demo["obs/grasped"][:, 0], shown[1].times)
         assert demo["dones"][()].sum() == demo["dones"][-1] == 1
 
 

@@ -1,4 +1,4 @@
-"""``gplfd demos import``: from files of recordings to something that opens doors."""
+"""``gplfd demos import``: from motion files to something that opens doors."""
 
 import errno
 import glob
@@ -35,23 +35,29 @@ def in_the_world(shown: Demonstration) -> str:
     return "\n".join(["time [s],x [cm],y [cm],z [cm],qx,qy,qz,qw", *lines, ""])
 
 
+@pytest.fixture(scope="module")
+def tables() -> dict[str, str]:
+    rng = np.random.default_rng(0)
+    shown = Teacher().demonstrate_doors(DEMONSTRATED_RADII, 2, rng=rng)
+    return {f"{number}.csv": in_the_world(one) for number, one in enumerate(shown)}
+
+
 @pytest.fixture
-def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Six recordings of three doors in the working folder."""
+def files(
+    tables: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> list[str]:
+    """Six motion files of three doors in the working folder."""
     monkeypatch.chdir(tmp_path)
-    shown = Teacher().demonstrate_doors(
-        DEMONSTRATED_RADII, 2, rng=np.random.default_rng(0)
-    )
-    for number, one in enumerate(shown):
-        Path(f"{number}.csv").write_text(in_the_world(one))
-    return [f"{number}.csv" for number in range(len(shown))]
+    for name, table in tables.items():
+        Path(name).write_text(table)
+    return list(tables)
 
 
 def imported(*arguments: str) -> int:
     return cli.main(["demos", "import", *arguments, "--quiet"])
 
 
-def test_a_door_is_opened_by_what_recordings_in_the_room_show(
+def test_doors_are_found_in_what_a_tracker_in_the_room_saw(
     files: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert imported(*files, "--out", "set", "--frame", "hinge") == 0
@@ -66,11 +72,6 @@ def test_a_door_is_opened_by_what_recordings_in_the_room_show(
     assert Path("set/report.txt").read_text().strip() in printed
     origin = json.loads(Path("set/import.json").read_text())
     assert [one["name"] for one in origin["files"]] == files
-    assert cli.main(["learn", "set", "--out", "set-skill.npz", "--quiet"]) == 0
-    run = ["run", "--skill", "set-skill.npz", "--doors", "0.42", "--out", "run"]
-    assert cli.main([*run, "--quiet"]) == 0
-    (result,) = json.loads(Path("run/metrics.json").read_text())
-    assert result["success"]
 
 
 def test_each_motion_relative_to_its_own_first_pose(files: list[str]) -> None:
@@ -95,10 +96,7 @@ def test_each_motion_relative_to_its_own_first_pose(files: list[str]) -> None:
         (["0.csv", "--out", "s", "--frame", "1,2,3"], "must be seven numbers"),
         (["0.csv", "--out", "s", "--frame", "door"], "must be one of first-pose"),
         (["0.csv", "--out", "s", "--offset", "a"], "--offset 'a' must be seven"),
-        (
-            ["0.csv", "--out", "s", "--segment", "1-x"],
-            "must be none, rests, turns, or times",
-        ),
+        (["0.csv", "--out", "s", "--segment", "1-x"], "none, rests, turns, or times"),
         (["0.csv", "--out", "s", "--segment", "50-60"], "0.csv: there are no samples"),
         (["0.csv", "--out", "s", "--rate", "-1"], "rate = -1 must be a positive"),
         (["0.csv", "--out", "s", "--columns", "t,x"], "--columns has no column y"),
@@ -143,14 +141,8 @@ def test_a_full_disk_is_told_and_leaves_nothing(
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        (
-            ["learn", "0.csv", "--out", "s.npz"],
-            "gplfd demos import 0.csv --out SET mak",
-        ),
-        (
-            ["learn", "a.npz", "--out", "s.npz"],
-            "gplfd demos import a.npz --out SET mak",
-        ),
+        (["learn", "0.csv", "--out", "s.npz"], "gplfd demos import 0.csv --out SET"),
+        (["learn", "a.npz", "--out", "s.npz"], "gplfd demos import a.npz --out SET"),
         (["learn", ".", "--out", "s.npz"], "there is no demonstrations.npz in .; gplf"),
         (["skill", "0.csv", "--out", "s"], "gplfd demos import 0.csv --out SET makes"),
         (["run", "--skill", ".", "--out", "s"], ". is a folder; give a file (.npz) th"),

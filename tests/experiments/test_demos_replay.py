@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -45,17 +46,52 @@ def episode() -> RecordedEpisode:
     return record(gym.make(ENVIRONMENT_ID))
 
 
-def changed_state(
-    episode: RecordedEpisode, row: int, part: str, amount: float
-) -> RecordedEpisode:
+Change = Callable[[RecordedEpisode], RecordedEpisode]
+
+
+def state(row: int, part: str, amount: float) -> Change:
+    """Add to the last number of a part of the physics state."""
+
+    def change(episode: RecordedEpisode) -> RecordedEpisode:
+        states = episode.states.copy()
+        parts = list(episode.state_layout)
+        lengths = [episode.state_layout[name] for name in parts]
+        end = sum(lengths[: parts.index(part) + 1])
+        states[row, end - 1] += amount
+        infos = {**episode.infos, "physics_state": states}
+        return dataclasses.replace(episode, infos=infos)
+
+    return change
+
+
+def one_bit(episode: RecordedEpisode) -> RecordedEpisode:
     states = episode.states.copy()
-    start = 0
-    for name, size in episode.state_layout.items():
-        if name == part:
-            states[row, start + size - 1] += amount
-        start += size
+    states[3, 2] = np.nextafter(states[3, 2], 1.0)
+    infos = {**episode.infos, "physics_state": states}
+    return dataclasses.replace(episode, infos=infos)
+
+
+def observed(episode: RecordedEpisode) -> RecordedEpisode:
+    """Noise that only the agent sees."""
+    pose = episode.observations["ee_pose"].copy()
+    pose[2, 0] += 1e-3
+    seen = {**episode.observations, "ee_pose": pose}
+    return dataclasses.replace(episode, observations=seen)
+
+
+def rewarded(episode: RecordedEpisode) -> RecordedEpisode:
+    rewards = episode.rewards.copy()
+    rewards[-1] += 1.0
+    return dataclasses.replace(episode, rewards=rewards)
+
+
+def wider(episode: RecordedEpisode) -> RecordedEpisode:
+    """Another layout of the physics state."""
+    states = np.hstack([episode.states, np.zeros((N_STEPS + 1, 1))])
     return dataclasses.replace(
-        episode, infos={**episode.infos, "physics_state": states}
+        episode,
+        infos={**episode.infos, "physics_state": states},
+        state_layout={**episode.state_layout, "userdata": 1},
     )
 
 
@@ -73,7 +109,7 @@ def test_a_replay_on_the_same_machine_is_the_recording(
 def test_the_first_departure_is_named_with_field_and_distance(
     episode: RecordedEpisode,
 ) -> None:
-    other = changed_state(changed_state(episode, 7, "qvel", 1e-9), 4, "warmstart", 0.5)
+    other = state(7, "qvel", 1e-9)(state(4, "warmstart", 0.5)(episode))
     departure = compare(episode, other).departure
     assert departure is not None
     assert departure.step == 4
@@ -84,70 +120,25 @@ def test_the_first_departure_is_named_with_field_and_distance(
     assert "at most: qvel by 1e-09, warmstart by 0.5" in text
 
 
-def test_one_bit_is_a_departure(
-    episode: RecordedEpisode,
+@pytest.mark.parametrize(
+    ("change", "step", "fields"),
+    [
+        (one_bit, 3, {"qpos": pytest.approx(0.0, abs=1e-15)}),
+        (state(6, "qpos", math.nan), 6, {"qpos": math.inf}),
+        (observed, 2, {"observed ee_pose": pytest.approx(1e-3)}),
+        (rewarded, N_STEPS, {"rewards": pytest.approx(1.0)}),
+        (wider, 0, {"userdata": math.inf}),
+    ],
+)
+def test_what_differs_is_a_departure_at_its_step(
+    episode: RecordedEpisode, change: Change, step: int, fields: Any
 ) -> None:
-    states = episode.states.copy()
-    states[3, 2] = np.nextafter(states[3, 2], 1.0)
-    infos = {**episode.infos, "physics_state": states}
-    departure = compare(episode, dataclasses.replace(episode, infos=infos)).departure
-    assert departure is not None
-    assert departure.step == 3
-
-
-def test_what_is_no_number_is_infinitely_far(
-    episode: RecordedEpisode,
-) -> None:
-    broken = changed_state(episode, 6, "qpos", math.nan)
-    assert compare(broken, broken).exact
-    departure = compare(episode, broken).departure
-    assert departure is not None
-    assert departure.fields == {"qpos": math.inf}
-    assert departure.step == 6
-
-
-def test_noise_that_only_the_agent_sees_is_a_departure(
-    episode: RecordedEpisode,
-) -> None:
-    pose = episode.observations["ee_pose"].copy()
-    pose[2, 0] += 1e-3
-    seen = {**episode.observations, "ee_pose": pose}
-    departure = compare(
-        episode, dataclasses.replace(episode, observations=seen)
-    ).departure
-    assert departure is not None
-    assert departure.step == 2
-    assert departure.fields == {"observed ee_pose": pytest.approx(1e-3)}
-
-
-def test_another_outcome_is_a_departure(
-    episode: RecordedEpisode,
-) -> None:
-    rewards = episode.rewards.copy()
-    rewards[-1] += 1.0
-    departure = compare(
-        episode, dataclasses.replace(episode, rewards=rewards)
-    ).departure
-    assert departure is not None
-    assert departure.step == N_STEPS
-    assert departure.fields == {"rewards": pytest.approx(1.0)}
-
-
-def test_another_layout_departs_at_the_reset(
-    episode: RecordedEpisode,
-) -> None:
-    wider = dataclasses.replace(
-        episode,
-        infos={
-            **episode.infos,
-            "physics_state": np.hstack([episode.states, np.zeros((N_STEPS + 1, 1))]),
-        },
-        state_layout={**episode.state_layout, "userdata": 1},
-    )
-    for one, other in ((episode, wider), (wider, episode)):
-        departure = compare(one, other).departure
+    other = change(episode)
+    assert compare(other, other).exact
+    for first, second in ((episode, other), (other, episode)):
+        departure = compare(first, second).departure
         assert departure is not None
-        assert (departure.step, departure.fields) == (0, {"userdata": math.inf})
+        assert (departure.step, departure.fields) == (step, fields)
 
 
 class Heavier(gym.Wrapper[Any, Any, Any, Any]):

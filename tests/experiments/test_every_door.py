@@ -59,8 +59,10 @@ def test_a_run_of_several_kinds_learns_each_from_its_own(
 ) -> None:
     doors = ("small", "room-584", "0.42")
     out = tmp_path / "run"
-    other = ("--policy", "oracle", "--doors", "small")
-    assert gplfd("run", *other, "--out", str(out)) == 0
+    out.mkdir()
+    # Of an earlier run with one kind of doors.
+    (out / "run.json").write_text('{"config": {"door_configs": {"small": {}}}}')
+    (out / "demonstrations.npz").touch()
     assert gplfd("run", "--policy", "promp", "--doors", *doors, "--out", str(out)) == 0
     assert not (out / "demonstrations.npz").exists()
     metrics = json.loads((out / "metrics.json").read_text())
@@ -151,6 +153,7 @@ def test_an_environment_of_a_task_has_everything_that_it_names() -> None:
     }
 
 
+@pytest.mark.usefixtures("small_plots")
 @pytest.mark.parametrize("start", ["grasped", "approach"])
 def test_a_study_of_doors_of_several_kinds_can_be_read_and_recorded(
     gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str], start: str
@@ -242,6 +245,7 @@ def test_a_run_names_files_that_were_deleted_while_it_went_on(
     assert "run.json" in message
 
 
+@pytest.mark.usefixtures("small_plots")
 def test_a_report_names_tasks_without_a_result(gplfd: Gplfd, tmp_path: Path) -> None:
     given = ("--policies", "oracle", "--doors", "small", "0.42", "--seeds", "1")
     where = ("--no-skill", "--engine", "serial", "--quiet", "--out", "study")

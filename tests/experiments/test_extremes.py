@@ -1,7 +1,10 @@
 """Which episodes are recorded, and that their repetition is compared with the study."""
 
+import builtins
 import dataclasses
 import json
+import shutil
+from pathlib import Path
 
 import pytest
 
@@ -10,14 +13,15 @@ from gplfd_experiments.analysis.report.recordings import recording_name
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies.runner import run_study
-from gplfd_experiments.workflows import extremes as module
-from gplfd_experiments.workflows.extremes import (
+from gplfd_experiments.workflows import study_recordings as module
+from gplfd_experiments.workflows.study_recordings import (
     COMPARED,
+    differences,
     extremes,
     record_extremes,
+    repeat,
     same_door,
 )
-from gplfd_experiments.workflows.repetition import differences
 
 CONFIG = dataclasses.asdict(DoorConfig())
 
@@ -81,7 +85,7 @@ def test_doors_of_another_kind_are_not_compared(write_study, episode_result):
     radii = {"demonstrated_radii": [0.5]}
     results = [episode_result("gp"), episode_result("kmp", door="x", **door, **radii)]
     read = read_results(write_study(results)).episodes
-    assert [one.kind for one in read] == ["demonstrated radii"] * 2
+    assert [one.split for one in read] == ["demonstrated radii"] * 2
     assert [*same_door(read, 0.5, "gp")] == ["gp"]
 
 
@@ -91,9 +95,10 @@ def test_only_times_may_differ_in_a_repetition():
     assert differences(stored, again) == {"work": [1.0, 1.5]}
 
 
-@pytest.fixture
-def study(tmp_path):
-    """One short episode, run as a study does."""
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    """One short episode, run as a study does, and its repetition."""
+    folder = tmp_path_factory.mktemp("study")
     task = EpisodeTask(
         policy="oracle",
         seed=0,
@@ -101,11 +106,43 @@ def study(tmp_path):
         door_config=CONFIG,
         demonstrations_per_door=1,
     )
-    list(run_study(tmp_path, [task]))
-    return tmp_path
+    list(run_study(folder, [task]))
+    (episode,) = read_results(folder).episodes
+    return folder, repeat(episode)
 
 
-def test_a_study_s_episode_is_repeated_exactly(study, caplog):
+@pytest.fixture
+def study(ran, tmp_path):
+    return Path(shutil.copytree(ran[0], tmp_path / "study"))
+
+
+@pytest.fixture
+def known(ran, monkeypatch):
+    """Do not run the episode again; policies named odd-X raise X."""
+
+    def repeated(episode):
+        name, _, error = episode.policy.partition("-")
+        if name == "odd":
+            raise getattr(builtins, error)("mine")
+        log = dataclasses.replace(ran[1].log, policy=episode.policy)
+        return dataclasses.replace(ran[1], log=log)
+
+    monkeypatch.setattr(module, "repeat", repeated)
+
+
+@pytest.fixture
+def quick(known, monkeypatch):
+    """Record nothing."""
+    monkeypatch.setattr(module, "record_episode", lambda path, *_: written(path))
+    monkeypatch.setattr(module, "record_comparison", lambda path, *_, **__: None)
+
+
+def written(path):
+    path.parent.mkdir(exist_ok=True)
+    path.touch()
+
+
+def test_a_study_s_episode_is_repeated_exactly(study, caplog, monkeypatch):
     with caplog.at_level("INFO", logger="gplfd"):
         index = json.loads(record_extremes(study).read_text())
     shown = [record.message for record in caplog.records]
@@ -113,16 +150,15 @@ def test_a_study_s_episode_is_repeated_exactly(study, caplog):
     (entry,) = index["episodes"]
     assert entry["repeated"] is True
     assert entry["different"] == {}
-    assert (entry["policy"], entry["door"], entry["rank"]) == (
-        "oracle",
-        "medium",
-        "best",
-    )
+    place = (entry["policy"], entry["door"], entry["rank"])
+    assert place == ("oracle", "medium", "best")
     (compared,) = index["comparisons"]
     assert compared["file"] == "comparison.rrd"
     files = {path.name for path in (study / "recordings").iterdir()}
     assert files == {"oracle-best.rrd", "comparison.rrd", "index.json"}
     first = (study / "recordings" / "index.json").read_bytes()
+    monkeypatch.setattr(module, "record_episode", lambda *_: None)
+    monkeypatch.setattr(module, "record_comparison", lambda *_, **__: None)
     record_extremes(study)
     assert (study / "recordings" / "index.json").read_bytes() == first
 
@@ -143,6 +179,7 @@ def test_a_number_that_is_not_repeated_is_said(study, monkeypatch):
     result["metrics"]["work"] = 123.0
     file.write_text(json.dumps(result))
     monkeypatch.setattr(module, "same_door", lambda *_: {})
+    monkeypatch.setattr(module, "record_episode", lambda *_: None)
     (entry,) = json.loads(record_extremes(study).read_text())["episodes"]
     assert entry["repeated"] is False
     assert entry["different"] == {"work": [123.0, true]}
@@ -150,44 +187,39 @@ def test_a_number_that_is_not_repeated_is_said(study, monkeypatch):
 
 def renamed(study, policy):
     """Another policy's episode, of which nothing but the name is new."""
-    (file,) = (study / "tasks").glob("*.json")
+    file = min((study / "tasks").glob("*.json"))
     result = json.loads(file.read_text())
     result["task"]["policy"] = policy
-    (study / "tasks" / "renamed.json").write_text(json.dumps(result))
+    (study / "tasks" / f"z-{len(policy)}.json").write_text(json.dumps(result))
 
 
-@pytest.mark.parametrize("error", [LookupError, RuntimeError, OSError, RecursionError])
-def test_what_a_policy_raises_is_noted_and_takes_no_other_along(
-    study, monkeypatch, error
-):
-    renamed(study, "odd")
-
-    def repeat(episode):
-        if episode.policy == "odd":
-            raise error("mine")
-        return again(episode)
-
-    again = module.repeat
-    monkeypatch.setattr(module, "repeat", repeat)
+def test_what_a_policy_raises_is_noted_and_takes_no_other_along(study, quick):
+    errors = ("LookupError", "RuntimeError", "OSError", "RecursionError")
+    for error in errors:
+        renamed(study, f"odd-{error}")
     index = json.loads(record_extremes(study).read_text())
-    odd, oracle = index["episodes"]
-    assert odd["error"] == f"{error.__name__}: mine"
-    assert odd["repeated"] is False
-    assert oracle["repeated"] is True
-    assert not (study / "recordings" / "odd-best.rrd").exists()
-    assert [each["policy"] for each in index["comparisons"][0]["episodes"]] == [
-        "odd",
-        "oracle",
-    ]
+    entries = {entry["policy"]: entry for entry in index["episodes"]}
+    assert set(entries) == {"oracle", *(f"odd-{error}" for error in errors)}
+    for error in errors:
+        odd = entries[f"odd-{error}"]
+        assert odd["error"] == f"{error}: mine"
+        assert odd["repeated"] is False
+        assert not (study / "recordings" / odd["file"]).exists()
+    assert entries["oracle"]["repeated"] is True
+    assert (study / "recordings" / "oracle-best.rrd").is_file()
+    compared = [each["policy"] for each in index["comparisons"][0]["episodes"]]
+    assert sorted(compared) == sorted(entries)
 
 
 def test_a_policy_that_is_gone_is_noted(study):
+    file = min((study / "tasks").glob("*.json"))
     renamed(study, "gone")
-    gone, _ = json.loads(record_extremes(study).read_text())["episodes"]
+    file.unlink()
+    (gone,) = json.loads(record_extremes(study).read_text())["episodes"]
     assert "unknown policy 'gone'" in gone["error"]
 
 
-def test_a_disk_that_is_full_is_no_policy_s_error(study, monkeypatch):
+def test_a_disk_that_is_full_is_no_policy_s_error(study, quick, monkeypatch):
     def full(*_):
         raise OSError("no space left on device")
 
@@ -196,18 +228,9 @@ def test_a_disk_that_is_full_is_no_policy_s_error(study, monkeypatch):
         record_extremes(study)
 
 
-def test_any_name_of_a_policy_can_be_recorded(study, monkeypatch):
+def test_any_name_of_a_policy_can_be_recorded(study, known):
     mine = "my_module:make/a.b"
     renamed(study, mine)
-
-    def repeat(episode):
-        task = dataclasses.replace(episode.task, policy="oracle")
-        repeated = again(dataclasses.replace(episode, task=task))
-        log = dataclasses.replace(repeated.log, policy=episode.policy)
-        return dataclasses.replace(repeated, log=log)
-
-    again = module.repeat
-    monkeypatch.setattr(module, "repeat", repeat)
     index = json.loads(record_extremes(study, reference=mine).read_text())
     files = [entry["file"] for entry in index["episodes"]]
     assert files == [recording_name(mine, "best"), "oracle-best.rrd"]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from gplfd_experiments.analysis.figures import style
+from gplfd_experiments.analysis.figures.style import write_figure
 from gplfd_experiments.analysis.report.document import (
     Details,
     Document,
@@ -18,9 +18,8 @@ from gplfd_experiments.analysis.report.document import (
     Paragraph,
     Section,
 )
-from gplfd_experiments.analysis.report.html import html_page, inline
-from gplfd_experiments.analysis.report.markdown import markdown_page
 from gplfd_experiments.analysis.report.page import report, write_report
+from gplfd_experiments.analysis.report.writing import html_page, inline, markdown_page
 from gplfd_experiments.analysis.results.measures import WALL_TIME
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import success_rate
@@ -28,14 +27,9 @@ from gplfd_experiments.cli import main as cli
 from gplfd_experiments.files.table import Table
 from gplfd_experiments.studies.learning_tests.criteria import CRITERIA
 
+pytestmark = pytest.mark.usefixtures("small_plots")
+
 VOID = {"meta", "img", "br", "link", "hr"}
-
-
-@pytest.fixture
-def study(write_study, monkeypatch):
-    """Writes results into a folder; plots are small."""
-    monkeypatch.setitem(style._STYLE, "savefig.dpi", 30)
-    return write_study
 
 
 @pytest.fixture
@@ -56,6 +50,18 @@ def policies(episode_result):
 def markdown(folder, reference="gp"):
     """The text alone: plots take their time."""
     return markdown_page(report(read_results(folder), folder, folder, reference))
+
+
+@pytest.fixture
+def page_of(write_study):
+    """The text of the page of some results."""
+    return lambda results, reference="gp": markdown(write_study(results), reference)
+
+
+@pytest.fixture
+def page(page_of, policies):
+    """The text of the page of `policies`."""
+    return page_of(policies)
 
 
 ERROR = {"error": "ValueError: x", "traceback": "Traceback ..."}
@@ -97,11 +103,20 @@ class Page(html.parser.HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_the_page_parses_and_refers_to_nothing_outside(
-    study, policies, learning_result
+def test_the_page_needs_nothing_else_and_equal_results_give_equal_bytes(
+    write_study, tmp_path, policies, learning_result
 ):
-    folder = study([*policies, learning_result("gp"), learning_result("kmp")])
-    text = write_report(folder).read_text()
+    study = write_study([*policies, learning_result("gp"), learning_result("kmp")])
+    results = read_results(study)
+    for out in ("first", "second"):
+        text = write_report(results, study, tmp_path / out).read_text()
+    folder = tmp_path / "first"
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    assert len(files) == 12
+    for file in files:
+        other = tmp_path / "second" / file.relative_to(folder)
+        assert file.read_bytes() == other.read_bytes(), file.name
+
     page = Page(text)
     assert "script" not in page.tags
     assert "link" not in page.tags
@@ -119,26 +134,15 @@ def test_the_page_parses_and_refers_to_nothing_outside(
     assert names == {"success", "radial_force", "forecast", "coverage", "skill"}
 
 
-def test_equal_results_give_equal_bytes(study, tmp_path, policies, learning_result):
-    folder = study([*policies, learning_result("gp")])
-    for out in ("first", "second"):
-        write_report(folder, tmp_path / out)
-    files = sorted(p for p in (tmp_path / "first").rglob("*") if p.is_file())
-    assert len(files) == 12
-    for file in files:
-        other = tmp_path / "second" / file.relative_to(tmp_path / "first")
-        assert file.read_bytes() == other.read_bytes(), file.name
-
-
 def test_the_page_begins_with_a_summary_of_what_was_opened(
-    study, policies, episode_result
+    write_study, page_of, policies, episode_result
 ):
     """Rates and forces by kind of radius, failures in words, errors as not opened."""
     broken = [{**episode_result("mine", seed), "error": "E: x"} for seed in range(3)]
     for result in policies:
         if result["task"]["policy"] == "kmp":
             result["metrics"]["reason"] = "too_heavy"
-    text = markdown(study([*policies, *broken]))
+    text = page_of([*policies, *broken])
     summary, _, _ = text.partition("- **Doors opened to 60°:**")
     rows = cells(summary, "# Opening doors")
     assert len(rows["gp"]) <= 9
@@ -168,7 +172,7 @@ def test_the_page_begins_with_a_summary_of_what_was_opened(
     )
     # What is wide is folded away.
     folded = html_page(
-        report(read_results(study(policies)), Path(), Path(), "gp"),
+        report(read_results(write_study(policies)), Path(), Path(), "gp"),
         dict.fromkeys(("success", "radial_force", "forecast"), b""),
     )
     shown = re.sub(r"<details>.*?</details>", "", folded, flags=re.S)
@@ -177,12 +181,12 @@ def test_the_page_begins_with_a_summary_of_what_was_opened(
     assert len(heads) < len(re.findall(r"<thead>", folded))
 
 
-def test_the_summary_groups_by_kind_of_door(study, episode_result):
+def test_the_summary_groups_by_kind_of_door(page_of, episode_result):
     results = [episode_result("gp", seed) for seed in range(3)]
     pushed = [episode_result("gp", seed, door="pushed") for seed in range(3)]
     for result in pushed:
         result["task"]["door_config"]["swing"] = "push"
-    text = markdown(study([*results, *pushed]))
+    text = page_of([*results, *pushed])
     summary = text.partition("- **Doors opened")[0]
     for kind in ("bar, pull", "bar, push"):
         assert summary.count(f"| **{kind}** |") == 1
@@ -190,8 +194,8 @@ def test_the_summary_groups_by_kind_of_door(study, episode_result):
     assert "| 1.0 |" in summary
 
 
-def test_no_bullet_is_empty(study, episode_result):
-    text = markdown(study([episode_result("gp", opened=False)]))
+def test_no_bullet_is_empty(page_of, episode_result):
+    text = page_of([episode_result("gp", opened=False)])
     assert "`gp` has no value" not in text
     assert not re.findall(r"(?m)^- *$", text)
     assert "<ul></ul>" not in html_page(
@@ -200,99 +204,21 @@ def test_no_bullet_is_empty(study, episode_result):
     assert "`gp` opened none of 1; nor did any other policy." in text
 
 
-def test_decisions_slower_than_the_control_period_are_a_warning(study, episode_result):
-    slow = episode_result("gp")
-    slow["metrics"][WALL_TIME] = 50.0
-    text = markdown(study([slow]))
-    assert text.count("longer than the control period of 10 ms in 1 of 1") == 1
-    assert "wall time per decision [ms]" in text
-    assert "CPU time per decision [ms]" in text
-    plain = markdown(study([episode_result("gp")]))
-    assert "control period" not in plain
-    older = episode_result("gp")
-    older["metrics"].pop(WALL_TIME)
-    assert "wall time per" not in markdown(study([older]))
-
-
-def test_every_column_is_explained(study, policies):
-    text = markdown(study(policies))
-    heads = text.partition("**All measures**\n\n")[2].splitlines()[0]
-    columns = heads.strip("| ").split(" | ")[1:]
-    meanings = text.partition("| column | meaning |")[2]
-    assert [one for one in columns if f"| {one} | " not in meanings] == []
-
-
-def test_every_number_comes_from_the_results(study, policies):
-    text = markdown(study(policies))
-    rate = success_rate((seed, True) for seed in range(16))
-    low, high = rate.low, rate.high
-    assert f"| `gp` | 16/16<br>{low:.2f}–{high:.2f} | 16/16" in text
-    assert "`gp`, 16 of 16 (0.81–1.00), is best; next is `kmp`, 8 of 16" in text
-    assert "`gp`, median 1.0 N, is best; next is `kmp`, behind by 2.0 N" in text
-    # Of all 8 seeds gp opened more doors: 2 · 2⁻⁸, doubled by Holm.
-    assert "| `kmp` | 8 : 0<br>**p 0.016**, n 8 |" in text
-    assert "| `dmp` | 16 : 0<br>**p 0.016**, n 8 |" in text
-    # Wilcoxon on 8 pairs of one sign: 2 · 2⁻⁸.
-    assert "−2.0<br>**p 0.008**, n 8" in text
-
-
-def test_tests_of_a_column_are_corrected_together(study, episode_result):
+def test_tests_of_a_column_are_corrected_together(page_of, episode_result):
     others = [episode_result("promp", seed, opened=False) for seed in range(8)]
     others += [episode_result("kmp", seed, opened=False) for seed in range(8)]
-    text = markdown(
-        study([*(episode_result("gp", seed) for seed in range(8)), *others])
-    )
+    text = page_of([*(episode_result("gp", seed) for seed in range(8)), *others])
     # 2 · 2⁻⁸ for each, times two.
     assert "| `kmp` | 8 : 0<br>**p 0.016**, n 8 |" in text
     assert "| `promp` | 8 : 0<br>**p 0.016**, n 8 |" in text
 
 
-def test_the_command_and_the_code_are_named(study, policies):
-    text = markdown(study(policies))
-    assert "gplfd benchmark --seeds 8" in text
-    assert "2020-02-02" in text
-    assert "commit 0123456789ab, gplfd 0.1.0" in text
-    assert "not all made by the same code" not in text
-
-
-def test_results_of_other_code_are_named(study, policies):
-    results = policies
-    results[0]["git"]["dirty"] = True
-    text = markdown(study(results))
-    assert "not all made by the same code" in text
-    assert "1 results: commit 0123456789ab with edits" in text
-
-
-def test_results_of_several_kinds_of_machine_are_named(study, policies):
-    assert "kinds of machine" not in markdown(study(policies))
-    policies[0]["arithmetic"] = {"machine": "z80"}
-    text = markdown(study(policies))
-    assert (
-        "2 kinds of machine: they are comparable to a tolerance only, see `docs/"
-        in text
-    )
-
-
-def test_a_policy_that_opened_no_door_and_why(study, policies):
-    text = markdown(study(policies))
-    rows = cells(text)
-    reached = ("to 60°", "stalled", "median angle<br>largest")
-    assert [rows["dmp"][head].partition("<br>")[0] for head in reached[:2]] == [
-        "0/16",
-        "16",
-    ]
-    assert rows["dmp"][reached[2]] == "35.0°<br>38.5°"
-    assert rows["kmp"]["stalled"] == "8"
-    assert rows["gp"]["stalled"] == "0"
-    assert "| stalled | the hand held on and the door gained no more angle |" in text
-
-
 def test_a_door_that_slipped_away_is_opened_but_not_solved(
-    study, policies, episode_result
+    page_of, policies, episode_result
 ):
     slipped = episode_result("gp", 50, 0.5)
     slipped["metrics"] |= {"success": False, "failure": "grasp_lost"}
-    text = markdown(study([*policies, slipped]))
+    text = page_of([*policies, slipped])
     assert "**Doors opened to 60°:** `gp`, 17 of 17 (0.82–1.00), is best" in text
     held = "**Opened and held, the handle in the hand:** `gp`, 16 of 17 (0.62–0.99), is"
     assert held in text
@@ -308,13 +234,13 @@ def test_a_door_that_slipped_away_is_opened_but_not_solved(
     assert doors["0.42"] == "8/8<br>0.68–1.00<br>1.0 N"
 
 
-def test_errors_are_apart_and_come_first(study, policies, episode_result):
+def test_errors_are_apart_and_come_first(write_study, policies, episode_result):
     broken = episode_result("gp", 99, 0.5)
     del broken["metrics"]
     broken["error"] = "ValueError: too <few> demonstrations"
-    folder = study([*policies, broken])
-    write_report(folder)
-    text = (folder / "report.md").read_text()
+    folder = write_study([*policies, broken])
+    document = report(read_results(folder), folder, folder, "gp")
+    text = markdown_page(document)
     first = text.splitlines()[2]
     assert first.startswith(
         "> **Mind:** 1 of 49 episodes ended in an error of the policy and count as not "
@@ -324,7 +250,8 @@ def test_errors_are_apart_and_come_first(study, policies, episode_result):
     assert "| `gp`<br>errors: 1 | 16/17" in text
     assert cells(text)["gp`<br>errors: 1"]["policy error"] == "1"
     assert "1 × gp, 0.5: ValueError: too <few> demonstrations" in text
-    assert "too &lt;few&gt; demonstrations" in (folder / "report.html").read_text()
+    images = {picture.name: b"" for picture in document.pictures}
+    assert "too &lt;few&gt; demonstrations" in html_page(document, images)
 
 
 @pytest.mark.parametrize(
@@ -334,27 +261,25 @@ def test_errors_are_apart_and_come_first(study, policies, episode_result):
         (LOST, "is best together with `kmp`"),
     ],
 )
-def test_errors_count_and_lost_episodes_do_not(broken, said, study, episode_result):
+def test_errors_count_and_lost_episodes_do_not(broken, said, page_of, episode_result):
     results = [episode_result("gp", seed) for seed in range(8)]
     for seed in range(8):
         other = episode_result("kmp", seed)
         results.append({**other, **broken} if seed else other)
-    text = markdown(study(results))
+    text = page_of(results)
     assert f"**Doors opened to 60°:** `gp`, 8 of 8 (0.68–1.00), {said}" in text
 
 
 def test_a_policy_whose_episodes_all_failed_has_its_row(
-    study, policies, episode_result
+    page_of, policies, episode_result
 ):
     broken = [{**episode_result("mine", seed), **LOST} for seed in range(3)]
-    folder = study([*policies, *broken])
-    write_report(folder)
-    text = (folder / "report.md").read_text()
+    text = page_of([*policies, *broken])
     name, *row = cells(text)["mine`<br>lost: 3"].values()
     assert (name, set(row)) == ("`mine`<br>lost: 3", {"–"})
 
 
-def test_parts_of_a_study_give_a_report(study, episode_result, learning_result):
+def test_parts_of_a_study_give_a_report(write_study, episode_result, learning_result):
     broken = LOST
     for results, expected in (
         ([episode_result("gp")], "nothing to compare"),
@@ -362,28 +287,30 @@ def test_parts_of_a_study_give_a_report(study, episode_result, learning_result):
         ([{**episode_result("gp"), **broken}], "`gp` has no episode that ran"),
         ([{**learning_result("kmp"), **broken}], "no learning test with a result"),
     ):
-        folder = study(results)
+        folder = write_study(results)
         assert expected in markdown(folder)
-        write_report(folder)
+        write_report(read_results(folder), folder)
 
 
-def test_any_policy_is_the_reference(study, policies):
-    folder = study(policies)
+def test_any_policy_is_the_reference(write_study, policies):
+    folder = write_study(policies)
     text = markdown(folder, "kmp")
     assert (
         "**Doors opened to 60°:** `kmp`, 8 of 16 (0.28–0.72), is beaten by `gp`" in text
     )
     assert "`kmp` against each other policy on the same doors and seeds" in text
     assert "| `gp` | 0 : 8<br>**p 0.016**, n 8 |" in text
-    write_report(folder, reference="kmp")
-    with_gp = (folder / "figures" / "success.svg").read_bytes()
-    write_report(folder)
-    assert (folder / "figures" / "success.svg").read_bytes() != with_gp
+    drawn = []
+    for reference in ("gp", "kmp"):
+        first, *_ = report(read_results(folder), folder, folder, reference).pictures
+        write_figure(first.draw(), folder, reference)
+        drawn.append((folder / f"{reference}.svg").read_bytes())
+    assert drawn[0] != drawn[1]
 
 
-def test_without_the_reference_the_best_takes_its_place(study, policies):
+def test_without_the_reference_the_best_takes_its_place(page_of, policies):
     others = [one for one in policies if one["task"]["policy"] != "gp"]
-    text = markdown(study(others))
+    text = page_of(others)
     assert "`gp` is not in this study; `kmp` takes its place." in text
     assert (
         "**Doors opened to 60°:** `kmp`, 8 of 16 (0.28–0.72); no other policy opened"
@@ -391,11 +318,11 @@ def test_without_the_reference_the_best_takes_its_place(study, policies):
     )
 
 
-def test_radii_that_are_drawn_are_in_bands(study, policies, episode_result):
+def test_radii_that_are_drawn_are_in_bands(page_of, policies, episode_result):
     drawn = [episode_result("gp", seed, 0.5, randomization="hard") for seed in range(3)]
     for result, radius in zip(drawn, (0.33, 0.36, 0.58), strict=True):
         result["metrics"]["radius"] = radius
-    text = markdown(study([*policies, *drawn]))
+    text = page_of([*policies, *drawn])
     condition = "2 demonstrations per door, teacher noise × 1, randomization hard"
     assert f"| **{condition}** |  |" in text
     assert f"| **new radii: {condition}** |  |" in text
@@ -405,11 +332,11 @@ def test_radii_that_are_drawn_are_in_bands(study, policies, episode_result):
 
 
 def test_non_standard_doors_are_not_taken_for_demonstrated(
-    study, policies, episode_result
+    page_of, policies, episode_result
 ):
     heavy = episode_result("gp", 0, 0.5, door="heavy")
     heavy["task"]["door_config"]["closer_preload"] = 5.0
-    text = markdown(study([*policies, heavy]))
+    text = page_of([*policies, heavy])
     for kind, rate in (
         ("demonstrated radii", "8/8<br>0.68–1.00"),
         ("new radii", "8/8<br>0.68–1.00"),
@@ -430,13 +357,13 @@ def judged(row, *, earned):
 
 
 def test_table_1_has_a_number_and_tells_where_the_paper_says_otherwise(
-    study, learning_result
+    write_study, learning_result
 ):
     via, growth = "Via-point Adaptation", "Prediction Uncertainty"
     good = {**judged(via, earned=True), **judged(growth, earned=True)}
     bad = {**judged(via, earned=False), **judged(growth, earned=False)}
     text = markdown(
-        study([learning_result("gp", **good), learning_result("promp", **bad)])
+        write_study([learning_result("gp", **good), learning_result("promp", **bad)])
     )
     rows = {
         line.split("<br>")[0].strip("| "): line
@@ -452,13 +379,13 @@ def test_table_1_has_a_number_and_tells_where_the_paper_says_otherwise(
     assert "disagree in 2 of 8 marks" in text
 
 
-def test_tuned_methods_have_a_table_of_their_own(study, learning_result):
+def test_tuned_methods_have_a_table_of_their_own(page_of, learning_result):
     via = "Via-point Adaptation"
     results = [
         learning_result("promp", **judged(via, earned=False)),
         learning_result("promp-tuned", **judged(via, earned=True)),
     ]
-    text = markdown(study(results))
+    text = page_of(results)
     assert "settings that `gplfd tune` found" in text
     heads = [line for line in text.splitlines() if line.startswith("|  | `promp")]
     assert heads == ["|  | `promp` |", "|  | `promp-tuned` |"]
@@ -466,8 +393,10 @@ def test_tuned_methods_have_a_table_of_their_own(study, learning_result):
     assert [("✗" in row, "✓" in row) for row in rows] == [(True, True), (False, True)]
 
 
-def test_recordings_are_linked_from_where_the_page_is(study, tmp_path, episode_result):
-    folder = study([episode_result("gp")])
+def test_recordings_are_linked_from_where_the_page_is(
+    write_study, tmp_path, episode_result
+):
+    folder = write_study([episode_result("gp")])
     recordings = folder / "recordings"
     recordings.mkdir()
     for name in ("gp-best.rrd", "comparison.rrd"):
@@ -480,7 +409,7 @@ def test_recordings_are_linked_from_where_the_page_is(study, tmp_path, episode_r
     ]
     (recordings / "index.json").write_text(json.dumps({"episodes": entries}))
     out = tmp_path / "elsewhere"
-    write_report(folder, out)
+    write_report(read_results(folder), folder, out)
     text = (out / "report.md").read_text()
     assert "[comparison.rrd](../study/recordings/comparison.rrd)" in text
     assert (
@@ -492,8 +421,8 @@ def test_recordings_are_linked_from_where_the_page_is(study, tmp_path, episode_r
         assert (out / link).resolve().is_file()
 
 
-def test_files_that_hold_no_result_are_named(study, policies):
-    folder = study(policies)
+def test_files_that_hold_no_result_are_named(write_study, policies):
+    folder = write_study(policies)
     (folder / "tasks" / "broken.json").write_text("{")
     (folder / "study.json").write_text("[1]")
     text = markdown(folder)
@@ -502,7 +431,7 @@ def test_files_that_hold_no_result_are_named(study, policies):
     assert re.search("^study.json: it cannot be read as JSON: ", text, re.M)
 
 
-def test_wrong_folders_end_with_status_2(study, tmp_path, capsys):
+def test_wrong_folders_end_with_status_2(write_study, tmp_path, capsys):
     empty = tmp_path / "empty"
     empty.mkdir()
     for folder, message in (
@@ -511,7 +440,7 @@ def test_wrong_folders_end_with_status_2(study, tmp_path, capsys):
     ):
         assert cli.main(["report", str(folder)]) == 2
         assert message in capsys.readouterr().err
-    folder = study([])
+    folder = write_study([])
     (folder / "tasks" / "a.json").write_text("[]")
     assert cli.main(["report", str(folder)]) == 2
     assert "none of the 1 files" in capsys.readouterr().err
@@ -522,9 +451,9 @@ def test_wrong_folders_end_with_status_2(study, tmp_path, capsys):
 
 
 def test_the_command_writes_beside_the_study_and_says_where(
-    study, capsys, episode_result
+    write_study, capsys, episode_result
 ):
-    folder = study([episode_result("gp"), episode_result("kmp")])
+    folder = write_study([episode_result("gp"), episode_result("kmp")])
     assert cli.main(["report", str(folder), "--reference", "kmp"]) == 0
     assert str(folder / "report.html") in capsys.readouterr().out
     text = (folder / "report.md").read_text()
@@ -555,7 +484,10 @@ def test_both_writers_keep_cells_apart():
             Section(
                 title="S",
                 anchor="s",
-                blocks=(Details(title="<D>", table=table),),
+                blocks=(
+                    Details(title="<D>", table=table),
+                    Table(columns=("c", "d"), rows=(), left=True),
+                ),
             ),
         ),
     )
@@ -566,11 +498,13 @@ def test_both_writers_keep_cells_apart():
     assert '<tr><th colspan="2" scope="rowgroup">group</th></tr>' in page
     assert "<details><summary>&lt;D&gt;</summary>" in page
     assert '<p class="warning">mind</p>' in page
+    assert "<table><thead>" in page.replace("\n", "")
+    assert '<table class="text">' in page
     Page(page)
 
 
 def test_the_first_condition_is_named_and_disturbances_have_columns(
-    study, episode_result
+    page_of, episode_result
 ):
     results = []
     for seed in range(6):
@@ -578,7 +512,7 @@ def test_the_first_condition_is_named_and_disturbances_have_columns(
         held = episode_result("gp", seed, disturbance="person")
         held["metrics"] |= {"person_force_peak": 33.0, "release_speed": 0.47}
         results += [calm, held] if seed else [held]
-    text = markdown(study(results))
+    text = page_of(results)
     lead = text.partition("## ")[0]
     assert (
         "**2 demonstrations per door, teacher noise × 1, randomization none, "
@@ -594,7 +528,92 @@ def test_the_first_condition_is_named_and_disturbances_have_columns(
     assert "on a stop" not in text
 
 
-def test_undisturbed_studies_have_no_columns_of_disturbances(study, policies):
-    text = markdown(study(policies))
-    assert "on a person" not in text
-    assert "; the other" not in text
+def test_every_number_comes_from_the_results(page):
+    rate = success_rate((seed, True) for seed in range(16))
+    assert f"| `gp` | 16/16<br>{rate.low:.2f}–{rate.high:.2f} | 16/16" in page
+    for said in (
+        "`gp`, 16 of 16 (0.81–1.00), is best; next is `kmp`, 8 of 16",
+        "`gp`, median 1.0 N, is best; next is `kmp`, behind by 2.0 N",
+        # Of all 8 seeds gp opened more doors: 2 · 2⁻⁸, doubled by Holm.
+        "| `kmp` | 8 : 0<br>**p 0.016**, n 8 |",
+        "| `dmp` | 16 : 0<br>**p 0.016**, n 8 |",
+        # Wilcoxon on 8 pairs of one sign: 2 · 2⁻⁸.
+        "−2.0<br>**p 0.008**, n 8",
+        "| stalled | the hand held on and the door gained no more angle |",
+    ):
+        assert said in page
+    rows = cells(page)
+    dmp = rows["dmp"]
+    assert [dmp[head].partition("<br>")[0] for head in ("to 60°", "stalled")] == [
+        "0/16",
+        "16",
+    ]
+    assert dmp["median angle<br>largest"] == "35.0°<br>38.5°"
+    assert [rows[policy]["stalled"] for policy in ("kmp", "gp")] == ["8", "0"]
+
+
+def test_the_page_says_where_its_numbers_come_from_and_what_they_mean(page):
+    for said in (
+        "gplfd benchmark --seeds 8",
+        "2020-02-02",
+        "commit 0123456789ab, gplfd 0.1.0",
+        "CPU time per decision [ms]",
+        "wall time per decision [ms]",
+    ):
+        assert said in page
+    # What is not the case is not said.
+    for other in (
+        "not all made by the same code",
+        "kinds of machine",
+        "control period",
+        "on a person",
+        "; the other",
+    ):
+        assert other not in page
+    heads = page.partition("**All measures**\n\n")[2].splitlines()[0]
+    columns = heads.strip("| ").split(" | ")[1:]
+    meanings = page.partition("| column | meaning |")[2]
+    assert [one for one in columns if f"| {one} | " not in meanings] == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (
+            {"git": {"commit": "0123456789abcdef", "dirty": True}},
+            [
+                "not all made by the same code",
+                "1 results: commit 0123456789ab with edits",
+            ],
+        ),
+        (
+            {"arithmetic": {"machine": "z80"}},
+            ["2 kinds of machine: they are comparable to a tolerance only, see `docs/"],
+        ),
+        (
+            {"metrics": {WALL_TIME: 50.0}},
+            ["longer than the control period of 10 ms in 8 of 8 episodes"],
+        ),
+        ({"policy_source": {"file": "a.py"}}, ["`gp` were made by more than one sou"]),
+    ],
+)
+def test_what_differs_in_a_result_is_said(page_of, episode_result, changes, said):
+    results = [episode_result("gp", seed) for seed in range(8)]
+    for name, value in changes.items():
+        if name == "metrics":
+            for one in results:
+                one[name] |= value
+        elif name == "policy_source":
+            results[0]["task"][name] = value
+        else:
+            results[0][name] = value
+    text = page_of(results)
+    assert [one for one in said if one not in text] == []
+
+
+def test_results_of_earlier_versions_have_no_column_of_wall_times(
+    page_of, episode_result
+):
+    older = episode_result("gp")
+    older["metrics"].pop(WALL_TIME)
+    assert "wall time per" not in page_of([older])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_experiments.analysis.report.recorded import _advice
+from gplfd_experiments.analysis.report.predictions import advice
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.records import RecordedResult
 from gplfd_experiments.cli import main as cli
@@ -285,12 +285,12 @@ ALIKE = [-2.0, -2.1, -1.9, -2.05, -1.95]
     ],
 )
 def test_bad_values_come_with_advice(own: list[RecordedResult], said: str) -> None:
-    (text,) = _advice(own, "gp")
+    (text,) = advice(own, "gp")
     assert said in text
 
 
 def test_an_error_is_no_advice_and_no_number() -> None:
     own: list[Any] = results(ALIKE, 0.95, 1e-3)
     failed = dataclasses.replace(own[0], metrics={}, error="too few")
-    (text,) = _advice([failed, *own[1:]], "gp")
+    (text,) = advice([failed, *own[1:]], "gp")
     assert "Nothing of `gp` stands out" in text

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gplfd_experiments.cli.commands.speed import PartName
+from gplfd_experiments.cli.commands.machine import PartName
 from gplfd_experiments.files.table import text_table
 from gplfd_experiments.speed import fit, peers, timing
 from gplfd_experiments.speed.known_process import KnownProcess

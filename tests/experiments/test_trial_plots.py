@@ -9,13 +9,13 @@ import pytest
 from matplotlib.axes import Axes
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.report import trials as module
 from gplfd_experiments.analysis.report.page import report
 from gplfd_experiments.analysis.report.trial_plots import (
     deciding_numbers,
     ideas,
     kind_of,
 )
+from gplfd_experiments.analysis.report.trials import ordered, trial_table
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import Shift
 from gplfd_experiments.analysis.results.trials import Answer, of_trial, summary
@@ -58,10 +58,10 @@ def drawn(axes: Axes, row: int) -> list[np.ndarray]:
 
 def test_rows_are_those_of_the_table_with_its_numbers(episodes: Callable) -> None:
     _, found = episodes()
-    levels = module._ordered(TRIALS["person"], found)
+    levels = ordered(TRIALS["person"], found)
     figure = deciding_numbers(levels, FORCE, "gp")
     assert len(figure.axes) == 2
-    table = [row[0] for row in module._rows(TRIALS["person"], levels)]
+    table = [row[0] for row in trial_table(TRIALS["person"], levels).rows]
     assert table[0] == "**holds the hand**"
     for axes, level in zip(figure.axes, levels, strict=True):
         assert axes.get_title(loc="left") == level
@@ -80,7 +80,7 @@ def test_rows_are_those_of_the_table_with_its_numbers(episodes: Callable) -> Non
 
 
 def test_kinds_are_told_apart_by_their_marks(episodes: Callable) -> None:
-    levels = module._ordered(TRIALS["person"], episodes()[1])
+    levels = ordered(TRIALS["person"], episodes()[1])
     figure = deciding_numbers(levels, FORCE, "gp")
     marks = [
         line.get_marker() for line in figure.axes[0].lines if len(line.get_xdata()) == 1
@@ -98,15 +98,15 @@ def test_kinds_are_told_apart_by_their_marks(episodes: Callable) -> None:
 
 
 def test_a_wide_range_of_forces_has_a_logarithmic_axis(episodes: Callable) -> None:
-    levels = module._ordered(TRIALS["person"], episodes()[1])
+    levels = ordered(TRIALS["person"], episodes()[1])
     assert deciding_numbers(levels, FORCE, "gp").axes[0].get_xscale() == "linear"
     _, found = episodes(kmp=np.full(8, 1.0))
-    levels = module._ordered(TRIALS["person"], found)
+    levels = ordered(TRIALS["person"], found)
     assert deciding_numbers(levels, FORCE, "gp").axes[0].get_xscale() == "log"
 
 
 def test_who_has_no_number_has_a_row_that_says_so(episodes: Callable) -> None:
-    levels = module._ordered(TRIALS["person"], episodes(kmp=[None] * 8)[1])
+    levels = ordered(TRIALS["person"], episodes(kmp=[None] * 8)[1])
     axes = deciding_numbers(levels, FORCE, "gp").axes[0]
     assert rows_of(axes)[-1] == "kmp"
     assert [text.get_text() for text in axes.texts] == ["no number"]
@@ -115,7 +115,7 @@ def test_who_has_no_number_has_a_row_that_says_so(episodes: Callable) -> None:
 
 def test_equal_seeds_are_a_larger_dot(episodes: Callable) -> None:
     held = [True] * 6 + [False] * 2
-    levels = module._ordered(TRIALS["person"], episodes("success", gp=held)[1])
+    levels = ordered(TRIALS["person"], episodes("success", gp=held)[1])
     axes = deciding_numbers(levels, "success", "gp").axes[0]
     row = rows_of(axes).index("gp")
     lines = [line for line in axes.lines if set(np.asarray(line.get_ydata())) == {row}]

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from gplfd_experiments.analysis.report.markdown import markdown_page
 from gplfd_experiments.analysis.report.page import report
+from gplfd_experiments.analysis.report.writing import markdown_page
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.trials import of_trial
 from gplfd_experiments.cli.main import main
@@ -17,9 +17,12 @@ from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import CONSTANT, TRIALS
 from gplfd_experiments.studies.trials.records import Contrast, Side
-from gplfd_experiments.workflows import trial_recordings as module
-from gplfd_experiments.workflows.extremes import COMPARED
-from gplfd_experiments.workflows.trial_recordings import record_trials, side_by_side
+from gplfd_experiments.workflows import study_recordings as module
+from gplfd_experiments.workflows.study_recordings import (
+    COMPARED,
+    record_trials,
+    side_by_side,
+)
 
 
 @pytest.fixture

@@ -12,13 +12,17 @@ import pytest
 
 from gplfd_env.doors.disturbance import disturbance_named
 from gplfd_env.doors.randomization import door_randomization
-from gplfd_experiments.analysis.report.markdown import markdown_page
 from gplfd_experiments.analysis.report.page import report, write_report
+from gplfd_experiments.analysis.report.writing import markdown_page
 from gplfd_experiments.analysis.results.protocol_check import protocol_problems
-from gplfd_experiments.analysis.results.reading import read_all, read_results
+from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import FEWEST_PAIRS, success_rate
-from gplfd_experiments.analysis.results.trials import answered, of_trial, summary
-from gplfd_experiments.analysis.results.trials_file import trial_answers
+from gplfd_experiments.analysis.results.trials import (
+    answered,
+    of_trial,
+    summary,
+    trial_answers,
+)
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.studies import jobs, runner
 from gplfd_experiments.studies.tasks import jobs_of, task_from
@@ -351,7 +355,7 @@ def test_the_report_keeps_every_number_in_a_small_file(
         result["metrics"]["success"] = result["task"]["policy"] == "gp"
         result["metrics"]["stop_force_sustained"] = None
     folder = write_study(results)
-    write_report(folder)
+    write_report(read_results(folder), folder)
     kept = json.loads((folder / "trials.json").read_text())
     assert kept["protocol"] == VERSION
     own = kept["trials"]["stop"]["stop"]["gp"]
@@ -539,10 +543,10 @@ def test_results_of_others_are_put_beside(
 ) -> None:
     first = write_study(whole()).rename(tmp_path / "first")
     second = write_study(whole("hinge-fit")).rename(tmp_path / "second")
-    page = write_report(first, tmp_path / "out", "gp", second)
+    page = write_report(read_results(first, second), first, tmp_path / "out")
     assert "`hinge-fit` (reference) | 20/20" in page.with_suffix(".md").read_text()
     with pytest.raises(ValueError, match="both hold results of gp; leave out one"):
-        read_all([first, second, write_study(whole()[:1])])
+        read_results(first, second, write_study(whole()[:1]))
 
 
 def test_the_same_demonstrations_have_the_same_hash() -> None:

@@ -19,7 +19,13 @@ from gplfd_policies.registry.user_policies import packaged_policies
 
 def catalogue() -> str:
     """Return doors, policies, environments, and what can happen, a line about each."""
-    return "\n\n".join(_section(*one) for one in _sections().items() if one[1])
+    return "\n\n".join(
+        "\n".join(
+            [title, *(f"  {name:<{width}}  {text}" for name, text in lines.items())]
+        )
+        for title, lines in _sections().items()
+        if (width := max(map(len, lines), default=0))
+    )
 
 
 def catalogue_json() -> dict[str, dict[str, str]]:
@@ -37,7 +43,12 @@ def _sections() -> Mapping[str, Mapping[str, str]]:
     return {
         f"doors (or any radius from {radius.low:g} to {radius.high:g} m, beyond "
         f"{standing:g} m with a driving base; or a .json file)": {
-            name: _door(config) for name, config in DOORS.items()
+            name: f"radius {one.radius:.2f} m, hinge friction "
+            f"{one.hinge_friction:.2g} N m"
+            + (f", closer {one.closer_preload:.3g} N m" if one.closer_preload else "")
+            + (f", {one.handle}" if one.handle != "bar" else "")
+            + (" with latch" if one.latch != "none" else "")
+            for name, one in DOORS.items()
         },
         "methods that learn (or a policy of your own: module:function)": _policies(
             "method"
@@ -82,20 +93,3 @@ def _policies(kind: str) -> dict[str, str]:
         for name in sorted(POLICIES)
         if POLICIES[name].kind == kind
     }
-
-
-def _door(config: DoorConfig) -> str:
-    closer = config.closer_preload
-    return (
-        f"radius {config.radius:.2f} m, hinge friction {config.hinge_friction:.2g} N m"
-        + (f", closer {closer:.3g} N m" if closer else "")
-        + (f", {config.handle}" if config.handle != "bar" else "")
-        + (" with latch" if config.latch != "none" else "")
-    )
-
-
-def _section(title: str, lines: Mapping[str, str]) -> str:
-    width = max(map(len, lines))
-    return "\n".join(
-        [title, *(f"  {name:<{width}}  {text}" for name, text in lines.items())]
-    )

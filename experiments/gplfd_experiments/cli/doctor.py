@@ -1,7 +1,7 @@
-"""What this machine has, and what it lacks for optional parts; looks, changes nothing.
+"""What is installed on this machine, and what is missing for optional parts.
 
-MuJoCo is not imported here: with a ``MUJOCO_GL`` that this machine cannot serve, that
-alone fails, and a drawing that fails may end its process. Both happen in a child.
+MuJoCo is imported in a child process only: the import fails with a ``MUJOCO_GL`` that
+this machine does not support, and a rendering that fails may end its process.
 """
 
 import dataclasses
@@ -90,7 +90,53 @@ class Examination:
 
 
 def examined() -> Examination:
-    """Look at this machine; takes as long as a drawing or two."""
+    """Look at this machine; takes as long as a rendering or two."""
+    # Try the ways in which MuJoCo may render here.
+    given = os.environ.get("MUJOCO_GL")
+    hint = f"MUJOCO_GL={given} does not work here; unset it, or " if given else ""
+    pictures = Part(
+        purpose='render_mode="rgb_array"',
+        present=False,
+        remark=f"{hint}install EGL (Debian, Ubuntu: apt-get install libegl1 "
+        "libegl-mesa0 libgl1-mesa-dri) or OSMesa, see docs/environment.md",
+    )
+    for way in ways(sys.platform, os.environ):
+        if renderer := drawn_by(way):
+            set_as = f"with MUJOCO_GL={way}, " if way else ""
+            remark = f"{set_as}drawn by {renderer}"
+            pictures = dataclasses.replace(pictures, present=True, remark=remark)
+            break
+
+    display = has_display(sys.platform, os.environ)
+    windows = Part(
+        purpose='render_mode="human", gplfd view',
+        present=display,
+        remark="there is a display"
+        if display
+        else "neither DISPLAY nor WAYLAND_DISPLAY names a display; copy recordings to "
+        "a machine with a screen, or `gplfd view --live --serve`",
+    )
+    try:
+        rerun, present = viewer(), True
+    except FileNotFoundError as error:
+        rerun, present = str(error), False
+
+    # Every distribution that an extra asks for.
+    extras = {}
+    for name, purpose in EXTRAS.items():
+        found, missing = [], []
+        for requirement in importlib.metadata.requires("gplfd") or ():
+            if re.search(rf"""extra == ['"]{name}['"]""", requirement):
+                one = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
+                try:
+                    found.append(f"{one} {importlib.metadata.version(one)}")
+                except importlib.metadata.PackageNotFoundError:
+                    missing.append(one)
+        remark = ", ".join(found)
+        if missing:
+            remark = f"{', '.join(missing)} missing; pip install 'gplfd[{name}]'"
+        extras[name] = Part(purpose=purpose, present=not missing, remark=remark)
+
     return Examination(
         machine={
             "python": platform.python_version(),
@@ -103,10 +149,10 @@ def examined() -> Examination:
         },
         packages=versions(),
         parts={
-            "pictures": _pictures(),
-            "windows": _windows(),
-            "viewer": _viewer(),
-            **{name: _extra(name, purpose) for name, purpose in EXTRAS.items()},
+            "pictures": pictures,
+            "windows": windows,
+            "viewer": Part(purpose="gplfd view", present=present, remark=rerun),
+            **extras,
         },
     )
 
@@ -122,27 +168,6 @@ def text(found: Examination) -> str:
     return "\n\n".join(
         "\n".join([title, *(f"  {k:<{width}}  {v}" for k, v in lines.items())])
         for title, lines in sections.items()
-    )
-
-
-def _pictures() -> Part:
-    """Find the way, if any, by which MuJoCo draws here, and what draws."""
-    for way in ways(sys.platform, os.environ):
-        artist = drawn_by(way)
-        if artist:
-            set_as = f"with MUJOCO_GL={way}, " if way else ""
-            return Part(
-                purpose='render_mode="rgb_array"',
-                present=True,
-                remark=f"{set_as}drawn by {artist}",
-            )
-    given = os.environ.get("MUJOCO_GL")
-    return Part(
-        purpose='render_mode="rgb_array"',
-        present=False,
-        remark=(f"MUJOCO_GL={given} does not work here; unset it, or " if given else "")
-        + "install EGL (Debian, Ubuntu: apt-get install libegl1 libegl-mesa0 "
-        "libgl1-mesa-dri) or OSMesa, see docs/environment.md",
     )
 
 
@@ -170,46 +195,3 @@ def drawn_by(way: str) -> str:
         return ""
     lines = drawn.stdout.splitlines()
     return lines[-1] if drawn.returncode == 0 and lines else ""
-
-
-def _windows() -> Part:
-    present = has_display(sys.platform, os.environ)
-    return Part(
-        purpose='render_mode="human", gplfd view',
-        present=present,
-        remark="there is a display"
-        if present
-        else "neither DISPLAY nor WAYLAND_DISPLAY names a display; copy recordings to "
-        "a machine with a screen, or `gplfd view --live --serve`",
-    )
-
-
-def _viewer() -> Part:
-    try:
-        found, present = viewer(), True
-    except FileNotFoundError as error:
-        found, present = str(error), False
-    return Part(purpose="gplfd view", present=present, remark=found)
-
-
-def _extra(name: str, purpose: str) -> Part:
-    """Look for every distribution that an extra asks for."""
-    asked = [
-        re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
-        for requirement in importlib.metadata.requires("gplfd") or ()
-        if re.search(rf"""extra == ['"]{name}['"]""", requirement)
-    ]
-    found = {one: _version(one) for one in asked}
-    missing = [one for one, version in found.items() if not version]
-    if missing:
-        remark = f"{', '.join(missing)} missing; pip install 'gplfd[{name}]'"
-    else:
-        remark = ", ".join(f"{one} {version}" for one, version in found.items())
-    return Part(purpose=purpose, present=not missing, remark=remark)
-
-
-def _version(distribution: str) -> str:
-    try:
-        return importlib.metadata.version(distribution)
-    except importlib.metadata.PackageNotFoundError:
-        return ""

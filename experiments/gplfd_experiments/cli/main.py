@@ -5,7 +5,7 @@ replay departs from its recording, a task of a study ended in an error or a repo
 about errors only, 2 for bad arguments or files. `gplfd` adds 130 for an interruption.
 """
 
-import contextlib
+import dataclasses
 import importlib.metadata
 import logging
 import os
@@ -13,27 +13,36 @@ import re
 import shutil
 import sys
 import textwrap
+import typing
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Final, Protocol, TextIO
+from collections.abc import Sequence
+from contextlib import redirect_stdout
+from types import MappingProxyType
+from typing import Annotated, Any, Final, Protocol, TextIO, Union
 
 import docstring_parser
 import tyro
 
-from gplfd_experiments.cli.commands.benchmark import Benchmark, benchmark_from
-from gplfd_experiments.cli.commands.catalogue import Catalogue
-from gplfd_experiments.cli.commands.demos import Demos
-from gplfd_experiments.cli.commands.doctor import Doctor
-from gplfd_experiments.cli.commands.doors import Doors
-from gplfd_experiments.cli.commands.figures import Figures
-from gplfd_experiments.cli.commands.learn import Learn
-from gplfd_experiments.cli.commands.report import Report
-from gplfd_experiments.cli.commands.run import Run
-from gplfd_experiments.cli.commands.skill import SkillTests
-from gplfd_experiments.cli.commands.speed import Speed
-from gplfd_experiments.cli.commands.trials import Trials
-from gplfd_experiments.cli.commands.tune import Tune
-from gplfd_experiments.cli.commands.view import View
+from gplfd_experiments.cli.commands.demos import (
+    Demos,
+    Doors,
+    Export,
+    Import,
+    Inspect,
+    Record,
+    Replay,
+)
+from gplfd_experiments.cli.commands.machine import Catalogue, Doctor, Speed
+from gplfd_experiments.cli.commands.run import Learn, Run, View
+from gplfd_experiments.cli.commands.studies import (
+    Benchmark,
+    Figures,
+    Report,
+    SkillTests,
+    Trials,
+    Tune,
+    benchmark_from,
+)
 from gplfd_experiments.console.interruption import os_exit_raises
 from gplfd_experiments.console.progress import LOG, MessageHandler
 from gplfd_experiments.studies.engines import ONE_THREAD
@@ -55,7 +64,7 @@ class Command(Protocol):
         """
 
 
-COMMANDS: Final[dict[str, Callable[..., Command]]] = {
+COMMANDS: Final[dict[str, type[Command]]] = {
     "run": Run,
     "learn": Learn,
     "skill": SkillTests,
@@ -73,7 +82,17 @@ COMMANDS: Final[dict[str, Callable[..., Command]]] = {
 }
 """The subcommands by name."""
 
-SUBCOMMANDS: Final = {"demos": ("import", "export", "record", "replay", "inspect")}
+_HELP: Final = frozenset({"-h", "--help"})
+
+SUBCOMMANDS: Final = {
+    "demos": {
+        "import": Import,
+        "export": Export,
+        "record": Record,
+        "replay": Replay,
+        "inspect": Inspect,
+    }
+}
 """What follows the name of a command that has subcommands of its own."""
 
 
@@ -94,23 +113,72 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     arguments = [one for one in given if one != "--debug"]
     debug, quiet = arguments != given, "--quiet" in arguments
-    level = logging.DEBUG if debug else logging.WARNING if quiet else logging.INFO
-    with _messages(level), os_exit_raises():
-        try:
+
+    # Messages go to stderr, and warnings among them as one line each.
+    handler = MessageHandler()
+    handler.setFormatter(logging.Formatter("gplfd: %(message)s"))
+    LOG.setLevel(logging.DEBUG if debug else logging.WARNING if quiet else logging.INFO)
+    LOG.addHandler(handler)
+    try:
+        with warnings.catch_warnings(), os_exit_raises():
+            # Without the file and the source line that raised it.
+            warnings.showwarning = lambda message, *_, **__: LOG.warning(
+                "warning: %s", " ".join(str(message).split())
+            )
             return _parsed(arguments).execute()
-        except BrokenPipeError:
-            raise
-        except (ValueError, OSError, ModuleNotFoundError) as error:
-            LOG.error(_in_words(error), exc_info=debug)
-            return BAD_INPUT
+    except BrokenPipeError:
+        raise
+    except (ValueError, OSError, ModuleNotFoundError) as error:
+        text = " ".join(str(error).split())
+        # The text of OSError leads with a number that says nothing to a person.
+        if isinstance(error, OSError) and error.strerror and error.filename:
+            text = f"{error.filename}: {error.strerror}"
+        LOG.error(text, exc_info=debug)
+        return BAD_INPUT
+    finally:
+        LOG.removeHandler(handler)
+        LOG.setLevel(logging.NOTSET)
 
 
 def _parsed(arguments: Sequence[str]) -> Command:
-    _check_command(arguments)
-    commands = COMMANDS | {"benchmark": benchmark_from(arguments)}
-    with _wrapped_help(arguments):
-        command: Command = tyro.extras.subcommand_cli_from_dict(
-            commands,
+    """Return the command that the arguments name, with its options.
+
+    Raises:
+        ValueError: There is no such command, or its configuration is wrong.
+        SystemExit: As of `main`.
+    """
+    # tyro does not suggest another name for a wrong one.
+    first, second = (*arguments, "", "")[:2]
+    for before, name, known in (
+        ("", first, COMMANDS.keys()),
+        (f"{first} ", second, SUBCOMMANDS.get(first, {}).keys()),
+    ):
+        if known and name and not name.startswith("-") and name not in known:
+            from gplfd_env.validation.named import nearest_name
+
+            raise ValueError(
+                f"unknown command '{before}{name}'{nearest_name(name, known)}; give "
+                f"gplfd {before}with one of {', '.join(known)}"
+            )
+    for chosen in (COMMANDS.get(first), SUBCOMMANDS.get(first, {}).get(second)):
+        if chosen is not None:
+            _join_help(chosen)
+    options = []
+    for name, make in (COMMANDS | {"benchmark": benchmark_from(arguments)}).items():
+        # Without the line breaks of the source. The overview of all commands has the
+        # first paragraph of each.
+        paragraphs = re.split(r"\n\s*\n", COMMANDS[name].__doc__ or "")
+        shown = paragraphs[:1] if first in _HELP else paragraphs
+        text = "\n\n".join(" ".join(one.split()) for one in shown)
+        how = tyro.conf.subcommand(name, constructor=make, description=text)
+        options.append(Annotated[Any, how])
+    union: Any = Union[tuple(options)]  # noqa: UP007
+    stream: Any = sys.stdout
+    if _HELP.intersection(arguments):
+        stream = _WrappedLines(sys.stdout)
+    with redirect_stdout(stream):
+        command: Command = tyro.cli(
+            union,
             prog="gplfd",
             description="Open doors with policies learned from demonstrations. "
             "`gplfd --version` prints the version, `gplfd doctor` what is missing "
@@ -124,47 +192,28 @@ def _parsed(arguments: Sequence[str]) -> Command:
     return command
 
 
-@contextlib.contextmanager
-def _wrapped_help(arguments: Sequence[str]) -> Iterator[None]:
-    """Break the lines of help between words, at the width of the terminal only.
+def _join_help(command: Any) -> None:
+    """Let tyro show the docstrings of options without the line breaks of the source.
 
-    tyro keeps some line breaks of docstrings, and prints each paragraph of a command's
-    description on one line. The overview of all commands has the first paragraph of
-    each.
+    It takes the help of a field from its metadata, if there is any.
     """
-    library: Any = docstring_parser
-    parse, parse_fields = library.parse, library.parse_from_object
-
-    def fields_of(described: type) -> docstring_parser.Docstring:
-        found: docstring_parser.Docstring = parse_fields(described)
-        for field in found.params:
-            field.description = _joined_lines(field.description or "")
-        return found
-
-    asked = {"-h", "--help"} & {*arguments}
-    paragraphs = 1 if asked & {*arguments[:1]} else None
-
-    def description_of(text: str) -> docstring_parser.Docstring:
-        shown = _joined_lines(text).split("\n\n")[:paragraphs]
-        found: docstring_parser.Docstring = parse("\n\n".join(shown))
-        return found
-
-    library.parse, library.parse_from_object = description_of, fields_of
-    stream: Any = _WrappedLines(sys.stdout) if asked else sys.stdout
-    try:
-        with contextlib.redirect_stdout(stream):
-            yield
-    finally:
-        library.parse, library.parse_from_object = parse, parse_fields
-
-
-def _joined_lines(text: str) -> str:
-    """Return a text with each paragraph on one line."""
-    return "\n\n".join(" ".join(one.split()) for one in re.split(r"\n\s*\n", text))
+    documented = docstring_parser.parse_from_object(command).params
+    texts = {one.arg_name: one.description or "" for one in documented}
+    for field in dataclasses.fields(command):
+        if field.name in texts:
+            text = " ".join(texts[field.name].split())
+            field.metadata = MappingProxyType({"help": text})
+        # Options that several commands share are a field.
+        for part in typing.get_args(field.type)[:1]:
+            if dataclasses.is_dataclass(part):
+                _join_help(part)
 
 
 class _WrappedLines:
-    """A stream that breaks long lines between words, at the width of the terminal."""
+    """A stream that breaks long lines between words, at the width of the terminal.
+
+    tyro prints each paragraph of a command's description on one line.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -182,50 +231,3 @@ class _WrappedLines:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
-
-
-def _check_command(arguments: Sequence[str]) -> None:
-    """Refuse the name of a command that does not exist; tyro suggests no other.
-
-    Raises:
-        ValueError: There is no such command.
-    """
-    first, second = (*arguments, "", "")[:2]
-    for before, name, known in (
-        ("", first, tuple(COMMANDS)),
-        (f"{first} ", second, SUBCOMMANDS.get(first, ())),
-    ):
-        if known and name and not name.startswith("-") and name not in known:
-            from gplfd_env.validation.named import nearest_name
-
-            raise ValueError(
-                f"unknown command '{before}{name}'{nearest_name(name, known)}; give "
-                f"gplfd {before}with one of {', '.join(known)}"
-            )
-
-
-@contextlib.contextmanager
-def _messages(level: int) -> Iterator[None]:
-    """Print messages of a level or above on stderr, and warnings as one line each."""
-    handler = MessageHandler()
-    handler.setFormatter(logging.Formatter("gplfd: %(message)s"))
-    LOG.setLevel(level)
-    LOG.addHandler(handler)
-    try:
-        with warnings.catch_warnings():
-            # Without the file and the source line that raised it.
-            warnings.showwarning = lambda message, *_, **__: LOG.warning(
-                "warning: %s", " ".join(str(message).split())
-            )
-            yield
-    finally:
-        LOG.removeHandler(handler)
-        LOG.setLevel(logging.NOTSET)
-
-
-def _in_words(error: Exception) -> str:
-    """Return an error as one paragraph."""
-    # OSError's own text leads with a number that says nothing to a person.
-    if isinstance(error, OSError) and error.strerror and error.filename:
-        return f"{error.filename}: {error.strerror}"
-    return " ".join(str(error).split())

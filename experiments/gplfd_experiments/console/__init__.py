@@ -1,1 +1,1 @@
-"""What a person gives on a command line, and sees meanwhile."""
+"""Command line: checks of arguments, progress, interruption."""

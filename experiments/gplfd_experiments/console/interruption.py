@@ -6,7 +6,6 @@ import signal
 import sys
 from collections.abc import Iterator
 from typing import NoReturn
-from unittest.mock import patch
 
 
 @contextlib.contextmanager
@@ -40,5 +39,8 @@ def os_exit_raises() -> Iterator[None]:
             exit_at_once(status)
         raise RuntimeError(f"os._exit({status}) was called")
 
-    with patch.object(os, "_exit", refuse):
+    os._exit = refuse
+    try:
         yield
+    finally:
+        os._exit = exit_at_once

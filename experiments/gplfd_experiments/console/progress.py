@@ -1,4 +1,4 @@
-"""What a command reports on stderr while it works; nothing but warnings when quiet."""
+"""Progress on stderr, and messages above its bars; only warnings when quiet."""
 
 import logging
 import sys
@@ -8,7 +8,7 @@ from typing import Any, Final
 from tqdm import tqdm
 
 LOG: Final = logging.getLogger("gplfd")
-"""Progress is information, and hidden where nobody asked for it: in a library."""
+"""Progress has level INFO, so that it is hidden when gplfd is used as a library."""
 
 
 class MessageHandler(logging.Handler):
@@ -43,9 +43,9 @@ def progress_bar(
     return made(items, **{"leave": False, "disable": disable} | options)
 
 
-_TELLING: Final = 0.1
-"""Share of the work after which the time that is left can be estimated: before it, the
-start of the workers and the size of the first jobs decide."""
+_ESTIMATED: Final = 0.1
+"""Share of the work after which the remaining time is estimated. Before it, the start
+of the workers and the size of the first jobs dominate."""
 
 
 class _Counter(tqdm):  # type: ignore[type-arg]
@@ -56,7 +56,7 @@ class _Counter(tqdm):  # type: ignore[type-arg]
         """What the bar is written from, see tqdm."""
         known = super().format_dict
         new, left = known["n"] - known["initial"], known["total"] - known["initial"]
-        if new < _TELLING * left:
+        if new < _ESTIMATED * left:
             known["bar_format"] = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}]"
         return known
 
@@ -64,7 +64,7 @@ class _Counter(tqdm):  # type: ignore[type-arg]
 def counter(unit: str, total: int, done: int) -> "tqdm[Any]":
     """Say how much of a long work is done, and return a bar that counts the rest.
 
-    Where nobody watches, it writes a line now and then.
+    Where stderr is no terminal, it writes a line every half a minute.
 
     Args:
         unit: What is counted.

@@ -1,1 +1,1 @@
-"""Recordings, demonstrations and episodes in files, and the synthetic human."""
+"""Motions, demonstrations and episodes in files, and the synthetic human."""

@@ -1,7 +1,7 @@
 """Doors of DoorBench (github.com/adamraudonis/DoorBench, MIT) as `DoorConfig`.
 
 A door there is a ``spec.json`` of schema 1.0. Single swing doors with a lever, a knob
-or a fixed pull are read; what of them a `DoorConfig` cannot say is listed beside.
+or a fixed pull are read. What a `DoorConfig` cannot represent is listed.
 """
 
 import math
@@ -16,13 +16,34 @@ from gplfd_experiments.files.plain_data import entry, read_json
 
 SCHEMA: Final = "1.0"
 
-_BACKSET: Final = 0.06
-"""Of a handle for which none is given, as one without a latch [m]."""
+_BACKSET: Final = 0.06  # Of a handle for which none is given, as without a latch [m].
+_BEYOND_GRIP: Final = 0.03  # A lever ends so far beyond the point where it is held [m].
 
-_BEYOND_GRIP: Final = 0.03
-"""A lever ends this far beyond the point where it is held [m]."""
-
-Table = Mapping[str, Any]
+_LEAF: Final = {
+    "leaf_width": "leaf/width",
+    "leaf_thickness": "leaf/thickness",
+    "panel_mass": "physics/mass/total_kg",
+    "handle_height": "operator/height",
+    "hinge_friction": "physics/hinge/coulomb_torque_Nm",
+    "hinge_damping": "physics/hinge/air_damping_Nms_per_rad",
+    "stiction": "physics/hinge/stick_torque_Nm",
+    "closer_preload": "physics/closer/spring_preload_Nm",
+    "closer_stiffness": "physics/closer/spring_stiffness_Nm_per_rad",
+    "closer_damping": "physics/closer/damping_opening",
+    "backcheck_damping": "physics/closer/backcheck_damping",
+}
+_HANDLE: Final = {
+    "handle_preload": "physics/latch/operator_spring_preload",
+    "handle_stiffness": "physics/latch/operator_spring_rate",
+    "handle_travel": "physics/latch/operator_travel",
+    "dead_travel": "physics/latch/operator_dead_travel",
+}
+_LATCH: Final = {
+    "bolt_throw": "physics/latch/throw_m",
+    "bolt_preload": "physics/latch/bolt_spring_preload_N",
+    "bolt_stiffness": "physics/latch/bolt_spring_rate_N_per_m",
+}
+"""Fields of `DoorConfig`, and where a specification has their numbers."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -31,10 +52,8 @@ class ImportedDoor:
 
     name: str
     """Its name there."""
-
     door: DoorConfig
     """What was read of it."""
-
     lost: tuple[str, ...]
     """What could not be represented, a line each."""
 
@@ -48,127 +67,76 @@ def read_doorbench(path: str | Path) -> ImportedDoor:
         OSError: The file cannot be read.
     """
     spec = read_json(path)
+    lost: list[str] = []
     try:
-        return _imported(spec)
+        fields = _fields(spec, lost)
+        name = _at(spec, "id", str)
+        door = DoorConfig(**_within(fields, lost))
     except ValueError as error:
         raise ValueError(f"{path} is no door that can be imported: {error}") from error
+    return ImportedDoor(name=name, door=door, lost=tuple(lost))
 
 
-def _imported(spec: Table) -> ImportedDoor:
-    version = entry(spec, "schema_version", str)
+def _at(spec: Mapping[str, Any], place: str, kind: Any = float) -> Any:
+    """Return what stands at a path of names, as the type that it must have."""
+    *tables, name = place.split("/")
+    for table in tables:
+        spec = entry(spec, table, dict[str, Any])
+    return entry(spec, name, kind)
+
+
+def _fields(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
+    """Return the fields of a door, and add to `lost` what it cannot represent."""
+    version = _at(spec, "schema_version", str)
     if version != SCHEMA:
         raise ValueError(f"its schema_version is {version!r}, not {SCHEMA!r}")
-    family = entry(spec, "family", str)
+    family = _at(spec, "family", str)
     if family != "swing_single":
         raise ValueError(f"its family is {family!r}, not 'swing_single'")
-    lost: list[str] = []
-    fields = _leaf(spec) | _hinge(spec, lost) | _closer(spec, lost)
-    fields |= _handle(spec, lost)
-    if entry(_table(spec, "lock"), "engaged", bool):
-        lost.append("its lock is engaged; the door is left unlocked")
-    return ImportedDoor(
-        name=entry(spec, "id", str),
-        door=DoorConfig(**_within(fields, lost)),
-        lost=tuple(lost),
-    )
-
-
-def _table(spec: Table, *names: str) -> Table:
-    for name in names:
-        spec = entry(spec, name, dict[str, Any])
-    return spec
-
-
-def _leaf(spec: Table) -> dict[str, Any]:
-    """Return the fields of the leaf and of where the handle is on it."""
-    leaf, latch = _table(spec, "leaf"), _table(spec, "physics", "latch")
-    width = entry(leaf, "width", float)
-    backset = entry(latch, "backset_m", float) or _BACKSET
-    return {
-        "radius": width - backset,
-        "leaf_width": width,
-        "backset": backset,
-        "leaf_thickness": entry(leaf, "thickness", float),
-        "panel_mass": entry(_table(spec, "physics", "mass"), "total_kg", float),
-        "handle_height": entry(_table(spec, "operator"), "height", float),
-    }
-
-
-def _hinge(spec: Table, lost: list[str]) -> dict[str, Any]:
-    hinge, physics = _table(spec, "hinge"), _table(spec, "physics", "hinge")
-    tilt = entry(hinge, "axis_tilt_deg", float)
-    if tilt:
-        lost.append(f"its hinge axis is tilted by {tilt:g}°; here it is upright")
-    side = entry(hinge, "side", str)
+    fields: dict[str, Any] = {name: _at(spec, place) for name, place in _LEAF.items()}
+    # The leaf and its hinge.
+    fields["backset"] = _at(spec, "physics/latch/backset_m") or _BACKSET
+    fields["radius"] = fields["leaf_width"] - fields["backset"]
+    fields["hinge_side"] = side = _at(spec, "hinge/side", str)
     if side not in ("left", "right"):
         raise ValueError(f"its hinge is at the {side!r}, neither left nor right")
-    kinematics = _table(spec, "kinematics")
-    pushed = entry(_table(spec, "robot"), "is_push", bool)
-    return {
-        "swing": "push" if pushed else "pull",
-        "hinge_side": side,
-        "hinge_friction": entry(physics, "coulomb_torque_Nm", float),
-        "hinge_damping": entry(physics, "air_damping_Nms_per_rad", float),
-        "stiction": entry(physics, "stick_torque_Nm", float),
-        "stop_angle": math.radians(entry(kinematics, "max_open_deg", float)),
-    }
-
-
-def _closer(spec: Table, lost: list[str]) -> dict[str, Any]:
-    closer = _table(spec, "physics", "closer")
-    hold, boost = closer.get("hold_open_rad"), entry(closer, "latch_boost", float)
+    fields["swing"] = "push" if _at(spec, "robot/is_push", bool) else "pull"
+    fields["stop_angle"] = math.radians(_at(spec, "kinematics/max_open_deg"))
+    if tilt := _at(spec, "hinge/axis_tilt_deg"):
+        lost.append(f"its hinge axis is tilted by {tilt:g}°; here it is upright")
+    # The closer.
+    closing = _at(spec, "physics/closer/damping_closing")
+    fields["closing_damping"] = closing - fields["closer_damping"]
+    angle = _at(spec, "physics/closer/backcheck_angle_rad", float | None)
+    if angle is not None:
+        fields["backcheck_angle"] = angle
+    hold = _at(spec, "physics/closer", dict[str, Any]).get("hold_open_rad")
     if hold is not None:
         lost.append(f"its closer holds the door open at {hold!r:.20} rad")
-    if boost != 1.0:
+    if (boost := _at(spec, "physics/closer/latch_boost")) != 1.0:
         lost.append(f"its closer's latch boost of {boost:g}")
-    opening = entry(closer, "damping_opening", float)
-    fields = {
-        "closer_preload": entry(closer, "spring_preload_Nm", float),
-        "closer_stiffness": entry(closer, "spring_stiffness_Nm_per_rad", float),
-        "closer_damping": opening,
-        "closing_damping": entry(closer, "damping_closing", float) - opening,
-        "backcheck_damping": entry(closer, "backcheck_damping", float),
-    }
-    angle = entry(closer, "backcheck_angle_rad", float | None)
-    return fields if angle is None else {**fields, "backcheck_angle": angle}
-
-
-def _handle(spec: Table, lost: list[str]) -> dict[str, Any]:
-    """Return the fields of handle and latch.
-
-    Raises:
-        ValueError: The handle is neither lever, knob nor fixed.
-    """
-    model, latch = entry(_table(spec, "operator"), "model", str), _latch(spec)
+    # Handle and latch.
+    model = _at(spec, "operator/model", str)
+    latched = _at(spec, "physics/latch/throw_m") > 0.0
     kind = model.partition("_")[0]
-    if kind not in ("lever", "knob"):
-        if entry(latch, "operator_travel", float) > 0.0:
+    if kind in ("lever", "knob"):
+        fields["handle"] = kind
+        fields |= {name: _at(spec, place) for name, place in _HANDLE.items()}
+        if kind == "lever":
+            grip = _at(spec, "physics/latch/operator_grip_offset_m")
+            fields["handle_length"] = grip + _BEYOND_GRIP
+        if latched:
+            fields["latch"] = "spring"
+            fields |= {name: _at(spec, place) for name, place in _LATCH.items()}
+    else:
+        if _at(spec, "physics/latch/operator_travel") > 0.0:
             raise ValueError(f"its handle is {model!r}, neither lever, knob nor fixed")
-        if entry(latch, "throw_m", float) > 0.0:
+        fields["handle"] = "bar"
+        if latched:
             lost.append("its latch, which its fixed handle does not draw")
-        return {"handle": "bar"}
-    fields: dict[str, Any] = {
-        "handle": kind,
-        "handle_preload": entry(latch, "operator_spring_preload", float),
-        "handle_stiffness": entry(latch, "operator_spring_rate", float),
-        "handle_travel": entry(latch, "operator_travel", float),
-        "dead_travel": entry(latch, "operator_dead_travel", float),
-    }
-    if kind == "lever":
-        grip = entry(latch, "operator_grip_offset_m", float)
-        fields["handle_length"] = grip + _BEYOND_GRIP
-    if entry(latch, "throw_m", float) > 0.0:
-        fields |= {
-            "latch": "spring",
-            "bolt_throw": entry(latch, "throw_m", float),
-            "bolt_preload": entry(latch, "bolt_spring_preload_N", float),
-            "bolt_stiffness": entry(latch, "bolt_spring_rate_N_per_m", float),
-        }
+    if _at(spec, "lock/engaged", bool):
+        lost.append("its lock is engaged; the door is left unlocked")
     return fields
-
-
-def _latch(spec: Table) -> Table:
-    return _table(spec, "physics", "latch")
 
 
 def _within(fields: dict[str, Any], lost: list[str]) -> dict[str, Any]:

@@ -16,13 +16,12 @@ import numpy as np
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.storage import DecodingBudget
 
-_FILTERS: Final = frozenset(
-    {h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32, h5py.h5z.FILTER_DEFLATE}
-)
+_DEFLATE: Final = h5py.h5z.FILTER_DEFLATE
+_CHECKSUM: Final = h5py.h5z.FILTER_FLETCHER32
+_CHECKSUM_SIZE: Final = 4  # Bytes that it adds to a chunk.
+_FILTERS: Final = frozenset({h5py.h5z.FILTER_SHUFFLE, _CHECKSUM, _DEFLATE})
 _REFERENCE: Final = 16
 """Bytes of a text of any length, of which a dataset holds length and place only."""
-_CHECKSUM: Final = 4
-"""Bytes that the filter Fletcher 32 adds to a chunk."""
 
 
 def member(group: Any, name: str) -> Any:
@@ -55,15 +54,10 @@ def _check_link(group: Any, name: str, link: Any) -> None:
 
 
 def numbers(dataset: Any, budget: DecodingBudget) -> FloatArray:
-    """Return a dataset of numbers as float64.
-
-    Args:
-        dataset: As `member` gives it.
-        budget: From which its size is claimed before it is read.
+    """Return a dataset of numbers as float64, its size claimed before it is read.
 
     Raises:
-        ValueError: It holds no numbers, its values lie in other files, it is compressed
-            in an unusual way, or it takes more than the budget allows.
+        ValueError: It holds no numbers, or as by `check_readable`.
     """
     check_readable(dataset, budget)
     if dataset.dtype.kind not in "iuf":
@@ -75,7 +69,8 @@ def check_readable(dataset: Any, budget: DecodingBudget) -> None:
     """Claim what a dataset takes in memory, and check how it is stored.
 
     Raises:
-        ValueError: As `numbers`, whatever the dataset holds.
+        ValueError: Its values lie in other files, it is compressed in an unusual way,
+            or it takes more than the budget allows.
     """
     if not isinstance(dataset, h5py.Dataset):
         raise ValueError(f"{dataset.name} is no dataset")
@@ -84,33 +79,30 @@ def check_readable(dataset: Any, budget: DecodingBudget) -> None:
             f"the values of {dataset.name} lie in other files, which are not opened; "
             "copy them into this file: h5repack"
         )
-    item = max(8, dataset.dtype.itemsize)
     # HDF5 unpacks whole chunks, which may be larger than the dataset.
-    shapes = [dataset.shape or (), dataset.chunks or ()]
-    budget.claim(item * max(map(math.prod, shapes)), dataset.name)
-    if dataset.chunks is not None:
-        _check_chunks(dataset)
-
-
-def _check_chunks(dataset: Any) -> None:
-    """Raise ValueError if a compressed chunk holds more than a chunk's numbers."""
+    largest = max(map(math.prod, (dataset.shape or (), dataset.chunks or ())))
+    budget.claim(max(8, dataset.dtype.itemsize) * largest, dataset.name)
+    if dataset.chunks is None:
+        return
+    # Checksums may follow the deflate filter, and nothing else.
     stored = dataset.id.get_create_plist()
     filters = [stored.get_filter(place)[0] for place in range(stored.get_nfilters())]
-    deflated = h5py.h5z.FILTER_DEFLATE in filters
-    after = filters[filters.index(h5py.h5z.FILTER_DEFLATE) + 1 :] if deflated else []
-    if not set(filters) <= _FILTERS or set(after) - {h5py.h5z.FILTER_FLETCHER32}:
+    deflate = filters.index(_DEFLATE) if _DEFLATE in filters else None
+    after = [] if deflate is None else filters[deflate + 1 :]
+    if not set(filters) <= _FILTERS or set(after) - {_CHECKSUM}:
         raise ValueError(
             f"{dataset.name} is compressed in an unusual way; write it again with "
             "h5repack -f GZIP=4"
         )
-    if not deflated:
+    if deflate is None:
         return
+    # No chunk may hold more than a chunk's numbers.
     item = _REFERENCE if dataset.dtype.hasobject else dataset.dtype.itemsize
-    size = math.prod(dataset.chunks) * item + _CHECKSUM
+    size = math.prod(dataset.chunks) * item + _CHECKSUM_SIZE
     for number in range(dataset.id.get_num_chunks()):
         place = dataset.id.get_chunk_info(number).chunk_offset
         skipped, chunk = dataset.id.read_direct_chunk(place)
-        if skipped >> filters.index(h5py.h5z.FILTER_DEFLATE) & 1:
+        if skipped >> deflate & 1:
             continue
         if len(zlib.decompressobj().decompress(chunk, size + 1)) > size:
             raise ValueError(f"a chunk of {dataset.name} unpacks to more than a chunk")

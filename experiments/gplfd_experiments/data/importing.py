@@ -1,4 +1,4 @@
-"""Recordings from files made into a set of demonstrations, in a folder."""
+"""Motion files made into a set of demonstrations, in a folder."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -15,8 +15,7 @@ from gplfd_experiments.data.npz import (
     save_demonstrations,
 )
 from gplfd_experiments.data.preparation import Motion, prepare
-from gplfd_experiments.data.preparation.picture import draw
-from gplfd_experiments.data.preparation.report import report, warnings_in
+from gplfd_experiments.data.preparation.report import draw, report, warnings_in
 from gplfd_experiments.data.preparation.settings import Preparation
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers import read_recordings
@@ -53,7 +52,7 @@ def import_recordings(
     options: Mapping[str, Any],
     overwrite: bool = False,
 ) -> Imported:
-    """Read recordings, prepare them, and write a set that is complete or absent.
+    """Read motion files, prepare the motions, and write a complete set or nothing.
 
     The set holds the demonstrations (`gplfd_experiments.data.npz`), the report, a
     picture of before and after, and where everything came from.
@@ -71,15 +70,25 @@ def import_recordings(
         OSError: A file cannot be read, or the set not be written.
     """
     check_folder(folder.parent)
-    _check_target(folder, overwrite=overwrite)
+    if folder.exists():
+        if not (folder / FILE).is_file():
+            raise ValueError(
+                f"--out {folder} exists and is no set of demonstrations; give another"
+            )
+        if not overwrite:
+            raise ValueError(
+                f"--out {folder} exists; give another, or --overwrite to replace it"
+            )
     recordings: list[RawRecording] = []
     for file in progress_bar(files, desc="reading", unit="file"):
         recordings += read_recordings(file, selection)
     motions = prepare(recordings, preparation, recorded_rate=selection.recorded_rate)
     text = report(motions, preparation)
-    origin = provenance({**options, "preparation": asdict(preparation)}) | {
-        "files": [_origin(file) for file in files]
-    }
+    origin = provenance({**options, "preparation": asdict(preparation)})
+    origin["files"] = [
+        {"name": file.name} | ({"sha256": content_hash(file)} if file.is_file() else {})
+        for file in files
+    ]
     with complete_folder(folder) as written:
         written.mkdir()
         save_demonstrations(
@@ -97,23 +106,3 @@ def import_recordings(
     return Imported(
         folder=folder, motions=motions, report=text, warnings=warnings_in(motions)
     )
-
-
-def _check_target(folder: Path, *, overwrite: bool) -> None:
-    """Raise ValueError unless a set may be written there."""
-    if not folder.exists():
-        return
-    if not (folder / FILE).is_file():
-        raise ValueError(
-            f"--out {folder} exists and is no set of demonstrations; give another"
-        )
-    if not overwrite:
-        raise ValueError(
-            f"--out {folder} exists; give another, or --overwrite to replace it"
-        )
-
-
-def _origin(file: Path) -> dict[str, Any]:
-    """Return what a recording is known again by."""
-    known = {"name": file.name}
-    return known | {"sha256": content_hash(file)} if file.is_file() else known

@@ -54,13 +54,10 @@ class LabelledDemonstrations:
 
     demonstrations: tuple[Demonstration, ...]
     """Demonstrations in the order of the file."""
-
     radii: tuple[float | None, ...]
     """Radius of each one's door [m]; None when unknown."""
-
     frame: str = FRAME
     """Frame of the poses, one of `FRAMES`."""
-
     signals: tuple[Mapping[str, NDArray[Any]], ...] = ()
     """What else was recorded with each, (N, d) arrays by name; empty for nothing."""
 
@@ -185,46 +182,33 @@ def hash_of(demonstrations: Sequence[Demonstration]) -> str:
 
 
 def _labelled(members: Members) -> LabelledDemonstrations:
+    def numbers(name: str) -> NDArray[Any]:
+        array = members(name)
+        if array.dtype.kind not in "iuf":
+            raise ValueError(f"{name} holds {array.dtype}, must hold numbers")
+        return array
+
     units = str(members("units"))
     if units != UNITS:
         raise ValueError(f"units is {units!r:.80}, must be {UNITS!r}")
     names = members("signals")
     if names.dtype.kind != "U" or names.ndim != 1:
         raise ValueError("signals must be a list of names")
-    radii = _numbers(members, "radii")
+    radii = numbers("radii")
     if radii.ndim != 1:
         raise ValueError(f"radii has shape {radii.shape}, must be a list of numbers")
+    demonstrations, signals = [], []
+    for number in range(radii.size):
+        times, poses = numbers(f"times_{number}"), numbers(f"poses_{number}")
+        try:
+            demonstrations.append(Demonstration(times=times, poses=poses))
+        except ValueError as error:
+            raise ValueError(f"demonstration {number}: {error}") from error
+        arrays = {str(name): numbers(f"{name}_{number}") for name in names}
+        signals.append({name: array for name, array in arrays.items() if array.size})
     return LabelledDemonstrations(
-        demonstrations=tuple(
-            _demonstration(members, number) for number in range(radii.size)
-        ),
+        demonstrations=tuple(demonstrations),
         radii=tuple(None if math.isnan(r) else float(r) for r in radii),
         frame=str(members("frame")),
-        signals=tuple(_signals(members, names, n) for n in range(radii.size))
-        if names.size
-        else (),
+        signals=tuple(signals) if names.size else (),
     )
-
-
-def _signals(
-    members: Members, names: NDArray[Any], number: int
-) -> dict[str, NDArray[Any]]:
-    """Return what else was recorded with a demonstration."""
-    arrays = {str(name): _numbers(members, f"{name}_{number}") for name in names}
-    return {name: array for name, array in arrays.items() if array.size}
-
-
-def _demonstration(members: Members, number: int) -> Demonstration:
-    times = _numbers(members, f"times_{number}")
-    poses = _numbers(members, f"poses_{number}")
-    try:
-        return Demonstration(times=times, poses=poses)
-    except ValueError as error:
-        raise ValueError(f"demonstration {number}: {error}") from error
-
-
-def _numbers(members: Members, name: str) -> NDArray[Any]:
-    array = members(name)
-    if array.dtype.kind not in "iuf":
-        raise ValueError(f"{name} holds {array.dtype}, must hold numbers")
-    return array

@@ -1,4 +1,4 @@
-"""A recording as its file has it: nothing converted but the notation of rotations."""
+"""A motion as its file has it: nothing converted but the notation of rotations."""
 
 import math
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ def likely_time_unit(step: float) -> str | None:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RawRecording:
-    """One recording of a hand: what a file says, whether or not it can be used.
+    """One motion of a hand: what a file says, whether or not it can be used.
 
     Samples may be missing (NaN), repeated, out of order and in any unit; that is what
     `gplfd_experiments.data.preparation` mends, and reports.

@@ -20,8 +20,6 @@ from gplfd_experiments.data.minari.writing import REPRODUCING
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.provenance import arithmetic, versions
 
-Array = NDArray[Any]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Departure:
@@ -74,11 +72,7 @@ class Comparison:
 
 
 def replay(recorded: RecordedEpisode, env: gym.Env[Any, Any]) -> RecordedEpisode:
-    """Reset as recorded, repeat the actions until the episode ends.
-
-    Args:
-        recorded: RecordedEpisode of a data set.
-        env: Environment made anew, see `Dataset.make_environment`.
+    """Reset as recorded, and repeat the actions until the episode ends.
 
     Raises:
         ValueError: The environment refuses the options or an action.
@@ -116,9 +110,20 @@ def compare(recorded: RecordedEpisode, again: RecordedEpisode) -> Comparison:
     """Find the first bit that differs, and how far the episodes part."""
     first, second = _signals(recorded), _signals(again)
     rows = min(len(recorded), len(again)) + 1
-    gaps = {
-        name: _gaps(first.get(name), second.get(name), rows) for name in first | second
-    }
+    # The largest difference in every row, NaN where all bits are the same.
+    gaps = {}
+    for name in first | second:
+        a, b = first.get(name), second.get(name)
+        if a is None or b is None or a.shape[1:] != b.shape[1:]:
+            gaps[name] = np.full(rows, np.inf)
+            continue
+        a, b = a[:rows], b[:rows]
+        same = a.view(np.uint64) == b.view(np.uint64)
+        with np.errstate(invalid="ignore"):
+            gap = np.abs(a - b)
+        gap[same | (np.isnan(a) & np.isnan(b))] = 0.0
+        gap[np.isnan(gap)] = np.inf
+        gaps[name] = np.where(same.all(axis=1), np.nan, gap.max(axis=1))
     starts = {
         name: int(np.argmax(~np.isnan(gap)))
         for name, gap in gaps.items()
@@ -141,24 +146,9 @@ def compare(recorded: RecordedEpisode, again: RecordedEpisode) -> Comparison:
     )
 
 
-def changes_since(origin: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
-    """What may change the last bits: of the recording, and here; only what differs.
-
-    Args:
-        origin: `Dataset.origin`.
-    """
-    recorded = {**origin["versions"], **origin["arithmetic"]}
-    here = {**{name: versions()[name] for name in REPRODUCING}, **arithmetic()}
-    return {
-        name: (recorded.get(name, "unknown"), now)
-        for name, now in here.items()
-        if recorded.get(name) != now
-    }
-
-
 def _signals(episode: RecordedEpisode) -> dict[str, FloatArray]:
     """Everything that is compared: one row per step, the reset first."""
-    signals: dict[str, Array] = {}
+    signals: dict[str, NDArray[Any]] = {}
     start = 0
     for name, size in episode.state_layout.items():
         signals[name] = episode.states[:, start : start + size]
@@ -173,23 +163,19 @@ def _signals(episode: RecordedEpisode) -> dict[str, FloatArray]:
     }
 
 
-def _gaps(a: FloatArray | None, b: FloatArray | None, rows: int) -> FloatArray:
-    """Largest absolute difference in every row, NaN where all bits are the same.
+def changes_since(origin: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
+    """What may change the last bits: of the recording, and here; only what differs.
 
     Args:
-        a: A signal, (at least ``rows``, N); None where an episode has none.
-        b: The other episode's.
-        rows: How many to compare.
+        origin: `Dataset.origin`.
     """
-    if a is None or b is None or a.shape[1:] != b.shape[1:]:
-        return np.full(rows, np.inf)
-    a, b = a[:rows], b[:rows]
-    same = a.view(np.uint64) == b.view(np.uint64)
-    with np.errstate(invalid="ignore"):
-        gap = np.abs(a - b)
-    gap[same | (np.isnan(a) & np.isnan(b))] = 0.0
-    gap[np.isnan(gap)] = np.inf
-    return np.where(same.all(axis=1), np.nan, gap.max(axis=1))
+    recorded = {**origin["versions"], **origin["arithmetic"]}
+    here = {**{name: versions()[name] for name in REPRODUCING}, **arithmetic()}
+    return {
+        name: (recorded.get(name, "unknown"), now)
+        for name, now in here.items()
+        if recorded.get(name) != now
+    }
 
 
 def _distances(fields: Mapping[str, float]) -> str:

@@ -1,1 +1,1 @@
-"""Files that say what made them, written complete or not at all."""
+"""Plain data, tables, provenance, and folders that are complete or absent."""

@@ -1,7 +1,7 @@
-"""What all rooms call the arrays that they pass on."""
+"""The type of arrays of numbers."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-"""Numbers; their shape and unit are said where they are used."""
+"""An array of float64; its docstring states shape and unit."""

@@ -30,7 +30,7 @@ def complete_folder(path: str | Path) -> Iterator[Path]:
         try:
             yield written
         except OSError as error:
-            # A full disk does not say where, and nobody knows the temporary folder.
+            # A full disk does not say where, and the temporary folder says nothing.
             file = error.filename
             if error.errno is not None and (file is None or str(root) in str(file)):
                 error.filename = str(path)

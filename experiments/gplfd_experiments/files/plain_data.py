@@ -19,12 +19,9 @@ from typing import Any, Final
 
 from gplfd_policies.arrays.storage import complete_or_absent, regular_file
 
-_LARGEST: Final = 2**24
-"""Size of the largest file that is read [bytes]; a result has a few thousand."""
-_DEEPEST: Final = 32
-"""Lists and tables within each other; a study's have four."""
-_SHOWN: Final = 60
-"""Characters of a wrong value that an error shows."""
+_LARGEST: Final = 2**24  # Size of a file [bytes]; a result has a few thousand.
+_DEEPEST: Final = 32  # Lists and tables within each other; a study's have four.
+_SHOWN: Final = 60  # Characters of a wrong value that an error shows.
 _KINDS: Final[Mapping[Any, str]] = types.MappingProxyType(
     {
         str: "a text",
@@ -78,14 +75,11 @@ def check_stamp(entries: Mapping[str, Any], kind: str, version: int) -> int:
 
 
 def refuse_newer(read: Callable[[Path], object], path: Path) -> None:
-    """Check that a file may be written: none of a later version is there.
+    """Raise NewerFormatError if a later version of this package wrote a file.
 
     Args:
         read: Reads the file and checks its stamp.
-        path: What ``read`` takes.
-
-    Raises:
-        NewerFormatError: A later version of this package wrote it.
+        path: What ``read`` takes, about to be written.
     """
     try:
         read(path)
@@ -97,12 +91,7 @@ def refuse_newer(read: Callable[[Path], object], path: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Say of which file the content is wrong, where a block finds that it is.
-
-    Raises:
-        NewerFormatError: In place of one.
-        ValueError: In place of one.
-    """
+    """Put the name of a file before a `ValueError` or `NewerFormatError` of a block."""
     try:
         yield
     except NewerFormatError as error:
@@ -115,9 +104,9 @@ def write_json(path: str | Path, value: Any, *, indent: int | None = 2) -> None:
     """Write ``value`` as JSON, complete or not at all.
 
     Args:
-        path: of the file.
-        value: what it will hold.
-        indent: of what is in something; None for a single line.
+        path: Of the file.
+        value: What it will hold.
+        indent: Of what is in something; None for a single line.
 
     Raises:
         ValueError: The value holds NaN or infinity, which JSON cannot express.
@@ -152,12 +141,17 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def parsed_json(text: str) -> dict[str, Any]:
-    """Parse one JSON object.
+    """Parse one JSON object; raises the ValueError that `read_json` raises."""
 
-    Raises:
-        ValueError: As of `read_json`.
-    """
-    return _parsed(partial(json.loads, object_pairs_hook=_once_each), text)
+    def once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        # Of a name that is there twice, the last value would win.
+        values = dict(pairs)
+        if len(values) < len(pairs):
+            twice, _ = Counter(name for name, _ in pairs).most_common(1)[0]
+            raise ValueError(f"it holds {twice!r:.{_SHOWN}} twice")
+        return values
+
+    return _parsed(partial(json.loads, object_pairs_hook=once_each), text)
 
 
 def entry(entries: Mapping[str, Any], name: str, kind: Any) -> Any:
@@ -205,15 +199,6 @@ def _parsed(parse: Callable[[str], Any], text: str) -> dict[str, Any]:
     if not isinstance(values, dict):
         raise ValueError(f"it holds {values!r:.{_SHOWN}}, not an object in {{braces}}")
     _check(values, _DEEPEST)
-    return values
-
-
-def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return an object whose names differ; otherwise the last one would win."""
-    values = dict(pairs)
-    if len(values) < len(pairs):
-        twice, _ = Counter(name for name, _ in pairs).most_common(1)[0]
-        raise ValueError(f"it holds {twice!r:.{_SHOWN}} twice")
     return values
 
 

@@ -84,7 +84,7 @@ def versions() -> Mapping[str, str]:
 
 @functools.cache
 def arithmetic() -> Mapping[str, str]:
-    """What of this machine decides the last bits of a result, as texts by name.
+    """What on this machine determines the last bits of a result, as texts by name.
 
     MuJoCo, the C library's sine, NumPy's vectors and the linear algebra library choose
     their code by the processor, and round differently; see docs/reproducibility.md.

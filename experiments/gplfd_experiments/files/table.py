@@ -1,4 +1,4 @@
-"""A table of texts, and how it is written for a terminal, in Markdown and in HTML."""
+"""A table of texts, and how it is written for a terminal and in Markdown."""
 
 import itertools
 from collections.abc import Callable
@@ -59,31 +59,3 @@ def markdown_table(table: Table, shown: Callable[[str], str] = str) -> str:
     )
     head, *rows = (tuple(map(written, row)) for row in (table.columns, *table.rows))
     return "\n".join(map(line, (head, rule, *rows)))
-
-
-def html_table(table: Table, shown: Callable[[str], str]) -> str:
-    """Write a ``table`` element, of class "text" if it is flush left.
-
-    Args:
-        table: What to write, but for its note.
-        shown: Writes a text, escaped.
-    """
-
-    def written(cell: str) -> str:
-        first, *rest = map(shown, cell.split("\n"))
-        return first + "".join(f"<br><small>{line}</small>" for line in rest)
-
-    heads = "".join(f'<th scope="col">{written(head)}</th>' for head in table.columns)
-
-    def cells(row: tuple[str, ...]) -> str:
-        if not any(row[1:]):
-            span = f'colspan="{len(row)}" scope="rowgroup"'
-            return f"<th {span}>{written(row[0])}</th>"
-        return "".join(f"<td>{written(cell)}</td>" for cell in row)
-
-    rows = "\n".join(f"<tr>{cells(row)}</tr>" for row in table.rows)
-    kind = ' class="text"' if table.left else ""
-    return (
-        f"<table{kind}>\n<thead><tr>{heads}</tr></thead>\n"
-        f"<tbody>\n{rows}\n</tbody>\n</table>"
-    )

@@ -139,41 +139,81 @@ def open_doors(
         check_video()
     check_folder(folder)
     earlier = _files_of_earlier_run(folder)
-    drawn = _looks(looks)
+    shapes = None
+    if looks == "tiago":
+        robot = build_scene(DoorConfig())
+        shapes = tiago_looks([robot.body(index).name for index in range(robot.nbody)])
     if skill is not None and start == "approach":
         raise ValueError(
             "--skill is of opening alone: leave it out to learn reaching, too, or "
             "leave out --start approach"
         )
     if skill is not None or isinstance(demonstrations, Path):
-        _check_one_kind(tasks, "--skill" if skill is not None else "--demonstrations")
+        # There is only one thing to learn from.
+        option = "--skill" if skill is not None else "--demonstrations"
+        first, *others = ((t.door, DoorConfig(**t.door_config).kind) for t in tasks)
+        for door, kind in others:
+            if differ := [name for name in kind if kind[name] != first[1][name]]:
+                raise ValueError(
+                    f"doors {first[0]} and {door} are of two kinds (they differ in "
+                    f"{', '.join(differ)}), and {option} holds one; give them to two "
+                    f"runs, or leave out {option}"
+                )
+
     started = time.perf_counter()
     with reported_errors(policy, chosen):
         ready = _learn(tasks, chosen, demonstrations, skill)
     LOG.info("ready to act (%.1f s)", time.perf_counter() - started)
-    if FILE not in {door.file for door in ready}:
+
+    kept = {door.file: door.shown for door in ready}
+    if FILE not in kept:
         earlier.append(folder / FILE)  # of an earlier run with one kind of doors
     for file in earlier:
         file.unlink(missing_ok=True)
-    _write_inputs(folder, ready, demonstrations, skill, options)
+    LOG.info("writing to %s", folder)
+    learned_from: dict[str, str] = {}
+    for name, shown in kept.items():
+        save_demonstrations(
+            folder / name,
+            shown.demonstrations,
+            shown.radii,
+            frame=shown.frame,
+            signals=shown.signals,
+        )
+        learned_from[name] = content_hash(
+            demonstrations_file(demonstrations)
+            if isinstance(demonstrations, Path)
+            else folder / name
+        )
+    record = {
+        **options,
+        "policy_source": tasks[0].policy_source,
+        "demonstrations_sha256": learned_from,
+        "demonstrations_of": {door.task.door: door.file for door in ready},
+        "skill_sha256": None if skill is None else content_hash(skill),
+        "door_configs": {task.door: task.door_config for task in tasks},
+    }
+    write_json(folder / CONFIGURATION, provenance(record))
+
     metrics: list[EpisodeMetrics | FailedEpisode] = []
-    for door in ready:
-        video_file = videos.get(door.task.door)
+    for one in ready:
+        name = one.task.door
         try:
-            metrics.append(_open(door, chosen, folder, drawn, video_file))
+            metrics.append(_open(one, chosen, folder, shapes, videos.get(name)))
         except PolicyError as error:
-            LOG.error("%s: %s", door.task.door, error, exc_info=LOG.isEnabledFor(DEBUG))
+            LOG.error("%s: %s", name, error, exc_info=LOG.isEnabledFor(DEBUG))
             failed = FailedEpisode(
                 policy=policy,
-                door=door.task.door,
-                radius=door.task.door_config["radius"],
+                door=name,
+                radius=one.task.door_config["radius"],
                 seed=seed,
                 error=str(error),
             )
             metrics.append(failed)
-        write_json(folder / METRICS, [one.as_json() for one in metrics])
-    opened = [one.door for one in metrics if isinstance(one, EpisodeMetrics)]
-    names = {CONFIGURATION, METRICS, *(door.file for door in ready)}
+        write_json(folder / METRICS, [each.as_json() for each in metrics])
+
+    opened = [each.door for each in metrics if isinstance(each, EpisodeMetrics)]
+    names = {CONFIGURATION, METRICS, *kept}
     names |= {f"{door}{end}" for door in opened for end in (".npz", ".rrd")}
     if gone := sorted(name for name in names if not (folder / name).is_file()):
         raise FileNotFoundError(
@@ -210,25 +250,6 @@ def _files_of_earlier_run(folder: Path) -> list[Path]:
 def _kept_demonstrations(door: str) -> str:
     """Return the file of the demonstrations of one of several kinds of doors."""
     return f"{Path(FILE).stem}-{door}.npz"
-
-
-def _looks(looks: Literal["primitives", "tiago"]) -> TiagoLooks | None:
-    if looks == "primitives":
-        return None
-    robot = build_scene(DoorConfig())
-    return tiago_looks([robot.body(index).name for index in range(robot.nbody)])
-
-
-def _check_one_kind(tasks: Sequence[EpisodeTask], option: str) -> None:
-    """Refuse doors of several kinds where there is only one thing to learn from."""
-    first, *others = ((one.door, DoorConfig(**one.door_config).kind) for one in tasks)
-    for door, kind in others:
-        if differ := [name for name in kind if kind[name] != first[1][name]]:
-            raise ValueError(
-                f"doors {first[0]} and {door} are of two kinds (they differ in "
-                f"{', '.join(differ)}), and {option} holds one; give them to two runs, "
-                f"or leave out {option}"
-            )
 
 
 def _learn(
@@ -268,6 +289,7 @@ def _learn(
 def _load(
     policy: str, file: Path
 ) -> tuple[LabelledDemonstrations, Callable[[], Agent]]:
+    """Return what a skill was learned from, and what makes agents that follow it."""
     method, skill = skill_method(policy), load_skill(file)
     if (method.beyond > 0.0) != (skill.aligned.end < 1.0):
         goes = "goes on where demonstrations end"
@@ -285,41 +307,6 @@ def _load(
         ),
         lambda: method.follow(skill),
     )
-
-
-def _write_inputs(
-    folder: Path,
-    doors: Sequence[_Door],
-    demonstrations: Path | int,
-    skill: Path | None,
-    options: Mapping[str, Any],
-) -> None:
-    """Write what was learned from, and what the run is."""
-    LOG.info("writing to %s", folder)
-    learned_from: dict[str, str] = {}
-    for file, shown in {door.file: door.shown for door in doors}.items():
-        kept = folder / file
-        save_demonstrations(
-            kept,
-            shown.demonstrations,
-            shown.radii,
-            frame=shown.frame,
-            signals=shown.signals,
-        )
-        learned_from[file] = content_hash(
-            demonstrations_file(demonstrations)
-            if isinstance(demonstrations, Path)
-            else kept
-        )
-    record = {
-        **options,
-        "policy_source": doors[0].task.policy_source,
-        "demonstrations_sha256": learned_from,
-        "demonstrations_of": {door.task.door: door.file for door in doors},
-        "skill_sha256": None if skill is None else content_hash(skill),
-        "door_configs": {door.task.door: door.task.door_config for door in doors},
-    }
-    write_json(folder / CONFIGURATION, provenance(record))
 
 
 def _open(

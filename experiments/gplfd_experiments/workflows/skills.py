@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gplfd_experiments.analysis.report.page import write_report
-from gplfd_experiments.analysis.report.recorded import overview
+from gplfd_experiments.analysis.report.predictions import overview
 from gplfd_experiments.analysis.results.reading import TASKS, read_files, read_results
 from gplfd_experiments.console.arguments import check_folder, check_least
 from gplfd_experiments.console.progress import LOG
@@ -19,7 +19,6 @@ from gplfd_experiments.studies.learning_tests.recorded import FEWEST
 from gplfd_experiments.studies.plan import recorded_tasks
 from gplfd_experiments.studies.session import carry_out
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.skill import Skill, fit_skill
 from gplfd_policies.registry.catalogue import POLICIES, policy_named
 from gplfd_policies.registry.method import Method, TrainingInput
@@ -81,16 +80,6 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     return movement
 
 
-def _check_same_recordings(folder: Path, recordings: str) -> None:
-    """Raise ValueError if a folder has results of other recordings."""
-    found, _ = read_files((folder / TASKS).glob("[!.]*.json"))
-    if any(getattr(one.task, "recordings", "") != recordings for one in found):
-        raise ValueError(
-            f"{folder} has results of something else than these recordings, which one "
-            "page would mix; choose another --out"
-        )
-
-
 def judge(
     recordings: Path,
     folder: Path,
@@ -129,21 +118,24 @@ def judge(
         raise ValueError(
             f"--reference {reference} is not among the judged: {', '.join(names)}"
         )
-    _check_same_recordings(folder, tasks[0].recordings)
+    found, _ = read_files((folder / TASKS).glob("[!.]*.json"))
+    own = tasks[0].recordings
+    if any(getattr(one.task, "recordings", "") != own for one in found):
+        raise ValueError(
+            f"{folder} has results of something else than these recordings, which one "
+            "page would mix; choose another --out"
+        )
     errors = carry_out(tasks, options, folder, engine, given)
-    write_report(folder, None, reference)
-    print(overview(read_results(folder).recorded))
-    _record(given, folder / RECORDING, reference)
-    return errors
+    results = read_results(folder)
+    write_report(results, folder, reference=reference)
+    print(overview(results.recorded))
 
-
-def _record(given: Sequence[Demonstration], file: Path, reference: str) -> None:
-    """Write what the reference learns from all recordings; say so if it cannot."""
+    # What the reference learns from all recordings, as a recording.
+    file = folder / RECORDING
+    file.unlink(missing_ok=True)  # Of an earlier run, which shows something else.
     method = policy_named(reference).method
-    # That of an earlier go shows something else.
-    file.unlink(missing_ok=True)
     if method is None:
-        return
+        return errors
     try:
         with one_thread:
             movement, _ = learn(method, given, 0)
@@ -159,3 +151,4 @@ def _record(given: Sequence[Demonstration], file: Path, reference: str) -> None:
             type(error).__name__,
             error,
         )
+    return errors

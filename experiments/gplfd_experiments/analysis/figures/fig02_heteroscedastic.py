@@ -10,7 +10,6 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
@@ -88,6 +87,7 @@ def measure(material: Material) -> LocalNoise:
     rng = np.random.default_rng(material.seed)
     *set_rngs, fresh_rng, error_rng = rng.spawn(_SETS + 2)
     fresh = true_height(PHASES) + deviations(_FRESH, fresh_rng)
+    poses = np.repeat(fresh[..., None], 6, axis=-1)
     sets = [constrained_set(_DEMONSTRATIONS, rng) for rng in set_rngs]
     policies = [
         {
@@ -96,22 +96,19 @@ def measure(material: Material) -> LocalNoise:
         }
         for demonstrations in sets
     ]
+    coverage = {
+        name: np.mean(
+            [one[name].inside(poses)[..., HEIGHT].mean(axis=0) for one in policies],
+            axis=0,
+        )
+        for name in _NOISES
+    }
     return LocalNoise(
         demonstrations=sets[0].poses[:, :, HEIGHT],
         policies=policies[0],
-        coverage={
-            name: np.mean([_inside(fresh, each[name]) for each in policies], axis=0)
-            for name in _NOISES
-        },
+        coverage=coverage,
         expected=_expected_coverage(error_rng),
     )
-
-
-def _inside(fresh: FloatArray, policy: GaussianTrajectory) -> FloatArray:
-    """Share of fresh heights (count, M) inside a policy's 95 % band, (M,)."""
-    poses = np.repeat(fresh[..., None], 6, axis=-1)
-    share: FloatArray = policy.inside(poses)[..., HEIGHT].mean(axis=0)
-    return share
 
 
 def _expected_coverage(rng: np.random.Generator) -> tuple[float, float]:
@@ -130,15 +127,45 @@ def draw(shown: LocalNoise) -> Figure:
     """Draw the models, the noise, and how often repetitions are inside the bands."""
     figure = style.new_figure(style.PAGE, 3.6)
     axes = figure.subplot_mosaic([["a", "b", "c"], ["d", "e", "e"]])
-    for name, policy in {"a": LOW, "b": HIGH, "c": LOCAL}.items():
-        _draw_policy(axes[name], shown, policy)
-        axes[name].sharey(axes["a"])
+    for panel, name in {"a": LOW, "b": HIGH, "c": LOCAL}.items():
+        curves = shown.demonstrations.T
+        axes[panel].plot(PHASES, curves, color=style.DEMONSTRATION, linewidth=0.5)
+        axes[panel].lines[0].set_label("demonstrations")
+        style.mean_and_interval(
+            axes[panel],
+            shown.policies[name],
+            HEIGHT,
+            style.ADAPTED,
+            band_label="95 %",
+            label="mean",
+        )
+        axes[panel].sharey(axes["a"])
     axes["a"].set_ylabel("height [m]")
     axes["a"].legend(loc="lower center")
-    _draw_noise(axes["d"], shown)
-    _draw_coverage(axes["e"], shown)
-    for panel in axes.values():
-        panel.set(xlabel="phase", xlim=(0.0, 1.0))
+
+    noise = axes["d"]
+    noise.plot(PHASES, 1e3 * true_spread(PHASES), color=style.TRUTH, linestyle="--")
+    noise.plot(PHASES, 1e3 * shown.policies[LOCAL].std[:, HEIGHT], color=style.ADAPTED)
+    noise.set(ylabel="standard deviation [mm]", ylim=(0.0, None))
+    noise.legend(["true spread", "heteroscedastic GP"], loc="lower center")
+
+    covered = axes["e"]
+    low, high = (100.0 * bound for bound in shown.expected)
+    covered.axhspan(low, high, color="0.92", linewidth=0.0, label="sampling error")
+    covered.axhline(95.0, color="0.5", linewidth=0.6)
+    for name, label, colour, line in (
+        (LOW, "ends (a)", style.BEFORE, ":"),
+        (HIGH, "middle (b)", style.BEFORE, "--"),
+        (LIKELY, "most likely", style.AXIS_X, "-"),
+        (LOCAL, "local (c)", style.ADAPTED, "-"),
+    ):
+        share = 100.0 * shown.coverage[name]
+        covered.plot(PHASES, share, color=colour, linestyle=line, label=label)
+    covered.set(ylabel="repetitions inside [%]", ylim=(0.0, 102.0))
+    covered.legend(loc="center", bbox_to_anchor=(0.5, 0.55), ncols=2)
+
+    for each in axes.values():
+        each.set(xlabel="phase", xlim=(0.0, 1.0))
     titles = (
         "standard GP, noise of the ends",
         "standard GP, noise of the middle",
@@ -148,38 +175,6 @@ def draw(shown: LocalNoise) -> Figure:
     )
     style.name_panels(axes.values(), titles)
     return figure
-
-
-def _draw_policy(axes: Axes, shown: LocalNoise, name: str) -> None:
-    axes.plot(PHASES, shown.demonstrations.T, color=style.DEMONSTRATION, linewidth=0.5)
-    axes.lines[0].set_label("demonstrations")
-    policy = shown.policies[name]
-    style.mean_and_interval(
-        axes, policy, HEIGHT, style.ADAPTED, band_label="95 %", label="mean"
-    )
-
-
-def _draw_noise(axes: Axes, shown: LocalNoise) -> None:
-    axes.plot(PHASES, 1e3 * true_spread(PHASES), color=style.TRUTH, linestyle="--")
-    axes.plot(PHASES, 1e3 * shown.policies[LOCAL].std[:, HEIGHT], color=style.ADAPTED)
-    axes.set(ylabel="standard deviation [mm]", ylim=(0.0, None))
-    axes.legend(["true spread", "heteroscedastic GP"], loc="lower center")
-
-
-def _draw_coverage(axes: Axes, shown: LocalNoise) -> None:
-    low, high = (100.0 * bound for bound in shown.expected)
-    axes.axhspan(low, high, color="0.92", linewidth=0.0, label="sampling error")
-    axes.axhline(95.0, color="0.5", linewidth=0.6)
-    for name, label, colour, line in (
-        (LOW, "ends (a)", style.BEFORE, ":"),
-        (HIGH, "middle (b)", style.BEFORE, "--"),
-        (LIKELY, "most likely", style.AXIS_X, "-"),
-        (LOCAL, "local (c)", style.ADAPTED, "-"),
-    ):
-        coverage = 100.0 * shown.coverage[name]
-        axes.plot(PHASES, coverage, color=colour, linestyle=line, label=label)
-    axes.set(ylabel="repetitions inside [%]", ylim=(0.0, 102.0))
-    axes.legend(loc="center", bbox_to_anchor=(0.5, 0.55), ncols=2)
 
 
 def caption(shown: LocalNoise) -> str:

@@ -4,12 +4,11 @@ Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstratio
 arXiv:2002.09979, Section III-C, Eqs. (16)–(17).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gplfd_experiments.analysis.figures import style
@@ -23,7 +22,6 @@ from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies import AlignedDemonstrations, align
 from gplfd_policies.demonstrations.alignment import AlignmentMethod
 from gplfd_policies.demonstrations.completion import task_completion_index
-from gplfd_policies.demonstrations.demonstration import Demonstration
 
 TITLE: Final = "Alignment by distance and by task completion"
 DOORS: Final = ()
@@ -58,67 +56,48 @@ def measure(material: Material) -> Alignments:
     """
     motions = shelf_motions(LEVELS, _PER_LEVEL, np.random.default_rng(material.seed))
     demonstrations = [motion.demonstration for motion in motions]
-    aligned = {
-        EUCLIDEAN: _aligned(demonstrations, "dtw-euclidean"),
-        COMPLETION: _aligned(demonstrations, "interpolation"),
-        PUBLISHED: _aligned(demonstrations, "dtw"),
+    methods: dict[str, AlignmentMethod] = {
+        EUCLIDEAN: "dtw-euclidean",
+        COMPLETION: "interpolation",
+        PUBLISHED: "dtw",
     }
-    errors = {name: _phase_error(motions, one) for name, one in aligned.items()}
+    # As recorded: a hand that waits at a shelf waits.
+    aligned = {
+        name: align(demonstrations, method=method, trim_rests=False)
+        for name, method in methods.items()
+    }
+    phases = np.linspace(0.0, 1.0, 200)
+    # Motions that are only stretched to the same duration.
+    clocks = [motion.demonstration.times for motion in motions]
+    stretched = [
+        np.interp(phases, times / times[-1], motion.progress)
+        for times, motion in zip(clocks, motions, strict=True)
+    ]
+    phase_error = {CLOCK: _disagreement(stretched)}
+    end_error = {}
+    for name, one in aligned.items():
+        progress, ends = [], []
+        for motion, poses in zip(motions, one.poses, strict=True):
+            # An aligned pose has the progress of the nearest recorded one: the motions
+            # do not cross themselves.
+            recorded = motion.demonstration.poses[:, :3]
+            distance = np.linalg.norm(poses[:, None, :3] - recorded, axis=2)
+            progress.append(motion.progress[distance.argmin(axis=1)])
+            ends += [poses[end, :3] - recorded[end] for end in (0, -1)]
+        phase_error[name] = _disagreement(progress)
+        end_error[name] = max(float(np.linalg.norm(each)) for each in ends)
     return Alignments(
         motions=motions,
         completion=tuple(map(task_completion_index, demonstrations)),
         aligned=aligned,
-        phase_error={CLOCK: _clock_error(motions), **errors},
-        end_error={name: _end_error(motions, one) for name, one in aligned.items()},
+        phase_error=phase_error,
+        end_error=end_error,
     )
-
-
-def _aligned(
-    demonstrations: Sequence[Demonstration], method: AlignmentMethod
-) -> AlignedDemonstrations:
-    """Align the motions as recorded: a hand that waits at a shelf waits."""
-    return align(demonstrations, method=method, trim_rests=False)
-
-
-def _clock_error(motions: tuple[ShelfMotion, ...]) -> float:
-    """Phase error of motions that are only stretched to the same duration."""
-    phases = np.linspace(0.0, 1.0, 200)
-    given = [(motion.demonstration.times, motion.progress) for motion in motions]
-    return _disagreement(
-        [np.interp(phases, times / times[-1], progress) for times, progress in given]
-    )
-
-
-def _phase_error(
-    motions: tuple[ShelfMotion, ...], aligned: AlignedDemonstrations
-) -> float:
-    """Phase error of aligned motions.
-
-    An aligned pose has the progress of the nearest recorded one: the motions do not
-    cross themselves.
-    """
-    progress = []
-    for motion, poses in zip(motions, aligned.poses, strict=True):
-        recorded = motion.demonstration.poses[:, :3]
-        distance = np.linalg.norm(poses[:, None, :3] - recorded, axis=2)
-        progress.append(motion.progress[distance.argmin(axis=1)])
-    return _disagreement(progress)
 
 
 def _disagreement(progress: list[FloatArray]) -> float:
     """Root of the mean variance, over motions, of the progress at equal phase."""
     return float(np.sqrt(np.var(progress, axis=0).mean()))
-
-
-def _end_error(
-    motions: tuple[ShelfMotion, ...], aligned: AlignedDemonstrations
-) -> float:
-    """Largest distance between an aligned and a recorded first or last position [m]."""
-    return max(
-        float(np.linalg.norm(poses[end, :3] - motion.demonstration.poses[end, :3]))
-        for motion, poses in zip(motions, aligned.poses, strict=True)
-        for end in (0, -1)
-    )
 
 
 def draw(shown: Alignments) -> Figure:
@@ -129,8 +108,14 @@ def draw(shown: Alignments) -> Figure:
         colour, times = _COLOURS[motion.level], motion.demonstration.times
         recorded.plot(times, motion.demonstration.poses[:, HEIGHT], color=colour)
         index.plot(times, completion, color=colour)
-    _draw_aligned(euclidean, shown, EUCLIDEAN)
-    _draw_aligned(completed, shown, COMPLETION)
+    for panel, name in ((euclidean, EUCLIDEAN), (completed, COMPLETION)):
+        aligned = shown.aligned[name]
+        for motion, poses in zip(shown.motions, aligned.poses, strict=True):
+            colour = _COLOURS[motion.level]
+            panel.plot(aligned.times, poses[:, HEIGHT], color=colour)
+        panel.set(xlabel="phase", xlim=(0.0, 1.0), xticks=[0.0, 0.5, 1.0])
+        error = f"phase error {100.0 * shown.phase_error[name]:.1f} %"
+        style.note(panel, 0.05, error, fontsize=6.5)
     for panel in (recorded, index):
         panel.set(xlabel="time [s]", xlim=(0.0, None))
     for panel in (recorded, euclidean, completed):
@@ -141,15 +126,6 @@ def draw(shown: Alignments) -> Figure:
     titles = "as recorded", "Euclidean DTW", "completion index", "the index itself"
     style.name_panels(figure.axes, titles)
     return figure
-
-
-def _draw_aligned(axes: Axes, shown: Alignments, name: str) -> None:
-    aligned = shown.aligned[name]
-    for motion, poses in zip(shown.motions, aligned.poses, strict=True):
-        axes.plot(aligned.times, poses[:, HEIGHT], color=_COLOURS[motion.level])
-    axes.set(xlabel="phase", xlim=(0.0, 1.0), xticks=[0.0, 0.5, 1.0])
-    error = f"phase error {100.0 * shown.phase_error[name]:.1f} %"
-    style.note(axes, 0.05, error, fontsize=6.5)
 
 
 def caption(shown: Alignments) -> str:

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import ndtri
 
@@ -133,27 +132,22 @@ def draw(shown: ViaPoints) -> Figure:
             style.mean_and_interval(
                 panel, policy, HEIGHT, style.ADAPTED, marker=dot, markersize=4.0
             )
-            _draw_via_points(panel, shown.via_points)
+            for via_point in shown.via_points:
+                panel.errorbar(
+                    via_point.phase,
+                    via_point.pose[HEIGHT],
+                    _HALF_WIDTH * float(np.asarray(via_point.std)[HEIGHT]),
+                    color=style.TRUTH,
+                    marker="o",
+                    markersize=3.0,
+                    elinewidth=0.9,
+                    capsize=2.0,
+                    zorder=5,
+                )
         panel.set_xlabel("phase")
     style.name_panels(panels, titles.values())
     panels[0].set(xlim=(0.0, 1.0), ylabel="height [m]")
     return figure
-
-
-def _draw_via_points(axes: Axes, via_points: tuple[ViaPoint, ViaPoint]) -> None:
-    for via_point in via_points:
-        half = _HALF_WIDTH * float(np.asarray(via_point.std)[HEIGHT])
-        axes.errorbar(
-            via_point.phase,
-            via_point.pose[HEIGHT],
-            half,
-            color=style.TRUTH,
-            marker="o",
-            markersize=3.0,
-            elinewidth=0.9,
-            capsize=2.0,
-            zorder=5,
-        )
 
 
 def caption(shown: ViaPoints) -> str:

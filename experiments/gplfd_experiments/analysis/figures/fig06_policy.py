@@ -6,17 +6,15 @@ arXiv:2002.09979, Section IV-A.
 
 import itertools
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from matplotlib.axes import Axes
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.data.npz import LabelledDemonstrations
-from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.movements.skill import Skill, fit_skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory
@@ -66,16 +64,31 @@ def draw(shown: Learning) -> Figure:
     radii = shown.recorded.radii
     colours = door_colours(radii)
     aligned = shown.skill.aligned
+    # Least and largest value drawn of each output, (6, 2).
+    drawn = [demonstration.poses for demonstration in shown.recorded.demonstrations]
+    values = np.vstack([*shown.policy.interval(), *drawn])
+    extents = np.stack([values.min(axis=0), values.max(axis=0)], axis=1)
     for output in range(6):
         for recorded, poses, radius in zip(
             shown.recorded.demonstrations, aligned.poses, radii, strict=True
         ):
             times = recorded.times - recorded.times[0]
-            line = {"color": colours[radius], "linewidth": 0.8}
-            rows[0, output].plot(times, recorded.poses[:, output], **line)
-            rows[1, output].plot(aligned.times, poses[:, output], **line)
+            curve = {"color": colours[radius], "linewidth": 0.8}
+            rows[0, output].plot(times, recorded.poses[:, output], **curve)
+            rows[1, output].plot(aligned.times, poses[:, output], **curve)
         style.mean_and_interval(rows[2, output], shown.policy, output, style.BEFORE)
-        _scale(rows[0, output], shown, output)
+
+        # The outputs of a kind have one scale, or the panel says how much larger it is.
+        kind = extents[:3] if output < 3 else extents[3:]
+        span = 1.08 * float(np.ptp(kind, axis=1).max())
+        low, high = extents[output]
+        magnified = next(m for m in _MAGNIFICATIONS if m * (high - low) <= span)
+        if magnified > 1:
+            text = f"{magnified} × enlarged"
+            look: dict[str, Any] = {"fontsize": 6.0, "color": "0.35", "ha": "center"}
+            style.note(rows[0, output], 0.5, text, **look)
+        middle, half = 0.5 * (low + high), 0.5 * span / magnified
+        rows[0, output].set_ylim(middle - half, middle + half)
         title = f"{OUTPUTS[output]} [{UNITS[output]}]"
         rows[0, output].set(title=title, xlabel="time [s]")
         rows[2, output].set_xlabel("phase")
@@ -85,7 +98,11 @@ def draw(shown: Learning) -> Figure:
     for row in rows[1:]:
         row[0].set_xlim(0.0, 1.0)
         row[0].set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
-    _legend(figure, rows[0, 0], radii)
+    entries: dict[str, Artist] = {}
+    for line, radius in zip(rows[0, 0].lines, radii, strict=True):
+        name = "unknown radius" if radius is None else f"door of {radius:.2f} m"
+        entries.setdefault(name, line)
+    style.legend_above(figure, entries)
     return figure
 
 
@@ -94,37 +111,6 @@ def door_colours(radii: tuple[float | None, ...]) -> dict[float | None, str]:
     ranked = sorted({radius for radius in radii if radius is not None})
     colours = itertools.chain(style.DOORS, itertools.repeat(style.DOORS[-1]))
     return dict(zip(ranked, colours, strict=False)) | {None: style.DEMONSTRATION}
-
-
-def _scale(axes: Axes, shown: Learning, output: int) -> None:
-    """Give the outputs of a kind one scale, or say how much larger it is."""
-    extents = _extents(shown)
-    kind = extents[:3] if output < 3 else extents[3:]
-    span = 1.08 * float(np.ptp(kind, axis=1).max())
-    low, high = extents[output]
-    magnified = next(m for m in _MAGNIFICATIONS if m * (high - low) <= span)
-    if magnified > 1:
-        text = f"{magnified} × enlarged"
-        style.note(axes, 0.5, text, fontsize=6.0, color="0.35", ha="center")
-    middle, half = 0.5 * (low + high), 0.5 * span / magnified
-    axes.set_ylim(middle - half, middle + half)
-
-
-def _extents(shown: Learning) -> FloatArray:
-    """Least and largest value drawn of each output, (6, 2)."""
-    low, high = shown.policy.interval()
-    drawn = [demonstration.poses for demonstration in shown.recorded.demonstrations]
-    values = np.vstack([low, high, *drawn])
-    return np.stack([values.min(axis=0), values.max(axis=0)], axis=1)
-
-
-def _legend(figure: Figure, axes: Axes, radii: tuple[float | None, ...]) -> None:
-    """Name the first line of each door."""
-    entries: dict[str, Line2D] = {}
-    for line, radius in zip(axes.lines, radii, strict=True):
-        name = "unknown radius" if radius is None else f"door of {radius:.2f} m"
-        entries.setdefault(name, line)
-    style.legend_above(figure, entries)
 
 
 def caption(shown: Learning) -> str:

@@ -122,7 +122,17 @@ def draw(shown: Region) -> Figure:
     normal = dataclasses.replace(shown.policy, degrees_of_freedom=None)
     for policy, name in ((shown.policy, "σ estimated"), (normal, "σ known")):
         shade_region(axes, policy, style.BEFORE)
-        _name_region(axes, policy, name)
+        # The name stands just inside the lower edge.
+        reach = np.sqrt(squared_radius(policy.degrees_of_freedom)) * policy.std[:, Z]
+        lowest = int(np.argmin(policy.mean[:, Z] - reach))
+        axes.text(
+            policy.mean[lowest, X],
+            policy.mean[lowest, Z] - reach[lowest] + 0.015,
+            f"95 %, {name}",
+            horizontalalignment="center",
+            fontsize=6.0,
+            color=style.MARK,
+        )
     for poses in shown.skill.aligned.poses:
         axes.plot(*poses[:, PLANE].T, color=style.DEMONSTRATION, linewidth=0.6)
     axes.lines[-1].set_label("demonstrations")
@@ -134,20 +144,6 @@ def draw(shown: Region) -> Figure:
     axes.set(xlabel="$x$ [m], along the pull", ylabel="$z$ [m], across it", aspect=1)
     figure.legend(loc="outside upper center", ncols=3)
     return figure
-
-
-def _name_region(axes: Axes, policy: GaussianTrajectory, name: str) -> None:
-    """Write a region's name just inside its lower edge."""
-    reach = np.sqrt(squared_radius(policy.degrees_of_freedom)) * policy.std[:, Z]
-    lowest = int(np.argmin(policy.mean[:, Z] - reach))
-    axes.text(
-        policy.mean[lowest, X],
-        policy.mean[lowest, Z] - reach[lowest] + 0.015,
-        f"95 %, {name}",
-        horizontalalignment="center",
-        fontsize=6.0,
-        color=style.MARK,
-    )
 
 
 def shade_region(axes: Axes, policy: GaussianTrajectory, colour: str) -> None:

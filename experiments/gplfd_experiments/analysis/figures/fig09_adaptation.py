@@ -8,15 +8,12 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from gplfd_experiments.analysis.figures import style
+from gplfd_experiments.analysis.figures.hindsight import Opening, reviewed
 from gplfd_experiments.analysis.figures.material import Material
-from gplfd_experiments.analysis.figures.opening import Opening, reviewed
-from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.registry.catalogue import make_agent
 
 TITLE: Final = "Adaptation while the door opens"
@@ -39,13 +36,44 @@ def draw(openings: Mapping[str, Opening]) -> Figure:
     figure = style.new_figure(style.PAGE, 4.9)
     rows = figure.subplots(3, 4, sharey="row")
     shown = openings[SHOWN]
+    # Rows of the motion in the order of their phase, which may step back a little.
+    motion = np.arange(shown.log.times.size)[shown.motion]
+    order = motion[np.argsort(shown.log.observed_phase[motion], kind="stable")]
+    phases = shown.log.observed_phase[order]
     for row, output in zip(rows, _OUTPUTS, strict=False):
         for panel, stage, phase in zip(row, shown.stages, _STAGES, strict=False):
-            _draw_stage(panel, shown, stage, phase, output)
-        _draw_predictions(row[3], shown, output)
+            panel.axvspan(0.0, phase, color=style.SEEN, linewidth=0.0, zorder=0)
+            before, after = style.BEFORE, style.ADAPTED
+            style.mean_and_interval(
+                panel, shown.initial, output, before, linestyle="--"
+            )
+            style.mean_and_interval(panel, stage, output, after)
+        for prediction, colour, line in (
+            (shown.fixed, style.BEFORE, "--"),
+            (shown.adaptive, style.ADAPTED, "-"),
+        ):
+            low, high = (bound[order, output] for bound in prediction.interval())
+            style.band(row[3], phases, low, high, colour)
+            mean = prediction.mean[order, output]
+            row[3].plot(phases, mean, color=colour, linestyle=line)
+        for panel in row:
+            panel.plot(
+                phases,
+                shown.log.handle_pose[order, output],
+                color=style.TRUTH,
+                linewidth=1.0,
+                linestyle=_DOTTED,
+                zorder=4,
+            )
         row[0].set_ylabel(f"${_OUTPUTS[output]}$ [m]")
     for panel, opening in zip(rows[2], openings.values(), strict=True):
-        _draw_errors(panel, opening)
+        adaptive, fixed = opening.errors()
+        phases = opening.log.observed_phase[opening.motion]
+        order = np.argsort(phases, kind="stable")
+        for errors, colour in ((fixed, style.BEFORE), (adaptive, style.ADAPTED)):
+            for output, line in zip(_OUTPUTS, ("-", ":"), strict=True):
+                curve = phases[order], errors[order, output]
+                panel.semilogy(*curve, color=colour, linestyle=line, linewidth=0.8)
     rows[2, 0].set_ylabel(r"$E[ε^2]$ [m²]")
     titles = [f"via-points to phase {phase}" for phase in _STAGES]
     titles += ["one step ahead"]
@@ -68,59 +96,6 @@ def draw(openings: Mapping[str, Opening]) -> Figure:
         },
     )
     return figure
-
-
-def _draw_stage(
-    axes: Axes, opening: Opening, stage: GaussianTrajectory, phase: float, output: int
-) -> None:
-    axes.axvspan(0.0, phase, color=style.SEEN, linewidth=0.0, zorder=0)
-    initial = opening.initial
-    style.mean_and_interval(axes, initial, output, style.BEFORE, linestyle="--")
-    style.mean_and_interval(axes, stage, output, style.ADAPTED)
-    _draw_truth(axes, opening, output)
-
-
-def _draw_predictions(axes: Axes, opening: Opening, output: int) -> None:
-    order = _by_phase(opening)
-    phases = opening.log.observed_phase[order]
-    for prediction, colour, line in (
-        (opening.fixed, style.BEFORE, "--"),
-        (opening.adaptive, style.ADAPTED, "-"),
-    ):
-        low, high = (bound[order, output] for bound in prediction.interval())
-        style.band(axes, phases, low, high, colour)
-        mean = prediction.mean[order, output]
-        axes.plot(phases, mean, color=colour, linestyle=line)
-    _draw_truth(axes, opening, output)
-
-
-def _draw_truth(axes: Axes, opening: Opening, output: int) -> None:
-    order = _by_phase(opening)
-    axes.plot(
-        opening.log.observed_phase[order],
-        opening.log.handle_pose[order, output],
-        color=style.TRUTH,
-        linewidth=1.0,
-        linestyle=_DOTTED,
-        zorder=4,
-    )
-
-
-def _by_phase(opening: Opening) -> NDArray[np.intp]:
-    """Rows of the motion in the order of their phase, which may step back a little."""
-    rows = np.arange(opening.log.times.size)[opening.motion]
-    order = np.argsort(opening.log.observed_phase[rows], kind="stable")
-    return rows[order]
-
-
-def _draw_errors(axes: Axes, opening: Opening) -> None:
-    adaptive, fixed = opening.errors()
-    phases = opening.log.observed_phase[opening.motion]
-    order = np.argsort(phases, kind="stable")
-    for errors, colour in ((fixed, style.BEFORE), (adaptive, style.ADAPTED)):
-        for output, line in zip(_OUTPUTS, ("-", ":"), strict=True):
-            shown = phases[order], errors[order, output]
-            axes.semilogy(*shown, color=colour, linestyle=line, linewidth=0.8)
 
 
 def caption(openings: Mapping[str, Opening]) -> str:

@@ -9,13 +9,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.figures.episodes import POLICY
-from gplfd_experiments.analysis.figures.material import Material
+from gplfd_experiments.analysis.figures.material import POLICY, Material
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import CompliantAgent
@@ -81,20 +79,20 @@ def stability(log: EpisodeLog, profile: StiffnessProfile) -> Stability:
     wished = profile.stiffness(log.std)
     bound = log.stability_margin + log.stiffness_rate
     fixed_rate = np.diff(fixed, axis=0, prepend=fixed[:1]) / log.dt
+
+    def least(bound: FloatArray) -> float:
+        return float(min(bound[output] for output in AXES))
+
     return Stability(
         log=log,
         fall=-log.std_rate,
         fixed_stiffness=profile.stiffness(fixed),
         fixed_fall=-fixed_rate,
-        tight=_least(uncertainty_fall_bound(profile, DEFAULT_DYNAMICS)),
-        printed=_least(printed_uncertainty_fall_bound(profile, DEFAULT_DYNAMICS)),
+        tight=least(uncertainty_fall_bound(profile, DEFAULT_DYNAMICS)),
+        printed=least(printed_uncertainty_fall_bound(profile, DEFAULT_DYNAMICS)),
         used=log.stiffness_rate / bound,
         governed=wished - log.stiffness > _INTERVENTION,
     )
-
-
-def _least(bound: FloatArray) -> float:
-    return float(min(bound[output] for output in AXES))
 
 
 def draw(shown: Mapping[str, Stability]) -> Figure:
@@ -103,12 +101,32 @@ def draw(shown: Mapping[str, Stability]) -> Figure:
     rows = figure.subplots(3, len(shown), sharex="col", sharey="row", squeeze=False)
     titles = []
     for column, (door, one) in zip(rows.T, shown.items(), strict=True):
-        _draw_stiffness(column[0], one)
-        _draw_fall(column[1], one)
-        _draw_use(column[2], one)
+        stiffness, fall, use = column
+        times = one.log.times
+        for output, (_, colour) in AXES.items():
+            fixed, own = one.fixed_stiffness[:, output], one.log.stiffness[:, output]
+            stiffness.plot(times, fixed, color=colour, linestyle="--", linewidth=0.8)
+            stiffness.plot(times, own, color=colour)
+            # A dot per control step: between them there is nothing.
+            fall.plot(times, one.fall[:, output], color=colour, **_DOT)
+            use.plot(times, one.used[:, output], color=colour, **_DOT)
+        stiffness.set_ylim(0.0, 540.0)
+
+        fall.axhline(one.tight, color=style.LIMIT)
+        fall.axhline(one.printed, color=style.LIMIT, linestyle=":")
+        # The drop at the first via-point may be fifty times the bound.
+        fall.set_yscale("symlog", linthresh=_LINEAR, linscale=1.2)
+        fall.set_yticks(_TICKS, [f"{tick:g}" for tick in _TICKS])
+        fall.minorticks_off()
+
+        use.axhline(1.0, color=style.LIMIT)
+        for output in AXES:
+            governed = one.governed[:, output]
+            marked = times[governed], one.used[governed, output]
+            use.plot(*marked, color=style.LIMIT, **_MARK)
+        use.set(xlabel="time [s]", xlim=(0.0, float(times[-1])))
         titles += [f"stiffness, {door} door"]
         titles += ["fall of the uncertainty", "rate of the stiffness"]
-        column[2].set(xlabel="time [s]", xlim=(0.0, float(one.log.times[-1])))
     style.name_panels(rows.T.flat, titles)
     rows[0, 0].set_ylabel("$k_p$ [N/m]")
     rows[1, 0].set_ylabel(r"$-\mathrm{d}σ/\mathrm{d}t$ [m/s]")
@@ -124,39 +142,6 @@ def draw(shown: Mapping[str, Stability]) -> Figure:
         },
     )
     return figure
-
-
-def _draw_stiffness(axes: Axes, one: Stability) -> None:
-    for output, (_, colour) in AXES.items():
-        fixed = one.fixed_stiffness[:, output]
-        axes.plot(one.log.times, fixed, color=colour, linestyle="--", linewidth=0.8)
-        axes.plot(one.log.times, one.log.stiffness[:, output], color=colour)
-    axes.set_ylim(0.0, 540.0)
-
-
-def _draw_fall(axes: Axes, one: Stability) -> None:
-    _dots(axes, one, one.fall)
-    axes.axhline(one.tight, color=style.LIMIT)
-    axes.axhline(one.printed, color=style.LIMIT, linestyle=":")
-    # The drop at the first via-point may be fifty times the bound.
-    axes.set_yscale("symlog", linthresh=_LINEAR, linscale=1.2)
-    axes.set_yticks(_TICKS, [f"{tick:g}" for tick in _TICKS])
-    axes.minorticks_off()
-
-
-def _draw_use(axes: Axes, one: Stability) -> None:
-    _dots(axes, one, one.used)
-    axes.axhline(1.0, color=style.LIMIT)
-    for output in AXES:
-        governed = one.governed[:, output]
-        marked = one.log.times[governed], one.used[governed, output]
-        axes.plot(*marked, color=style.LIMIT, **_MARK)
-
-
-def _dots(axes: Axes, one: Stability, values: FloatArray) -> None:
-    """One dot per control step: between them there is nothing."""
-    for output, (_, colour) in AXES.items():
-        axes.plot(one.log.times, values[:, output], color=colour, **_DOT)
 
 
 def caption(shown: Mapping[str, Stability]) -> str:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -84,34 +83,31 @@ def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
     """
     wanted = [share * float(log.door_angle.max()) for share in SHARES]
     rows = [int(np.argmax(log.door_angle >= angle)) for angle in wanted]
+    reached, first = np.unique(
+        np.maximum.accumulate(log.observed_phase), return_index=True
+    )
+
+    def forecasts(agent: Agent) -> Iterator[Forecast]:
+        for row, decision in enumerate(decisions(log, agent)):
+            if row in rows:
+                policy = expectation(agent)
+                rest = policy[policy.times > float(decision.observed_phase)]
+                # As far as the episode reached.
+                to_come = rest.times[rest.times <= reached[-1]]
+                truth = np.column_stack(
+                    [
+                        np.interp(to_come, reached, column)
+                        for column in log.handle_pose[first].T
+                    ]
+                )
+                yield Forecast(rest=rest, truth=truth)
+            if row == rows[-1]:
+                return
+
     return Forecasts(
         log=log,
         phases=tuple(float(log.observed_phase[row]) for row in rows),
-        by_form={
-            name: tuple(_forecasts(log, agent, rows)) for name, agent in agents.items()
-        },
-    )
-
-
-def _forecasts(log: EpisodeLog, agent: Agent, rows: list[int]) -> Iterator[Forecast]:
-    """One form's forecasts after the observations of some rows."""
-    for row, decision in enumerate(decisions(log, agent)):
-        if row in rows:
-            policy = expectation(agent)
-            rest = policy[policy.times > float(decision.observed_phase)]
-            yield Forecast(rest=rest, truth=_truth(log, rest.times))
-        if row == rows[-1]:
-            return
-
-
-def _truth(log: EpisodeLog, phases: FloatArray) -> FloatArray:
-    """True poses of the handle at phases, as far as the episode reached, (M', 6)."""
-    reached, rows = np.unique(
-        np.maximum.accumulate(log.observed_phase), return_index=True
-    )
-    wanted = phases[phases <= reached[-1]]
-    return np.column_stack(
-        [np.interp(wanted, reached, column) for column in log.handle_pose[rows].T]
+        by_form={name: tuple(forecasts(agent)) for name, agent in agents.items()},
     )
 
 
@@ -126,8 +122,15 @@ def draw(openings: Mapping[str, Forecasts]) -> Figure:
     for index, share in enumerate(SHARES):
         for panel, (name, form) in zip(rows[index], FORMS.items(), strict=True):
             forecast = shown.by_form[name][index]
-            _draw_forecast(panel, forecast, path, share)
-            titles.append(f"{form}: {_score(forecast)}")
+            shade_region(panel, forecast.rest, style.ADAPTED)
+            seen = round(share * (len(path) - 1)) + 1
+            panel.plot(*path[:seen].T, color=style.TRUTH, linewidth=2.4)
+            panel.plot(*path.T, color=style.TRUTH, linewidth=1.2)
+            mean = forecast.rest.mean[:, PLANE]
+            panel.plot(*mean.T, color=style.ADAPTED, linestyle="--")
+            panel.set_aspect("equal")
+            error, inside = 1e3 * forecast.rms_error(), 100.0 * forecast.coverage()
+            titles.append(f"{form}: {error:.0f} mm off, {inside:.0f} % inside")
         rows[index, 0].set_ylabel(f"after {100.0 * share:.0f} %\n$z$ [m]")
     style.name_panels(rows.flat, titles)
     for panel in rows[-1]:
@@ -142,22 +145,6 @@ def draw(openings: Mapping[str, Forecasts]) -> Figure:
         },
     )
     return figure
-
-
-def _draw_forecast(
-    axes: Axes, forecast: Forecast, path: FloatArray, share: float
-) -> None:
-    shade_region(axes, forecast.rest, style.ADAPTED)
-    seen = round(share * (len(path) - 1)) + 1
-    axes.plot(*path[:seen].T, color=style.TRUTH, linewidth=2.4)
-    axes.plot(*path.T, color=style.TRUTH, linewidth=1.2)
-    axes.plot(*forecast.rest.mean[:, PLANE].T, color=style.ADAPTED, linestyle="--")
-    axes.set_aspect("equal")
-
-
-def _score(forecast: Forecast) -> str:
-    error, inside = 1e3 * forecast.rms_error(), 100.0 * forecast.coverage()
-    return f"{error:.0f} mm off, {inside:.0f} % inside"
 
 
 def caption(openings: Mapping[str, Forecasts]) -> str:

@@ -81,22 +81,19 @@ def shelf_motions(
     The hand moves forward and up at once, so that the way to a high shelf passes near
     a lower one.
     """
-    return tuple(
-        _shelf_motion(level, child)
-        for level, level_rng in zip(levels, rng.spawn(len(levels)), strict=True)
-        for child in level_rng.spawn(per_level)
-    )
-
-
-def _shelf_motion(level: float, rng: np.random.Generator) -> ShelfMotion:
-    duration = rng.uniform(2.5, 5.0)
-    times = np.arange(round(duration * _RATE) + 1) / _RATE
-    progress = minimum_jerk(uneven_timing(times / times[-1], 0.6, rng))
-    poses = 0.002 * smooth_functions(times, 0.8, 6, rng)
-    poses[:, 0] += 0.15 * progress
-    poses[:, HEIGHT] += level * progress + 0.02 * np.sin(np.pi * progress)
-    return ShelfMotion(
-        level=level,
-        demonstration=Demonstration(times=times, poses=poses),
-        progress=progress,
-    )
+    motions = []
+    for level, level_rng in zip(levels, rng.spawn(len(levels)), strict=True):
+        for own in level_rng.spawn(per_level):
+            duration = own.uniform(2.5, 5.0)
+            times = np.arange(round(duration * _RATE) + 1) / _RATE
+            progress = minimum_jerk(uneven_timing(times / times[-1], 0.6, own))
+            poses = 0.002 * smooth_functions(times, 0.8, 6, own)
+            poses[:, 0] += 0.15 * progress
+            poses[:, HEIGHT] += level * progress + 0.02 * np.sin(np.pi * progress)
+            motion = ShelfMotion(
+                level=level,
+                demonstration=Demonstration(times=times, poses=poses),
+                progress=progress,
+            )
+            motions.append(motion)
+    return tuple(motions)

@@ -1,4 +1,4 @@
-"""A page as a value: what it says, whether HTML or Markdown writes it.
+"""The content of a report, which `writing` writes as HTML and as Markdown.
 
 Texts may hold ``**bold**``, ```code```, ``[links](address)`` and backslashes before
 characters that are none of these marks; everything else is shown as it stands. What

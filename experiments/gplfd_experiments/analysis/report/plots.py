@@ -1,25 +1,16 @@
-"""Plots of a study."""
+"""Plots of a study: a panel per policy on common axes, and rows of dots."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import attrgetter
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.report.panels import (
-    BAR,
-    DOTS,
-    FAINT,
-    line,
-    log_scale,
-    say,
-    short,
-    small_multiples,
-)
 from gplfd_experiments.analysis.results.grouping import Runs, door_name, grouped
 from gplfd_experiments.analysis.results.measures import (
     ADA_FORCE,
@@ -42,19 +33,43 @@ LeftOut = LearningTestResult | RecordedResult
 LEVELS: Final = (50, 90, 95)
 """Nominal coverages with a measured one [%]."""
 
+Draw = Callable[[Axes, str, str], None]
+"""Draws a policy into a panel in a colour; `_FAINT` for the reference in others."""
+
+_FAINT: Final = "#c9b3dd"
+_BAR: Final[Mapping[str, Any]] = {"linewidth": 2.6, "alpha": 0.3, "zorder": 2}
+"""How an interval looks."""
+_DOTS: Final[Mapping[str, Any]] = {
+    "marker": "o",
+    "linestyle": "none",
+    "ms": 1.8,
+    "mew": 0,
+    "alpha": 0.35,
+    "zorder": 2,
+}
+"""How single episodes look."""
+
+_FEWEST: Final = 3
+_MOST: Final = 5
+"""Panels in a row."""
+_ROW: Final = 1.35
+_MARGIN: Final = 0.55
+_LONGEST: Final = 26
+"""Characters of a name that fit above a panel."""
+
 
 def success_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the rate of doors opened to 60 degrees over the handle's radius."""
 
     def draw(axes: Axes, policy: str, tint: str) -> None:
         radii, rates = [], []
-        for radius, own in _by_radius(runs[policy]):
+        for radius, own in _doors(runs[policy]):
             rate = success_rate((one.task.seed, one.opened()) for one in own)
             radii.append(radius)
             rates.append(rate.successes / rate.trials)
-            if tint != FAINT:
-                axes.plot([radius] * 2, [rate.low, rate.high], color=tint, **BAR)
-        axes.plot(radii, rates, **line(tint))
+            if tint != _FAINT:
+                axes.plot([radius] * 2, [rate.low, rate.high], color=tint, **_BAR)
+        axes.plot(radii, rates, **_line(tint))
 
     def prepare(axes: Axes) -> None:
         _radius_axis(axes, runs)
@@ -62,7 +77,7 @@ def success_by_radius(runs: Runs, reference: str) -> Figure:
         axes.set_yticks([0.0, 0.5, 1.0])
 
     labels = ("radius [m]", "opened to 60°")
-    return small_multiples(runs, reference, draw, prepare, *labels)
+    return _small_multiples(runs, reference, draw, prepare, *labels)
 
 
 def force_by_radius(runs: Runs, reference: str) -> Figure:
@@ -71,17 +86,17 @@ def force_by_radius(runs: Runs, reference: str) -> Figure:
 
     def draw(axes: Axes, policy: str, tint: str) -> None:
         points, middles = [], []
-        for radius, own in _by_radius(runs[policy]):
+        for radius, own in _doors(runs[policy]):
             forces = [force for one in own if (force := measure.of(one)) is not None]
             points += [(radius, force) for force in forces]
             if forces:
                 middles.append((radius, median(forces)))
-        if middles and tint != FAINT:
-            axes.plot(*zip(*points, strict=True), color=tint, **DOTS)
+        if middles and tint != _FAINT:
+            axes.plot(*zip(*points, strict=True), color=tint, **_DOTS)
         if middles:
-            axes.plot(*zip(*middles, strict=True), **line(tint))
-        elif tint != FAINT:
-            say(axes, "none opened")
+            axes.plot(*zip(*middles, strict=True), **_line(tint))
+        elif tint != _FAINT:
+            _say(axes, "none opened")
 
     def prepare(axes: Axes) -> None:
         _radius_axis(axes, runs)
@@ -89,7 +104,7 @@ def force_by_radius(runs: Runs, reference: str) -> Figure:
         log_scale(axes, "y")
 
     labels = ("radius [m]", "peak radial force [N]")
-    return small_multiples(runs, reference, draw, prepare, *labels)
+    return _small_multiples(runs, reference, draw, prepare, *labels)
 
 
 def forecast_by_progress(runs: Runs, reference: str) -> Figure:
@@ -107,11 +122,11 @@ def forecast_by_progress(runs: Runs, reference: str) -> Figure:
             low, middle, high = np.transpose(
                 [np.percentile(errors[at], (25, 50, 75)) for at in steps]
             )
-            if tint != FAINT:
+            if tint != _FAINT:
                 style.band(axes, np.array(steps), low, high, tint)
-            axes.plot(steps, middle, **line(tint))
-        elif tint != FAINT:
-            say(axes, "no forecast")
+            axes.plot(steps, middle, **_line(tint))
+        elif tint != _FAINT:
+            _say(axes, "no forecast")
 
     def prepare(axes: Axes) -> None:
         axes.set_xlim(0.0, 1.0)
@@ -119,7 +134,7 @@ def forecast_by_progress(runs: Runs, reference: str) -> Figure:
         log_scale(axes, "y")
 
     labels = ("door angle / final angle", "error [mm]")
-    return small_multiples(runs, reference, draw, prepare, *labels)
+    return _small_multiples(runs, reference, draw, prepare, *labels)
 
 
 def coverage(runs: Mapping[str, Sequence[LeftOut]], reference: str) -> Figure:
@@ -132,9 +147,9 @@ def coverage(runs: Mapping[str, Sequence[LeftOut]], reference: str) -> Figure:
         }
         points = [point for point in measured.items() if point[1] is not None]
         if points:
-            axes.plot(*zip(*points, strict=True), **line(tint))
-        elif tint != FAINT:
-            say(axes, "no uncertainty")
+            axes.plot(*zip(*points, strict=True), **_line(tint))
+        elif tint != _FAINT:
+            _say(axes, "no uncertainty")
 
     def prepare(axes: Axes) -> None:
         axes.plot([0.0, 1.0], [0.0, 1.0], color=style.MARK, linewidth=0.7)
@@ -144,7 +159,7 @@ def coverage(runs: Mapping[str, Sequence[LeftOut]], reference: str) -> Figure:
         axes.set_yticks([0.0, 0.5, 1.0])
 
     labels = ("nominal share", "measured share")
-    return small_multiples(runs, reference, draw, prepare, *labels)
+    return _small_multiples(runs, reference, draw, prepare, *labels)
 
 
 def prediction_scores(runs: Mapping[str, Sequence[LeftOut]]) -> Figure:
@@ -167,7 +182,12 @@ def prediction_scores(runs: Mapping[str, Sequence[LeftOut]]) -> Figure:
             for kind in kinds:
                 own = (one for one in runs[policy] if _left_out(one) == kind)
                 values = [value for value in map(measure.of, own) if value is not None]
-                _row_of_dots(axes, row + lifts[kind], values, tints[kind])
+                if values:
+                    height, tint = row + lifts[kind], tints[kind]
+                    look = {"ms": 2.2, "color": tint, "alpha": 0.35, "mew": 0}
+                    axes.plot(values, [height] * len(values), "o", **look)
+                    middle = [float(np.median(values))]
+                    axes.plot(middle, [height], "|", ms=8, mew=1.8, color=tint)
         axes.set_xlabel(measure.title)
         axes.set_yticks(range(len(order)), labels=map(short, order), parse_math=False)
         axes.grid(axis="y", color="#e6e9ee", linewidth=0.5)
@@ -183,19 +203,11 @@ def _left_out(one: LeftOut) -> str:
     return one.task.held_out if isinstance(one, LearningTestResult) else "recording"
 
 
-def _row_of_dots(axes: Axes, height: float, values: Sequence[float], tint: str) -> None:
-    if not values:
-        return
-    look: dict[str, Any] = {"ms": 2.2, "color": tint, "alpha": 0.35, "mew": 0}
-    axes.plot(values, [height] * len(values), "o", **look)
-    axes.plot([float(np.median(values))], [height], "|", ms=8, mew=1.8, color=tint)
-
-
-def _by_radius(
+def _doors(
     own: Sequence[EpisodeResult],
 ) -> list[tuple[float, list[EpisodeResult]]]:
     """Return episodes on standard doors by mean radius, a group per door."""
-    standard = (one for one in own if one.kind != NON_STANDARD or one.drawn)
+    standard = (one for one in own if one.split != NON_STANDARD or one.drawn)
     doors = grouped(sorted(standard, key=attrgetter("radius")), door_name)
     return [
         (sum(one.radius for one in here) / len(here), here) for here in doors.values()
@@ -209,3 +221,65 @@ def _radius_axis(axes: Axes, runs: Runs) -> None:
     for radius in DEMONSTRATED_RADII:
         axes.axvspan(radius - 0.008, radius + 0.008, color=style.SEEN, linewidth=0)
     axes.set_xticks(DEMONSTRATED_RADII, labels=[f"{r:g}" for r in DEMONSTRATED_RADII])
+
+
+def _small_multiples(
+    policies: Iterable[str],
+    reference: str,
+    draw: Draw,
+    prepare: Callable[[Axes], None],
+    x: str,
+    y: str,
+) -> Figure:
+    """Draw a panel per policy, the reference's curve faintly behind the others."""
+    shown = list(policies)
+    n_rows = -(-len(shown) // _MOST)
+    columns = max(_FEWEST, -(-len(shown) // n_rows))
+    figure = style.new_figure(style.PAGE, _ROW * n_rows + _MARGIN)
+    grid = figure.subplots(n_rows, columns, sharex=True, sharey=True, squeeze=False)
+    for axes in grid.flat[len(shown) :]:
+        axes.set_visible(False)
+    for place, (axes, policy) in enumerate(zip(grid.flat, shown, strict=False)):
+        prepare(axes)
+        if policy != reference and reference in shown:
+            draw(axes, reference, _FAINT)
+        tint = style.ADAPTED if policy == reference else style.DOORS[1]
+        draw(axes, policy, tint)
+        axes.set_title(short(policy), loc="left", color=tint, parse_math=False)
+        if place + columns >= len(shown):
+            axes.tick_params(labelbottom=True)
+    figure.supxlabel(x, fontsize=7.0)
+    figure.supylabel(y, fontsize=7.0)
+    return figure
+
+
+def short(policy: str) -> str:
+    """Return a name, or as much of its end as fits above a panel."""
+    return policy if len(policy) <= _LONGEST else f"…{policy[1 - _LONGEST :]}"
+
+
+def log_scale(axes: Axes, which: Literal["x", "y"]) -> None:
+    """Set a logarithmic axis with ticks at 1, 3, 10, 30 ... as plain numbers."""
+    axes.set(**{f"{which}scale": "log"})
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    axis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.set_minor_locator(NullLocator())
+
+
+def _line(tint: str) -> dict[str, Any]:
+    """Return how a curve through points looks."""
+    if tint == _FAINT:
+        return {"color": tint, "linewidth": 2.2, "zorder": 1.5}
+    return {"color": tint, "marker": "o", "ms": 2.6, "zorder": 3}
+
+
+def _say(axes: Axes, text: str) -> None:
+    """Write into the middle of a panel."""
+    look: dict[str, Any] = {
+        "ha": "center",
+        "va": "center",
+        "fontsize": 6.5,
+        "color": style.MARK,
+    }
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, **look)

@@ -9,7 +9,7 @@ from gplfd_experiments.analysis.results.measures import Measure
 from gplfd_experiments.files.table import Table
 
 Cell = Callable[[Sequence[Any]], str]
-"""Says what some results of a policy are, all of which count."""
+"""Text of a cell from the results of a policy that count."""
 
 
 def policy_table(
@@ -30,12 +30,12 @@ def policy_table(
         if len(groups) > 1:
             rows.append((f"**{title}**", *("" for _ in columns)))
         for policy, ran in counted(results).items():
-            failed = sum(bool(one.error) and not one.lost for one in results[policy])
-            lost = sum(one.lost for one in results[policy])
-            marks = [f"errors: {failed}"] * bool(failed) + [f"lost: {lost}"] * bool(
-                lost
-            )
-            name = "\n".join([code(policy), *marks])
+            name = code(policy)
+            own = results[policy]
+            if failed := sum(bool(one.error) and not one.lost for one in own):
+                name += f"\nerrors: {failed}"
+            if lost := sum(one.lost for one in own):
+                name += f"\nlost: {lost}"
             cells = (cell(ran) if ran else "–" for cell in columns.values())
             rows.append((name, *cells))
     return Table(columns=("policy", *columns), rows=tuple(rows), note=note)

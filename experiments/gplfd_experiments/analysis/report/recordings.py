@@ -1,4 +1,4 @@
-"""The recordings that a study has kept: their names, their index, and links to them."""
+"""Recordings of a study: their names, their index, and links to them."""
 
 import os
 from collections.abc import Iterable, Mapping
@@ -46,26 +46,18 @@ def trial_recording(study: Path, page: Path, trial: str) -> list[Paragraph]:
     if (link := _links(study, page).get(file)) is None:
         return []
     try:
-        about = _about_comparison(read_json(study / FOLDER / INDEX), file)
+        index = read_json(study / FOLDER / INDEX)
+        comparisons = entry(index, "comparisons", tuple[dict[str, Any], ...])
+        named = [one for one in comparisons if one.get("file") == file]
+        if not named:
+            raise ValueError(f"{INDEX} does not name {file}")
+        shown = entry(named[0], "episodes", tuple[dict[str, Any], ...])
+        said = [(code(entry(each, "policy", str)), _about(each)) for each in shown]
+        alike = len({about for _, about in said}) == 1
+        about = said[0][1] if alike else "; ".join(map(" ".join, said))
     except (OSError, ValueError) as error:
         about = f"what it shows is not known: {literal(error)}"
     return [Paragraph(text=f"Side by side: {link}, {about}.")]
-
-
-def _about_comparison(index: Mapping[str, Any], file: str) -> str:
-    """Return what the index says of a comparison: of all alike, or one by one.
-
-    Raises:
-        ValueError: It is no index, or says nothing.
-    """
-    for one in entry(index, "comparisons", tuple[dict[str, Any], ...]):
-        if one.get("file") == file:
-            shown = entry(one, "episodes", tuple[dict[str, Any], ...])
-            said = [(code(entry(each, "policy", str)), _about(each)) for each in shown]
-            if len({about for _, about in said}) == 1:
-                return said[0][1]
-            return "; ".join(f"{policy} {about}" for policy, about in said)
-    raise ValueError(f"{INDEX} does not name {file}")
 
 
 def _links(study: Path, page: Path) -> dict[str, str]:
@@ -91,21 +83,29 @@ def recording_section(study: Path, page: Path, policies: Iterable[str]) -> Secti
     if there := [links[file] for file in COMPARISONS if file in links]:
         text = f"Several policies at the same door, side by side: {', '.join(there)}."
         blocks.append(Paragraph(text=text))
-    index: Mapping[str, str] = {}
+    index: dict[str, str] = {}
     try:
-        index = _index(study / FOLDER / INDEX)
+        said = read_json(study / FOLDER / INDEX)
+        entries = entry(said, "episodes", tuple[dict[str, Any], ...])
+        index = {entry(one, "file", str): _about(one) for one in entries}
     except FileNotFoundError:
         pass
     except (OSError, ValueError) as error:
         text = f"What the recordings show is not known: {literal(error)}"
         blocks.append(Paragraph(text=text, warning=True))
-    if rows := _rows(policies, links, index):
+    rows = []
+    for policy in policies:
+        files = [recording_name(policy, rank) for rank in RANKS]
+        cells = [f"{links.get(f, '')} {index.get(f, '')}".strip() for f in files]
+        if any(cells):
+            rows.append((code(policy), *(cell or "–" for cell in cells)))
+    if rows:
         note = (
             "Ordered by success, then peak radial force, then final angle. Open one "
             "with `gplfd view FILE`."
         )
-        table = Table(columns=("policy", *RANKS), rows=rows, note=note, left=True)
-        blocks.append(table)
+        columns = ("policy", *RANKS)
+        blocks.append(Table(columns=columns, rows=tuple(rows), note=note, left=True))
     if not blocks:
         text = (
             "Those of trials are linked in their sections."
@@ -114,29 +114,6 @@ def recording_section(study: Path, page: Path, policies: Iterable[str]) -> Secti
         )
         blocks.append(Paragraph(text=text))
     return Section(title="Recordings", anchor="recordings", blocks=tuple(blocks))
-
-
-def _rows(
-    policies: Iterable[str], links: Mapping[str, str], index: Mapping[str, str]
-) -> tuple[tuple[str, ...], ...]:
-    rows = []
-    for policy in policies:
-        files = [recording_name(policy, rank) for rank in RANKS]
-        cells = [f"{links.get(f, '')} {index.get(f, '')}".strip() for f in files]
-        if any(cells):
-            rows.append((code(policy), *(cell or "–" for cell in cells)))
-    return tuple(rows)
-
-
-def _index(path: Path) -> Mapping[str, str]:
-    """Return what the index says of each file.
-
-    Raises:
-        OSError: It cannot be read.
-        ValueError: It is no index.
-    """
-    entries = entry(read_json(path), "episodes", tuple[dict[str, Any], ...])
-    return {entry(one, "file", str): _about(one) for one in entries}
 
 
 def _about(one: Mapping[str, Any]) -> str:

@@ -36,73 +36,62 @@ _TINY: Final = 1e-3
 
 Metrics = dict[str, list[Mapping[str, Any]]]
 """Those of every learning test, by policy."""
+Marks = Mapping[str, Mapping[str, Mark]]
+"""By row of the table and policy."""
 
 
 def table_one_section(tests: Sequence[LearningTestResult]) -> Section:
     """The paper's rows and methods, our marks, and where the two disagree."""
-    return Section(
-        title="Table 1 of the paper, measured",
-        anchor="table-1",
-        blocks=tuple(_blocks(tests)),
-    )
-
-
-def _blocks(tests: Sequence[LearningTestResult]) -> list[Block]:
     own = dict.fromkeys(one.policy for one in tests if one.policy_source)
     measured, tuned = _measured(tests, (*TABLE_1, *own)), _measured(tests, _TUNED)
+    blocks: list[Block] = []
     if not measured:
-        return [
-            Paragraph(
-                text="No policy of the paper's Table 1 has a learning test with a "
-                "result in this study, so there is no number behind any mark."
-            )
-        ]
-    missing = [policy for policy in TABLE_1 if policy not in measured]
-    note = (
-        "✓ and ✗: whether the number earns the mark by the limits below; where the "
-        "paper says otherwise, its own mark is given. Means over "
-        f"{max(map(len, measured.values()))} learning tests. "
-        "The paper's column GP is `local-gp` and `wishart-gp`, its last one `gp-paper` "
-        "to the letter and `gp` as developed here."
-    )
-    if missing:
-        note += f" Not in this study, or only with errors: {names(missing)}."
-    marks = _marks(measured)
-    blocks: list[Block] = [
-        Details(title="Marks with their numbers", table=_table(marks, note)),
-        Paragraph(text=_summary(marks)),
-        Items(texts=tuple(_explained(CRITERIA[row], marks[row]) for row in CRITERIA)),
-    ]
-    if tuned:
-        note = "The same with the settings that `gplfd tune` found for each method."
-        table = _table(_marks(tuned), note)
-        blocks.append(Details(title="Marks of the tuned methods", table=table))
-    return blocks
-
-
-def _marks(measured: Metrics) -> dict[str, dict[str, Mark]]:
-    return {
-        row: {policy: mark(row, own) for policy, own in measured.items()}
-        for row in CRITERIA
-    }
-
-
-def _table(marks: Mapping[str, Mapping[str, Mark]], note: str) -> Table:
-    rows = tuple(
-        (
-            f"{row}\n{_limit(criterion)}",
-            *(_cell(criterion, policy, found) for policy, found in marks[row].items()),
+        text = (
+            "No policy of the paper's Table 1 has a learning test with a result in "
+            "this study, so there is no number behind any mark."
         )
-        for row, criterion in CRITERIA.items()
-    )
-    policies = next(iter(marks.values()))
-    return Table(columns=("", *map(code, policies)), rows=rows, note=note)
+        blocks.append(Paragraph(text=text))
+    else:
+        note = (
+            "✓ and ✗: whether the number earns the mark by the limits below; where the "
+            "paper says otherwise, its own mark is given. Means over "
+            f"{max(map(len, measured.values()))} learning tests. "
+            "The paper's column GP is `local-gp` and `wishart-gp`, its last one "
+            "`gp-paper` to the letter and `gp` as developed here."
+        )
+        if missing := [policy for policy in TABLE_1 if policy not in measured]:
+            note += f" Not in this study, or only with errors: {names(missing)}."
+        marks = _marks(measured)
+        judged = [
+            _disagrees(CRITERIA[row], policy, found)
+            for row, own_marks in marks.items()
+            for policy, found in own_marks.items()
+            if found.passed is not None and policy in TABLE_1
+        ]
+        text = (
+            f"Measurement and paper disagree in {sum(judged)} of {len(judged)} marks. "
+            "The paper judges what was published about a method; here one "
+            "implementation of it is measured on one task."
+        )
+        blocks.append(
+            Details(title="Marks with their numbers", table=_table(marks, note))
+        )
+        blocks.append(Paragraph(text=text))
+        explained = tuple(_explained(CRITERIA[row], marks[row]) for row in CRITERIA)
+        blocks.append(Items(texts=explained))
+        if tuned:
+            note = "The same with the settings that `gplfd tune` found for each method."
+            table = _table(_marks(tuned), note)
+            blocks.append(Details(title="Marks of the tuned methods", table=table))
+    title = "Table 1 of the paper, measured"
+    return Section(title=title, anchor="table-1", blocks=tuple(blocks))
 
 
 def _measured(tests: Sequence[LearningTestResult], shown: Sequence[str]) -> Metrics:
     """Metrics of some policies under the standard condition."""
-    ran = [one for one in tests if not one.error]
-    conditions = by_condition(one for one in ran if one.policy in shown)
+    conditions = by_condition(
+        one for one in tests if not one.error and one.policy in shown
+    )
     standard = by_policy(next(iter(conditions.values()), []))
     return {
         policy: [one.metrics for one in standard[policy]]
@@ -111,26 +100,35 @@ def _measured(tests: Sequence[LearningTestResult], shown: Sequence[str]) -> Metr
     }
 
 
-def _cell(criterion: Criterion, policy: str, found: Mark) -> str:
-    number = "" if found.value is None else f" {_number(found.value)}"
-    text = f"{_SIGN[found.passed]}{number}"
-    if _disagrees(criterion, policy, found):
-        text = f"**{text}**\n(paper {_SIGN[policy in criterion.paper]})"
-    return text
+def _marks(measured: Metrics) -> Marks:
+    return {
+        row: {policy: mark(row, own) for policy, own in measured.items()}
+        for row in CRITERIA
+    }
 
 
-def _number(value: float) -> str:
-    if 0.0 < abs(value) < _TINY:
-        return f"< {_TINY:g}" if value > 0.0 else f"> −{_TINY:g}"
-    return f"{value:.3g}".replace("-", "−")
+def _table(marks: Marks, note: str) -> Table:
+    """Return a row per criterion with a mark and a number per policy."""
 
+    def cell(criterion: Criterion, policy: str, found: Mark) -> str:
+        text, value = _SIGN[found.passed], found.value
+        if value is not None and 0.0 < abs(value) < _TINY:
+            text += f" < {_TINY:g}" if value > 0.0 else f" > −{_TINY:g}"
+        elif value is not None:
+            text += f" {value:.3g}".replace("-", "−")
+        if _disagrees(criterion, policy, found):
+            text = f"**{text}**\n(paper {_SIGN[policy in criterion.paper]})"
+        return text
 
-def _limit(criterion: Criterion) -> str:
-    """What the number of a row is, and what it must be."""
-    limit = criterion.limits[0]
-    if limit.high < math.inf:
-        return f"{limit.symbol} ≤ {limit.high:g}"
-    return f"{limit.symbol} ≥ {limit.low:g}"
+    rows = []
+    for row, criterion in CRITERIA.items():
+        limit = criterion.limits[0]
+        bounded = limit.high < math.inf
+        bound = f"≤ {limit.high:g}" if bounded else f"≥ {limit.low:g}"
+        cells = (cell(criterion, *item) for item in marks[row].items())
+        rows.append((f"{row}\n{limit.symbol} {bound}", *cells))
+    policies = next(iter(marks.values()))
+    return Table(columns=("", *map(code, policies)), rows=tuple(rows), note=note)
 
 
 def _disagrees(criterion: Criterion, policy: str, found: Mark) -> bool:
@@ -138,22 +136,8 @@ def _disagrees(criterion: Criterion, policy: str, found: Mark) -> bool:
     return judged and found.passed != (policy in criterion.paper)
 
 
-def _summary(marks: Mapping[str, Mapping[str, Mark]]) -> str:
-    judged = [
-        _disagrees(CRITERIA[row], policy, found)
-        for row, own in marks.items()
-        for policy, found in own.items()
-        if found.passed is not None and policy in TABLE_1
-    ]
-    return (
-        f"Measurement and paper disagree in {sum(judged)} of {len(judged)} marks. The "
-        "paper judges what was published about a method; here one implementation of it "
-        "is measured on one task."
-    )
-
-
 def _explained(criterion: Criterion, marks: Mapping[str, Mark]) -> str:
-    """The criterion, and the numbers where the paper says otherwise."""
+    """Return the criterion, and the numbers where the paper says otherwise."""
     text = f"**{criterion.row}.** {criterion.sentence}"
     others: dict[tuple[bool | None, str], list[str]] = {}
     for policy, found in marks.items():

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.report.panels import log_scale, short
+from gplfd_experiments.analysis.report.plots import log_scale, short
 from gplfd_experiments.analysis.results.grouping import Runs
-from gplfd_experiments.analysis.results.records import EpisodeResult
+from gplfd_experiments.analysis.results.statistics import Rate, Shift
 from gplfd_experiments.analysis.results.trials import (
     Answer,
     Verdict,
@@ -71,7 +71,22 @@ def deciding_numbers(
             axes.set_title(level, loc="left", parse_math=False)
         _name_rows(axes, [short(policy) for policy in own])
         for row, (policy, episodes) in enumerate(own.items()):
-            values += _policy_row(axes, row, policy, episodes, measure)
+            found = summary(episodes, measure)
+            if found is None:
+                where = axes.get_yaxis_transform()
+                look: dict[str, Any] = {"color": style.MARK, "fontsize": 6.0}
+                axes.text(0.01, row, "no number", transform=where, va="center", **look)
+            else:
+                _, mark = _KINDS[kind_of(policy)]
+                means = seed_means(episodes, measure)
+                values += means
+                places, counts = np.unique(means, return_counts=True)
+                for count in np.unique(counts):
+                    here = places[counts == count]
+                    dot = {"ms": _DOT * math.sqrt(count), "color": mark["color"]}
+                    dot |= {"mew": 0, "alpha": 0.3, "zorder": 2}
+                    axes.plot(here, np.full(here.size, row), "o", **dot)
+                _point(axes, row, found, mark)
             if policy == reference:
                 axes.get_yticklabels()[row].set(color=style.ADAPTED, weight="bold")
                 axes.axhspan(row - 0.5, row + 0.5, color=style.SEEN, zorder=0)
@@ -91,24 +106,28 @@ def ideas(answers: Mapping[str, Sequence[Answer]]) -> Figure:
     Args:
         answers: By trial; those without a number are left out.
     """
-    groups: dict[str, list[tuple[str, Answer]]] = {name: [] for name in MEASURES}
+    groups: dict[str, list[tuple[str, Shift, Verdict]]] = {}
     for trial, own in answers.items():
         for answer in own:
             if answer.shift is not None:
                 contrast = answer.contrast
                 label = f"{trial}: {contrast.idea} ({contrast.lacking})"
-                groups[contrast.measure].append((label, answer))
-    held = {measure: rows for measure, rows in groups.items() if rows}
+                rows = groups.setdefault(contrast.measure, [])
+                rows.append((label, answer.shift, answer.verdict))
+    held = {measure: groups[measure] for measure in MEASURES if measure in groups}
     figure, panels = _stacked([len(rows) for rows in held.values()], shared=False)
     for axes, (measure, rows) in zip(panels, held.items(), strict=True):
-        rows.sort(key=lambda row: _worth(row[1]), reverse=True)
-        _name_rows(axes, [label for label, _ in rows])
-        for place, (_, answer) in enumerate(rows):
-            _answer_row(axes, place, answer)
+        # The most helpful idea first.
+        less = MEASURES[measure][1] == "less"
+        sign = -1.0 if less else 1.0
+        rows.sort(key=lambda row: sign * row[1].estimate, reverse=True)
+        _name_rows(axes, [label for label, _, _ in rows])
+        for place, (_, found, verdict) in enumerate(rows):
+            _point(axes, place, found, _VERDICTS[verdict][1])
         axes.axvline(0.0, color=style.MARK, linewidth=0.8, zorder=1)
         # Zero in the middle, and what is better to its right, in all panels.
         end = max(map(abs, axes.get_xlim()))
-        axes.set_xlim((end, -end) if MEASURES[measure][1] == "less" else (-end, end))
+        axes.set_xlim((end, -end) if less else (-end, end))
         axes.set_xlabel(f"{MEASURES[measure][0]}: with − without")
     panels[0].set_title("← worse with the idea", loc="left")
     panels[0].set_title("better with the idea →", loc="right")
@@ -116,43 +135,12 @@ def ideas(answers: Mapping[str, Sequence[Answer]]) -> Figure:
     return figure
 
 
-def _policy_row(
-    axes: Axes, row: int, policy: str, episodes: Sequence[EpisodeResult], measure: str
-) -> list[float]:
-    """Draw a policy's row; return the numbers of its seeds."""
-    found = summary(episodes, measure)
-    if found is None:
-        look: dict[str, Any] = {"color": style.MARK, "fontsize": 6.0, "va": "center"}
-        axes.text(0.01, row, "no number", transform=axes.get_yaxis_transform(), **look)
-        return []
-    _, mark = _KINDS[kind_of(policy)]
-    means = seed_means(episodes, measure)
-    places, counts = np.unique(means, return_counts=True)
-    for count in np.unique(counts):
-        here = places[counts == count]
-        dot = {"ms": _DOT * math.sqrt(count), "color": mark["color"]}
-        axes.plot(here, np.full(here.size, row), "o", mew=0, alpha=0.3, zorder=2, **dot)
-    _interval(axes, row, found.low, found.high, mark["color"])
-    axes.plot([found.estimate], [row], **_POINT, **mark)
-    return means
-
-
-def _answer_row(axes: Axes, row: int, answer: Answer) -> None:
-    _, look = _VERDICTS[answer.verdict]
-    if answer.shift is not None:
-        _interval(axes, row, answer.shift.low, answer.shift.high, look["color"])
-        axes.plot([answer.shift.estimate], [row], **_POINT, **look)
-
-
-def _interval(axes: Axes, row: int, low: float, high: float, tint: str) -> None:
-    if math.isfinite(low):
-        axes.plot([low, high], [row, row], color=tint, linewidth=1.4, zorder=3)
-
-
-def _worth(answer: Answer) -> float:
-    """Return a difference, positive where the idea helps."""
-    sign = -1.0 if MEASURES[answer.contrast.measure][1] == "less" else 1.0
-    return sign * answer.shift.estimate if answer.shift else 0.0
+def _point(axes: Axes, row: int, found: Rate | Shift, look: dict[str, Any]) -> None:
+    """Draw an estimate on its interval."""
+    if math.isfinite(found.low):
+        ends = [found.low, found.high]
+        axes.plot(ends, [row, row], color=look["color"], linewidth=1.4, zorder=3)
+    axes.plot([found.estimate], [row], **_POINT, **look)
 
 
 def _stacked(rows: Sequence[int], *, shared: bool) -> tuple[Figure, list[Axes]]:

@@ -1,6 +1,7 @@
-"""Results grouped: by condition, policy, kind of door and door."""
+"""Results grouped by condition, policy, kind of door and door."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, TypeVar
 
@@ -12,10 +13,12 @@ from gplfd_experiments.analysis.results.records import (
     TaughtResult,
 )
 from gplfd_experiments.analysis.results.statistics import Key
+from gplfd_experiments.episodes.metrics import why_closed
 from gplfd_experiments.studies.settings import Condition
 
 ResultT = TypeVar("ResultT", bound=TaskResult)
 TaughtT = TypeVar("TaughtT", bound=TaughtResult)
+GroupT = TypeVar("GroupT")
 
 Runs = Mapping[str, Sequence[EpisodeResult]]
 """Episodes by the name of their policy."""
@@ -24,36 +27,19 @@ _BAND: Final = 0.1
 """Width of a band of radii that are drawn at random [m]."""
 
 
-def conditions(episodes: Iterable[EpisodeResult]) -> dict[str, Runs]:
-    """Return ranked episodes by what they share, those with most episodes first."""
-    return {str(one): ranked(own) for one, own in by_condition(episodes).items()}
+def grouped(
+    results: Iterable[ResultT], group: Callable[[ResultT], GroupT]
+) -> dict[GroupT, list[ResultT]]:
+    """Return results by a group that each has, in the order in which groups come."""
+    groups: dict[GroupT, list[ResultT]] = {}
+    for one in results:
+        groups.setdefault(group(one), []).append(one)
+    return groups
 
 
-def ranked(episodes: Iterable[EpisodeResult]) -> Runs:
-    """Return episodes by policy: who opens most comes first, then who is gentlest.
-
-    A policy whose episodes were all lost by the machine comes last.
-    """
-    return dict(sorted(by_policy(episodes).items(), key=_rank))
-
-
-def _rank(item: tuple[str, Sequence[EpisodeResult]]) -> tuple[float, float, str]:
-    policy, own = item
-    known = [one for one in own if one.counts]
-    rate = sum(one.opened() for one in known) / len(known) if known else -1.0
-    force = EPISODE_MEASURES["force_radial_peak"].median(known)
-    return -rate, math.inf if force is None else force, policy
-
-
-def counted(results: Mapping[str, Sequence[ResultT]]) -> dict[str, list[ResultT]]:
-    """Return results by policy, those alone that count.
-
-    Episodes in which the policy raised an error count, as failures; what the machine
-    lost does not, nor a learning test that ended in an error.
-    """
-    return {
-        policy: [one for one in own if one.counts] for policy, own in results.items()
-    }
+def by_policy(results: Iterable[ResultT]) -> dict[str, list[ResultT]]:
+    """Return results by the name of their policy."""
+    return grouped(results, lambda one: one.policy)
 
 
 def by_door_kind(
@@ -67,37 +53,8 @@ def by_door_kind(
     return grouped(episodes, lambda one: one.door_kind)
 
 
-def of_kind(runs: Runs, kind: str) -> Runs:
-    """Return the episodes of one of `KINDS`, by policy."""
-    return {
-        policy: [one for one in own if one.kind == kind] for policy, own in runs.items()
-    }
-
-
-def door_name(one: EpisodeResult) -> str:
-    """Return the name of a door, with its radius.
-
-    Where radii are drawn at random, a door's name says little: those in a band of 0.1 m
-    are put together.
-    """
-    if one.drawn:
-        low = _BAND * math.floor(one.radius / _BAND + 1e-9)
-        return f"{low:.1f}–{low + _BAND:.1f} m"
-    try:
-        float(one.task.door)
-    except ValueError:
-        return f"{one.task.door} {one.radius:g}"
-    return one.task.door
-
-
-def by_policy(results: Iterable[ResultT]) -> dict[str, list[ResultT]]:
-    """Return results by the name of their policy."""
-    return grouped(results, lambda one: one.policy)
-
-
 def by_condition(results: Iterable[TaughtT]) -> dict[Condition, list[TaughtT]]:
     """Return results by what they share, those with most results first."""
-    groups = grouped(results, lambda one: one.condition)
     standing = {name: place for place, name in enumerate(RANDOMIZATIONS)}
 
     def order(item: tuple[Condition, Sequence[TaughtT]]) -> tuple[float, ...]:
@@ -111,20 +68,48 @@ def by_condition(results: Iterable[TaughtT]) -> dict[Condition, list[TaughtT]]:
             condition.demonstrations_per_door,
         )
 
+    groups = grouped(results, lambda one: one.condition)
     return dict(sorted(groups.items(), key=order))
 
 
-GroupT = TypeVar("GroupT")
+def conditions(episodes: Iterable[EpisodeResult]) -> dict[str, Runs]:
+    """Return ranked episodes by what they share, those with most episodes first."""
+    return {str(one): ranked(own) for one, own in by_condition(episodes).items()}
 
 
-def grouped(
-    results: Iterable[ResultT], group: Callable[[ResultT], GroupT]
-) -> dict[GroupT, list[ResultT]]:
-    """Return results by a group that each has, in the order in which groups come."""
-    groups: dict[GroupT, list[ResultT]] = {}
-    for one in results:
-        groups.setdefault(group(one), []).append(one)
-    return groups
+def ranked(episodes: Iterable[EpisodeResult]) -> Runs:
+    """Return episodes by policy, ordered by doors opened, then by radial force.
+
+    A policy whose episodes were all lost by the machine comes last.
+    """
+
+    def order(item: tuple[str, Sequence[EpisodeResult]]) -> tuple[float, float, str]:
+        policy, own = item
+        known = [one for one in own if one.counts]
+        rate = sum(one.opened() for one in known) / len(known) if known else -1.0
+        force = EPISODE_MEASURES["force_radial_peak"].median(known)
+        return -rate, math.inf if force is None else force, policy
+
+    return dict(sorted(by_policy(episodes).items(), key=order))
+
+
+def counted(results: Mapping[str, Sequence[ResultT]]) -> dict[str, list[ResultT]]:
+    """Return by policy the results that count.
+
+    Episodes in which the policy raised an error count, as failures; what the machine
+    lost does not, nor a learning test that ended in an error.
+    """
+    return {
+        policy: [one for one in own if one.counts] for policy, own in results.items()
+    }
+
+
+def of_split(runs: Runs, split: str) -> Runs:
+    """Return the episodes of one of `records.SPLITS`, by policy."""
+    return {
+        policy: [one for one in own if one.split == split]
+        for policy, own in runs.items()
+    }
 
 
 def numbers(
@@ -137,3 +122,34 @@ def numbers(
         }
         for policy, own in runs.items()
     }
+
+
+def door_name(one: EpisodeResult) -> str:
+    """Return the name of a door, with its radius.
+
+    Radii that are drawn at random are put together in bands of 0.1 m.
+    """
+    if one.drawn:
+        low = _BAND * math.floor(one.radius / _BAND + 1e-9)
+        return f"{low:.1f}–{low + _BAND:.1f} m"
+    try:
+        float(one.task.door)
+    except ValueError:
+        return f"{one.task.door} {one.radius:g}"
+    return one.task.door
+
+
+def closed_because(episodes: Iterable[EpisodeResult]) -> str:
+    """Count why doors stayed closed, over the episodes that count.
+
+    Returns:
+        For example ``3 × door did not move further, 1 × hand lost the handle``, the
+        most frequent first; "" where all doors were opened.
+    """
+    reasons = Counter(
+        why_closed(one.metrics["failure"], one.metrics.get("reason", ""))
+        for one in episodes
+        if one.counts and not one.solved
+    )
+    order = sorted(reasons.items(), key=lambda item: (-item[1], item[0]))
+    return ", ".join(f"{count} × {reason}" for reason, count in order)

@@ -1,4 +1,4 @@
-"""What of an episode or a learning test is compared, by the name of its metric."""
+"""Measures of episodes and learning tests that are compared, by their metrics."""
 
 import math
 import statistics
@@ -20,11 +20,11 @@ class Measure:
     metric: str
     """What it is computed from."""
     title: str
-    """Name for the head of a column, its unit in brackets at the end."""
+    """Head of a column, with the unit in brackets at the end."""
     phrase: str = ""
     """Name in a sentence, of a measure that gets one."""
     digits: int = 2
-    """Decimals that are shown."""
+    """Decimals shown."""
     convert: Callable[[float], float] = float
     """From the metric to this number."""
     if_opened: bool = False
@@ -79,14 +79,6 @@ def _thousandfold(value: float) -> float:
     return 1e3 * value
 
 
-def _opposite(value: float) -> float:
-    return -value
-
-
-def _root_in_mm(square_metres: float) -> float:
-    return 1e3 * math.sqrt(square_metres)
-
-
 def _of_opened(metric: str, title: str, phrase: str = "", digits: int = 1) -> Measure:
     return Measure(metric, title, phrase, digits, if_opened=True)
 
@@ -96,7 +88,7 @@ PREDICTION_ERROR: Final = Measure(
     "√E[ε²] [mm]",
     "prediction error √E[ε²]",
     digits=1,
-    convert=_root_in_mm,
+    convert=lambda square_metres: 1e3 * math.sqrt(square_metres),
 )
 
 WALL_TIME: Final = "latency_wall_median_ms"
@@ -156,7 +148,7 @@ LEARNING_MEASURES: Final = {
         *(Measure(f"coverage_{level}", f"inside {level} %") for level in (50, 90, 95)),
         Measure("via_error_position_m", "via-point [mm]", convert=_thousandfold),
         Measure("via_far_change", "far change [σ]"),
-        Measure("log_dimensionless_jerk", "−log jerk", convert=_opposite),
+        Measure("log_dimensionless_jerk", "−log jerk", convert=lambda value: -value),
         Measure("cpu_fit_s", "fit [s]"),
         Measure("cpu_predict_s", "predict [ms]", convert=_thousandfold),
         Measure("cpu_adapt_s", "adapt [ms]", convert=_thousandfold),
@@ -165,10 +157,10 @@ LEARNING_MEASURES: Final = {
 """Measures of learning tests by the metric of each."""
 
 
-def _forecast(share: int) -> tuple[Measure, ...]:
-    """Return the measures of a forecast after a share of a recording [%]."""
-    name, after = f"forecast_{share}", f"after {share} %"
-    return (
+RECORDED_MEASURES: Final = {
+    measure.metric: measure
+    for name, after in ((f"forecast_{n}", f"after {n} %") for n in (10, 25, 50))
+    for measure in (
         Measure(
             f"{name}_position_m",
             f"{after} [mm]",
@@ -180,10 +172,6 @@ def _forecast(share: int) -> tuple[Measure, ...]:
         Measure(f"{name}_nlpd", f"NLPD {after}", f"likelihood of the rest {after}"),
         Measure(f"{name}_coverage_95", f"inside 95 % {after}"),
     )
-
-
-RECORDED_MEASURES: Final = {
-    measure.metric: measure for share in (10, 25, 50) for measure in _forecast(share)
 }
 """Measures of forecasts of recordings by the metric of each."""
 

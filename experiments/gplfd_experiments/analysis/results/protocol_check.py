@@ -31,13 +31,30 @@ def protocol_problems(results: StudyResults) -> list[str]:
     if not trials:
         return ["there is no episode of a trial; `gplfd trials` makes them"]
     problems = [f"not a result: {reason}" for reason in results.unreadable]
-    problems += _shown_otherwise(trials)
+
+    # The demonstrations must be the protocol's.
+    known: dict[str, str] = {}
+    differing = []
+    for one in trials:
+        if one.error:
+            continue
+        if one.task.shown not in known:
+            known[one.task.shown] = demonstrations_hash(one.task)
+        if one.demonstrations != known[one.task.shown]:
+            differing.append(one.task)
+    if differing:
+        problems.append(
+            f"{len(differing)} episodes were learned from other demonstrations, or do "
+            f"not say from which: {_list(differing)}"
+        )
+
     for policy, own in by_policy(trials).items():
         problems += [f"{policy}: {problem}" for problem in _of_policy(policy, own)]
     return problems
 
 
 def _of_policy(policy: str, own: Sequence[EpisodeResult]) -> Iterator[str]:
+    """Compare the episodes of a policy with those that the protocol plans."""
     names = tuple(dict.fromkeys(one.task.trial for one in own))
     try:
         planned = trial_tasks(named_trials(names), policies=[policy])
@@ -61,29 +78,11 @@ def _of_policy(policy: str, own: Sequence[EpisodeResult]) -> Iterator[str]:
 
 
 def _draw(task: EpisodeTask) -> str:
-    """Return everything of a task but whose it is."""
+    """Return all fields of a task except those of its policy."""
     fields = task.definition
     for name in ("policy", "policy_source"):
         fields.pop(name, None)
     return json.dumps(fields, sort_keys=True)
-
-
-def _shown_otherwise(trials: Sequence[EpisodeResult]) -> Iterator[str]:
-    """Compare the demonstrations that were learned from with the protocol's."""
-    known: dict[str, str] = {}
-    differing = []
-    for one in trials:
-        if one.error:
-            continue
-        if one.task.shown not in known:
-            known[one.task.shown] = demonstrations_hash(one.task)
-        if one.demonstrations != known[one.task.shown]:
-            differing.append(one.task)
-    if differing:
-        yield (
-            f"{len(differing)} episodes were learned from other demonstrations, or do "
-            f"not say from which: {_list(differing)}"
-        )
 
 
 def _list(tasks: Sequence[EpisodeTask]) -> str:

@@ -1,10 +1,9 @@
-"""From the files of a study to records; a file that cannot be read is named."""
+"""Read the files of a study as records; a file that cannot be read is named."""
 
 import dataclasses
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final
 
 from gplfd_env.conventions.constants import Start
@@ -29,7 +28,7 @@ from gplfd_experiments.studies.learning_tests.folds import HELD_OUT
 from gplfd_experiments.studies.result_format import POLICY_ERROR, lost, outcome
 from gplfd_experiments.studies.settings import Condition
 from gplfd_experiments.studies.store import STUDY, read_study
-from gplfd_experiments.studies.tasks import RecordedTask, SkillTask, task_from
+from gplfd_experiments.studies.tasks import SkillTask, task_from
 
 TASKS: Final = "tasks"
 
@@ -38,26 +37,24 @@ _SAME_RADIUS: Final = 1e-3
 _LONGEST: Final = 200
 """Characters of a name, and of a reason."""
 
-_RECORDED: Final[Mapping[str, Any]] = {"policy": str, "seed": int, "recordings": str}
 _LEARNING_TEST: Final[Mapping[str, Any]] = {
     "policy": str,
     "seed": int,
     "demonstrations_per_door": int,
     "teacher": dict[str, float],
 }
-_EPISODE: Final = {
-    **_LEARNING_TEST,
-    "door": str,
-    "door_config": dict[str, float | str | None],
-    "randomization": str | dict[str, Any],
-}
-_FIELDS: Final = {
-    "episode": _EPISODE,
+_REQUIRED: Final[Mapping[str, Mapping[str, Any]]] = {
+    "episode": {
+        **_LEARNING_TEST,
+        "door": str,
+        "door_config": dict[str, float | str | None],
+        "randomization": str | dict[str, Any],
+    },
     "skill": _LEARNING_TEST,
-    "recorded": _RECORDED,
+    "recorded": {"policy": str, "seed": int, "recordings": str},
 }
-"""Fields of a task by its kind."""
-_SELDOM: Final = {
+"""Fields that a task must have, by its kind."""
+_OPTIONAL: Final = {
     "disturbance": str | dict[str, Any],
     "demonstrated_radii": tuple[float, ...],
     "demonstrated_kind": dict[str, str] | None,
@@ -70,111 +67,95 @@ _SELDOM: Final = {
     "level": str,
 }
 """Fields that most episodes' files leave out."""
-_SOURCE: Final = dict[str, Any] | None
-_CLOSED_BY_ERROR: Final[Mapping[str, Any]] = MappingProxyType(
-    {
-        "success": False,
-        "failure": POLICY_ERROR,
-        "final_angle_deg": 0.0,
-        "forecast_progress": (),
-        "forecast_error_mm": (),
-    }
-)
+_CLOSED_BY_ERROR: Final[Mapping[str, Any]] = {
+    "success": False,
+    "failure": POLICY_ERROR,
+    "final_angle_deg": 0.0,
+    "forecast_progress": (),
+    "forecast_error_mm": (),
+}
 """What counts of an episode in which the policy raised an error."""
 
 
-def read_results(folder: Path) -> StudyResults:
-    """Read a study's folder.
-
-    Raises:
-        FileNotFoundError: There is no such folder.
-        ValueError: It holds no result that can be read.
-    """
-    if not folder.is_dir():
-        raise FileNotFoundError(
-            f"there is no folder {folder}; `gplfd benchmark --out {folder}` makes one"
-        )
-    # A file that is being written, or was when its process was killed, has a dot first.
-    files = sorted((folder / TASKS).glob("[!.]*.json"))
-    if not files:
-        raise ValueError(
-            f"{folder} is not the folder of a study: it has no {TASKS}/*.json. Give "
-            "the --out of a `gplfd benchmark`"
-        )
-    found, unreadable = read_files(files)
-    if not found:
-        raise ValueError(
-            f"none of the {len(files)} files in {folder / TASKS} holds a result; "
-            f"the first: {unreadable[0]}"
-        )
-    study: dict[str, Any] = {}
-    if (folder / STUDY).exists():
-        try:
-            study = read_study(folder)
-        except NewerFormatError:
-            raise
-        except (OSError, ValueError) as error:
-            unreadable.append(_reason(folder / STUDY, error))
-    return _of_study(study, found, unreadable)
-
-
-def _of_study(
-    study: Mapping[str, Any], found: Iterable[TaskResult], unreadable: Iterable[str]
-) -> StudyResults:
-    """Return results by what they are of, in order.
+def read_results(*folders: Path) -> StudyResults:
+    """Read the results of a study, or of several together.
 
     A resumed study runs episodes of an older environment again and keeps their files:
     these results are left out.
-    """
-    every = list(found)
-    episodes = [one for one in every if isinstance(one, EpisodeResult)]
-    again = {
-        dataclasses.replace(one.task, environment_version=0).key
-        for one in episodes
-        if one.task.environment_version > 0
-    }
-    episodes = [one for one in episodes if one.task.key not in again]
-    tests = [one for one in every if isinstance(one, LearningTestResult)]
-    recorded = [one for one in every if isinstance(one, RecordedResult)]
-    return StudyResults(
-        study=study,
-        episodes=tuple(sorted(episodes, key=_episode_order)),
-        tests=tuple(sorted(tests, key=_test_order)),
-        recorded=tuple(sorted(recorded, key=lambda one: (one.policy, one.key))),
-        unreadable=tuple(unreadable),
-    )
-
-
-def is_measured(folder: Path) -> bool:
-    """Tell whether any task of a study came to more than an error."""
-    files = (folder / TASKS).glob("[!.]*.json")
-    each = (one for file in files for one in read_files([file])[0])
-    return any(not one.error for one in each)
-
-
-def read_all(folders: Sequence[Path]) -> StudyResults:
-    """Read the results of several folders as those of one study.
 
     Args:
         folders: At least one; `StudyResults.study` is the first's.
 
     Raises:
         FileNotFoundError: There is no such folder.
-        ValueError: One holds no result, or two hold results of the same task.
+        ValueError: One holds no result that can be read, or two hold results of the
+            same task.
     """
-    each = [read_results(folder) for folder in folders]
+    results: list[tuple[Path, TaskResult]] = []
+    studies: list[Mapping[str, Any]] = []
+    unreadable: list[str] = []
+    for folder in folders:
+        if not folder.is_dir():
+            raise FileNotFoundError(
+                f"there is no folder {folder}; `gplfd benchmark --out {folder}` makes "
+                "one"
+            )
+        # A file that is being written has a name that begins with a dot.
+        files = sorted((folder / TASKS).glob("[!.]*.json"))
+        if not files:
+            raise ValueError(
+                f"{folder} is not the folder of a study: it has no {TASKS}/*.json. "
+                "Give the --out of a `gplfd benchmark`"
+            )
+        found, problems = read_files(files)
+        if not found:
+            raise ValueError(
+                f"none of the {len(files)} files in {folder / TASKS} holds a result; "
+                f"the first: {problems[0]}"
+            )
+        results += [(folder, one) for one in found]
+        unreadable += problems
+        studies.append({})
+        if (folder / STUDY).exists():
+            try:
+                studies[-1] = read_study(folder)
+            except NewerFormatError:
+                raise
+            except (OSError, ValueError) as error:
+                unreadable.append(_reason(folder / STUDY, error))
+
+    repeated = {
+        dataclasses.replace(one.task, environment_version=0).key
+        for _, one in results
+        if isinstance(one, EpisodeResult) and one.task.environment_version > 0
+    }
+    results = [each for each in results if each[1].task.key not in repeated]
     owner: dict[str, Path] = {}
-    for folder, results in zip(folders, each, strict=True):
-        for one in results.all:
-            if (other := owner.setdefault(one.task.key, folder)) != folder:
-                raise ValueError(
-                    f"{other} and {folder} both hold results of {one.policy}; leave "
-                    "out one of the folders"
-                )
-    return _of_study(
-        each[0].study,
-        (one for results in each for one in results.all),
-        (reason for results in each for reason in results.unreadable),
+    for folder, one in results:
+        if (other := owner.setdefault(one.task.key, folder)) != folder:
+            raise ValueError(
+                f"{other} and {folder} both hold results of {one.policy}; leave out "
+                "one of the folders"
+            )
+
+    def episode_order(one: EpisodeResult) -> tuple[Any, ...]:
+        task, condition = one.task, str(one.condition)
+        return one.policy, condition, one.radius, task.door, task.seed, one.pair
+
+    def test_order(one: LearningTestResult) -> tuple[Any, ...]:
+        task = one.task
+        return one.policy, str(one.condition), task.held_out, task.seed, one.pair
+
+    every = [one for _, one in results]
+    episodes = (one for one in every if isinstance(one, EpisodeResult))
+    tests = (one for one in every if isinstance(one, LearningTestResult))
+    recorded = (one for one in every if isinstance(one, RecordedResult))
+    return StudyResults(
+        study=studies[0],
+        episodes=tuple(sorted(episodes, key=episode_order)),
+        tests=tuple(sorted(tests, key=test_order)),
+        recorded=tuple(sorted(recorded, key=lambda one: (one.policy, one.key))),
+        unreadable=tuple(unreadable),
     )
 
 
@@ -196,53 +177,59 @@ def _reason(file: Path, error: Exception) -> str:
     return f"{file.name}: {text[:_LONGEST]}"
 
 
-def _episode_order(one: EpisodeResult) -> tuple[Any, ...]:
-    task = one.task
-    return one.policy, str(one.condition), one.radius, task.door, task.seed, one.pair
-
-
-def _test_order(one: LearningTestResult) -> tuple[Any, ...]:
-    task = one.task
-    return one.policy, str(one.condition), task.held_out, task.seed, one.pair
-
-
 def _result(record: Mapping[str, Any]) -> TaskResult:
+    """Return what a file says; raises what is wrong with it."""
     fields = dict(entry(record, "task", dict[str, Any]))
-    source = entry({"policy_source": None, **fields}, "policy_source", _SOURCE) or {}
+    source = entry(
+        {"policy_source": None, **fields}, "policy_source", dict[str, Any] | None
+    )
     task = _task(fields)
     metrics = outcome(record, task)
+    code = "unknown code"
+    if "versions" in record:
+        versions = entry(record, "versions", dict[str, str])
+        code = ", ".join(f"{name} {version}" for name, version in versions.items())
+        git = entry({"git": None, **record}, "git", dict[str, str | bool | None] | None)
+        if git is not None:
+            edited = " with edits" if git.get("dirty") else ""
+            code = f"commit {str(git.get('commit'))[:12]}{edited}, {code}"
     shared: dict[str, Any] = {
         "task": task,
         "pair": dataclasses.replace(task, policy="", policy_source=None).key,
         "metrics": metrics,
         "error": str(record.get("error", "")) or ("" if metrics else "no reason given"),
         "lost": lost(record),
-        "code": _code(record),
+        "code": code,
         "machine": str(record.get("arithmetic", "")),
-        "policy_source": ", ".join(f"{name} {said}" for name, said in source.items()),
+        "policy_source": ", ".join(f"{k} {v}" for k, v in (source or {}).items()),
     }
-    if isinstance(task, RecordedTask):
-        return RecordedResult(**shared)
-    if isinstance(task, TaughtTask):
-        shared["condition"] = _condition(task)
     if isinstance(task, EpisodeTask):
-        shown = str(record.get("demonstrations", ""))
-        return _episode(task, shared | {"demonstrations": shown})
-    return _learning_test(shared)
+        return _episode(task, shared, str(record.get("demonstrations", "")))
+    if isinstance(task, SkillTask):
+        outputs = metrics.get("outputs_cpu_s") or {}
+        return LearningTestResult(
+            condition=_condition(task),
+            outputs_cpu_s={
+                int(n): float(s) for n, s in outputs.items() if s is not None
+            },
+            **shared,
+        )
+    return RecordedResult(**shared)
 
 
 def _task(fields: Mapping[str, Any]) -> Task:
-    named = entry(fields, "kind", str)
-    if named not in _FIELDS:
-        raise ValueError(f"kind = {named[:_LONGEST]!r} must be one of {[*_FIELDS]}")
-    for name, kind in _FIELDS[named].items():
-        value = entry(fields, name, kind)
-        if kind is str and not (value.isprintable() and 0 < len(value) <= _LONGEST):
+    """Return the task of a file whose every field has been checked."""
+    kind = entry(fields, "kind", str)
+    if kind not in _REQUIRED:
+        raise ValueError(f"kind = {kind[:_LONGEST]!r} must be one of {[*_REQUIRED]}")
+    for name, type_ in _REQUIRED[kind].items():
+        value = entry(fields, name, type_)
+        if type_ is str and not (value.isprintable() and 0 < len(value) <= _LONGEST):
             raise ValueError(f"{name} = {value[:_LONGEST]!r} is not a name in one line")
-        if kind is int and value < 0:
+        if type_ is int and value < 0:
             raise ValueError(f"{name} = {value} must be 0 or more")
-    for name in _SELDOM.keys() & fields.keys():
-        entry(fields, name, _SELDOM[name])
+    for name in _OPTIONAL.keys() & fields.keys():
+        entry(fields, name, _OPTIONAL[name])
     task = task_from(fields)
     if isinstance(task, EpisodeTask):
         door_randomization(task.randomization)
@@ -254,6 +241,7 @@ def _task(fields: Mapping[str, Any]) -> Task:
 
 
 def _condition(task: TaughtTask) -> Condition:
+    """Return what a task shares with others of its table."""
     noise = TeacherConfig(**task.teacher).wobble_position_std
     taught = Condition(
         demonstrations_per_door=task.demonstrations_per_door,
@@ -262,55 +250,40 @@ def _condition(task: TaughtTask) -> Condition:
     )
     if not isinstance(task, EpisodeTask):
         return taught
+
+    def named(spec: str | Mapping[str, Any]) -> str:
+        return spec if isinstance(spec, str) else json.dumps(spec)
+
     return dataclasses.replace(
         taught,
-        randomization=_told(task.randomization),
-        disturbance=_told(task.disturbance),
+        randomization=named(task.randomization),
+        disturbance=named(task.disturbance),
         start=task.start,
         trial=task.trial,
         level=task.level,
     )
 
 
-def _told(spec: str | Mapping[str, Any]) -> str:
-    return spec if isinstance(spec, str) else json.dumps(spec)
-
-
-def _episode(task: EpisodeTask, shared: Mapping[str, Any]) -> EpisodeResult:
-    planned = door_config(dict(task.door_config))
-    metrics = shared["metrics"]
+def _episode(
+    task: EpisodeTask, shared: dict[str, Any], demonstrations: str
+) -> EpisodeResult:
+    door = door_config(dict(task.door_config))
     if shared["error"]:
-        metrics = {} if shared["lost"] else _CLOSED_BY_ERROR
-    radius = metrics.get("radius", planned.radius)
+        shared["metrics"] = {} if shared["lost"] else _CLOSED_BY_ERROR
+    radius = shared["metrics"].get("radius", door.radius)
     shown: dict[str, Any] = dict(task.demonstrated_kind or {})
-    if planned != DoorConfig(radius=planned.radius, **shown):
-        kind = NON_STANDARD
+    if door != DoorConfig(radius=door.radius, **shown):
+        split = NON_STANDARD
     elif any(abs(radius - each) < _SAME_RADIUS for each in task.demonstrated_radii):
-        kind = DEMONSTRATED
+        split = DEMONSTRATED
     else:
-        kind = UNDEMONSTRATED
+        split = UNDEMONSTRATED
     return EpisodeResult(
+        condition=_condition(task),
         radius=radius,
+        demonstrations=demonstrations,
         drawn=door_randomization(task.randomization).radius is not None,
-        kind=kind,
-        door_kind=door_kind(planned),
-        **{**shared, "metrics": metrics},
+        split=split,
+        door_kind=door_kind(door),
+        **shared,
     )
-
-
-def _learning_test(shared: Mapping[str, Any]) -> LearningTestResult:
-    outputs = shared["metrics"].get("outputs_cpu_s") or {}
-    seconds = {int(n): float(each) for n, each in outputs.items() if each is not None}
-    return LearningTestResult(outputs_cpu_s=seconds, **shared)
-
-
-def _code(record: Mapping[str, Any]) -> str:
-    if "versions" not in record:
-        return "unknown code"
-    versions = entry(record, "versions", dict[str, str])
-    packages = ", ".join(f"{name} {version}" for name, version in versions.items())
-    git = entry({"git": None, **record}, "git", dict[str, str | bool | None] | None)
-    if git is None:
-        return packages
-    edited = " with edits" if git.get("dirty") else ""
-    return f"commit {str(git.get('commit'))[:12]}{edited}, {packages}"

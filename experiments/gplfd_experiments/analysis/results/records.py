@@ -1,4 +1,4 @@
-"""What the files of a study say, as records: episodes, learning tests, errors."""
+"""Results of a study as records: episodes, learning tests, errors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.analysis.results.statistics import Key
+from gplfd_experiments.episodes.failures import failure_name
 from gplfd_experiments.episodes.task import EpisodeTask, Task
 from gplfd_experiments.studies.settings import Condition
 from gplfd_experiments.studies.tasks import RecordedTask, SkillTask
@@ -15,7 +16,7 @@ UNDEMONSTRATED: Final = "new radii"
 NON_STANDARD: Final = "other doors"
 """Doors that differ from the demonstrated ones of their kind in more than the radius:
 more friction, a closer, another mass."""
-KINDS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)
+SPLITS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)
 """How doors relate to the demonstrated ones, in the order in which they are shown."""
 
 
@@ -45,7 +46,7 @@ class TaskResult:
     code: str
     """Which code made the result."""
     machine: str
-    """What of the machine that made it decides its last bits; "" if unknown."""
+    """CPU and libraries that determine the last bits of the result; "" if unknown."""
     policy_source: str
     """Where the policy came from, for one that is not this project's; else ""."""
 
@@ -94,8 +95,8 @@ class EpisodeResult(TaughtResult):
     """Hash of what was learned from, to a micrometre; "" if unknown."""
     drawn: bool
     """Whether the radius is drawn at random."""
-    kind: str
-    """How the door relates to the demonstrated ones, one of `KINDS`."""
+    split: str
+    """How the door relates to the demonstrated ones, one of `SPLITS`."""
     door_kind: str
     """Kind of door, of `door_kind`: handle, latch, swing and side of the hinge."""
 
@@ -112,6 +113,11 @@ class EpisodeResult(TaughtResult):
     def solved(self) -> bool:
         """Whether the door was held open by 60 degrees, the handle in the hand."""
         return bool(self.metrics.get("success"))
+
+    @property
+    def failure(self) -> str:
+        """Why the task was not solved, as the environment names it."""
+        return failure_name(str(self.metrics["failure"]), "no reason given")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

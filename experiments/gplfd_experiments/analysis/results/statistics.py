@@ -125,16 +125,17 @@ def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
     successes = sum(map(sum, clusters.values()))
     if not trials:
         return Rate(successes=0, trials=0, low=math.nan, high=math.nan)
-    low, high = _wilson(successes / trials, trials / _design_effect(clusters.values()))
-    return Rate(successes=successes, trials=trials, low=low, high=high)
-
-
-def _wilson(rate: float, trials: float) -> tuple[float, float]:
+    rate, effective = successes / trials, trials / _design_effect(clusters.values())
     z = -float(norm.ppf(0.5 * (1.0 - _LEVEL)))
-    centre = rate + z * z / (2.0 * trials)
-    spread = z * math.sqrt(rate * (1.0 - rate) / trials + (0.5 * z / trials) ** 2)
-    scale = 1.0 + z * z / trials
-    return max((centre - spread) / scale, 0.0), min((centre + spread) / scale, 1.0)
+    centre = rate + z * z / (2.0 * effective)
+    spread = z * math.sqrt(rate * (1.0 - rate) / effective + (0.5 * z / effective) ** 2)
+    scale = 1.0 + z * z / effective
+    return Rate(
+        successes=successes,
+        trials=trials,
+        low=max((centre - spread) / scale, 0.0),
+        high=min((centre + spread) / scale, 1.0),
+    )
 
 
 def _design_effect(clusters: Collection[Sequence[bool]]) -> float:

@@ -1,11 +1,15 @@
 """A study, and the doors of one run, as tables for the terminal and table.md."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from gplfd_experiments.analysis.results.failures import closed_because
-from gplfd_experiments.analysis.results.grouping import by_door_kind, by_policy, grouped
+from gplfd_experiments.analysis.results.grouping import (
+    by_door_kind,
+    by_policy,
+    closed_because,
+    grouped,
+)
 from gplfd_experiments.analysis.results.measures import (
     EPISODE_MEASURES,
     PREDICTION_ERROR,
@@ -117,21 +121,19 @@ def study_table(episodes: Sequence[EpisodeResult]) -> Table:
             rows.append((f"**{kind}**", *("" for _ in columns[1:])))
         groups = grouped(here, lambda one: (one.policy, one.task.door))
         for names, own in groups.items():
-            why = [closed_because(own)] if closed else []
-            rows.append((*names, *_cells(own, errors), *why))
+            known = [one for one in own if one.counts]
+            solved = [one for one in known if one.solved]
+            row = (
+                *names,
+                f"{len(solved)}/{len(known)}",
+                success_rate((one.task.seed, one.solved) for one in known).interval,
+                *([str(sum(bool(one.error) for one in known))] if errors else []),
+                *(measure.text(measure.median(solved)) for measure in _OF_SOLVED),
+                *(measure.text(measure.median(known)) for measure in _OF_ALL),
+                *([closed_because(own)] if closed else []),
+            )
+            rows.append(row)
     return Table(columns=columns, rows=tuple(rows))
-
-
-def _cells(own: Sequence[EpisodeResult], errors: bool) -> tuple[str, ...]:
-    known = [one for one in own if one.counts]
-    solved = [one for one in known if one.solved]
-    return (
-        f"{len(solved)}/{len(known)}",
-        success_rate((one.task.seed, one.solved) for one in known).interval,
-        *([str(sum(bool(one.error) for one in known))] if errors else []),
-        *(measure.text(measure.median(solved)) for measure in _OF_SOLVED),
-        *(measure.text(measure.median(known)) for measure in _OF_ALL),
-    )
 
 
 def run_table(metrics: Iterable[EpisodeMetrics | FailedEpisode]) -> Table:
@@ -163,7 +165,15 @@ def write_tables(folder: Path, settings: StudySettings) -> str:
     Raises:
         OSError: The file cannot be written.
     """
-    text = "\n\n".join(_tables(folder, settings))
+    parts: list[str] = []
+    several = list(conditions(settings))
+    for condition in several:
+        results, unreadable = _results(folder, settings, condition)
+        if len(several) > 1:
+            parts.append(f"{condition}:")
+        parts += [*remarks(results), *unreadable]
+        parts.append(markdown_table(study_table(results)))
+    text = "\n\n".join(parts)
     with complete_or_absent(folder / "table.md") as path:
         path.write_text(text + "\n", encoding="utf-8")
     return text
@@ -205,14 +215,3 @@ def _results(
     tasks = episodes(settings, condition, range(settings.seeds))
     found, unreadable = read_files(result_path(folder, task) for task in tasks)
     return [one for one in found if isinstance(one, EpisodeResult)], unreadable
-
-
-def _tables(folder: Path, settings: StudySettings) -> Iterator[str]:
-    """Yield a table per condition of the study, and what is missing in it."""
-    several = list(conditions(settings))
-    for condition in several:
-        results, unreadable = _results(folder, settings, condition)
-        if len(several) > 1:
-            yield f"{condition}:"
-        yield from (*remarks(results), *unreadable)
-        yield markdown_table(study_table(results))

@@ -1,11 +1,14 @@
-"""What trials answer: numbers per seed, and what is lost without an idea."""
+"""What trials show: numbers per seed, contrasts with and without an idea, trials.json.
+
+trials.json holds every number of a trial, so that the result files need not be kept.
+"""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
-from gplfd_experiments.analysis.results.records import EpisodeResult
+from gplfd_experiments.analysis.results.records import EpisodeResult, StudyResults
 from gplfd_experiments.analysis.results.statistics import (
     Key,
     Rate,
@@ -15,18 +18,28 @@ from gplfd_experiments.analysis.results.statistics import (
     shift,
     success_rate,
 )
+from gplfd_experiments.studies.trials.protocol import TRIALS, VERSION
 from gplfd_experiments.studies.trials.records import MEASURES, Contrast, Side, value_of
+
+FILE: Final = "trials.json"
+"""Name of the file of `trial_answers` in the folder of a report."""
 
 SHARES: Final = frozenset({"success", "grasp_kept"})
 """Measures that are shares of episodes."""
 
 Verdict = Literal["shows", "harms", "open"]
-"""An idea helps, it does harm, or nothing could be shown."""
+"""Better with an idea, worse with it, or no significant difference."""
+
+ByLevel = Mapping[str, Mapping[str, Sequence[EpisodeResult]]]
+"""Episodes of a trial by policy and level."""
+
+_DIGITS: Final = 5
+"""Significant digits in the file."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Answer:
-    """What a contrast came to."""
+    """The result of a contrast."""
 
     contrast: Contrast
     """What was asked."""
@@ -35,7 +48,7 @@ class Answer:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the interval of the difference leaves zero out, and on which side."""
+        """Whether the interval of the difference excludes zero, and on which side."""
         if self.shift is None:
             return "open"
         _, better = MEASURES[self.contrast.measure]
@@ -45,9 +58,13 @@ class Answer:
         return "shows" if low > 0.0 else "harms" if high < 0.0 else "open"
 
 
-def of_trial(
-    episodes: Iterable[EpisodeResult], trial: str
-) -> dict[str, dict[str, list[EpisodeResult]]]:
+def of_trials(results: StudyResults) -> dict[str, ByLevel]:
+    """Return the episodes of every trial that a study has, errors included."""
+    found = {name: of_trial(results.episodes, name) for name in TRIALS}
+    return {name: own for name, own in found.items() if own}
+
+
+def of_trial(episodes: Sequence[EpisodeResult], trial: str) -> ByLevel:
     """Return the episodes of a trial by policy and level, errors included."""
     found: dict[str, dict[str, list[EpisodeResult]]] = {}
     for one in episodes:
@@ -57,43 +74,33 @@ def of_trial(
     return found
 
 
-def answered(
-    contrast: Contrast, episodes: Mapping[str, Mapping[str, Sequence[EpisodeResult]]]
-) -> Answer:
+def answered(contrast: Contrast, episodes: ByLevel) -> Answer:
     """Compare both sides of a contrast, seed by seed.
 
     Args:
         contrast: What is asked.
-        episodes: Of its trial, by policy and level.
+        episodes: Those of its trial.
     """
-    having, lacking = (
-        _numbers(episodes, side, contrast.measure)
-        for side in (contrast.having, contrast.lacking)
-    )
-    pairs = paired(having, lacking)
+
+    def numbers(side: Side) -> dict[Key, float]:
+        """Return the measure by seed and door, and by level if levels are pooled."""
+        found: dict[Key, float] = {}
+        for level, own in episodes.get(side.policy, {}).items():
+            if side.level not in ("", level):
+                continue
+            # Levels that are compared with each other open the same doors.
+            within = "" if side.level else level
+            for one in own:
+                value = value_of(one.metrics, contrast.measure) if one.counts else None
+                if value is not None:
+                    found[one.task.seed, f"{within} {one.task.door}"] = value
+        return found
+
+    pairs = paired(numbers(contrast.having), numbers(contrast.lacking))
     if not pairs.seeds:
         return Answer(contrast=contrast, shift=None)
     estimate = mean_shift if contrast.measure in SHARES else shift
     return Answer(contrast=contrast, shift=estimate(*pairs.per_seed()))
-
-
-def _numbers(
-    episodes: Mapping[str, Mapping[str, Sequence[EpisodeResult]]],
-    side: Side,
-    measure: str,
-) -> dict[Key, float]:
-    """Return a measure by seed and door; by level, too, where levels are together."""
-    found: dict[Key, float] = {}
-    for level, own in episodes.get(side.policy, {}).items():
-        if side.level not in ("", level):
-            continue
-        for one in own:
-            value = value_of(one.metrics, measure) if one.counts else None
-            if value is not None:
-                # Levels that are compared with each other open the same doors.
-                within = "" if side.level else level
-                found[one.task.seed, f"{within} {one.task.door}"] = value
-    return found
 
 
 def summary(episodes: Sequence[EpisodeResult], measure: str) -> Rate | Shift | None:
@@ -122,10 +129,73 @@ def seed_means(episodes: Sequence[EpisodeResult], measure: str) -> list[float]:
     return [math.fsum(own) / len(own) for own in by_seed]
 
 
-def _by_seed(episodes: Iterable[EpisodeResult], measure: str) -> dict[int, list[float]]:
+def _by_seed(episodes: Sequence[EpisodeResult], measure: str) -> dict[int, list[float]]:
     values: dict[int, list[float]] = {}
     for one in episodes:
         value = value_of(one.metrics, measure) if one.counts else None
         if value is not None:
             values.setdefault(one.task.seed, []).append(value)
     return values
+
+
+def trial_answers(results: StudyResults) -> dict[str, Any]:
+    """Return every number of a policy in a trial, seed by seed, and every contrast.
+
+    Args:
+        results: Of a study; what belongs to no trial is left out.
+
+    Returns:
+        JSON-able, numbers to five digits; without trials an empty mapping of them.
+    """
+    trials: dict[str, Any] = {}
+    contrasts: list[dict[str, Any]] = []
+    for name, policies in of_trials(results).items():
+        trial = TRIALS[name]
+        trials[name] = {
+            level: {
+                policy: {
+                    "episodes": len(own),
+                    "errors": sum(bool(one.error) for one in own if one.counts),
+                    "lost": sum(one.lost for one in own),
+                }
+                | {
+                    measure: _interval(summary(own, measure))
+                    | {"seeds": list(map(_rounded, seed_means(own, measure)))}
+                    for measure in trial.measures
+                }
+                for policy, levels in policies.items()
+                if (own := levels.get(level))
+            }
+            for level in trial.levels
+        }
+        for contrast in trial.contrasts:
+            answer = answered(contrast, policies)
+            contrasts.append(
+                {
+                    "idea": contrast.idea,
+                    "trial": name,
+                    "measure": contrast.measure,
+                    "with": str(contrast.having),
+                    "without": str(contrast.lacking),
+                    **_interval(answer.shift),
+                    "verdict": answer.verdict,
+                }
+            )
+    return {
+        "protocol": VERSION,
+        "code": sorted({one.code for one in results.episodes if one.task.trial}),
+        "trials": trials,
+        "contrasts": contrasts,
+    }
+
+
+def _interval(found: Rate | Shift | None) -> dict[str, Any]:
+    """Return an estimate and its 95 % interval; None for what is not known."""
+    names = ("estimate", "low", "high")
+    if found is None:
+        return dict.fromkeys(names)
+    return {name: _rounded(getattr(found, name)) for name in names}
+
+
+def _rounded(value: float) -> float | None:
+    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None

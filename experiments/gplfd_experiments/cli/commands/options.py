@@ -12,6 +12,9 @@ import tyro
 
 from gplfd_experiments.studies.engines import Engine, EngineName, engine_named
 
+FAILED: Final = 1
+"""Exit status of a command some or all of whose tasks ended in errors."""
+
 Quiet = Annotated[
     tyro.conf.FlagCreatePairsOff[bool],
     tyro.conf.arg(help="Show no progress, only results, warnings and errors."),

@@ -1,20 +1,24 @@
-"""``gplfd run``: demonstrations, skill, and every door opened once."""
+"""Commands about single episodes: run and view; and learn, which makes a skill."""
 
 import contextlib
 import ctypes.util
+import dataclasses
 import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 import tyro
 
-from gplfd_experiments.cli.commands.options import Json, Quiet, next_command, recorded
+from gplfd_experiments.cli.commands.options import (
+    FAILED,
+    Json,
+    Quiet,
+    next_command,
+    recorded,
+)
 from gplfd_experiments.console.interruption import postponed_interruption
-
-FAILED: Final = 1
-"""Exit status of a run in which the policy raised an error."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -138,3 +142,119 @@ def _draw_without_screen() -> None:
         and ctypes.util.find_library("EGL")
     ):
         os.environ.setdefault("MUJOCO_GL", "egl")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class View:
+    """Open a recording (.rrd) in the Rerun viewer, or watch an episode live."""
+
+    file: Annotated[
+        tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="[FILE.rrd]")
+    ] = None
+    """Recording to open, for example results/gp-seed0/medium.rrd."""
+
+    live: bool = False
+    """Instead of opening a recording, run an episode and watch it."""
+
+    door: str = "medium"
+    """With --live: the door to open, a name (see `gplfd list`), a radius [m], or
+    a .json file of door parameters."""
+
+    policy: str = "gp"
+    """With --live: the policy to use; see `gplfd list`."""
+
+    seed: int = 0
+    """With --live: seed of teacher, policy and environment, 0 or more."""
+
+    randomization: str = "none"
+    """With --live: what is drawn at random: none, mild, hard or standard."""
+
+    disturbance: str = "none"
+    """With --live: disturbance during the episode: none, push, person, ..."""
+
+    start: Literal["grasped", "approach"] = "grasped"
+    """With --live: what the episode begins with, the handle in the hand or the open
+    hand before it."""
+
+    speed: float = 1.0
+    """With --live: simulated seconds per second."""
+
+    serve: bool = False
+    """With --live: serve the viewer to a browser on this machine instead of opening a
+    window."""
+
+    def execute(self) -> int:
+        """Show the recording or the episode until the viewer is closed."""
+        if not self.live:
+            if self.file is None:
+                raise ValueError(
+                    "give a recording to open, for example results/gp-seed0/medium.rrd,"
+                    " or --live to run an episode and watch it"
+                )
+            for option in dataclasses.fields(self):
+                given = getattr(self, option.name)
+                if option.name != "file" and given != option.default:
+                    raise ValueError(
+                        f"--{option.name} goes with --live, not with a file"
+                    )
+            with postponed_interruption():
+                from gplfd_experiments.recording.viewer import open_recording
+
+            return open_recording(self.file)
+        with postponed_interruption():
+            from gplfd_experiments.console.arguments import check_circumstances
+            from gplfd_experiments.recording.live_view import watch
+
+        if self.file is not None:
+            raise ValueError(f"--live runs an episode; it does not go with {self.file}")
+        check_circumstances(self.randomization, self.disturbance)
+        watch(
+            self.door,
+            policy=self.policy,
+            seed=self.seed,
+            randomization=self.randomization,
+            disturbance=self.disturbance,
+            start=self.start,
+            speed=self.speed,
+            serve=self.serve,
+        )
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Learn:
+    """Learn a skill from demonstrations and keep it in a file.
+
+    The file holds arrays only, no code; `gplfd run --skill FILE` and
+    `gplfd_policies.load_skill` read it.
+    """
+
+    demonstrations: Annotated[
+        Path, tyro.conf.Positional, tyro.conf.arg(metavar="DEMOS.npz")
+    ]
+    """File of demonstrations, such as demonstrations.npz of a `gplfd run`."""
+
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File to write, DEMOS-skill.npz by default; one that is there already is
+    replaced."""
+
+    policy: str = "gp"
+    """Policy whose skill to learn: gp or one of its variants; see `gplfd list`."""
+
+    seed: int = 0
+    """Seeds whatever is random in the learning, 0 or more."""
+
+    quiet: Quiet = False
+
+    def execute(self) -> int:
+        """Learn, and print how to use the file."""
+        with postponed_interruption():
+            from gplfd_experiments.workflows.skills import learn_skill
+
+        out = self.out or Path(f"{self.demonstrations.stem}-skill.npz")
+        skill = learn_skill(
+            self.demonstrations, out, policy=self.policy, seed=self.seed
+        )
+        print(f"{out}: {skill}")
+        print(f"open doors with it:  {next_command('run', '--skill', out)}")
+        return 0

@@ -5,14 +5,11 @@ seed, reset options), it holds MuJoCo's whole state at every step, a hash of the
 and the versions and kind of processor that computed it.
 """
 
-try:
+from gplfd_experiments.files.libraries import optional_libraries
+
+with optional_libraries("data sets need Minari and h5py", "minari"):
     import h5py as _h5py  # noqa: F401 - only to say how to install it
     import minari as _minari  # noqa: F401
-except ImportError as error:
-    raise ModuleNotFoundError(
-        f"data sets need Minari and h5py ({error}); in a checkout of gplfd: "
-        "pip install '.[minari]', elsewhere: pip install 'gplfd[minari]'"
-    ) from error
 
 from gplfd_experiments.data.minari.episode import RecordedEpisode, Recorder
 from gplfd_experiments.data.minari.reading import Dataset, open_dataset

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from itertools import starmap
 
 from gplfd_experiments.data.minari.episode import RecordedEpisode
 from gplfd_experiments.data.minari.physics import model_hash
@@ -12,17 +11,16 @@ from gplfd_experiments.files.table import Table, text_table
 
 def title(dataset: Dataset) -> str:
     """Return the data set in one line."""
-    arguments = ", ".join(starmap(_argument, dataset.arguments.items()))
+    arguments = ", ".join(
+        f"door of {value['radius']:g} m"
+        if name == "door" and isinstance(value, Mapping) and "radius" in value
+        else f"{name}={value!r}"
+        for name, value in dataset.arguments.items()
+    )
     return (
         f"{dataset.name}: policy {dataset.policy} in {dataset.environment}"
         f"{f' ({arguments})' if arguments else ''}, {dataset.n_episodes} episodes"
     )
-
-
-def _argument(name: str, value: object) -> str:
-    if name == "door" and isinstance(value, Mapping) and "radius" in value:
-        return f"door of {value['radius']:g} m"
-    return f"{name}={value!r}"
 
 
 def outcome(episode: RecordedEpisode) -> str:
@@ -41,7 +39,22 @@ def contents(dataset: Dataset) -> str:
     """
     origin, git = dataset.origin, dataset.origin["git"]
     edited = " with edits" if git and git.get("dirty") else ""
-    rows = [_row(n, dataset.episode(n)) for n in range(dataset.n_episodes)]
+    rows = []
+    for number in range(dataset.n_episodes):
+        episode = dataset.episode(number)
+        infos = episode.infos
+        row = {
+            "episode": str(number),
+            "radius [m]": f"{infos['door_radius'][-1]:.3f}",
+            "seed": str(episode.seed),
+            "steps": str(len(episode)),
+            "time [s]": f"{episode.observations['time'][-1, 0]:.2f}",
+            "angle [deg]": f"{math.degrees(infos['door_angle'][-1]):.1f}",
+            "outcome": outcome(episode),
+            "return": f"{episode.rewards.sum():.3f}",
+            "model": model_hash(episode.model_digests)[:8],
+        }
+        rows.append(row)
     table = Table(columns=tuple(rows[0]), rows=tuple(tuple(r.values()) for r in rows))
     return "\n".join(
         [
@@ -59,18 +72,3 @@ def contents(dataset: Dataset) -> str:
 
 def _listed(values: Mapping[str, str]) -> str:
     return ", ".join(f"{name} {value}" for name, value in values.items())
-
-
-def _row(number: int, episode: RecordedEpisode) -> dict[str, str]:
-    infos = episode.infos
-    return {
-        "episode": str(number),
-        "radius [m]": f"{infos['door_radius'][-1]:.3f}",
-        "seed": str(episode.seed),
-        "steps": str(len(episode)),
-        "time [s]": f"{episode.observations['time'][-1, 0]:.2f}",
-        "angle [deg]": f"{math.degrees(infos['door_angle'][-1]):.1f}",
-        "outcome": outcome(episode),
-        "return": f"{episode.rewards.sum():.3f}",
-        "model": model_hash(episode.model_digests)[:8],
-    }

@@ -172,11 +172,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
 
 
 def _check(name: str, array: Any, shape: tuple[int, ...], kinds: str = "biuf") -> None:
-    """Raise unless an array has a shape and one of NumPy's kinds of numbers and text.
-
-    Raises:
-        ValueError: It has not, or there is none.
-    """
+    """Raise ValueError unless an array has a shape and one of NumPy's kinds."""
     if array is None:
         raise ValueError(f"{name} is missing")
     if array.dtype.kind not in kinds:
@@ -210,11 +206,7 @@ def _copied(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _stack(what: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
-    """Return one array per name.
-
-    Raises:
-        ValueError: A name is missing in a row, or its values make no array.
-    """
+    """Return one array per name, which must be in every row."""
     stacked: dict[str, Array] = {}
     for name in rows[0]:
         try:

@@ -1,7 +1,7 @@
-"""What MuJoCo's future depends on: the physics state and the model."""
+"""MuJoCo's physics state, and hashes of its model: a step depends on nothing else."""
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 import mujoco
@@ -40,8 +40,20 @@ def model_digests(model: mujoco.MjModel) -> dict[str, str]:
     Two models with equal hashes have equal numbers, bit for bit. How the model is drawn
     in general (``vis``) is left out; colours count.
     """
+    contents: list[tuple[str, Any]] = []
+    for name in sorted(dir(model)):
+        value = None if name.startswith("_") else getattr(model, name)
+        if name in _HASHED_STRUCTS:
+            parts = {field: getattr(value, field) for field in sorted(dir(value))}
+            contents += [
+                (f"{name}_{field}", part)
+                for field, part in parts.items()
+                if not field.startswith("_") and not callable(part)
+            ]
+        elif isinstance(value, np.ndarray):
+            contents.append((name, value))
     digests: dict[str, Any] = {}
-    for name, value in _contents(model):
+    for name, value in contents:
         digest = digests.setdefault(name.split("_")[0], hashlib.sha256())
         array = np.ascontiguousarray(value)
         digest.update(f"{name} {array.dtype.str} {array.shape} ".encode())
@@ -53,18 +65,3 @@ def model_hash(digests: Mapping[str, str]) -> str:
     """One hash of what `model_digests` returned."""
     text = " ".join(f"{name} {digests[name]}" for name in sorted(digests))
     return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
-
-
-def _contents(model: mujoco.MjModel) -> Iterator[tuple[str, Any]]:
-    """Arrays of the model, and the numbers of its structs, by name."""
-    for name in sorted(dir(model)):
-        if name.startswith("_"):
-            continue
-        if name in _HASHED_STRUCTS:
-            struct = getattr(model, name)
-            for field in sorted(dir(struct)):
-                value = getattr(struct, field)
-                if not field.startswith("_") and not callable(value):
-                    yield f"{name}_{field}", value
-        elif isinstance(value := getattr(model, name), np.ndarray):
-            yield name, value

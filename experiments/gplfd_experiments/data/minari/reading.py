@@ -22,15 +22,14 @@ from gplfd_experiments.data.minari.writing import (
     PER_STEP,
     REPRODUCING,
 )
-from gplfd_experiments.files.plain_data import entry, parsed_json, read_json
+from gplfd_experiments.files.plain_data import entry, naming, parsed_json, read_json
 from gplfd_experiments.files.provenance import content_hash
 from gplfd_policies.arrays.storage import DecodingBudget
 
 _NAMESPACE: Final = "gplfd/"
 _LARGEST_EPISODE: Final = 2**28
 """Bytes that an episode may unpack to; an hour of standing still takes as many."""
-_TEXTS: Final = 256
-"""Texts that are read at a time."""
+_TEXTS: Final = 256  # Texts that are read at a time.
 _ORIGIN: Final[Mapping[str, Any]] = {
     "created": str,
     "command": tuple[str, ...],
@@ -81,11 +80,7 @@ class Dataset:
             ) from error
 
     def check(self, numbers: Iterable[int]) -> None:
-        """Raise unless these episodes exist.
-
-        Raises:
-            ValueError: One does not.
-        """
+        """Raise ValueError unless these episodes exist."""
         for number in numbers:
             if not 0 <= number < self.n_episodes:
                 raise ValueError(
@@ -105,7 +100,7 @@ class Dataset:
             budget = DecodingBudget(file.stat().st_size, least=_LARGEST_EPISODE)
             with h5py.File(file, "r") as main:
                 return _episode(member(main, f"episode_{number}"), budget)
-        # The hash is right, but who wrote it may have written anything.
+        # A right hash does not mean that the content is what gplfd writes.
         except Exception as error:
             raise ValueError(
                 f"{self.path}: episode {number} cannot be read: {error!s:.300}"
@@ -139,76 +134,76 @@ def open_dataset(path: str | Path) -> Dataset:
             )
     metadata = read_json(data / METADATA_FILE)
     sha256 = content_hash(data / MAIN_FILE)
-    try:
-        return _dataset(folder, metadata, sha256)
-    except ValueError as error:
-        raise ValueError(f"{folder}: {error}") from error
-
-
-def _dataset(folder: Path, metadata: Mapping[str, Any], sha256: str) -> Dataset:
-    if KIND not in metadata:
-        raise ValueError(
-            "this data set was not recorded by `gplfd demos record`; it lacks the "
-            "physics states that a replay needs"
+    with naming(folder):
+        if KIND not in metadata:
+            raise ValueError(
+                "this data set was not recorded by `gplfd demos record`; it lacks the "
+                "physics states that a replay needs"
+            )
+        own = entry(metadata, KIND, dict[str, Any])
+        layout = entry(own, "layout", int)
+        if layout != LAYOUT:
+            raise ValueError(
+                f"the data set has layout {layout}, this gplfd reads {LAYOUT}; record "
+                "it again or install the version of gplfd that wrote it"
+            )
+        if entry(own, "sha256", str) != sha256:
+            raise ValueError(
+                f"{DATA}/{MAIN_FILE} is damaged or was changed after it was recorded; "
+                "copy or record the data set again"
+            )
+        origin = {name: entry(own, name, kind) for name, kind in _ORIGIN.items()}
+        missing = [name for name in REPRODUCING if name not in origin["versions"]]
+        if missing:
+            raise ValueError(
+                f"the data set does not say with which {', '.join(missing)} it was made"
+            )
+        n_episodes = entry(metadata, "total_episodes", int)
+        if n_episodes < 1:
+            raise ValueError("the data set holds no episode")
+        spec = parsed_json(entry(metadata, "env_spec", str))
+        environment = entry(spec, "id", str)
+        if not (environment.startswith(_NAMESPACE) and environment in gym.registry):
+            raise ValueError(
+                f"the data set was recorded in {environment}, which is no environment "
+                "of gplfd"
+            )
+        arguments = entry(spec, "kwargs", dict[str, Any])
+        limit = entry(spec, "max_episode_steps", int | None)
+        if limit is not None:
+            arguments["max_episode_steps"] = limit
+        arguments.pop("render_mode", None)  # A replay is not drawn.
+        return Dataset(
+            path=folder,
+            name=entry(metadata, "dataset_id", str),
+            policy=entry(metadata, "algorithm_name", str),
+            description=entry(metadata, "description", str),
+            environment=environment,
+            arguments=arguments,
+            origin={"minari": entry(metadata, "minari_version", str), **origin},
+            n_episodes=n_episodes,
         )
-    own = entry(metadata, KIND, dict[str, Any])
-    layout = entry(own, "layout", int)
-    if layout != LAYOUT:
-        raise ValueError(
-            f"the data set has layout {layout}, this gplfd reads {LAYOUT}; record it "
-            "again or install the version of gplfd that wrote it"
-        )
-    if entry(own, "sha256", str) != sha256:
-        raise ValueError(
-            f"{DATA}/{MAIN_FILE} is damaged or was changed after it was recorded; copy "
-            "or record the data set again"
-        )
-    origin = {name: entry(own, name, kind) for name, kind in _ORIGIN.items()}
-    missing = [name for name in REPRODUCING if name not in origin["versions"]]
-    if missing:
-        raise ValueError(
-            f"the data set does not say with which {', '.join(missing)} it was made"
-        )
-    n_episodes = entry(metadata, "total_episodes", int)
-    if n_episodes < 1:
-        raise ValueError("the data set holds no episode")
-    environment, arguments = _environment(entry(metadata, "env_spec", str))
-    return Dataset(
-        path=folder,
-        name=entry(metadata, "dataset_id", str),
-        policy=entry(metadata, "algorithm_name", str),
-        description=entry(metadata, "description", str),
-        environment=environment,
-        arguments=arguments,
-        origin={"minari": entry(metadata, "minari_version", str), **origin},
-        n_episodes=n_episodes,
-    )
-
-
-def _environment(specification: str) -> tuple[str, dict[str, Any]]:
-    spec = parsed_json(specification)
-    name = entry(spec, "id", str)
-    if not (name.startswith(_NAMESPACE) and name in gym.registry):
-        raise ValueError(
-            f"the data set was recorded in {name}, which is no environment of gplfd"
-        )
-    arguments = entry(spec, "kwargs", dict[str, Any])
-    limit = entry(spec, "max_episode_steps", int | None)
-    # Nobody watches a replay.
-    arguments.pop("render_mode", None)
-    return name, arguments | ({} if limit is None else {"max_episode_steps": limit})
 
 
 def _episode(group: Any, budget: DecodingBudget) -> RecordedEpisode:
-    entries = {
-        name: value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-        for name, value in group.attrs.items()
-    }
+    entries: dict[str, Any] = {}
+    options: dict[str, Any] = {}
+    for name, value in group.attrs.items():
+        plain = isinstance(value, np.ndarray | np.generic)
+        entries[name] = value.tolist() if plain else value
+        # Minari flattens nested mappings to names a/b/c.
+        first, *above = name.split("/")
+        if first == "options" and above:
+            *above, last = above
+            inner = options
+            for key in above:
+                inner = inner.setdefault(key, {})
+            inner[last] = entries[name]
     layout = parsed_json(entry(entries, f"{KIND}/state_layout", str))
     digests = parsed_json(entry(entries, f"{KIND}/model_digests", str))
     return RecordedEpisode(
         seed=entry(entries, "seed", int),
-        options=_nested(entries).get("options", {}),
+        options=options,
         state_layout={name: entry(layout, name, int) for name in layout},
         model_digests={name: entry(digests, name, str) for name in digests},
         observations=_arrays(member(group, "observations"), budget),
@@ -245,15 +240,3 @@ def _arrays(group: Any, budget: DecodingBudget) -> dict[str, NDArray[Any]]:
         for name, item in found
         if isinstance(item, h5py.Dataset)
     }
-
-
-def _nested(flat: Mapping[str, Any]) -> dict[str, Any]:
-    """Undo Minari's ``a/b/c`` names."""
-    nested: dict[str, Any] = {}
-    for name, value in flat.items():
-        *above, last = name.split("/")
-        inner = nested
-        for key in above:
-            inner = inner.setdefault(key, {})
-        inner[last] = value
-    return nested

@@ -12,7 +12,6 @@ import gymnasium as gym
 import h5py
 import minari
 from minari.serialization import serialize_space
-from numpy.typing import NDArray
 
 from gplfd_experiments.data.minari.episode import RecordedEpisode, flat
 from gplfd_experiments.data.minari.physics import model_hash
@@ -38,8 +37,7 @@ REPRODUCING: Final = ("gplfd", "mujoco", "gymnasium", "numpy", "scipy")
 _ID: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]*-v[0-9]+")
 _COMPACT: Final = ("v110", "v110")
 """Format of HDF5 1.10 (2016), whose indices are far smaller than the oldest's."""
-_LARGEST_CHUNK: Final = 1500
-"""Rows that are compressed together."""
+_LARGEST_CHUNK: Final = 1500  # Rows that are compressed together.
 
 
 def write_dataset(
@@ -72,10 +70,31 @@ def write_dataset(
         OSError: The folder cannot be written.
     """
     target = Path(folder).absolute()
-    _check_target(target, overwrite=overwrite)
-    specification = _specification(env)
+    if not _ID.fullmatch(target.name):
+        raise ValueError(
+            f"{target}: a data set's folder is named after its Minari id, letters, "
+            "digits, _ and - with a version at the end, for example door-opening-v0"
+        )
+    if target.exists():
+        if not (target / DATA / METADATA_FILE).is_file():
+            raise ValueError(
+                f"{target} exists and is not a data set; give another folder"
+            )
+        if not overwrite:
+            raise ValueError(
+                f"{target} exists; give another folder, or --overwrite to replace it"
+            )
+    spec = env.spec
+    if spec is None:
+        raise ValueError("the environment must be made by gym.make to be made again")
+    try:
+        specification = spec.to_json()
+    except TypeError as error:
+        raise ValueError(
+            f"the arguments {spec.kwargs} of {spec.id} cannot be stored ({error}); "
+            "give names, numbers or mappings instead of objects"
+        ) from error
     with complete_folder(target) as whole:
-        data = whole / DATA
         content, totals = _packed(episodes)
         origin = provenance(config)
         versions = {name: origin["versions"][name] for name in REPRODUCING}
@@ -102,9 +121,9 @@ def write_dataset(
             },
         }
         try:
-            with complete_or_absent(data / MAIN_FILE) as path:
+            with complete_or_absent(whole / DATA / MAIN_FILE) as path:
                 path.write_bytes(content)
-            write_json(data / METADATA_FILE, metadata)
+            write_json(whole / DATA / METADATA_FILE, metadata)
         except OSError as error:
             size = f"the data set takes {len(content) / 1e6:.1f} MB"
             reason = f"{error.strerror}; {size}"
@@ -116,98 +135,52 @@ def _packed(episodes: Iterable[RecordedEpisode]) -> tuple[bytes, dict[str, Any]]
 
     Returns:
         Its content, and what the metadata say of it.
-
-    Raises:
-        ValueError: There is no episode.
     """
     steps, doors = [], set()
     image = io.BytesIO()
     with h5py.File(image, "w", libver=_COMPACT, track_order=True) as file:
         for number, episode in enumerate(episodes):
             group = file.create_group(f"episode_{number}")
-            group.attrs.update(_attributes(number, episode))
-            for name, array in _arrays(episode).items():
-                _add(group, name, array)
+            group.attrs.update(
+                {
+                    "id": number,
+                    "seed": episode.seed,
+                    "total_steps": len(episode),
+                    **flat({"options": episode.options}),
+                    f"{KIND}/state_layout": json.dumps(dict(episode.state_layout)),
+                    f"{KIND}/model_digests": json.dumps(dict(episode.model_digests)),
+                    f"{KIND}/model_hash": model_hash(episode.model_digests),
+                }
+            )
+            arrays = {name: getattr(episode, name) for name in PER_STEP}
+            arrays |= flat({"observations": episode.observations})
+            arrays |= flat({"infos": episode.infos})
+            for name, array in arrays.items():
+                # Compressed, for states repeat, and so that Minari can append.
+                text = array.dtype.kind == "U"
+                group.create_dataset(
+                    name,
+                    data=array.tolist() if text else array,
+                    dtype=h5py.string_dtype() if text else array.dtype,
+                    chunks=(min(len(array), _LARGEST_CHUNK), *array.shape[1:]),
+                    maxshape=(None, *array.shape[1:]),
+                    compression="gzip",
+                    shuffle=True,
+                )
             steps.append(len(episode))
             doors.add(repr(episode.options.get("door")))
     if not steps:
         raise ValueError("a data set needs at least one episode; none was added")
+    description = (
+        "Door opening, recorded by gplfd; run again with `gplfd demos replay`."
+    )
+    if len(doors) > 1:
+        description += (
+            f" It holds {len(doors)} doors, and recover_environment() makes one: reset "
+            "it with the options of an episode to have that episode's door."
+        )
     return image.getvalue(), {
         "total_episodes": len(steps),
         "total_steps": sum(steps),
-        "description": _description(len(doors)),
+        "description": description,
     }
-
-
-def _description(n_doors: int) -> str:
-    text = "Door opening, recorded by gplfd; run again with `gplfd demos replay`."
-    if n_doors > 1:
-        text += (
-            f" It holds {n_doors} doors, and recover_environment() makes one: reset it "
-            "with the options of an episode to have that episode's door."
-        )
-    return text
-
-
-def _attributes(number: int, episode: RecordedEpisode) -> dict[str, Any]:
-    """What Minari keeps beside an episode's arrays, and what this package adds."""
-    return {
-        "id": number,
-        "seed": episode.seed,
-        "total_steps": len(episode),
-        **flat({"options": episode.options}),
-        f"{KIND}/state_layout": json.dumps(dict(episode.state_layout)),
-        f"{KIND}/model_digests": json.dumps(dict(episode.model_digests)),
-        f"{KIND}/model_hash": model_hash(episode.model_digests),
-    }
-
-
-def _arrays(episode: RecordedEpisode) -> dict[str, NDArray[Any]]:
-    """All arrays of an episode by the names that Minari gives them."""
-    own = {name: getattr(episode, name) for name in PER_STEP}
-    return own | flat({"observations": episode.observations, "infos": episode.infos})
-
-
-def _add(group: Any, name: str, array: NDArray[Any]) -> None:
-    """Write an array: compressed, for states repeat, and so that Minari can append."""
-    text = array.dtype.kind == "U"
-    group.create_dataset(
-        name,
-        data=array.tolist() if text else array,
-        dtype=h5py.string_dtype() if text else array.dtype,
-        chunks=(min(len(array), _LARGEST_CHUNK), *array.shape[1:]),
-        maxshape=(None, *array.shape[1:]),
-        compression="gzip",
-        shuffle=True,
-    )
-
-
-def _check_target(target: Path, *, overwrite: bool) -> None:
-    """Raise ValueError unless a data set may be written there."""
-    if not _ID.fullmatch(target.name):
-        raise ValueError(
-            f"{target}: a data set's folder is named after its Minari id, letters, "
-            "digits, _ and - with a version at the end, for example door-opening-v0"
-        )
-    if not target.exists():
-        return
-    if not (target / DATA / METADATA_FILE).is_file():
-        raise ValueError(f"{target} exists and is not a data set; give another folder")
-    if not overwrite:
-        raise ValueError(
-            f"{target} exists; give another folder, or --overwrite to replace it"
-        )
-
-
-def _specification(env: gym.Env[Any, Any]) -> str:
-    """Return what the environment is made from, as JSON."""
-    spec = env.spec
-    if spec is None:
-        raise ValueError("the environment must be made by gym.make to be made again")
-    try:
-        return spec.to_json()
-    except TypeError as error:
-        raise ValueError(
-            f"the arguments {spec.kwargs} of {spec.id} cannot be stored ({error}); "
-            "give names, numbers or mappings instead of objects"
-        ) from error

@@ -1,22 +1,147 @@
-"""Frames of motions: the hand's offset, and what positions are measured from."""
+"""Frames of motions: the hand's offset, what poses are relative to, and door hinges."""
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.data.preparation.hinge import find_hinge
-from gplfd_experiments.data.preparation.samples import Note, Notes, Samples
+from gplfd_experiments.data.preparation.samples import Notes, Samples
 from gplfd_experiments.data.preparation.settings import FrameName, Transform
 from gplfd_experiments.files.arrays import FloatArray
 
-_STAYS: Final = 0.75
-"""A door that is opened ends at more than this share of its widest angle."""
+_STAYS_OPEN: Final = 0.75  # Least final angle of a door, as a share of its widest.
+_SHORTEST: Final = math.radians(10.0)  # Arc from which a hinge can be found [rad].
+_ROUND: Final = 0.05
+"""Largest distance (rms) from the circle, as a share of its radius."""
+_LEAST_TURN: Final = math.radians(20.0)
+"""Arc that shows whether orientations turn with it [rad]."""
+_UNLIKE: Final = 0.15
+"""Largest difference (rms) between the turns of a hand and of its door [rad]."""
+_FAR_BETTER: Final = 0.3
+"""In another order the difference must be less than this share of that as given."""
+_SHARE_TURNED: Final = (0.65, 1.2)
+"""Least and largest turn of a hand on a handle as a share of the opening angle. Nine
+people's openings of a box have 0.70 to 0.98."""
+_IN_TIME: Final = 0.12
+"""Largest part of the hand's rotation (rms) that is not proportional to the opening
+angle. The nine people have 0.02 to 0.10."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Hinge:
+    """A circle in space that a hand went along."""
+
+    centre: FloatArray
+    """Point of the axis in the plane of the motion [m], (3,)."""
+    axis: FloatArray
+    """Direction about which the motion turns by positive angles, (3,)."""
+    radius: float
+    """Distance of the hand from the axis [m]."""
+    angles: FloatArray
+    """Opening angle of each sample, from 0 [rad], (N,)."""
+    residual: float
+    """Distance of the motion from the circle, root mean square [m]."""
+
+
+def find_hinge(positions: FloatArray) -> Hinge:
+    """Fit a circle to positions of a hand [m], (N, 3).
+
+    The plane is that of least squares; in it the circle's distances are least squares.
+
+    Raises:
+        ValueError: The arc is too short, or the motion is not round.
+    """
+    mean = positions.mean(axis=0)
+    _, _, directions = np.linalg.svd(positions - mean, full_matrices=False)
+    plane, normal = directions[:2], directions[2]
+    flat = (positions - mean) @ plane.T
+    # x² + y² = 2 a x + 2 b y + c, the start of the fit of distances.
+    left = np.column_stack([2.0 * flat, np.ones(len(flat))])
+    a, b, c = np.linalg.lstsq(left, np.sum(flat**2, axis=1), rcond=None)[0]
+    begin = np.array([a, b, math.sqrt(max(c + a * a + b * b, 1e-12))])
+
+    def distances(circle: FloatArray) -> FloatArray:
+        return np.asarray(np.hypot(*(flat - circle[:2]).T) - circle[2])
+
+    fit = least_squares(distances, begin).x
+    arms = flat - fit[:2]
+    angles = np.unwrap(np.arctan2(arms[:, 1], arms[:, 0]))
+    angles -= angles[0]
+    # A door that is closed again ends where it began: the farthest angle is open.
+    if angles[np.argmax(np.abs(angles))] < 0.0:
+        angles, normal = -angles, -normal
+    # plane[0] × plane[1] may be either normal; angles are positive about this one.
+    handed = np.sign(np.cross(plane[0], plane[1]) @ directions[2])
+    off_plane = (positions - mean) @ directions[2]
+    off_circle = np.linalg.norm(arms, axis=1) - fit[2]
+    hinge = Hinge(
+        centre=mean + fit[:2] @ plane,
+        axis=normal * handed,
+        radius=float(fit[2]),
+        angles=angles,
+        residual=float(np.sqrt(np.mean(off_plane**2 + off_circle**2))),
+    )
+    if np.ptp(angles) < _SHORTEST:
+        raise ValueError(
+            "no hinge can be found from an arc of "
+            f"{math.degrees(np.ptp(angles)):.1f}°, it takes "
+            f"{math.degrees(_SHORTEST):.0f}°; give --frame first-pose or a pose"
+        )
+    if hinge.residual > _ROUND * hinge.radius:
+        raise ValueError(
+            f"the motion is {1e3 * hinge.residual:.0f} mm (rms) off a circle of "
+            f"{hinge.radius:.2f} m, so it is about no hinge; give --frame first-pose "
+            "or a pose, or part it into repetitions (--segment)"
+        )
+    return hinge
+
+
+def suspicious_order(poses: FloatArray) -> str | None:
+    """Return a warning if another order of quaternions fits a hand on a hinge better.
+
+    Only a motion on a circle can tell: there the hand turns as it goes round.
+
+    Args:
+        poses: Positions [m] and quaternions, the scalar first, (N, 7).
+    """
+    try:
+        hinge = find_hinge(poses[:, :3])
+    except ValueError:
+        return None
+    if np.ptp(hinge.angles) < _LEAST_TURN:
+        return None
+    turned = hinge.angles[:, None] * hinge.axis
+
+    def rotation_and_error(shift: int) -> tuple[FloatArray, float]:
+        quaternions = np.roll(poses[:, 3:], shift, axis=1)
+        rotations = Rotation.from_quat(quaternions, scalar_first=True)
+        since = rotations * rotations[0].inv()
+        wrong = since.inv() * Rotation.from_rotvec(turned)
+        return since.as_rotvec(), float(np.sqrt(np.mean(wrong.magnitude() ** 2)))
+
+    _, as_given = rotation_and_error(0)
+    rotation, other = min(map(rotation_and_error, (1, -1)), key=lambda found: found[1])
+    if as_given < _UNLIKE or other > _FAR_BETTER * as_given:
+        return None
+    # A free hand may turn about such an axis by chance, but not as far and in time
+    # with the way round.
+    about = rotation @ hinge.axis
+    share = float(about @ hinge.angles / (hinge.angles @ hinge.angles))
+    untimely = np.linalg.norm(about - share * hinge.angles) / np.linalg.norm(rotation)
+    if not _SHARE_TURNED[0] <= share <= _SHARE_TURNED[1] or untimely > _IN_TIME:
+        return None
+    return (
+        f"the hand goes round a hinge, but turns {as_given:.2g} rad otherwise, and "
+        f"{other:.2g} rad with the scalar of the quaternions at the other end: is "
+        "their order right?"
+    )
 
 
 def offset_by(samples: Samples, offset: Transform | None) -> Samples:
-    """Return the motion of an object from that of what it is fixed to.
+    """Return the motion of an object from that of a tracker fixed to it.
 
     Args:
         samples: Of the tracker.
@@ -30,62 +155,52 @@ def offset_by(samples: Samples, offset: Transform | None) -> Samples:
 
 
 def in_frame(
-    samples: Samples, frame: FrameName | Transform
-) -> tuple[Samples, float | None, Notes]:
-    """Express a motion in a frame.
-
-    Args:
-        samples: In the frame that was recorded.
-        frame: See `Preparation.frame`.
+    samples: Samples, frame: FrameName | Transform, notes: Notes
+) -> tuple[Samples, float | None]:
+    """Express a motion in a frame, see `Preparation.frame`.
 
     Returns:
-        The motion; the radius of the hinge [m] if one was found; and notes.
+        The motion; and the radius of the hinge [m] if one was found.
 
     Raises:
         ValueError: No hinge can be found.
     """
     if frame == "recorded":
-        return samples, None, ()
+        return samples, None
     positions, rotations = _parts(samples.poses)
-    if frame == "hinge":
-        hinge = find_hinge(positions)
-        origin, axes = hinge.frame(positions[0])
-        # A hand's orientation is how far it has turned, in the axes of the door.
-        turned = axes.inv() * rotations * rotations[0].inv() * axes
-        notes = []
-        if not np.ptp(samples.poses[:, 3:], axis=0).any():
-            angles = hinge.angles[:, None] * [0.0, 1.0, 0.0]
-            turned = Rotation.from_rotvec(angles)
-            text = "no orientations: the hand is taken to turn with the door"
-            notes.append(Note(text=text))
-        notes += _closed_again(hinge.angles, samples.times)
-        moved = _of_parts(samples, axes.inv().apply(positions - origin), turned)
-        text = (
-            f"hinge at {hinge.radius:.3f} m, opened to "
-            f"{np.degrees(hinge.angles.max()):.0f}°, {1e3 * hinge.residual:.1f} mm off "
-            "the circle (rms)"
+    if frame != "hinge":
+        base = samples.poses[0] if frame == "first-pose" else np.array(frame)
+        origin, axes = _parts(base)
+        moved = axes.inv().apply(positions - origin)
+        return _of_parts(samples, moved, axes.inv() * rotations), None
+    hinge = find_hinge(positions)
+    # The door's task frame: x pull, y up, z outwards from the hinge.
+    origin = positions[0]
+    outwards = origin - hinge.centre
+    outwards -= hinge.axis * (hinge.axis @ outwards)
+    outwards /= np.linalg.norm(outwards)
+    pull = np.cross(hinge.axis, outwards)
+    axes = Rotation.from_matrix(np.column_stack([pull, hinge.axis, outwards]))
+    # A hand's orientation is how far it has turned, in the axes of the door.
+    turned = axes.inv() * rotations * rotations[0].inv() * axes
+    if not np.ptp(samples.poses[:, 3:], axis=0).any():
+        turned = Rotation.from_rotvec(hinge.angles[:, None] * [0.0, 1.0, 0.0])
+        notes.add("no orientations: the hand is taken to turn with the door")
+    widest = int(np.argmax(hinge.angles))
+    if hinge.angles[-1] <= _STAYS_OPEN * hinge.angles[widest]:
+        start, end = max(samples.times[0], 0.0), samples.times[widest]
+        opened, closed = np.degrees([hinge.angles[widest], abs(hinge.angles[-1])])
+        notes.warn(
+            f"opened to {opened:.0f}° after {end:.2f} s, then closed to {closed:.0f}°: "
+            f"to learn to open, cut there (--segment {start:.2f}-{end:.2f})"
         )
-        return moved, hinge.radius, (*notes, Note(text=text))
-    base = samples.poses[0] if frame == "first-pose" else np.array(frame)
-    origin, axes = _parts(base)
-    moved = _of_parts(
-        samples, axes.inv().apply(positions - origin), axes.inv() * rotations
+    notes.add(
+        f"hinge at {hinge.radius:.3f} m, opened to "
+        f"{np.degrees(hinge.angles.max()):.0f}°, {1e3 * hinge.residual:.1f} mm off "
+        "the circle (rms)"
     )
-    return moved, None, ()
-
-
-def _closed_again(angles: FloatArray, times: FloatArray) -> Notes:
-    """Notice that a door does not stay open."""
-    widest = int(np.argmax(angles))
-    if angles[-1] > _STAYS * angles[widest]:
-        return ()
-    start, end = max(times[0], 0.0), times[widest]
-    open_, closed = np.degrees([angles[widest], abs(angles[-1])])
-    text = (
-        f"opened to {open_:.0f}° after {end:.2f} s, then closed to {closed:.0f}°: to "
-        f"learn to open, cut there (--segment {start:.2f}-{end:.2f})"
-    )
-    return (Note(text=text, warning=True),)
+    moved = axes.inv().apply(positions - origin)
+    return _of_parts(samples, moved, turned), hinge.radius
 
 
 def _parts(poses: FloatArray) -> tuple[FloatArray, Rotation]:

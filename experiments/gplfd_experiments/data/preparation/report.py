@@ -1,6 +1,7 @@
-"""What was done to recordings, and what should be looked at, as text."""
+"""Report and picture of a preparation: what was done, and what needs a look."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -9,31 +10,51 @@ from gplfd_experiments.data.preparation import Motion
 from gplfd_experiments.data.preparation.settings import Preparation
 from gplfd_experiments.files.table import Table, text_table
 
-_COLUMNS = (
-    "",
-    "from",
-    "recorded [s]",
-    "rate [Hz]",
-    "kept [s]",
-    "samples",
-    "path [m]",
-    "turned [deg]",
-    "peak force [N]",
-)
-
 
 def report(motions: Sequence[Motion], settings: Preparation) -> str:
     """Return the settings in words, a row per motion, and every note."""
-    force = any("force" in motion.signals for motion in motions)
-    columns = _COLUMNS if force else _COLUMNS[:-1]
-    rows = [_row(n, motion)[: len(columns)] for n, motion in enumerate(motions)]
+    frame, cutoff, rate = settings.frame, settings.cutoff, settings.rate
+    done = [
+        f"frame: {frame if isinstance(frame, str) else 'relative to a given pose'}",
+        "not filtered" if cutoff is None else f"low-pass filter of {cutoff:g} Hz",
+        "rests at the ends cut" if settings.trim_rests else "rests kept",
+        "samples as recorded" if rate is None else f"{rate:g} samples per second",
+    ]
+    if settings.offset is not None:
+        done.append("moved by the offset of the hand")
+    rows = []
+    for number, motion in enumerate(motions):
+        times, poses = motion.demonstration.times, motion.demonstration.poses
+        before = motion.recorded
+        path = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).sum()
+        turned = rotation_distance(poses[:, 3:], poses[0, 3:]).max()
+        row = {
+            "": str(number),
+            "from": motion.name,
+            "recorded [s]": f"{before.times[-1] - before.times[0]:.2f}",
+            "rate [Hz]": f"{1.0 / before.step:.4g}",
+            "kept [s]": f"{times[-1] - times[0]:.2f}",
+            "samples": str(len(times)),
+            "path [m]": f"{path:.3f}",
+            "turned [deg]": f"{np.degrees(turned):.1f}",
+        }
+        if any("force" in one.signals for one in motions):
+            force = motion.signals.get("force")
+            row["peak force [N]"] = (
+                ""
+                if force is None
+                else f"{np.linalg.norm(force[:, :3], axis=1).max():.1f}"
+            )
+        rows.append(row)
+    table = Table(
+        columns=tuple(rows[0]), rows=tuple(tuple(row.values()) for row in rows)
+    )
     notes = [
         f"{'!' if note.warning else ' '} {number}: {note.text}"
         for number, motion in enumerate(motions)
         for note in motion.notes
     ]
-    table = Table(columns=columns, rows=tuple(rows))
-    return "\n".join([_in_words(settings), "", text_table(table), "", *notes]).rstrip()
+    return "\n".join(["; ".join(done), "", text_table(table), "", *notes]).rstrip()
 
 
 def warnings_in(motions: Sequence[Motion]) -> int:
@@ -41,39 +62,36 @@ def warnings_in(motions: Sequence[Motion]) -> int:
     return sum(note.warning for motion in motions for note in motion.notes)
 
 
-def _row(number: int, motion: Motion) -> tuple[str, ...]:
-    times, poses = motion.demonstration.times, motion.demonstration.poses
-    recorded = motion.recorded
-    path = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).sum()
-    turned = rotation_distance(poses[:, 3:], poses[0, 3:]).max()
-    force = motion.signals.get("force")
-    peak = "" if force is None else f"{np.linalg.norm(force[:, :3], axis=1).max():.1f}"
-    return (
-        str(number),
-        motion.name,
-        f"{recorded.times[-1] - recorded.times[0]:.2f}",
-        f"{1.0 / recorded.step:.4g}",
-        f"{times[-1] - times[0]:.2f}",
-        str(len(times)),
-        f"{path:.3f}",
-        f"{np.degrees(turned):.1f}",
-        peak,
-    )
+def draw(motions: Sequence[Motion], path: Path) -> None:
+    """Write a picture: recorded motions on the left, prepared ones on the right.
 
+    Positions are in the upper row, orientations below: the components of the recorded
+    quaternions, and of the rotation vectors that were made of them.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-def _in_words(settings: Preparation) -> str:
-    """Return what was done to all of them."""
-    frame = settings.frame
-    parts = [
-        f"frame: {frame if isinstance(frame, str) else 'relative to a given pose'}",
-        "not filtered"
-        if settings.cutoff is None
-        else f"low-pass filter of {settings.cutoff:g} Hz",
-        "rests at the ends cut" if settings.trim_rests else "rests kept",
-        "samples as recorded"
-        if settings.rate is None
-        else f"{settings.rate:g} samples per second",
-    ]
-    if settings.offset is not None:
-        parts.append("moved by the offset of the hand")
-    return "; ".join(parts)
+    figure = Figure(figsize=(11.0, 6.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(2, 2)
+    position, rotation = slice(0, 3), slice(3, None)
+    xyz = ("x", "y", "z")
+    for row, column, what, names in (
+        (0, 0, "recorded: position [m]", xyz),
+        (0, 1, "prepared: position [m]", xyz),
+        (1, 0, "recorded: quaternion", ("w", *xyz)),
+        (1, 1, "prepared: rotation vector [rad]", xyz),
+    ):
+        one = axes[row, column]
+        for motion in motions:
+            drawn = motion.demonstration if column else motion.recorded
+            clock = drawn.times - drawn.times[0]
+            values = drawn.poses[:, rotation if row else position]
+            for place, component in enumerate(values.T):
+                one.plot(clock, component, color=f"C{place}", linewidth=0.8, alpha=0.7)
+        one.set_title(what, loc="left", fontsize=10)
+        one.legend(one.lines[: len(names)], names)
+        one.grid(alpha=0.3)
+        if row:
+            one.set_xlabel("time since the first sample [s]")
+    figure.savefig(path, dpi=110)

@@ -1,7 +1,4 @@
-"""Samples of a motion, and how they are mended: units, stamps, quaternions, jumps.
-
-Every step takes samples and gives samples and says what it did.
-"""
+"""Samples of a motion, and how they are mended: units, stamps, quaternions, jumps."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,22 +10,15 @@ import numpy as np
 from gplfd_experiments.data.raw import METRES, RawRecording
 from gplfd_experiments.files.arrays import FloatArray
 
-_NORM_TOLERANCE: Final = 0.05
-"""A quaternion whose norm is further from one is none."""
-_MOSTLY: Final = 0.5
-"""Share of samples that must be usable."""
-_NOWHERE: Final = 1e9
-"""Coordinates beyond this, in any unit, and NaN are no position."""
+_NORM_TOLERANCE: Final = 0.05  # Largest error of the norm of a rotation's quaternion.
+_LEAST_USABLE: Final = 0.5  # Share of samples that must be usable.
+_LARGEST_POSITION: Final = 1e9  # Larger coordinates, in any unit, count as missing.
 _MOST_STEPS: Final = 10**6
-"""A recording spans at most so many of its usual steps, or four times its samples."""
-_FAST: Final = 5.0
-"""Speed [m/s] that a hand hardly reaches."""
-_SPIN: Final = 20.0
-"""Angular speed [rad/s] that a hand hardly reaches."""
-_OUTLYING: Final = 10.0
-"""A jump is so many times as long as the usual step."""
-_SPIKE: Final = 5
-"""Samples that a tracker may lie elsewhere before it is back."""
+"""A motion spans at most so many of its usual steps, or four times its samples."""
+_FASTEST: Final = 5.0  # Speed of a hand [m/s] above which a step may be a jump.
+_FASTEST_TURN: Final = 20.0  # The same of the angular speed [rad/s].
+_OUTLYING: Final = 10.0  # A jump is so many times as long as the usual step.
+_LONGEST_SPIKE: Final = 5  # Samples between a jump and the jump back.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -41,7 +31,16 @@ class Note:
     """Whether a person should look at it."""
 
 
-Notes = tuple[Note, ...]
+class Notes(list[Note]):
+    """Notes that the steps of a preparation add to."""
+
+    def add(self, text: str) -> None:
+        """Note what was done."""
+        self.append(Note(text=text))
+
+    def warn(self, text: str) -> None:
+        """Note what a person should look at."""
+        self.append(Note(text=text, warning=True))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -49,10 +48,10 @@ class Samples:
     """A motion between two steps of the preparation."""
 
     times: FloatArray
-    """Time since the recording's first usable sample [s], (N,)."""
+    """Time since the first usable sample [s], (N,)."""
     poses: FloatArray
     """Positions [m] and unit quaternions, the scalar first, continuous in sign, (N, 7);
-    of a motion without orientations that of no rotation."""
+    the identity where a motion has no orientations."""
     signals: Mapping[str, FloatArray]
     """What else was recorded, (N, d) each."""
 
@@ -66,100 +65,76 @@ class Samples:
 
     @property
     def step(self) -> float:
-        """The usual time between two samples [s]."""
+        """The median time between two samples [s]."""
         return float(np.median(np.diff(self.times)))
 
 
-def turns(quaternions: FloatArray) -> FloatArray:
-    """Return the angle [rad] between successive unit quaternions, (N - 1,)."""
-    chords = np.linalg.norm(np.diff(quaternions, axis=0), axis=1)
-    return np.asarray(4.0 * np.arcsin(np.clip(0.5 * chords, 0.0, 1.0)))
-
-
 def usable(
-    raw: RawRecording, units: str | None, recorded_rate: float | None
-) -> tuple[Samples, Notes]:
-    """Return the samples of a recording that are there, in metres and in order.
+    raw: RawRecording, units: str | None, recorded_rate: float | None, notes: Notes
+) -> Samples:
+    """Return the usable samples of a motion, in metres and in order of time.
 
     Args:
-        raw: The recording.
+        raw: The motion.
         units: Unit of its positions; None for what it says, else metres.
         recorded_rate: Its samples per second [Hz], where it has no time stamps.
+        notes: To which what was done and noticed is added.
 
     Raises:
-        ValueError: It has no time stamps and no rate is given, hardly a sample is
+        ValueError: It has no time stamps and no rate is given, too few samples are
             usable, or what should be quaternions are none.
     """
-    notes = [Note(text=text, warning=True) for text in raw.notes]
-    times = _stamps(raw, recorded_rate)
-    quaternions, norms = _quaternions(raw)
-    there = np.isfinite(times) & (norms > 0.0)
-    there &= (np.abs(raw.positions) < _NOWHERE).all(axis=1)
-    if np.count_nonzero(there) < max(2.0, _MOSTLY * len(there)):
+    for text in raw.notes:
+        notes.warn(text)
+    number = len(raw.positions)
+    times = raw.times
+    if times is None:
+        if recorded_rate is None:
+            raise ValueError(
+                f"{raw.name} has no time stamps{raw.untimed or ';'} say how many "
+                "samples it has per second, --recorded-rate 100"
+            )
+        times = np.arange(number) / recorded_rate
+    there = np.isfinite(times)
+    there &= (np.abs(raw.positions) < _LARGEST_POSITION).all(axis=1)
+    quaternions = np.tile([1.0, 0.0, 0.0, 0.0], (number, 1))
+    if raw.quaternions is not None:
+        norms = np.nan_to_num(np.linalg.norm(raw.quaternions, axis=1), posinf=0.0)
+        given = norms > 1e-6
+        wrong = given & (np.abs(norms - 1.0) > _NORM_TOLERANCE)
+        if wrong.any():
+            index = int(np.argmax(wrong))
+            raise ValueError(
+                f"{raw.name}: the quaternion of sample {index} has norm "
+                f"{norms[index]:.4g}, and rotations have norm 1; are these the columns "
+                "of the quaternion?"
+            )
+        quaternions = raw.quaternions / np.where(given, norms, 1.0)[:, None]
+        there &= given
+    found = np.count_nonzero(there)
+    if found < max(2.0, _LEAST_USABLE * number):
         raise ValueError(
-            f"{raw.name}: only {np.count_nonzero(there)} of {len(there)} samples have "
-            "time, position and orientation; look at the recording"
+            f"{raw.name}: only {found} of {number} samples have time, position and "
+            "orientation; look at the recording"
         )
-    if not there.all():
-        missing = len(there) - np.count_nonzero(there)
-        notes.append(Note(text=f"{missing} of {len(there)} samples missing"))
-    unit = units or raw.unit
-    notes += _unit_notes(raw, units)
-    poses = np.hstack([raw.positions * METRES[unit or "m"], quaternions])
-    signals = {name: _filled(times, array) for name, array in raw.signals.items()}
-    samples = Samples(times=times, poses=poses, signals=signals)[there]
-    try:
-        samples, more = _in_order(samples)
-    except ValueError as error:
-        raise ValueError(f"{raw.name}: {error}") from error
-    flips, samples = _continuous(samples)
-    if flips:
-        notes.append(Note(text=f"{flips} quaternions changed sign"))
-    return samples, (*notes, *more)
-
-
-def _stamps(raw: RawRecording, recorded_rate: float | None) -> FloatArray:
-    if raw.times is not None:
-        return raw.times
-    if recorded_rate is None:
-        raise ValueError(
-            f"{raw.name} has no time stamps{raw.untimed or ';'} say how many samples "
-            "it has per second, --recorded-rate 100"
-        )
-    return np.arange(len(raw.positions)) / recorded_rate
-
-
-def _quaternions(raw: RawRecording) -> tuple[FloatArray, FloatArray]:
-    """Return unit quaternions and their recorded norms, 0 where there is none."""
-    if raw.quaternions is None:
-        return np.tile([1.0, 0.0, 0.0, 0.0], (len(raw.positions), 1)), np.ones(
-            len(raw.positions)
-        )
-    norms = np.nan_to_num(np.linalg.norm(raw.quaternions, axis=1), posinf=0.0)
-    given = norms > 1e-6
-    wrong = given & (np.abs(norms - 1.0) > _NORM_TOLERANCE)
-    if wrong.any():
-        index = int(np.argmax(wrong))
-        raise ValueError(
-            f"{raw.name}: the quaternion of sample {index} has norm "
-            f"{norms[index]:.4g}, and rotations have norm 1; are these the columns of "
-            "the quaternion?"
-        )
-    norms = np.where(given, norms, 0.0)
-    unit = np.divide(raw.quaternions, np.where(given, norms, 1.0)[:, None])
-    return unit, norms
-
-
-def _unit_notes(raw: RawRecording, units: str | None) -> list[Note]:
+    if found < number:
+        notes.add(f"{number - found} of {number} samples missing")
     if units is not None and raw.unit not in (None, units):
-        return [Note(text=f"taken in {units}, the file says {raw.unit}", warning=True)]
-    if units is None and raw.unit is None:
-        return [Note(text="no unit given: taken as metres")]
-    return []
+        notes.warn(f"taken in {units}, the file says {raw.unit}")
+    elif units is None and raw.unit is None:
+        notes.add("no unit given: taken as metres")
+    samples = Samples(
+        times=times,
+        poses=np.hstack(
+            [raw.positions * METRES[units or raw.unit or "m"], quaternions]
+        ),
+        signals={name: _filled(times, array) for name, array in raw.signals.items()},
+    )
+    return _in_order(raw.name, samples[there], notes)
 
 
 def _filled(times: FloatArray, signal: FloatArray) -> FloatArray:
-    """Fill a signal's missing samples in a straight line."""
+    """Interpolate a signal's missing samples."""
     filled = np.array(signal)
     for column in filled.T:
         known = np.isfinite(column) & np.isfinite(times)
@@ -168,69 +143,64 @@ def _filled(times: FloatArray, signal: FloatArray) -> FloatArray:
     return np.nan_to_num(filled)
 
 
-def _in_order(samples: Samples) -> tuple[Samples, Notes]:
-    """Sort by time, keep one sample of each, and count from the first."""
-    notes = []
+def _in_order(name: str, samples: Samples, notes: Notes) -> Samples:
+    """Sort by time from the first sample, without repeated stamps and changed signs."""
     backwards = int(np.count_nonzero(np.diff(samples.times) < 0.0))
     if backwards:
         samples = samples[np.argsort(samples.times, kind="stable")]
-        text = f"time stamps went back {backwards} times: sorted"
-        notes.append(Note(text=text, warning=True))
+        notes.warn(f"time stamps went back {backwards} times: sorted")
     first = np.concatenate([[True], np.diff(samples.times) > 0.0])
     if not first.all():
-        repeated = len(first) - np.count_nonzero(first)
+        notes.add(
+            f"{np.count_nonzero(~first)} samples with the time of another left out"
+        )
         samples = samples[first]
-        notes.append(Note(text=f"{repeated} samples with the time of another left out"))
     if len(samples.times) < 2:
-        raise ValueError("all samples have the same time stamp")
+        raise ValueError(f"{name}: all samples have the same time stamp")
     times = samples.times - samples.times[0]
     if not times[-1] <= samples.step * max(_MOST_STEPS, 4 * len(times)):
         raise ValueError(
-            f"time stamps span {times[-1]:.3g} s in steps of usually "
+            f"{name}: time stamps span {times[-1]:.3g} s in steps of usually "
             f"{samples.step:.3g} s; look at the first and the last, and at the unit"
         )
-    return replace(samples, times=times), tuple(notes)
-
-
-def _continuous(samples: Samples) -> tuple[int, Samples]:
-    """Let quaternions keep their sign; return how many changed it."""
+    # Of a quaternion's two signs, the one that is close to the sample before.
     quaternions = samples.poses[:, 3:]
     overlap = np.einsum("ij,ij->i", quaternions[1:], quaternions[:-1])
     changes = np.where(overlap < 0.0, -1.0, 1.0)
+    if flips := np.count_nonzero(changes < 0.0):
+        notes.add(f"{flips} quaternions changed sign")
     signs = np.concatenate([[1.0], np.cumprod(changes)])
     poses = np.hstack([samples.poses[:, :3], quaternions * signs[:, None]])
-    flips = int(np.count_nonzero(changes < 0.0))
-    return flips, replace(samples, poses=poses)
+    return replace(samples, times=times, poses=poses)
 
 
-def without_spikes(samples: Samples) -> tuple[Samples, Notes]:
-    """Leave out the few samples that a tracker saw elsewhere, and tell of jumps.
+def without_spikes(samples: Samples, notes: Notes) -> Samples:
+    """Leave out short excursions of the tracker, and warn of jumps.
 
-    A jump is a step far longer than usual and faster than a hand. Where another one
-    leads back at once, the samples between are left out; where not, the jump stays.
+    A jump is a step far longer than usual and faster than a hand. Where another jump
+    leads back at once, the samples between are left out; otherwise the jump stays.
     """
     steps = np.diff(samples.times)
     lengths = np.linalg.norm(np.diff(samples.poses[:, :3], axis=0), axis=1)
-    angles = turns(samples.poses[:, 3:])
+    # The angle between two unit quaternions from the chord between them.
+    chords = np.linalg.norm(np.diff(samples.poses[:, 3:], axis=0), axis=1)
+    angles = np.asarray(4.0 * np.arcsin(np.clip(0.5 * chords, 0.0, 1.0)))
     jumps = np.full(len(steps), False)
-    for sizes, limit in ((lengths, _FAST), (angles, _SPIN)):
+    for sizes, limit in ((lengths, _FASTEST), (angles, _FASTEST_TURN)):
         usual = np.median(sizes[sizes > 0.0]) if (sizes > 0.0).any() else 0.0
         jumps |= (sizes > _OUTLYING * usual) & (sizes > limit * steps)
     kept, left = np.full(len(samples.times), True), list(np.flatnonzero(jumps))
     for out, back in pairwise(np.flatnonzero(jumps)):
-        if back - out <= _SPIKE and out in left:
+        if back - out <= _LONGEST_SPIKE and out in left:
             kept[out + 1 : back + 1] = False
             left = [jump for jump in left if jump not in (out, back)]
-    notes = []
     if not kept.all():
-        number = len(kept) - np.count_nonzero(kept)
-        text = f"{number} samples where the tracker saw it elsewhere left out"
-        notes.append(Note(text=text, warning=True))
+        number = np.count_nonzero(~kept)
+        notes.warn(f"{number} samples where the tracker saw it elsewhere left out")
     if left:
         first = left[0]
-        text = (
+        notes.warn(
             f"{len(left)} jumps of the tracker, at {samples.times[first]:.2f} s by "
             f"{lengths[first]:.2g} m and {angles[first]:.2g} rad: cut there (--segment)"
         )
-        notes.append(Note(text=text, warning=True))
-    return samples[kept], tuple(notes)
+    return samples[kept]

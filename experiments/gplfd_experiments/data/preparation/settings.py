@@ -1,4 +1,4 @@
-"""What is done to recordings before something learns from them."""
+"""Settings of the preparation of motions."""
 
 import math
 from dataclasses import dataclass
@@ -11,11 +11,10 @@ FrameName = Literal["first-pose", "recorded", "hinge"]
 """Frames that need no numbers, see `Preparation.frame`."""
 
 Segments = Literal["none", "rests", "turns"] | tuple[tuple[float, float], ...]
-"""How a recording is parted into repetitions, see `Preparation.segments`."""
+"""How a motion is divided into repetitions, see `Preparation.segments`."""
 
 FRAMES: Final = ("first-pose", "recorded", "hinge")
-_LARGEST: Final = 1e5
-"""Of a rate or a cut-off [Hz], and of a gap [s]."""
+_LARGEST: Final = 1e5  # Of a rate or a cut-off [Hz], and of a gap [s].
 _NORM_TOLERANCE: Final = 0.05
 
 
@@ -24,7 +23,7 @@ class Preparation:
     """Settings of `prepare`; the defaults suit a hand recorded at 50 Hz or more.
 
     Raises:
-        ValueError: A value is outside its range, or a transform is none.
+        ValueError: A value is outside its range, or a transform is not a pose.
     """
 
     units: str | None = None
@@ -37,8 +36,8 @@ class Preparation:
     "recorded": as recorded. "hinge": of a door, whose hinge is found from the motion.
     Or the pose of the task's frame in the recorded one."""
     segments: Segments = "none"
-    """Repetitions in a recording. "none": the whole is one. "rests": what lies between
-    rests, but for motions back. "turns": what lies between turns, the same. Or start
+    """Repetitions in a motion. "none": the whole is one. "rests": what lies between
+    rests, without motions back. "turns": what lies between turns, the same. Or start
     and end of each since the first sample [s]."""
     trim_rests: bool = True
     """Whether rests at both ends are cut to those of a gentle motion."""
@@ -58,9 +57,19 @@ class Preparation:
                     f"{name} = {value:g} must be a positive number to {_LARGEST:g}"
                 )
         for name in ("offset", "frame"):
-            value = getattr(self, name)
-            if value is not None and not isinstance(value, str):
-                object.__setattr__(self, name, _unit_pose(name, value))
+            pose = getattr(self, name)
+            if pose is None or isinstance(pose, str):
+                continue
+            norm = math.hypot(*pose[3:])
+            if len(pose) != 7 or not abs(norm - 1.0) < _NORM_TOLERANCE:
+                raise ValueError(
+                    f"{name} = {pose} must be x,y,z [m] and a unit quaternion "
+                    "qw,qx,qy,qz"
+                )
+            if not math.isfinite(sum(pose)):
+                raise ValueError(f"{name} = {pose} must be finite")
+            unit = (*pose[:3], *(part / norm for part in pose[3:]))
+            object.__setattr__(self, name, unit)
         if isinstance(self.frame, str) and self.frame not in FRAMES:
             raise ValueError(
                 f"frame {self.frame!r} must be one of {', '.join(FRAMES)}, or a pose "
@@ -76,15 +85,3 @@ class Preparation:
         for start, end in self.segments:
             if not start < end:
                 raise ValueError(f"a segment from {start} to {end} s ends too early")
-
-
-def _unit_pose(name: str, pose: tuple[float, ...]) -> tuple[float, ...]:
-    """Return a pose with a quaternion of norm one."""
-    norm = math.hypot(*pose[3:])
-    if len(pose) != 7 or not abs(norm - 1.0) < _NORM_TOLERANCE:
-        raise ValueError(
-            f"{name} = {pose} must be x,y,z [m] and a unit quaternion qw,qx,qy,qz"
-        )
-    if not math.isfinite(sum(pose)):
-        raise ValueError(f"{name} = {pose} must be finite")
-    return (*pose[:3], *(part / norm for part in pose[3:]))

@@ -1,4 +1,4 @@
-"""Repetitions, gaps, filtering and resampling."""
+"""Repetitions, gaps, filtering and resampling of a motion."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,55 +6,41 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.signal import butter, sosfiltfilt
 
-from gplfd_experiments.data.preparation.samples import Note, Notes, Samples
+from gplfd_experiments.data.preparation.samples import Notes, Samples
 from gplfd_experiments.data.preparation.settings import Segments
 from gplfd_experiments.data.raw import likely_time_unit
 from gplfd_experiments.files.arrays import FloatArray
 
-_SMOOTH: Final = 0.05
-"""Standard deviation of the smoother under which speed is measured [s]."""
-_REACH: Final = 0.1
-"""Speed is that of chords over twice this time [s]."""
-_SLOW: Final = 0.05
+_SMOOTHING: Final = 0.05  # Standard deviation of the smoother of the poses [s].
+_REACH: Final = 0.1  # Speed is that of chords over twice this time [s].
+_RESTING: Final = 0.05
 """A hand slower than this share of its fast speed, the 95th percentile, rests."""
-_LONG: Final = 0.5
-"""A rest between two repetitions is at least so long [s]."""
-_MARGIN: Final = 0.2
-"""Of the rest on either side of a repetition so much is kept [s]."""
-_SHORT: Final = 0.3
-"""A repetition's path is at least this share of the longest one's."""
-_BACK: Final = 0.5
-"""A hand has turned round once it came back by this share of its usual way."""
-_WHOLE: Final = 0.7
-"""A repetition goes at least this share of the usual way from turn to turn."""
-_TRIFLE: Final = 0.1
-"""What goes less is no attempt at one."""
-_ORDER: Final = 4
-"""Of the Butterworth filter."""
-_OVERSAMPLED: Final = 2.5
-"""Samples per period of the cut-off that filtering takes."""
+_LEAST_REST: Final = 0.5  # Shortest rest between two repetitions [s].
+_MARGIN: Final = 0.2  # Part of the rest kept on either side of a repetition [s].
+_LEAST_PATH: Final = 0.3  # Least path of a repetition as a share of the longest one.
+_TURNED_BACK: Final = 0.5  # A hand turns where it comes back by this share of its span.
+_WHOLE: Final = 0.7  # Least share of the usual way from turn to turn.
+_ATTEMPT: Final = 0.1  # A way below this share of the longest is not counted.
+_ORDER: Final = 4  # Of the Butterworth filter.
+_OVERSAMPLED: Final = 2.5  # Least samples per period of the cut-off.
 
 
-def repetitions(samples: Samples, how: Segments) -> tuple[list[Samples], Notes]:
-    """Part a recording into repetitions.
-
-    Args:
-        samples: The recording.
-        how: See `Preparation.segments`.
+def repetitions(samples: Samples, how: Segments, notes: Notes) -> list[Samples]:
+    """Divide a motion into repetitions, see `Preparation.segments`.
 
     Raises:
         ValueError: Times are given between which there is no motion, or turns are to
             be found where nothing moves.
     """
     if how == "none":
-        return [samples], ()
-    if isinstance(how, str):
-        ways = {"rests": _between_rests, "turns": _between_turns}
-        return ways[how](samples)
+        return [samples]
+    if how == "rests":
+        return _between_rests(samples, notes)
+    if how == "turns":
+        return _between_turns(samples, notes)
     parts = []
     for start, end in how:
         inside = (samples.times >= start) & (samples.times <= end)
@@ -64,17 +50,27 @@ def repetitions(samples: Samples, how: Segments) -> tuple[list[Samples], Notes]:
                 f"the recording lasts {samples.times[-1]:.3f} s"
             )
         parts.append(samples[inside])
-    return parts, ()
+    return parts
 
 
-def _between_rests(samples: Samples) -> tuple[list[Samples], Notes]:
-    """Return what lies between rests, but for motions back and trifles."""
-    speed = _speed(samples)
-    moving = np.asarray(speed > _SLOW * np.percentile(speed, 95.0))
+def _between_rests(samples: Samples, notes: Notes) -> list[Samples]:
+    """Return what lies between rests, without motions back and short motions."""
+    # The speed of the smoothed hand in metres and half radians per second: a
+    # quaternion moves by half the angle.
+    clock, smooth = _smoothed(samples)
+    reach = max(1, round(_REACH / samples.step))
+    padded = np.pad(smooth, ((reach, reach), (0, 0)), mode="edge")
+    chords = padded[2 * reach :] - padded[: -2 * reach]
+    lengths = np.linalg.norm(chords, axis=1) / (2 * reach * samples.step)
+    speed = np.interp(samples.times, clock, uniform_filter1d(lengths, 3))
+    # Runs of motion, joined where the rest between them is short.
+    moving = speed > _RESTING * np.percentile(speed, 95.0)
+    edges = np.diff(np.concatenate([[False], moving, [False]]).astype(int))
+    starts = samples.times[np.flatnonzero(edges == 1)].tolist()
+    ends = samples.times[np.flatnonzero(edges == -1) - 1].tolist()
     spans: list[list[float]] = []
-    for first, last in _runs(moving):
-        start, end = float(samples.times[first]), float(samples.times[last])
-        if spans and start - spans[-1][1] < _LONG:
+    for start, end in zip(starts, ends, strict=True):
+        if spans and start - spans[-1][1] < _LEAST_REST:
             spans[-1][1] = end
         else:
             spans.append([start, end])
@@ -83,21 +79,32 @@ def _between_rests(samples: Samples) -> tuple[list[Samples], Notes]:
         inside = samples.times >= start - _MARGIN
         inside &= samples.times <= end + _MARGIN
         parts.append(samples[inside])
-    ways = [float(_path(part)) for part in parts]
-    ahead = [
-        part for part, way in zip(parts, ways, strict=True) if way >= _SHORT * max(ways)
+    # Those that are long enough, in the direction of the first.
+    ways = [
+        float(np.linalg.norm(np.diff(part.poses, axis=0), axis=1).sum())
+        for part in parts
     ]
-    direction = _displacement(ahead[0])
-    forth = [part for part in ahead if _displacement(part) @ direction > 0.0]
+    ahead = [
+        part
+        for part, way in zip(parts, ways, strict=True)
+        if way >= _LEAST_PATH * max(ways)
+    ]
+    displacements = [part.poses[-1] - part.poses[0] for part in ahead]
+    forth = [
+        part
+        for part, displacement in zip(ahead, displacements, strict=True)
+        if displacement @ displacements[0] > 0.0
+    ]
     text = f"{len(forth)} repetitions between rests"
     if len(forth) < len(ahead):
         text += f", {len(ahead) - len(forth)} motions back left out"
     if len(ahead) < len(parts):
         text += f", {len(parts) - len(ahead)} short motions left out"
-    return forth, (Note(text=text),)
+    notes.add(text)
+    return forth
 
 
-def _between_turns(samples: Samples) -> tuple[list[Samples], Notes]:
+def _between_turns(samples: Samples, notes: Notes) -> list[Samples]:
     """Return what goes from one turn to the next, in the direction of the first.
 
     A turn is an extreme of the position along its first principal direction.
@@ -108,9 +115,9 @@ def _between_turns(samples: Samples) -> tuple[list[Samples], Notes]:
     low, high = np.percentile(way, [5.0, 95.0])
     if not high > low:
         raise ValueError("positions stay where they are: nothing turns round there")
-    spans = list(pairwise(_turns(way, _BACK * (high - low))))
+    spans = list(pairwise(_turns(way, _TURNED_BACK * (high - low))))
     lengths = np.array([way[last] - way[first] for first, last in spans])
-    attempt = np.abs(lengths) >= _TRIFLE * np.abs(lengths).max()
+    attempt = np.abs(lengths) >= _ATTEMPT * np.abs(lengths).max()
     whole = np.abs(lengths) >= _WHOLE * np.median(np.abs(lengths[attempt]))
     forth = whole & (lengths * lengths[np.argmax(whole)] > 0.0)
     parts = []
@@ -122,11 +129,12 @@ def _between_turns(samples: Samples) -> tuple[list[Samples], Notes]:
         text += f", {back} motions back left out"
     if rest := np.count_nonzero(attempt & ~whole):
         text += f", {rest} incomplete left out"
-    return parts, (Note(text=text),)
+    notes.add(text)
+    return parts
 
 
 def _turns(way: FloatArray, least: float) -> list[int]:
-    """Return first and last index, and extremes that a course comes back from."""
+    """Return the first and last index, and extremes from which a way comes back."""
     turns, top, bottom, heading = [0], 0, 0, 0
     values = way.tolist()
     for place, value in enumerate(values):
@@ -146,40 +154,13 @@ def _smoothed(samples: Samples) -> tuple[FloatArray, FloatArray]:
     """Return equal steps of time, and the smoothed poses at them."""
     times, step = samples.times, samples.step
     clock = np.arange(times[0], times[-1], step)
-    columns = _resampled(times, samples.poses, clock)
-    smooth = gaussian_filter1d(columns, _SMOOTH / step, axis=0, mode="nearest")
+    columns = _interpolated(times, samples.poses, clock)
+    smooth = gaussian_filter1d(columns, _SMOOTHING / step, axis=0, mode="nearest")
     return clock, np.asarray(smooth)
 
 
-def _speed(samples: Samples) -> FloatArray:
-    """Return the speed of the smoothed hand, metres and half radians per second."""
-    times, step = samples.times, samples.step
-    clock, smooth = _smoothed(samples)
-    reach = max(1, round(_REACH / step))
-    padded = np.pad(smooth, ((reach, reach), (0, 0)), mode="edge")
-    chords = padded[2 * reach :] - padded[: -2 * reach]
-    # In metres, and a quaternion moves by half the angle: a mix that suits a hand.
-    lengths = np.linalg.norm(chords, axis=1) / (2 * reach * step)
-    return np.interp(times, clock, uniform_filter1d(lengths, 3))
-
-
-def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return first and last index of every run of true."""
-    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(int))
-    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return list(zip(first.tolist(), last.tolist(), strict=True))
-
-
-def _path(samples: Samples) -> float:
-    return float(np.linalg.norm(np.diff(samples.poses, axis=0), axis=1).sum())
-
-
-def _displacement(samples: Samples) -> FloatArray:
-    return np.asarray(samples.poses[-1] - samples.poses[0])
-
-
-def checked_gaps(samples: Samples, largest: float) -> Notes:
-    """Tell of gaps between samples.
+def check_gaps(samples: Samples, largest: float, notes: Notes) -> None:
+    """Note gaps between samples.
 
     Raises:
         ValueError: One is longer than the largest that may be bridged [s].
@@ -193,48 +174,34 @@ def checked_gaps(samples: Samples, largest: float) -> Notes:
             "(--segment rests, or times), or bridge it in a straight line with "
             f"--largest-gap {gap + 0.01:.2f}"
         )
-    gaps = int(np.count_nonzero(steps > 2.5 * samples.step))
-    if not gaps:
-        return ()
-    return (Note(text=f"{gaps} gaps bridged, the longest of {gap:.2g} s"),)
+    if gaps := np.count_nonzero(steps > 2.5 * samples.step):
+        notes.add(f"{gaps} gaps bridged, the longest of {gap:.2g} s")
 
 
-def filtered(samples: Samples, cutoff: float | None) -> tuple[Samples, Notes]:
-    """Filter poses and signals, forwards and backwards.
+def filtered(samples: Samples, cutoff: float | None, notes: Notes) -> Samples:
+    """Filter poses and signals at equal steps, forwards and backwards.
 
     Args:
-        samples: At any times; they become equal steps.
+        samples: At any times.
         cutoff: Frequency that is halved [Hz]; None to leave the samples as they are.
+        notes: To which it is added that samples are too few to be filtered.
     """
     if cutoff is None:
-        return samples, ()
+        return samples
     rate = 1.0 / samples.step
     span = float(samples.times[-1] - samples.times[0])
     number = round(span * rate) + 1
     if rate < _OVERSAMPLED * cutoff or number <= 6 * _ORDER:
-        text = f"not filtered: {len(samples.times)} samples at {rate:.3g} Hz"
-        return samples, (Note(text=text),)
-    clock = np.linspace(samples.times[0], samples.times[-1], number)
-    even = resampled(samples, clock)
+        notes.add(f"not filtered: {len(samples.times)} samples at {rate:.3g} Hz")
+        return samples
+    even = _resampled(samples, np.linspace(samples.times[0], samples.times[-1], number))
     sections = butter(_ORDER, cutoff, fs=(number - 1) / span, output="sos")
 
     def low_passed(columns: FloatArray) -> FloatArray:
         return np.asarray(sosfiltfilt(sections, columns, axis=0))
 
     signals = {name: low_passed(array) for name, array in even.signals.items()}
-    return replace(even, poses=_unit(low_passed(even.poses)), signals=signals), ()
-
-
-def resampled(samples: Samples, times: FloatArray) -> Samples:
-    """Return the motion at other times, quaternions on the arc between neighbours."""
-    return Samples(
-        times=times,
-        poses=_unit(_resampled(samples.times, samples.poses, times)),
-        signals={
-            name: _resampled(samples.times, array, times)
-            for name, array in samples.signals.items()
-        },
-    )
+    return replace(even, poses=_unit(low_passed(even.poses)), signals=signals)
 
 
 def at_rate(samples: Samples, rate: float | None, most: int) -> Samples:
@@ -261,11 +228,23 @@ def at_rate(samples: Samples, rate: float | None, most: int) -> Samples:
             + f" {rate:g} samples per second that makes {number:,}, and {most:,} are "
             "left to make of these files; give a lower --rate, or cut it (--segment)"
         )
-    even = resampled(samples, np.linspace(start, end, number))
+    even = _resampled(samples, np.linspace(start, end, number))
     return replace(even, times=even.times - start)
 
 
-def _resampled(
+def _resampled(samples: Samples, times: FloatArray) -> Samples:
+    """Return the motion at other times, linearly interpolated."""
+    return Samples(
+        times=times,
+        poses=_unit(_interpolated(samples.times, samples.poses, times)),
+        signals={
+            name: _interpolated(samples.times, array, times)
+            for name, array in samples.signals.items()
+        },
+    )
+
+
+def _interpolated(
     times: FloatArray, columns: FloatArray, wanted: FloatArray
 ) -> FloatArray:
     return np.column_stack([np.interp(wanted, times, column) for column in columns.T])
@@ -277,18 +256,15 @@ def _unit(poses: FloatArray) -> FloatArray:
 
 
 def outliers(ways: Sequence[FloatArray]) -> list[int]:
-    """Return which of several motions on one clock are far from the others.
+    """Return the indices of motions that are far from the others.
 
     Args:
-        ways: Poses of each [m, rad], (M, 6).
+        ways: Poses of each at the same phases [m, rad], (M, 6).
 
     Returns:
-        Their places. Far is further from the median motion than 3.5 times what is
-        usual (median absolute deviation, as of a normal distribution) and twice the
-        median distance.
+        Those further from the median motion than 3.5 times what is usual (median
+        absolute deviation, as of a normal distribution) and twice the median distance.
     """
-    if len(ways) < 4:
-        return []
     stacked = np.stack(ways)
     apart = np.linalg.norm(stacked - np.median(stacked, axis=0), axis=2).mean(axis=1)
     middle = float(np.median(apart))

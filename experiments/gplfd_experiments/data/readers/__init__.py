@@ -1,16 +1,30 @@
-"""Readers of recordings: one module for each kind of file, one list of them all."""
+"""Readers of motion files: one module for each kind of file, one list of them all."""
 
 import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Protocol
 
 from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers.selection import Selection
 from gplfd_policies.arrays.storage import regular_file
+
+
+class Read(Protocol):
+    """The contract of every reader, ``read`` in its module.
+
+    It returns the motions in the order of the file, their names beginning with the
+    name of the file; units and time stamps are those of the file. It trusts nothing
+    in the file, and claims memory from a `DecodingBudget` before it allocates. Any
+    exception means that the file cannot be read, and its text says why.
+    """
+
+    def __call__(self, path: Path, selection: Selection) -> Sequence[RawRecording]:
+        """Read the motions that the selection chooses."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -22,66 +36,49 @@ class Reader:
     suffixes: tuple[str, ...]
     """How such files end; none for folders."""
     module: str
-    """Module of this package with ``read(path, selection)``; imported when needed, for
-    it may need libraries of its own."""
+    """Module of this package with a `Read`; imported when needed, for it may need
+    libraries of its own."""
     marks: tuple[str, ...] = ()
     """A folder of this kind holds one of these."""
 
 
+def _file(summary: str, module: str, *suffixes: str) -> Reader:
+    return Reader(summary=summary, suffixes=suffixes, module=module)
+
+
+def _folder(summary: str, module: str, *marks: str) -> Reader:
+    return Reader(summary=summary, suffixes=(), module=module, marks=marks)
+
+
 READERS: Final[Mapping[str, Reader]] = MappingProxyType(
     {
-        "csv": Reader(
-            summary="a table in a text file",
-            suffixes=(".csv", ".tsv", ".txt", ".log"),
-            module="csv_tables",
+        "csv": _file(
+            "a table in a text file", "csv_tables", ".csv", ".tsv", ".txt", ".log"
         ),
-        "numpy": Reader(
-            summary="arrays of NumPy", suffixes=(".npz", ".npy"), module="arrays"
-        ),
-        "matlab": Reader(summary="a MATLAB file", suffixes=(".mat",), module="matlab"),
-        "mvnx": Reader(
-            summary="a recording of Xsens MVN", suffixes=(".mvnx",), module="mvnx"
-        ),
-        "bvh": Reader(
-            summary="a Biovision hierarchy", suffixes=(".bvh",), module="bvh"
-        ),
-        "c3d": Reader(summary="a C3D file", suffixes=(".c3d",), module="c3d"),
+        "numpy": _file("arrays of NumPy", "arrays", ".npz", ".npy"),
+        "matlab": _file("a MATLAB file", "matlab", ".mat"),
+        "mvnx": _file("a recording of Xsens MVN", "mvnx", ".mvnx"),
+        "bvh": _file("a Biovision hierarchy", "bvh", ".bvh"),
+        "c3d": _file("a C3D file", "c3d", ".c3d"),
         "ros": Reader(
             summary="a bag of ROS",
             suffixes=(".mcap", ".db3", ".bag"),
             module="bags",
             marks=("metadata.yaml",),
         ),
-        "robomimic": Reader(
-            summary="demonstrations of robomimic",
-            suffixes=(".hdf5", ".h5"),
-            module="robomimic",
+        "robomimic": _file("demonstrations of robomimic", "robomimic", ".hdf5", ".h5"),
+        "lerobot": _folder("a data set of LeRobot", "lerobot", "meta/info.json"),
+        "minari": _folder(
+            "a data set of gplfd demos record", "minari_episodes", "data/metadata.json"
         ),
-        "lerobot": Reader(
-            summary="a data set of LeRobot",
-            suffixes=(),
-            module="lerobot",
-            marks=("meta/info.json",),
-        ),
-        "minari": Reader(
-            summary="a data set of gplfd demos record",
-            suffixes=(),
-            module="minari_episodes",
-            marks=("data/metadata.json",),
-        ),
-        "set": Reader(
-            summary="a set of demonstrations",
-            suffixes=(),
-            module="arrays",
-            marks=("demonstrations.npz",),
-        ),
+        "set": _folder("a set of demonstrations", "arrays", "demonstrations.npz"),
     }
 )
 """Every kind of file that is read."""
 
 
 def read_recordings(path: str | Path, selection: Selection) -> list[RawRecording]:
-    """Read all recordings in a file or folder.
+    """Read all motions in a file or folder.
 
     No file is trusted: what is damaged or forged is refused, whatever it claims.
 
@@ -97,12 +94,29 @@ def read_recordings(path: str | Path, selection: Selection) -> list[RawRecording
             message names file, line or field, and says what to do.
     """
     path = Path(path)
-    if not path.is_dir():
+    suffix = path.suffix.lower()
+    if path.is_dir():
+        fitting = [
+            reader
+            for reader in READERS.values()
+            if any((path / mark).is_file() for mark in reader.marks)
+        ]
+    else:
         regular_file(path, "a recording in a regular file")
-    reader = _reader(path)
+        fitting = [one for one in READERS.values() if suffix in one.suffixes]
+    if not fitting:
+        known = [suffix for reader in READERS.values() for suffix in reader.suffixes]
+        marks = [mark for reader in READERS.values() for mark in reader.marks]
+        what = "folder" if path.is_dir() else f"kind of file {suffix!r}"
+        raise ValueError(
+            f"{path}: unknown {what}{nearest_name(suffix, known)}; readable are "
+            f"{', '.join(known)}, and folders with {', '.join(marks)}"
+        )
+    reader = fitting[0]
     module = importlib.import_module(f"{__name__}.{reader.module}")
+    read: Read = module.read
     try:
-        recordings: Sequence[RawRecording] = module.read(path, selection)
+        recordings = read(path, selection)
         if not recordings:
             raise ValueError("it holds no recording")
     except ModuleNotFoundError:
@@ -114,21 +128,3 @@ def read_recordings(path: str | Path, selection: Selection) -> list[RawRecording
             f"{path} cannot be read as {reader.summary}: {reason:.600}"
         ) from error
     return list(recordings)
-
-
-def _reader(path: Path) -> Reader:
-    """Return the reader of a file or folder, by its name or what is in it."""
-    suffix = path.suffix.lower()
-    for reader in READERS.values():
-        if path.is_dir() and any((path / mark).is_file() for mark in reader.marks):
-            return reader
-        if path.is_file() and suffix in reader.suffixes:
-            return reader
-    known = [suffix for reader in READERS.values() for suffix in reader.suffixes]
-    hint = nearest_name(suffix, known)
-    marks = [mark for reader in READERS.values() for mark in reader.marks]
-    what = "folder" if path.is_dir() else f"kind of file {suffix!r}"
-    raise ValueError(
-        f"{path}: unknown {what}{hint}; readable are {', '.join(known)}"
-        + (f", and folders with {', '.join(marks)}" if marks else "")
-    )

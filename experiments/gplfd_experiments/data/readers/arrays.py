@@ -2,15 +2,15 @@
 
 Understood are the columns of `readers.tables` as arrays (N,), the arrays of `GROUPS`
 (N, d), a set of `gplfd_experiments.data.npz`, and with ``--columns`` one array (N,
-C) of columns, or (K, N, C) for K recordings. Samples may also stand in columns, as
+C) of columns, or (K, N, C) for K motions. Samples may also stand in columns, as
 MATLAB has them, where the shape leaves no doubt. An array of a .mat file is named by
-where it stands, ``demos{2}.pos``: cells and structures of one name are recordings of
-one set.
+where it stands, ``demos{2}.pos``: cells and structures of one name are motions of one
+set.
 """
 
 import itertools
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -34,44 +34,51 @@ from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.storage import array_of, read_arrays
 
 _Any = TypeVar("_Any")
+_Arrays = Mapping[str, FloatArray]
 
+_WXYZ: Final = ("qw", "qx", "qy", "qz")
+_XYZW: Final = ("qx", "qy", "qz", "qw")
 GROUPS: Final[Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {
     "times": (("times", "time", "t", "timestamps"), ("t",)),
     "positions": (("positions", "position", "pos", "p", "xyz"), POSITION),
     "rotvecs": (("rotvecs", "rotvec", "rotation_vectors"), ROTATION_VECTOR),
-    "wxyz": (("quaternions_wxyz", "quat_wxyz", "q_wxyz"), ("qw", "qx", "qy", "qz")),
-    "xyzw": (("quaternions_xyzw", "quat_xyzw", "q_xyzw"), ("qx", "qy", "qz", "qw")),
+    "wxyz": (("quaternions_wxyz", "quat_wxyz", "q_wxyz"), _WXYZ),
+    "xyzw": (("quaternions_xyzw", "quat_xyzw", "q_xyzw"), _XYZW),
     "quaternions": (("quaternions", "quaternion", "quat", "q"), ()),
     "force": (("force", "forces", "wrench", "wrenches"), FORCE),
     "gripper": (("gripper",), ("gripper",)),
 }
 """Arrays that are understood: their names, and the columns that they hold."""
 
+_COLUMNS: Final = {key: columns for keys, columns in GROUPS.values() for key in keys}
 _INDEX: Final = re.compile(r"(\{\d+\}|\(\d+\))")
-_ORDERS: Final = {"wxyz": GROUPS["wxyz"][1], "xyzw": GROUPS["xyzw"][1]}
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
-    """Read recordings from an .npz or .npy file.
-
-    Raises:
-        ValueError: The file is damaged or holds no motion.
-    """
-    if path.is_dir():
-        return _own(path)
-    if path.suffix.lower() == ".npy":
+    """Read motions from an .npz or .npy file, or a set of demonstrations."""
+    if path.suffix.lower() == ".npy" and not path.is_dir():
         arrays = {"the array": array_of(path.read_bytes(), path.name)}
         return recordings(path.name, arrays, selection)
-    arrays = read_arrays(path)
-    if str(arrays.get("format", "")) == KIND:
-        return _own(path)
-    return recordings(path.name, arrays, selection)
+    if not path.is_dir():
+        arrays = read_arrays(path)
+        if str(arrays.get("format", "")) != KIND:
+            return recordings(path.name, arrays, selection)
+    return [
+        RawRecording(
+            name=f"{path.name}[{number}]",
+            times=one.times,
+            positions=one.poses[:, :3],
+            unit="m",
+            quaternions=quaternions_of(one.poses[:, 3:]),
+        )
+        for number, one in enumerate(load_demonstrations(path).demonstrations)
+    ]
 
 
 def recordings(
     name: str, arrays: Mapping[str, NDArray[Any]], selection: Selection
 ) -> list[RawRecording]:
-    """Return the recordings that named arrays hold.
+    """Return the motions that named arrays hold.
 
     Args:
         name: Of the file.
@@ -87,11 +94,7 @@ def recordings(
         if np.asarray(array).dtype.kind in "biuf"
     }
     if selection.columns:
-        return [
-            _from_table(f"{label}{suffix}", one, times, selection)
-            for label, table, times in _tables(name, numbers, selection)
-            for suffix, one in _each(table)
-        ]
+        return _from_columns(name, numbers, selection)
     motions = _motions(numbers)
     if not motions:
         raise ValueError(
@@ -102,8 +105,15 @@ def recordings(
         )
     _, group = chosen(selection.body, _sets(motions), "set of recordings", file=name)
     return [
-        _from_arrays(label, one, selection) for label, one in _labelled(name, group)
+        _from_names(name if len(group) == 1 else f"{name}: {key}", one, selection)
+        for key, one in group.items()
     ]
+
+
+def _parted(key: str) -> tuple[str, str, str]:
+    """Return the structure of an array, its field in it, and the field's index."""
+    where, _, field = key.rpartition(".")
+    return where, _INDEX.sub("", field), "".join(_INDEX.findall(field))
 
 
 def _sets(named: Mapping[str, _Any]) -> dict[str, dict[str, _Any]]:
@@ -114,54 +124,100 @@ def _sets(named: Mapping[str, _Any]) -> dict[str, dict[str, _Any]]:
     return sets
 
 
-def _labelled(file: str, group: Mapping[str, _Any]) -> Iterator[tuple[str, _Any]]:
-    """Yield the members of a set with names for them."""
-    for key, one in group.items():
-        yield (file if len(group) == 1 else f"{file}: {key}"), one
-
-
-def _motions(arrays: Mapping[str, FloatArray]) -> dict[str, dict[str, FloatArray]]:
+def _motions(arrays: _Arrays) -> dict[str, _Arrays]:
     """Return the arrays of every structure that has positions, or of the whole file.
 
-    A structure may keep its recordings as cells, ``s.pos{1}`` with ``s.time{1}``, or
+    A structure may keep its motions as cells, ``s.pos{1}`` with ``s.time{1}``, or
     with ``s.time`` for all.
     """
+
+    def has_positions(fields: _Arrays) -> bool:
+        return any(
+            understood(field)[0] == "x" or field.lower() in GROUPS["positions"][0]
+            for field in fields
+        )
+
     found: dict[str, dict[str, dict[str, FloatArray]]] = {}
     for key, array in arrays.items():
         where, field, index = _parted(key)
         if array.size > 1:
             found.setdefault(where, {}).setdefault(index, {})[field] = array
-    motions = {}
+    motions: dict[str, _Arrays] = {}
     for where, cells in found.items():
         shared = cells.pop("", {})
-        own = {index: fields for index, fields in cells.items() if _has_motion(fields)}
-        if own:
-            for index, fields in own.items():
-                motions[f"{where}{index}"] = shared | fields
-        elif _has_motion(shared):
-            # A single cell may hold the times of the only recording.
+        own = {
+            index: fields for index, fields in cells.items() if has_positions(fields)
+        }
+        for index, fields in own.items():
+            motions[f"{where}{index}"] = shared | fields
+        if not own and has_positions(shared):
+            # A single cell may hold the times of the only motion.
             single = next(iter(cells.values())) if len(cells) == 1 else {}
             motions[where] = single | shared
     return motions
 
 
-def _parted(key: str) -> tuple[str, str, str]:
-    """Return the structure of an array, its field in it, and the field's index."""
-    where, _, field = key.rpartition(".")
-    return where, _INDEX.sub("", field), "".join(_INDEX.findall(field))
-
-
-def _has_motion(fields: Mapping[str, FloatArray]) -> bool:
-    return any(
-        understood(field)[0] == "x" or field.lower() in GROUPS["positions"][0]
-        for field in fields
+def _from_names(name: str, arrays: _Arrays, selection: Selection) -> RawRecording:
+    """Return the motion in arrays whose names are understood."""
+    columns: dict[str, FloatArray] = {}
+    units: dict[str, str | None] = {}
+    for key, array in arrays.items():
+        short, unit = understood(key)
+        names = (short,) if short in NAMES else _COLUMNS.get(key.lower(), ())
+        if key.lower() in GROUPS["quaternions"][0]:
+            if selection.quaternions is None:
+                raise ValueError(
+                    f"it does not say where the scalar part of {key!r} stands: say "
+                    "--quaternions wxyz or --quaternions xyzw"
+                )
+            names = _WXYZ if selection.quaternions == "wxyz" else _XYZW
+        if not names:
+            continue
+        rows = _as_rows(key, array, len(names))
+        # There may be fewer columns, of positions without z.
+        for column, values in zip(names, rows.T, strict=False):
+            if column in columns:
+                raise ValueError(f"it has two arrays for {column}, one is {key!r}")
+            columns[column] = values
+            units[column] = unit
+    if not {"x", "y"} <= set(columns):
+        raise ValueError(f"{name} has x and no y: it has {_listed(arrays)}")
+    lengths = {column: len(values) for column, values in columns.items()}
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"its arrays differ in length: {lengths}")
+    untimed = (
+        f": its arrays are {_listed(arrays)}. If one of them has the times, name it, "
+        "for example --body POSITIONS,TIMES --columns x,y,z,t. Otherwise"
     )
+    return recording(name, columns, units, selection, untimed)
 
 
-def _tables(
-    name: str, numbers: Mapping[str, FloatArray], selection: Selection
-) -> Iterator[tuple[str, FloatArray, FloatArray | None]]:
-    """Yield label, columns, and times of every recording in the chosen arrays.
+def _as_rows(key: str, array: FloatArray, width: int) -> FloatArray:
+    """Return an array as rows of samples; MATLAB has vectors as rows or columns."""
+    if width == 1 and array.size == max(array.shape, default=0):
+        return array.reshape(-1, 1)
+    # Positions may lack z, and forces their torques.
+    allowed = range({3: 2, 6: 3}.get(width, width), width + 1)
+    if array.ndim == 2 and array.shape[1] not in allowed and array.shape[0] in allowed:
+        array = array.T
+    if array.ndim != 2 or array.shape[1] not in allowed:
+        raise ValueError(f"{key!r} has shape {array.shape}, must be (N, {width})")
+    return array
+
+
+def _listed(arrays: _Arrays) -> str:
+    shown = [
+        f"{key} {array.shape}" for key, array in itertools.islice(arrays.items(), 12)
+    ]
+    if len(arrays) > len(shown):
+        shown.append(f"{len(arrays) - len(shown)} more")
+    return ", ".join(shown) or "no array of numbers"
+
+
+def _from_columns(
+    file: str, numbers: _Arrays, selection: Selection
+) -> list[RawRecording]:
+    """Return the motions in the chosen arrays, whose columns ``--columns`` names.
 
     Several arrays, ``--body A,B``, are put side by side. Times that stand beside the
     columns, in the same structure or file, are theirs.
@@ -172,24 +228,43 @@ def _tables(
         parts = [part.strip() for part in body.split(",")]
     else:
         sets = {
-            key: s for key, s in sets.items() if all(_is_table(a) for a in s.values())
+            key: one
+            for key, one in sets.items()
+            if all(
+                a.ndim == 3 or (a.ndim == 2 and min(a.shape) > 1) for a in one.values()
+            )
         }
-    groups = [chosen(one, sets, "array of columns", file=name)[1] for one in parts]
+    groups = [chosen(one, sets, "array of columns", file=file)[1] for one in parts]
     if len({len(group) for group in groups}) > 1:
         raise ValueError(
             f"{body} are of {' and '.join(str(len(one)) for one in groups)} recordings"
         )
+    heads = selection.columns
+    found = []
     for keys in zip(*groups, strict=True):
-        label = name if len(groups[0]) == 1 else f"{name}: {keys[0]}"
-        yield (
-            label,
-            _side_by_side([numbers[key] for key in keys]),
-            _times_beside(keys[0], numbers),
+        label = file if len(groups[0]) == 1 else f"{file}: {keys[0]}"
+        times = _times_beside(keys[0], numbers)
+        table = _side_by_side([numbers[key] for key in keys])
+        tables = (
+            {label: table}
+            if table.ndim == 2
+            else {f"{label}[{number}]": one for number, one in enumerate(table)}
         )
-
-
-def _is_table(array: FloatArray) -> bool:
-    return array.ndim == 3 or (array.ndim == 2 and min(array.shape) > 1)
+        for name, array in tables.items():
+            turned = array.shape[1] != len(heads) == array.shape[0]
+            one = array.T if turned else array
+            if one.shape[1] != len(heads):
+                raise ValueError(
+                    f"the array has {one.shape[1]} columns, and --columns names "
+                    f"{len(heads)}"
+                )
+            named = named_columns(heads, "--columns")
+            columns = {column: one[:, place] for column, (place, _) in named.items()}
+            units = {column: unit for column, (_, unit) in named.items()}
+            if times is not None and "t" not in columns and len(times) == len(one):
+                columns["t"] = times
+            found.append(recording(name, columns, units, selection))
+    return found
 
 
 def _side_by_side(arrays: Sequence[FloatArray]) -> FloatArray:
@@ -209,7 +284,7 @@ def _side_by_side(arrays: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate(tables, axis=-1)
 
 
-def _times_beside(key: str, numbers: Mapping[str, FloatArray]) -> FloatArray | None:
+def _times_beside(key: str, numbers: _Arrays) -> FloatArray | None:
     """Return the times in the structure of an array, or None."""
     where, _, index = _parted(key)
     for name, array in numbers.items():
@@ -219,108 +294,3 @@ def _times_beside(key: str, numbers: Mapping[str, FloatArray]) -> FloatArray | N
         if beside and is_vector and field.lower() in GROUPS["times"][0]:
             return array.reshape(-1)
     return None
-
-
-def _each(table: FloatArray) -> Iterator[tuple[str, FloatArray]]:
-    if table.ndim == 2:
-        yield "", table
-    else:
-        for number, one in enumerate(table):
-            yield f"[{number}]", one
-
-
-def _from_table(
-    name: str, table: FloatArray, times: FloatArray | None, selection: Selection
-) -> RawRecording:
-    heads = selection.columns
-    if table.shape[1] != len(heads) == table.shape[0]:
-        table = table.T
-    if table.shape[1] != len(heads):
-        raise ValueError(
-            f"the array has {table.shape[1]} columns, and --columns names {len(heads)}"
-        )
-    found = named_columns(heads, "--columns")
-    columns = {column: table[:, place] for column, (place, _) in found.items()}
-    units = {column: unit for column, (_, unit) in found.items()}
-    if times is not None and "t" not in columns and len(times) == len(table):
-        columns["t"] = times
-    return recording(name, columns, units, selection)
-
-
-def _from_arrays(
-    name: str, arrays: Mapping[str, FloatArray], selection: Selection
-) -> RawRecording:
-    columns: dict[str, FloatArray] = {}
-    units: dict[str, str | None] = {}
-    for key, array in arrays.items():
-        short, unit = understood(key)
-        names = (short,) if short in NAMES else _group(name, key, selection)
-        if not names:
-            continue
-        table = _as_table(name, key, array, len(names))
-        for column, values in zip(names, table.T, strict=False):
-            if column in columns:
-                raise ValueError(f"it has two arrays for {column}, one is {key!r}")
-            columns[column] = values
-            units[column] = unit
-    if not {"x", "y"} <= set(columns):
-        raise ValueError(f"{name} has x and no y: it has {_listed(arrays)}")
-    rows = {column: len(values) for column, values in columns.items()}
-    if len(set(rows.values())) > 1:
-        raise ValueError(f"its arrays differ in length: {rows}")
-    untimed = (
-        f": its arrays are {_listed(arrays)}. If one of them has the times, name it, "
-        "for example --body POSITIONS,TIMES --columns x,y,z,t. Otherwise"
-    )
-    return recording(name, columns, units, selection, untimed)
-
-
-def _group(name: str, key: str, selection: Selection) -> tuple[str, ...]:
-    """Return the columns of an array, none if it is not understood."""
-    for group, (keys, columns) in GROUPS.items():
-        if key.lower() not in keys:
-            continue
-        if group != "quaternions":
-            return columns
-        if selection.quaternions is None:
-            raise ValueError(
-                f"it does not say where the scalar part of {key!r} stands: say "
-                "--quaternions wxyz or --quaternions xyzw"
-            )
-        return _ORDERS[selection.quaternions]
-    return ()
-
-
-def _as_table(name: str, key: str, array: FloatArray, width: int) -> FloatArray:
-    """Return an array as rows of samples; MATLAB has vectors as rows or columns."""
-    if width == 1 and array.size == max(array.shape, default=0):
-        return array.reshape(-1, 1)
-    allowed = range({3: 2, 6: 3}.get(width, width), width + 1)
-    if array.ndim == 2 and array.shape[1] not in allowed and array.shape[0] in allowed:
-        array = array.T
-    if array.ndim != 2 or array.shape[1] not in allowed:
-        raise ValueError(f"{key!r} has shape {array.shape}, must be (N, {width})")
-    return array
-
-
-def _listed(arrays: Mapping[str, FloatArray]) -> str:
-    shown = [
-        f"{key} {array.shape}" for key, array in itertools.islice(arrays.items(), 12)
-    ]
-    if len(arrays) > len(shown):
-        shown.append(f"{len(arrays) - len(shown)} more")
-    return ", ".join(shown) or "no array of numbers"
-
-
-def _own(path: Path) -> list[RawRecording]:
-    """Read a set that this program wrote."""
-    return [
-        RawRecording(
-            name=f"{path.name}[{number}]",
-            times=one.times,
-            positions=one.poses[:, :3],
-            unit="m",
-            quaternions=quaternions_of(one.poses[:, 3:]),
-        )
-        for number, one in enumerate(load_demonstrations(path).demonstrations)
-    ]

@@ -8,7 +8,6 @@ becomes the force, on the clock of the poses. Stamps are those of the messages' 
 
 import bz2
 import contextlib
-import functools
 import io
 import os
 from array import array
@@ -17,15 +16,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final
+from unittest.mock import patch
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers.selection import Selection, chosen
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_policies.arrays.storage import DecodingBudget, decompressed, regular_file
 
-try:
+with optional_libraries("bags of ROS need rosbags", "ros"):
     import apsw
     import lz4.frame  # type: ignore[import-untyped]
     import rosbags.rosbag1.reader as rosbag1
@@ -33,42 +35,37 @@ try:
     import rosbags.rosbag2.storage_mcap as mcap
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
-except ImportError as error:
-    raise ModuleNotFoundError(
-        f"bags of ROS need rosbags ({error}); in a checkout of gplfd: pip install "
-        "'.[ros]', elsewhere: pip install 'gplfd[ros]'"
-    ) from error
 
 _JOINTS: Final = "sensor_msgs/msg/JointState"
 _WRENCH: Final = "geometry_msgs/msg/WrenchStamped"
 _TRANSFORMS: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
+_USUAL_TYPES: Final = get_typestore(Stores.ROS2_HUMBLE)
+"""Types of messages for bags that do not describe theirs."""
 
-def _pose(message: Any) -> tuple[float, ...]:
-    return _seven(message.position, message.orientation)
-
-
-def _transform(message: Any) -> tuple[float, ...]:
-    return _seven(message.translation, message.rotation)
+Row = tuple[float, ...]
+"""Position [m] and quaternion, the scalar first; or force [N] and torque [N m]."""
 
 
-def _seven(p: Any, q: Any) -> tuple[float, ...]:
+def _row(p: Any, q: Any) -> Row:
     return (p.x, p.y, p.z, q.w, q.x, q.y, q.z)
 
 
-POSES: Final[Mapping[str, Callable[[Any], tuple[float, ...]]]] = {
+def _pose(message: Any) -> Row:
+    return _row(message.position, message.orientation)
+
+
+def _transform(message: Any) -> Row:
+    return _row(message.transform.translation, message.transform.rotation)
+
+
+POSES: Final[Mapping[str, Callable[[Any], Row]]] = {
     "geometry_msgs/msg/PoseStamped": lambda message: _pose(message.pose),
     "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: _pose(m.pose.pose),
-    "geometry_msgs/msg/TransformStamped": lambda m: _transform(m.transform),
+    "geometry_msgs/msg/TransformStamped": _transform,
     "nav_msgs/msg/Odometry": lambda message: _pose(message.pose.pose),
 }
 """Types of messages that hold a pose, and how to take it."""
-
-
-@functools.cache
-def _messages() -> Any:
-    """Return the usual messages, for bags that do not describe theirs."""
-    return get_typestore(Stores.ROS2_HUMBLE)
 
 
 class _BoundedReader(io.BufferedReader):
@@ -136,8 +133,8 @@ def _bounded_decompression(size: int) -> Iterator[None]:
         # A generated column holds values that are not in the file.
         connection.limit(apsw.SQLITE_LIMIT_LENGTH, min(budget.left, 2**31 - 1))
 
-    replaced: list[tuple[Any, str, Any]] = [
-        (
+    with (
+        patch.object(
             mcap,
             "DECOMPRESSORS",
             {
@@ -146,16 +143,14 @@ def _bounded_decompression(size: int) -> Iterator[None]:
                 "zstd": chunk(zstd.ZstdDecompressor),
             },
         ),
-        (
-            rosbag1,
-            "decompressors",
+        patch.dict(
+            rosbag1.decompressors,
             {
-                **rosbag1.decompressors,
                 "bz2": ros1(bz2.BZ2Decompressor),
                 "lz4": ros1(lz4.frame.LZ4FrameDecompressor),
             },
         ),
-        (
+        patch.object(
             rosbag2,
             "zstd",
             SimpleNamespace(
@@ -165,22 +160,9 @@ def _bounded_decompression(size: int) -> Iterator[None]:
                 open=lambda file, mode: _BoundedStream(zstd.open(file, mode), budget),
             ),
         ),
-        (apsw, "connection_hooks", [*apsw.connection_hooks, limit_values]),
-    ]
-    originals = [(owner, name, getattr(owner, name)) for owner, name, _ in replaced]
-    try:
-        for owner, name, ours in replaced:
-            setattr(owner, name, ours)
+        patch.object(apsw, "connection_hooks", [*apsw.connection_hooks, limit_values]),
+    ):
         yield
-    finally:
-        for owner, name, original in originals:
-            setattr(owner, name, original)
-
-
-def _checked_size(path: Path) -> int:
-    """Return the size of a bag, whose files must all be regular files [bytes]."""
-    files = path.iterdir() if path.is_dir() else [path]
-    return sum(regular_file(file).stat().st_size for file in files if not file.is_dir())
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,52 +172,84 @@ class _Track:
     stamps: "array[int]" = field(default_factory=lambda: array("q"))
     values: "array[float]" = field(default_factory=lambda: array("d"))
 
-    def add(self, stamp: int, row: tuple[float, ...]) -> None:
-        """Add a row."""
-        self.stamps.append(stamp)
+    def add(self, message: Any, logged: int, row: Row) -> None:
+        """Add a row with its message's stamp, or when it was logged if it has none."""
+        stamp = message.header.stamp
+        self.stamps.append(int(stamp.sec) * 10**9 + int(stamp.nanosec) or logged)
         self.values.extend(row)
 
-    def times(self) -> tuple[int, FloatArray]:
-        """Return the first stamp [ns], and all since then [s]."""
+    def times(self) -> FloatArray:
+        """Return the times since the first stamp [s]."""
         stamps = np.frombuffer(self.stamps, dtype=np.int64)
-        first = int(stamps[0]) if len(stamps) else 0
-        return first, np.asarray((stamps - first) * 1e-9)
+        return np.asarray((stamps - self.stamps[0]) * 1e-9)
 
     def rows(self) -> FloatArray:
         """Return the rows, (N, d)."""
-        values = np.frombuffer(self.values)
-        return values.reshape(len(self.stamps), -1)
+        return np.frombuffer(self.values).reshape(len(self.stamps), -1)
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
-    """Read the motion of a topic.
-
-    Raises:
-        ValueError: The bag is damaged, has no such topic, or joint states come without
-            a URDF.
-    """
+    """Read the motion of a topic, and the force of the only topic of wrenches."""
+    files = list(path.iterdir()) if path.is_dir() else [path]
+    size = sum(regular_file(one).stat().st_size for one in files if not one.is_dir())
+    hand, wrench = _Track(), _Track()
+    frames: set[str] = set()
     with (
-        _bounded_decompression(_checked_size(path)),
-        AnyReader([_BoundedPath(path)], default_typestore=_messages()) as bag,
+        _bounded_decompression(size),
+        AnyReader([_BoundedPath(path)], default_typestore=_USUAL_TYPES) as bag,
     ):
+        # The topic of the hand, and the frame in it where it has several.
         topics = {one.topic: one.msgtype for one in bag.connections}
-        topic, child = _topic(selection, topics, path.name)
-        forces = [name for name, kind in topics.items() if kind == _WRENCH]
+        known = {*POSES, _JOINTS, *_TRANSFORMS}
+        moving = {name: kind for name, kind in topics.items() if kind in known}
+        if not moving:
+            listed = ", ".join(f"{name} ({kind})" for name, kind in topics.items())
+            raise ValueError(
+                f"it has no topic of poses or joints, but {listed or 'none'}"
+            )
+        wanted, child = selection.body, None
+        if wanted is not None and wanted not in moving and ":" in wanted:
+            wanted, child = wanted.rsplit(":", 1)
+        topic, kind = chosen(wanted, moving, "topic", file=path.name)
+        forces = [name for name, held in topics.items() if held == _WRENCH]
         force = forces[0] if len(forces) == 1 else None
-        hand, wrench = _Track(), _Track()
-        frames: set[str] = set()
-        row = _row_of(topics[topic], child, selection, frames)
-        wanted = [one for one in bag.connections if one.topic in (topic, force)]
-        for connection, logged, content in bag.messages(wanted):
-            message = bag.deserialize(content, connection.msgtype)
-            if connection.topic == topic:
-                row(hand, message, logged)
-            else:
-                wrench.add(_stamp(message, logged), _wrench(message))
+        take = POSES.get(kind, _transform)
+        if kind == _JOINTS:
+            take = _forward_kinematics(selection.urdf, selection.link)
+        needed = [one for one in bag.connections if one.topic in (topic, force)]
+        for connection, logged, content in bag.messages(needed):
+            message: Any = bag.deserialize(content, connection.msgtype)
+            if connection.topic != topic:
+                f, t = message.wrench.force, message.wrench.torque
+                wrench.add(message, logged, (f.x, f.y, f.z, t.x, t.y, t.z))
+                continue
+            posed = [message]
+            if kind in _TRANSFORMS:
+                frames.update(one.child_frame_id for one in message.transforms)
+                posed = [
+                    one for one in message.transforms if one.child_frame_id == child
+                ]
+            for one in posed:
+                hand.add(one, logged, take(one))
     if not hand.stamps:
-        raise ValueError(_none_of(topic, child, frames))
-    first, times = hand.times()
-    poses = hand.rows()
+        if not frames:
+            raise ValueError(f"topic {topic} has no pose")
+        listed = ", ".join(sorted(frames)[:30])
+        problem = (
+            f"topic {topic} has no frame {child!r}" if child else "say which frame"
+        )
+        raise ValueError(f"{problem}: --body {topic}:FRAME, of {listed}")
+    poses, times = hand.rows(), hand.times()
+    signals = {}
+    if wrench.stamps:
+        # On the clock of the poses.
+        clock = wrench.times()
+        order = np.argsort(clock, kind="stable")
+        clock = clock[order] + (wrench.stamps[0] - hand.stamps[0]) * 1e-9
+        columns = wrench.rows()[order].T
+        signals["force"] = np.column_stack(
+            [np.interp(times, clock, column) for column in columns]
+        )
     return [
         RawRecording(
             name=f"{path.name}: {topic}{f':{child}' if child else ''}",
@@ -243,86 +257,45 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             positions=poses[:, :3],
             unit="m",
             quaternions=poses[:, 3:],
-            signals=_forces(wrench, first, times),
+            signals=signals,
         )
     ]
 
 
-def _topic(
-    selection: Selection, topics: dict[str, str], file: str
-) -> tuple[str, str | None]:
-    """Return the topic of the hand, and the frame in it where it has several."""
-    known = set(POSES) | {_JOINTS} | set(_TRANSFORMS)
-    moving = {name: kind for name, kind in topics.items() if kind in known}
-    if not moving:
-        listed = ", ".join(f"{name} ({kind})" for name, kind in topics.items())
-        raise ValueError(f"it has no topic of poses or joints, but {listed or 'none'}")
-    wanted, child = selection.body, None
-    if wanted is not None and wanted not in moving and ":" in wanted:
-        wanted, child = wanted.rsplit(":", 1)
-    topic, _ = chosen(wanted, moving, "topic", file=file)
-    return topic, child
+def _forward_kinematics(urdf: Path | None, link: str | None) -> Callable[[Any], Row]:
+    """Return what makes the pose of a robot's link from a joint state.
 
-
-def _none_of(topic: str, child: str | None, frames: set[str]) -> str:
-    """Return why there is no pose of a topic."""
-    if not frames:
-        return f"topic {topic} has no pose"
-    listed = ", ".join(sorted(frames)[:30])
-    problem = f"topic {topic} has no frame {child!r}" if child else "say which frame"
-    return f"{problem}: --body {topic}:FRAME, of {listed}"
-
-
-def _row_of(
-    kind: str, child: str | None, selection: Selection, frames: set[str]
-) -> Callable[[_Track, Any, int], None]:
-    """Return what adds a message's poses to a track, and to the frames their names."""
-    if kind in _TRANSFORMS:
-
-        def add_transforms(track: _Track, message: Any, logged: int) -> None:
-            for one in message.transforms:
-                frames.add(one.child_frame_id)
-                if one.child_frame_id == child:
-                    track.add(_stamp(one, logged), _transform(one.transform))
-
-        return add_transforms
-    take = _kinematics(selection) if kind == _JOINTS else POSES[kind]
-
-    def add_pose(track: _Track, message: Any, logged: int) -> None:
-        track.add(_stamp(message, logged), take(message))
-
-    return add_pose
-
-
-def _kinematics(selection: Selection) -> Callable[[Any], tuple[float, ...]]:
-    """Return what makes a pose of joint positions."""
-    if selection.urdf is None or selection.link is None:
+    Joints that a message does not name keep their last position, zero at first.
+    """
+    if urdf is None or link is None:
         raise ValueError(
             "joint states need the robot and its hand: --urdf FILE --link NAME"
         )
-    from gplfd_experiments.data.readers.forward_kinematics import hand_of
+    with optional_libraries("joint states need yourdfpy", "ros"):
+        import yourdfpy
+    regular_file(urdf, "a URDF file (--urdf)")
+    robot = yourdfpy.URDF.load(
+        str(urdf),
+        build_scene_graph=True,
+        load_meshes=False,
+        load_collision_meshes=False,
+    )
+    if link not in robot.link_map:
+        links = ", ".join(list(robot.link_map)[:40])
+        raise ValueError(f"{urdf.name} has no link {link!r}; it has {links}")
+    positions = dict.fromkeys(robot.actuated_joint_names, 0.0)
 
-    return hand_of(selection.urdf, selection.link)
+    def pose(message: Any) -> Row:
+        known = dict(zip(message.name, message.position, strict=True))
+        if not known.keys() & positions.keys():
+            raise ValueError(
+                f"a joint state names {', '.join(known)!s:.100}, and {urdf.name} has "
+                f"{', '.join(positions)!s:.200}"
+            )
+        positions.update({name: known[name] for name in known if name in positions})
+        robot.update_cfg(positions)
+        matrix = robot.get_transform(link)
+        quaternion = Rotation.from_matrix(matrix[:3, :3]).as_quat(scalar_first=True)
+        return (*map(float, matrix[:3, 3]), *map(float, quaternion))
 
-
-def _stamp(message: Any, logged: int) -> int:
-    """Return a message's stamp [ns], or when it was logged if it has none."""
-    stamp = message.header.stamp
-    return int(stamp.sec) * 10**9 + int(stamp.nanosec) or logged
-
-
-def _wrench(message: Any) -> tuple[float, ...]:
-    f, t = message.wrench.force, message.wrench.torque
-    return (f.x, f.y, f.z, t.x, t.y, t.z)
-
-
-def _forces(track: _Track, first: int, times: FloatArray) -> dict[str, FloatArray]:
-    """Return the force at other times."""
-    if not len(track.stamps):
-        return {}
-    start, own = track.times()
-    order = np.argsort(own, kind="stable")
-    clock = own[order] + (start - first) * 1e-9
-    rows = track.rows()[order]
-    columns = [np.interp(times, clock, column) for column in rows.T]
-    return {"force": np.column_stack(columns)}
+    return pose

@@ -6,10 +6,9 @@ file, of which y is usually up. Positions in the frames replace a joint's OFFSET
 
 import math
 from array import array
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, TextIO
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -37,20 +36,38 @@ class _Joint:
     channels: dict[str, int] = field(default_factory=dict)
 
 
-def read(path: Path, selection: Selection) -> list[RawRecording]:
-    """Read the motion of a joint.
+class _Lines:
+    """The words of every line that has any; counts lines."""
 
-    Raises:
-        ValueError: The file is no BVH, or lacks the joint; the message has the line.
-    """
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self.number = 0
+
+    def __iter__(self) -> "_Lines":
+        return self
+
+    def __next__(self) -> list[str]:
+        while text := self._stream.readline(_LONGEST_LINE):
+            self.number += 1
+            if words := text.split():
+                return words
+        raise StopIteration
+
+
+def read(path: Path, selection: Selection) -> list[RawRecording]:
+    """Read the motion of a joint; errors say in which line."""
     with path.open(encoding="utf-8", newline=None) as stream:
-        lines = _Lines(iter(lambda: stream.readline(_LONGEST_LINE), ""))
+        lines = _Lines(stream)
         try:
             joints, width = _hierarchy(lines)
             known = [name for name in DEFAULT_JOINTS if name in joints]
             wanted = selection.body or (known or DEFAULT_JOINTS)[0]
             name, joint = chosen(wanted, joints, "joint", file=path.name)
-            period, frames = _motion(lines, width)
+            period, frames = _frames(lines, width)
+        except StopIteration:
+            raise ValueError(
+                f"line {lines.number}: the file ends here, too early"
+            ) from None
         except (ValueError, IndexError) as error:
             raise ValueError(f"line {lines.number}: {error}") from error
     positions, rotations = _kinematics(joint, frames)
@@ -63,29 +80,6 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             quaternions=rotations.as_quat(scalar_first=True),
         )
     ]
-
-
-class _Lines:
-    """Lines as words, counted."""
-
-    def __init__(self, lines: Iterator[str]) -> None:
-        self._lines = lines
-        self.number = 0
-
-    def __next__(self) -> list[str]:
-        """Return the words of the next line that has any."""
-        for line in self._lines:
-            self.number += 1
-            if words := line.split():
-                return words
-        raise ValueError("the file ends here, too early")
-
-    def __iter__(self) -> Iterator[list[str]]:
-        """Go through the words of the lines that are left."""
-        for line in self._lines:
-            self.number += 1
-            if words := line.split():
-                yield words
 
 
 def _hierarchy(lines: _Lines) -> tuple[dict[str, _Joint], int]:
@@ -122,7 +116,7 @@ def _hierarchy(lines: _Lines) -> tuple[dict[str, _Joint], int]:
     return joints, width
 
 
-def _motion(lines: _Lines, width: int) -> tuple[float, FloatArray]:
+def _frames(lines: _Lines, width: int) -> tuple[float, FloatArray]:
     """Return the time between frames [s], and the frames, (N, width)."""
     words = next(lines)
     if len(words) != 2 or words[0] != "Frames:":
@@ -147,11 +141,9 @@ def _motion(lines: _Lines, width: int) -> tuple[float, FloatArray]:
 
 def _kinematics(joint: _Joint, frames: FloatArray) -> tuple[FloatArray, Rotation]:
     """Return positions and orientations of a joint in all frames."""
-    chain = []
-    at: _Joint | None = joint
-    while at is not None:
-        chain.append(at)
-        at = at.parent
+    chain = [joint]
+    while (parent := chain[-1].parent) is not None:
+        chain.append(parent)
     positions = np.zeros((len(frames), 3))
     rotations = Rotation.identity(len(frames))
     for one in reversed(chain):

@@ -6,7 +6,6 @@ https://www.c3d.org/HTML/default.htm describes the format.
 """
 
 import math
-import struct
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -21,21 +20,14 @@ from gplfd_experiments.files.arrays import FloatArray
 
 _BLOCK: Final = 512
 _MAGIC: Final = 0x50
-_MOST_BLOCKS: Final = 255
-"""Of parameters; a byte counts them."""
+_MOST_BLOCKS: Final = 255  # Of parameters; a byte counts them.
 _MOST_FRAMES: Final = 2**16 - 1
 """The header counts so far; then a parameter does, as a float."""
-_KINDS: Final = {-1: "S1", 1: "u1", 2: "i2", 4: "f4"}
-"""Types of parameters by their code."""
+_KINDS: Final = {-1: "S1", 1: "u1", 2: "i2", 4: "f4"}  # Types of parameters.
 _UNITS: Final = {"mm": "mm", "m": "m", "cm": "cm", "in": "in", "meters": "m"}
 _RIGID: Final = 0.01
 """Markers of a rigid body keep their distances to this share of its size."""
-
-_MOSTLY: Final = 0.5
-"""Share of the frames with all markers in which they do so."""
-
-Parameters = dict[str, Any]
-"""Arrays or texts by ``GROUP:NAME``."""
+_MOSTLY: Final = 0.5  # Share of the frames with all markers in which they do so.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -63,49 +55,71 @@ _PROCESSORS: Final = {
 """Intel, DEC and MIPS (SGI) by the code in a file."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Header:
-    """What the first block says."""
-
-    processor: _Processor
-    points: int
-    analog: int
-    """Analog numbers per frame of points."""
-    sampled: int
-    """How often a frame samples each analog channel."""
-    first: int
-    last: int
-    scale: float
-    """Of integer coordinates; negative where they are floats."""
-    start: int
-    """Byte at which the frames begin."""
-    rate: float
-    parameters: int
-    """Byte at which the parameters begin."""
-
-
 def read(path: Path, selection: Selection) -> list[RawRecording]:
     """Read the motion of a marker (positions only) or of a rigid body.
 
     The body is given by its markers, ``--body A,B,C``: its origin is their mean, its
     axes are those of the file at the first sample that has them all.
-
-    Raises:
-        ValueError: The file is damaged, or lacks the markers.
     """
     content = path.read_bytes()
-    header = _header(content)
-    parameters = _parameters(content, header)
-    places = _labels(parameters, header.points)
-    frames = _frames(content, header, parameters)
-    body = selection.body
+    if len(content) < 2 * _BLOCK or content[1] != _MAGIC:
+        raise ValueError("it does not begin as a C3D file does, or is cut")
+    start = _BLOCK * (content[0] - 1)
+    if not _BLOCK <= start <= len(content) - 4:
+        raise ValueError(f"its parameters would begin at byte {start}")
+    processor = _PROCESSORS.get(content[start + 3])
+    if processor is None:
+        raise ValueError(f"it is of an unknown processor, {content[start + 3]}")
+    _, points, analog, first, last, _, _, _, block, sampled = processor.numbers(
+        content[:20], "u2"
+    ).tolist()
+    scale, rate = (
+        float(processor.numbers(content[at : at + 4], "f4")[0]) for at in (12, 20)
+    )
+    if not 0.0 < rate < 1e6:
+        raise ValueError(f"its header has the frame rate {rate}")
+    begin = _BLOCK * (block - 1)
+    parameters = _parameters(content, start, begin, processor)
+    # Markers by their labels, or numbers if there are fewer.
+    labels: list[str] = []
+    for number in ("", *map(str, range(2, 20))):
+        labels += parameters.get(f"POINT:LABELS{number}", [])
+    labels += [str(place + 1) for place in range(len(labels), points)]
+    places = {label: place for place, label in enumerate(labels[:points]) if label}
+    # Frames of four numbers per marker, x, y, z and what was seen of it, and of analog
+    # channels.
+    frames = last - first + 1
+    counted = parameters.get("POINT:FRAMES")
+    if last == _MOST_FRAMES and counted is not None and counted.dtype.kind == "f":
+        frames = int(counted[0])
+    if frames < 1 or not points + analog or begin < 0:
+        raise ValueError(f"it says it has {frames} frames of {points} markers")
+    kind, size = ("f4", 4) if scale < 0.0 else ("i2", 2)
+    room = (len(content) - begin) // (frames * size)
+    width = 4 * points + analog
+    # Some programs count a channel once, however often a frame samples it.
+    every = 4 * points + analog * sampled
+    if analog in parameters.get("ANALOG:USED", ()) and every <= room:
+        width = every
+    if width > room:
+        raise ValueError(
+            f"its {frames} frames of {points} markers need "
+            f"{frames * width * size:,} bytes from byte {begin:,} on; the file "
+            f"has {len(content):,}: it is cut"
+        )
+    numbers = processor.numbers(content[begin : begin + frames * width * size], kind)
+    table = numbers.reshape(frames, width)[:, : 4 * points]
+    table = table.reshape(frames, points, 4).astype(np.float64)
+    markers = table[..., :3] * (1.0 if scale < 0.0 else scale)
+    markers[table[..., 3] < 0.0] = np.nan
+    body, quaternions = selection.body, None
     if body is not None and "," in body and body not in places:
         names = [name.strip() for name in body.split(",")]
         found = [chosen(n, places, "marker", file=path.name)[1] for n in names]
-        positions, quaternions = _rigid_body(frames[:, found], names)
+        positions, quaternions = _rigid_body(markers[:, found], names)
     else:
         body, place = chosen(body, places, "marker", file=path.name)
-        positions, quaternions = frames[:, place], None
+        positions = markers[:, place]
     unit = str(parameters.get("POINT:UNITS", [""])[0]).strip().lower()
     if unit and unit not in _UNITS and selection.units is None:
         raise ValueError(
@@ -114,7 +128,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     return [
         RawRecording(
             name=f"{path.name}: {body}",
-            times=np.arange(len(frames)) / header.rate,
+            times=np.arange(frames) / rate,
             positions=positions,
             unit=_UNITS.get(unit),
             quaternions=quaternions,
@@ -122,54 +136,35 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     ]
 
 
-def _header(content: bytes) -> _Header:
-    if len(content) < 2 * _BLOCK or content[1] != _MAGIC:
-        raise ValueError("it does not begin as a C3D file does, or is cut")
-    parameters = _BLOCK * (content[0] - 1)
-    if not _BLOCK <= parameters <= len(content) - 4:
-        raise ValueError(f"its parameters would begin at byte {parameters}")
-    processor = _PROCESSORS.get(content[parameters + 3])
-    if processor is None:
-        raise ValueError(f"it is of an unknown processor, {content[parameters + 3]}")
-    words = processor.numbers(content[:20], "u2").tolist()
-    scale, rate = (processor.numbers(content[a : a + 4], "f4")[0] for a in (12, 20))
-    if not 0.0 < rate < 1e6:
-        raise ValueError(f"its header has the frame rate {rate}")
-    return _Header(
-        processor=processor,
-        points=words[1],
-        analog=words[2],
-        sampled=words[9],
-        first=words[3],
-        last=words[4],
-        scale=float(scale),
-        start=_BLOCK * (words[8] - 1),
-        rate=float(rate),
-        parameters=parameters,
-    )
+def _parameters(
+    content: bytes, start: int, frames: int, processor: _Processor
+) -> dict[str, Any]:
+    """Return arrays, or lists of texts, by ``GROUP:NAME``.
 
-
-def _parameters(content: bytes, header: _Header) -> Parameters:
-    """Return the parameters by group and name."""
-    start = header.parameters
+    Args:
+        content: Of the file.
+        start: Byte at which the parameters begin.
+        frames: Byte at which the frames begin.
+        processor: That wrote the file.
+    """
     # Some programs count too few blocks; but before the frames they end.
-    before = min(_MOST_BLOCKS, (header.start - start) // _BLOCK)
+    before = min(_MOST_BLOCKS, (frames - start) // _BLOCK)
     end = min(len(content), start + _BLOCK * max(content[start + 2], before))
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Any]] = []
     at = start + 4
     while at + 4 <= end and content[at]:
-        length = abs(struct.unpack_from("<b", content, at)[0])
-        group = struct.unpack_from("<b", content, at + 1)[0]
-        name = content[at + 2 : at + 2 + length].decode("ascii", "replace").upper()
-        at += 2 + length
+        length, group = np.frombuffer(content[at : at + 2], "i1").tolist()
+        name_end = at + 2 + abs(length)
+        name = content[at + 2 : name_end].decode("ascii", "replace").upper()
+        at = name_end
         if at + 3 > end:
             raise ValueError(f"the parameter {name!r:.40} goes beyond its section")
-        following = int(header.processor.numbers(content[at : at + 2], "u2")[0])
+        following = int(processor.numbers(content[at : at + 2], "u2")[0])
         if group < 0:
             groups[-group] = name
         elif group > 0:
-            value = _parameter(content[at + 2 : end], name, header.processor)
+            value = _parameter(content[at + 2 : end], name, processor)
             found.append((group, name, value))
         if not following:
             break
@@ -179,12 +174,11 @@ def _parameters(content: bytes, header: _Header) -> Parameters:
 
 def _parameter(content: bytes, name: str, processor: _Processor) -> Any:
     """Return a parameter's array; that of letters as a list of texts."""
-    kind = struct.unpack_from("<b", content)[0]
+    kind = int(np.frombuffer(content[:1], "i1")[0])
     shape = tuple(content[2 : 2 + content[1]])
     if kind not in _KINDS or len(shape) != content[1]:
         raise ValueError(f"the parameter {name!r:.40} is of no known type")
-    dtype = np.dtype(_KINDS[kind])
-    size = math.prod(shape) * dtype.itemsize
+    size = math.prod(shape) * np.dtype(_KINDS[kind]).itemsize
     data = content[2 + len(shape) : 2 + len(shape) + size]
     if len(data) != size:
         raise ValueError(f"the parameter {name!r:.40} is cut")
@@ -193,48 +187,6 @@ def _parameter(content: bytes, name: str, processor: _Processor) -> Any:
         texts = [data[i : i + width] for i in range(0, size, max(width, 1))]
         return [text.decode("utf-8", "replace").strip(" \0") for text in texts]
     return processor.numbers(data, _KINDS[kind])
-
-
-def _labels(parameters: Parameters, points: int) -> dict[str, int]:
-    """Return the places of markers by their labels, or numbers if there are fewer."""
-    labels: list[str] = []
-    for number in ("", *map(str, range(2, 20))):
-        labels += parameters.get(f"POINT:LABELS{number}", [])
-    labels += [str(place + 1) for place in range(len(labels), points)]
-    return {label: place for place, label in enumerate(labels[:points]) if label}
-
-
-def _frames(content: bytes, header: _Header, parameters: Parameters) -> FloatArray:
-    """Return coordinates of all markers, (N, points, 3), NaN where they were lost."""
-    kind, size = ("f4", 4) if header.scale < 0.0 else ("i2", 2)
-    number = header.last - header.first + 1
-    counted = parameters.get("POINT:FRAMES")
-    most = header.last == _MOST_FRAMES
-    if most and counted is not None and counted.dtype.kind == "f":
-        number = int(counted[0])
-    if number < 1 or not header.points + header.analog or header.start < 0:
-        raise ValueError(f"it says it has {number} frames of {header.points} markers")
-    room = (len(content) - header.start) // (number * size)
-    width = 4 * header.points + header.analog
-    # Some programs count a channel once, however often a frame samples it.
-    every = 4 * header.points + header.analog * header.sampled
-    if header.analog in parameters.get("ANALOG:USED", ()) and every <= room:
-        width = every
-    if width > room:
-        raise ValueError(
-            f"its {number} frames of {header.points} markers need "
-            f"{number * width * size:,} bytes from byte {header.start:,} on; the file "
-            f"has {len(content):,}: it is cut"
-        )
-    end = header.start + number * width * size
-    table = header.processor.numbers(content[header.start : end], kind)
-    points = table.reshape(number, width)[:, : 4 * header.points]
-    points = points.reshape(number, header.points, 4).astype(np.float64)
-    lost = points[..., 3] < 0.0
-    scale = 1.0 if header.scale < 0.0 else header.scale
-    coordinates = points[..., :3] * scale
-    coordinates[lost] = np.nan
-    return np.asarray(coordinates)
 
 
 def _rigid_body(markers: FloatArray, names: list[str]) -> tuple[FloatArray, FloatArray]:
@@ -253,9 +205,8 @@ def _rigid_body(markers: FloatArray, names: list[str]) -> tuple[FloatArray, Floa
     quaternions = np.full((len(markers), 4), np.nan)
     for frame in np.flatnonzero(seen):
         rotation, distance = Rotation.align_vectors(arms[frame], shape)
-        if distance > math.sqrt(len(names)) * _RIGID * size[0]:
-            continue
-        quaternions[frame] = rotation.as_quat(scalar_first=True)
+        if distance <= math.sqrt(len(names)) * _RIGID * size[0]:
+            quaternions[frame] = rotation.as_quat(scalar_first=True)
     complete = np.count_nonzero(seen)
     rigid = np.count_nonzero(np.isfinite(quaternions[:, 0]))
     if rigid < _MOSTLY * complete:

@@ -1,43 +1,42 @@
-"""LeRobot data sets, version 3: one recording per episode, from parquet files.
+"""LeRobot data sets, version 3: one motion per episode, from parquet files.
 
-The hand is a feature of the data set, ``observation.state`` where nothing is said; what
-its numbers are is told by their names in the data set, or by ``--columns``.
+The hand is a feature of the data set, by default ``observation.state``. The names of
+its numbers stand in the data set, or are given by ``--columns``.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 
 from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers.parquet_pages import claim_columns
 from gplfd_experiments.data.readers.selection import Selection, chosen
 from gplfd_experiments.data.readers.tables import named_columns, recording
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.plain_data import entry, read_json
 from gplfd_policies.arrays.storage import DecodingBudget, regular_file
 
-try:
+with optional_libraries("LeRobot's data sets need pyarrow", "lerobot"):
     import pyarrow.parquet as parquet
-except ImportError as error:
-    raise ModuleNotFoundError(
-        f"LeRobot's data sets need pyarrow ({error}); in a checkout of gplfd: pip "
-        "install '.[lerobot]', elsewhere: pip install 'gplfd[lerobot]'"
-    ) from error
 
 INFO: Final = "meta/info.json"
 STATE: Final = "observation.state"
 _VERSION: Final = "v3."
 
+_NUMBERS: Final = frozenset({"BOOLEAN", "INT32", "INT64", "FLOAT", "DOUBLE"})
+_LONGEST_HEADER: Final = 2**16  # Of a page [bytes]; its statistics may hold two values.
+# Fields of a page header: two sizes, and one structure for each kind of page.
+_UNCOMPRESSED, _COMPRESSED = 2, 3
+_DATA, _DICTIONARY, _DATA_V2 = 5, 7, 8
+_VALUES: Final = 1  # Field of each of these structures.
+
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
-    """Read every episode of a data set.
-
-    Raises:
-        ValueError: The data set is damaged, of another version, or its feature's
-            numbers have no names that are understood.
-    """
+    """Read every episode of a data set."""
     info = read_json(path / INFO)
     version = entry(info, "codebase_version", str)
     if not version.startswith(_VERSION):
@@ -45,16 +44,23 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             f"it is of version {version:.20}, read is {_VERSION}x; convert it with "
             "LeRobot's own script convert_dataset_v21_to_v30"
         )
-    features = entry(info, "features", dict[str, Any])
     vectors = {
         name: one
-        for name, one in features.items()
+        for name, one in entry(info, "features", dict[str, Any]).items()
         if isinstance(one, dict) and str(one.get("dtype", "")).startswith("float")
     }
     name, feature = chosen(
         selection.body or STATE, vectors, "feature of numbers", file=path.name
     )
-    heads = selection.columns or _names(feature)
+    # The names of its numbers: a list, or lists by group.
+    names = feature.get("names")
+    if isinstance(names, dict):
+        names = [one for group in names.values() for one in group]
+    if not selection.columns and not isinstance(names, list):
+        raise ValueError(
+            "its numbers have no names; give them in their order: --columns x,y,z,..."
+        )
+    heads = selection.columns or list(map(str, names))
     found = named_columns(heads, "--columns" if selection.columns else f"{name!r}")
     rate = float(entry(info, "fps", float))
     if not 0.0 < rate < 1e6:
@@ -64,7 +70,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         raise ValueError(
             f"{name} has {values.shape[1]} numbers, and {len(heads)} names"
         )
-    # The times are made here.
+    # The times are made here, in seconds.
     seconds = replace(selection, time_unit="s")
     recordings = []
     order = np.argsort(episodes, kind="stable")
@@ -78,18 +84,6 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     return recordings
 
 
-def _names(feature: dict[str, Any]) -> list[str]:
-    """Return the names of a feature's numbers: a list, or lists by group."""
-    names = feature.get("names")
-    if isinstance(names, dict):
-        names = [one for group in names.values() for one in group]
-    if not isinstance(names, list):
-        raise ValueError(
-            "its numbers have no names; give them in their order: --columns x,y,z,..."
-        )
-    return list(map(str, names))
-
-
 def _table(path: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return episode, frame and feature of every row, in order."""
     wanted = ["episode_index", "frame_index", name]
@@ -101,11 +95,19 @@ def _table(path: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     for file in files:
         try:
             with file.open("rb") as stream, parquet.ParquetFile(stream) as opened:
-                claim_columns(stream, opened.metadata, wanted, budget)
+                _claim_columns(stream, opened.metadata, wanted, budget)
                 table = opened.read(columns=wanted)
             episodes.append(table["episode_index"].to_numpy())
             frames.append(table["frame_index"].to_numpy())
-            values.append(_rows(table[name]))
+            # Lists of equal length become rows.
+            lists = table[name].combine_chunks()
+            flat = lists.flatten().to_numpy(zero_copy_only=False)
+            if lists.null_count or len(lists) == 0 or len(flat) % len(lists):
+                raise ValueError("a row lacks numbers")
+            rows = np.asarray(flat, dtype=np.float64).reshape(len(lists), -1)
+            if len(lists[0]) != rows.shape[1]:
+                raise ValueError("its rows differ in length")
+            values.append(rows)
         # Arrow answers damage with errors of every kind.
         except Exception as error:
             raise ValueError(f"{file.relative_to(path)}: {error!s:.300}") from error
@@ -116,14 +118,79 @@ def _table(path: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     )
 
 
-def _rows(column: Any) -> FloatArray:
-    """Return lists of equal length as rows."""
-    lists = column.combine_chunks()
-    flat = lists.flatten().to_numpy(zero_copy_only=False)
-    if lists.null_count or len(lists) == 0 or len(flat) % len(lists):
-        raise ValueError("a row lacks numbers")
-    rows = np.asarray(flat, dtype=np.float64).reshape(len(lists), -1)
-    lengths = np.unique([len(one) for one in lists[:1]])
-    if lengths.tolist() != [rows.shape[1]]:
-        raise ValueError("its rows differ in length")
-    return rows
+def _claim_columns(
+    file: BinaryIO, metadata: Any, wanted: Sequence[str], budget: DecodingBudget
+) -> None:
+    """Claim what columns of numbers, or lists of them, take when decoded to float64.
+
+    The footer of a file says how many values a column has, but a reader believes the
+    header of every page, and a run of one value takes a few bytes however long it is.
+    The headers are structures of Thrift's compact protocol, see *Parquet: Page Header*
+    in https://github.com/apache/parquet-format and *Thrift Compact Protocol*.
+    """
+    groups = map(metadata.row_group, range(metadata.num_row_groups))
+    for column in (one.column(n) for one in groups for n in range(one.num_columns)):
+        name = f"column {column.path_in_schema:.80}"
+        # The numbers of a list x stand in a column x.list.element.
+        if not f"{column.path_in_schema}.".startswith(tuple(f"{w}." for w in wanted)):
+            continue
+        if column.physical_type not in _NUMBERS:
+            raise ValueError(f"{name} holds {column.physical_type}, not numbers")
+        place = column.data_page_offset
+        if column.has_dictionary_page and 0 < column.dictionary_page_offset < place:
+            place = column.dictionary_page_offset
+        end = place + column.total_compressed_size
+        while place < end:
+            file.seek(place)
+            stream = BytesIO(file.read(_LONGEST_HEADER))
+            header = _structure(stream)
+            kinds = (header.get(kind, {}) for kind in (_DATA, _DICTIONARY, _DATA_V2))
+            values = sum(kind.get(_VALUES, 0) for kind in kinds)
+            budget.claim(header.get(_UNCOMPRESSED, 0) + 8 * values, name)
+            place += stream.tell() + max(0, header.get(_COMPRESSED, 0))
+
+
+def _structure(stream: BytesIO) -> dict[int, Any]:
+    """Return the integers and structures of a Thrift structure by field."""
+    fields: dict[int, Any] = {}
+    field = 0
+    while head := _byte(stream):
+        field = field + (head >> 4) if head >> 4 else _integer(stream)
+        match head & 0xF:
+            case 1 | 2:  # true or false
+                pass
+            case 3:
+                _byte(stream)
+            case 4 | 5 | 6:
+                fields[field] = _integer(stream)
+            case 7:
+                stream.seek(8, 1)
+            case 8:
+                stream.seek(_unsigned(stream), 1)
+            case 12:
+                fields[field] = _structure(stream)
+            case kind:
+                raise ValueError(f"the header of a page has a field of type {kind}")
+    return fields
+
+
+def _byte(stream: BytesIO) -> int:
+    read = stream.read(1)
+    if not read:
+        raise ValueError("the header of a page is cut off")
+    return read[0]
+
+
+def _unsigned(stream: BytesIO) -> int:
+    """Return a number of seven bits per byte, the lowest first."""
+    number, shift = 0, 0
+    while (byte := _byte(stream)) & 0x80:
+        number |= (byte & 0x7F) << shift
+        shift += 7
+    return number | byte << shift
+
+
+def _integer(stream: BytesIO) -> int:
+    """Return a signed number, in whose lowest bit the sign stands."""
+    number = _unsigned(stream)
+    return number >> 1 ^ -(number & 1)

@@ -11,11 +11,7 @@ from gplfd_policies.arrays.storage import DecodingBudget
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
-    """Read the observed poses of the hand, in the task's frame, and the wrenches.
-
-    Raises:
-        ValueError: The data set is damaged, or another program's.
-    """
+    """Read the observed poses of the hand, in the task's frame, and the wrenches."""
     del selection  # Nothing is open.
     dataset = open_dataset(path)
     # Each episode is bounded by itself when it is read; this bounds them together.

@@ -1,4 +1,4 @@
-"""Demonstrations of robomimic in HDF5: one recording per demonstration.
+"""Demonstrations of robomimic in HDF5: one motion per demonstration.
 
 The hand is ``obs/NAME_pos`` and ``obs/NAME_quat``, whose scalar is last; NAME is
 robot0_eef where nothing is said. Files have no time stamps: the rate is that of the
@@ -15,78 +15,66 @@ import numpy as np
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers.selection import Selection, chosen
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_policies.arrays.storage import DecodingBudget
 
-try:
+with optional_libraries("robomimic's files need h5py", "robomimic"):
     import h5py
 
     from gplfd_experiments.data.hdf5 import member, numbers
-except ImportError as error:
-    raise ModuleNotFoundError(
-        f"robomimic's files need h5py ({error}); in a checkout of gplfd: pip install "
-        "'.[robomimic]', elsewhere: pip install 'gplfd[robomimic]'"
-    ) from error
 
 DEFAULT_HAND: Final = "robot0_eef"
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
-    """Read every demonstration.
-
-    Raises:
-        ValueError: The file is damaged, or no file of robomimic's.
-    """
+    """Read every demonstration, in the order of their numbers."""
     budget = DecodingBudget(path.stat().st_size)
     with h5py.File(path, "r") as file:
         if "data" not in file:
             raise ValueError(f"it has no group 'data' but {', '.join(file)!s:.200}")
         data = member(file, "data")
-        rate = selection.recorded_rate or _rate(data.attrs.get("env_args"))
-        demonstrations = [(name, _observations(name, data)) for name in _sorted(data)]
-        return [
-            _recording(f"{path.name}: {name}", obs, selection, rate, budget)
-            for name, obs in demonstrations
-        ]
-
-
-def _sorted(data: Any) -> list[str]:
-    """Return names in the order of their numbers."""
-    return sorted(data, key=lambda n: [int(d) for d in re.findall(r"\d{1,9}", n)])
-
-
-def _observations(name: str, data: Any) -> Any:
-    group = member(data, name)
-    if not isinstance(group, h5py.Group) or "obs" not in group:
-        raise ValueError(
-            f"data/{name} has no group 'obs'; robosuite records states alone, of which "
-            "robomimic's script dataset_states_to_obs makes observations"
-        )
-    return member(group, "obs")
-
-
-def _recording(
-    name: str,
-    obs: Any,
-    selection: Selection,
-    rate: float | None,
-    budget: DecodingBudget,
-) -> RawRecording:
-    hands = {one.removesuffix("_pos"): one for one in obs if one.endswith("_pos")}
-    hand, _ = chosen(selection.body or DEFAULT_HAND, hands, "hand in obs", file=name)
-    positions = _array(obs, f"{hand}_pos", 3, budget)
-    quaternions = None
-    if f"{hand}_quat" in obs:
-        quaternions = np.roll(_array(obs, f"{hand}_quat", 4, budget), 1, axis=1)
-    gripper = f"{hand.removesuffix('_eef')}_gripper_qpos"
-    signals = {"gripper": _array(obs, gripper, None, budget)} if gripper in obs else {}
-    return RawRecording(
-        name=name,
-        times=None if rate is None else np.arange(len(positions)) / rate,
-        positions=positions,
-        unit="m",
-        quaternions=quaternions,
-        signals=signals,
-    )
+        # The environment's control frequency, if the file says it.
+        rate, said = selection.recorded_rate, data.attrs.get("env_args")
+        arguments = json.loads(said) if isinstance(said, str) else None
+        settings = arguments.get("env_kwargs") if isinstance(arguments, dict) else None
+        control = settings.get("control_freq") if isinstance(settings, dict) else None
+        if not rate and isinstance(control, int | float) and 0.0 < control < 1e6:
+            rate = float(control)
+        recordings = []
+        for name in sorted(
+            data, key=lambda n: list(map(int, re.findall(r"\d{1,9}", n)))
+        ):
+            group = member(data, name)
+            if not isinstance(group, h5py.Group) or "obs" not in group:
+                raise ValueError(
+                    f"data/{name} has no group 'obs'; robosuite records states alone, "
+                    "of which robomimic's script dataset_states_to_obs makes "
+                    "observations"
+                )
+            obs, label = member(group, "obs"), f"{path.name}: {name}"
+            hands = {
+                one.removesuffix("_pos"): one for one in obs if one.endswith("_pos")
+            }
+            wanted = selection.body or DEFAULT_HAND
+            hand, _ = chosen(wanted, hands, "hand in obs", file=label)
+            positions = _array(obs, f"{hand}_pos", 3, budget)
+            quaternions, signals = None, {}
+            if f"{hand}_quat" in obs:
+                quaternions = np.roll(_array(obs, f"{hand}_quat", 4, budget), 1, axis=1)
+            gripper = f"{hand.removesuffix('_eef')}_gripper_qpos"
+            if gripper in obs:
+                signals["gripper"] = _array(obs, gripper, None, budget)
+            recordings.append(
+                RawRecording(
+                    name=label,
+                    times=None if rate is None else np.arange(len(positions)) / rate,
+                    positions=positions,
+                    unit="m",
+                    quaternions=quaternions,
+                    signals=signals,
+                )
+            )
+    return recordings
 
 
 def _array(
@@ -97,15 +85,3 @@ def _array(
     if found.ndim != 2 or width not in (None, found.shape[1]):
         raise ValueError(f"obs/{name} has shape {found.shape}, must be (N, {width})")
     return found
-
-
-def _rate(arguments: Any) -> float | None:
-    """Return the environment's control frequency [Hz], if the file says it."""
-    if not isinstance(arguments, str):
-        return None
-    found = json.loads(arguments)
-    settings = found.get("env_kwargs") if isinstance(found, dict) else None
-    rate = settings.get("control_freq") if isinstance(settings, dict) else None
-    if not isinstance(rate, int | float) or not 0.0 < rate < 1e6:
-        return None
-    return float(rate)

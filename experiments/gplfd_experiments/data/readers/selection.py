@@ -3,13 +3,12 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.data.raw import METRES, RADIANS, SECONDS
 
-_LISTED = 30
-"""Names at most in a message."""
+_LISTED: Final = 30  # Names at most in a message.
 
 QuaternionOrder = Literal["wxyz", "xyzw"]
 """Where the scalar part stands: first or last."""
@@ -81,7 +80,7 @@ def chosen(
             raise ValueError(
                 f"{file} has more than one {what}; choose with --body: {names}"
             )
-        return next(iter(known.items()))
+        (wanted,) = known
     if wanted not in known:
         hint = nearest_name(wanted, known)
         raise ValueError(f"{file} has no {what} {wanted!r}{hint}; it has {names}")

@@ -49,7 +49,7 @@ ROTATION_VECTOR: Final = ("rx", "ry", "rz")
 FORCE: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 
 MANY_TURNS: Final = 7.0
-"""A rotation vector longer than this [rad] is hardly one of a hand."""
+"""A longer rotation vector [rad] is probably in degrees."""
 
 _CANONICAL: Final = {
     other: name for name, others in NAMES.items() for other in (name, *others)
@@ -117,10 +117,10 @@ def recording(
     selection: Selection,
     untimed: str = "",
 ) -> RawRecording:
-    """Return the recording that columns make.
+    """Return the motion that columns make.
 
     Args:
-        name: Of the recording.
+        name: Of the motion.
         columns: By names of `NAMES`, (N,) each.
         units: Of the columns that say theirs.
         selection: Unit of rotation vectors that say none, and of times.
@@ -129,59 +129,56 @@ def recording(
     Raises:
         ValueError: A unit is none of its quantity, or those of x, y and z differ.
     """
-    rows = len(columns["x"])
-    positions = np.zeros((rows, 3))
-    for place, axis in enumerate(POSITION):
-        if axis in columns:
-            positions[:, place] = columns[axis]
-    quaternions, notes = None, []
+
+    def unit(names: Sequence[str], known: Mapping[str, float]) -> str | None:
+        said = {one for c in names if (one := units.get(c)) is not None}
+        if len(said) > 1 or said - set(known):
+            raise ValueError(
+                f"{name}: {', '.join(names)} are in {' and '.join(sorted(said))}; they "
+                f"must share one unit of {', '.join(known)}"
+            )
+        return next(iter(said), None)
+
+    absent = np.zeros(len(columns["x"]))
+    quaternions, notes, signals = None, [], {}
     if "qw" in columns:
         quaternions = np.column_stack([columns[part] for part in QUATERNION])
     elif "rx" in columns:
-        unit = _unit(name, units, ROTATION_VECTOR, RADIANS) or selection.angles
+        angles = unit(ROTATION_VECTOR, RADIANS) or selection.angles
         rotvecs = np.column_stack([columns[part] for part in ROTATION_VECTOR])
-        quaternions = quaternions_of(rotvecs * RADIANS[unit])
+        quaternions = quaternions_of(rotvecs * RADIANS[angles])
         longest = float(np.nanmax(np.linalg.norm(rotvecs, axis=1), initial=0.0))
-        if unit == "rad" and longest > MANY_TURNS:
+        if angles == "rad" and longest > MANY_TURNS:
             notes.append(
                 f"rotation vectors as long as {longest:.3g} rad are many turns: are "
                 "they degrees? say --angles deg"
             )
     times = columns.get("t")
     if times is not None:
-        said = _unit(name, units, ("t",), SECONDS)
-        if selection.time_unit is None:
-            notes += _doubts(times, said or "s")
-        times = times * SECONDS[selection.time_unit or said or "s"]
-    signals = {}
+        said = unit(("t",), SECONDS) or "s"
+        steps = np.diff(np.sort(times[np.isfinite(times)]))
+        step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+        likely = likely_time_unit(step)
+        if selection.time_unit is None and likely not in (None, said):
+            notes.append(
+                f"there is a sample every {step:.3g} {said}: are times in {likely}? "
+                f"say --time-unit {likely}, or --time-unit {said} if they are not"
+            )
+        times = times * SECONDS[selection.time_unit or said]
     if "fx" in columns:
-        absent = np.zeros(rows)
         signals["force"] = np.column_stack([columns.get(c, absent) for c in FORCE])
     if "gripper" in columns:
         signals["gripper"] = columns["gripper"][:, None]
     return RawRecording(
         name=name,
-        positions=positions,
-        unit=_unit(name, units, POSITION, METRES),
+        positions=np.column_stack([columns.get(axis, absent) for axis in POSITION]),
+        unit=unit(POSITION, METRES),
         times=times,
         quaternions=quaternions,
         signals=signals,
         untimed="" if "t" in columns else untimed,
         notes=tuple(notes),
     )
-
-
-def _doubts(stamps: FloatArray, unit: str) -> list[str]:
-    """Say so if time stamps are probably in another unit."""
-    steps = np.diff(np.sort(stamps[np.isfinite(stamps)]))
-    step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    likely = likely_time_unit(step)
-    if likely in (None, unit):
-        return []
-    return [
-        f"there is a sample every {step:.3g} {unit}: are times in {likely}? say "
-        f"--time-unit {likely}, or --time-unit {unit} if they are not"
-    ]
 
 
 def quaternions_of(rotvecs: FloatArray) -> FloatArray:
@@ -191,19 +188,3 @@ def quaternions_of(rotvecs: FloatArray) -> FloatArray:
     rotations = Rotation.from_rotvec(np.where(known[:, None], rotvecs, 0.0))
     quaternions[known] = rotations.as_quat(scalar_first=True)[known]
     return quaternions
-
-
-def _unit(
-    name: str,
-    units: Mapping[str, str | None],
-    columns: Sequence[str],
-    known: Mapping[str, float],
-) -> str | None:
-    """Return the one unit of some columns, None where none is said."""
-    said = {unit for c in columns if (unit := units.get(c)) is not None}
-    if len(said) > 1 or said - set(known):
-        raise ValueError(
-            f"{name}: {', '.join(columns)} are in {' and '.join(sorted(said))}; they "
-            f"must share one unit of {', '.join(known)}"
-        )
-    return next(iter(said), None)

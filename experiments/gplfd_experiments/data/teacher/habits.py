@@ -1,9 +1,4 @@
-"""What an untidy recording of a person has that a tidy one has not.
-
-Haste and slowness, pauses in which the door goes back a little, a rest before the
-motion, an end that was cut off, samples that were dropped, and a frame in which the
-suit lost its hand.
-"""
+"""Faults of an untidy person and recording: haste, pauses, rests, lost samples."""
 
 import math
 from dataclasses import dataclass
@@ -13,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_experiments.files.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
-
-_LONGEST_BURST: Final = 6
-"""Samples that are lost at once, at most."""
+_LONGEST_BURST: Final = 6  # Samples that are lost at once, at most.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -32,28 +25,20 @@ class Habits:
     haste: float = quantity(1.0, unit="", low=1.0, high=4.0)
     """A person is up to this many times faster or slower than the teacher (uniform in
     the logarithm), each time anew."""
-
     pauses: int = quantity(0, unit="pauses", low=0, high=20)
     """Pauses in the motion, at places drawn uniformly."""
-
     longest_pause: float = quantity(1.0, unit="s", low=0.1, high=10.0)
     """A pause lasts between a fifth of this and this."""
-
     backward: float = quantity(0.0, unit="rad", low=0.0, high=0.3)
     """In a pause the door goes back by up to this, and forward again."""
-
     longest_rest: float = quantity(0.0, unit="s", low=0.0, high=10.0)
     """Up to this long nothing happens before the motion."""
-
     cut: float = quantity(0.0, unit="", low=0.0, high=0.5)
     """Up to this share of the motion's duration is missing at the end."""
-
     dropped: float = quantity(0.0, unit="", low=0.0, high=0.5)
     """Share of the samples that are lost, in bursts of up to six."""
-
     outliers: int = quantity(0, unit="outliers", low=0, high=20)
     """Samples in which the hand is somewhere else."""
-
     outlier_distance: float = quantity(0.1, unit="m", low=0.0, high=1.0)
     """How far away it is then."""
 
@@ -74,7 +59,7 @@ MESSY: Final = Habits(
     dropped=0.05,
     outliers=1,
 )
-"""An ordinary recording that nobody has tidied up."""
+"""An ordinary recording, not tidied up."""
 
 
 def untidy_clock(

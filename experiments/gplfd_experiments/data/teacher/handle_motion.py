@@ -1,13 +1,14 @@
-"""How a person works a door: press the handle, open, let the handle go back."""
+"""How a person reaches for a handle, presses it, opens the door and lets it go back."""
 
 import math
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gplfd_env.doors.config import DoorConfig
-from gplfd_experiments.data.teacher.random_motion import minimum_jerk
+from gplfd_experiments.data.teacher.random_motion import minimum_jerk, uneven_timing
 from gplfd_experiments.files.arrays import FloatArray
 
 DEMONSTRATED_RADII: Final = (0.35, 0.50, 0.65)
@@ -16,27 +17,31 @@ DEMONSTRATED_RADII: Final = (0.35, 0.50, 0.65)
 ROOM_RADII: Final = (0.53, 0.65, 0.78)
 """Doors with a lever or knob, those of DIN leaves of 0.584, 0.709 and 0.834 m [m]."""
 
-_TIME: Final = (0.8, 0.15)
-"""Mean and standard deviation of the time in which a handle is pressed [s]."""
-
-_SHARE: Final = (0.96, 0.03)
-"""The same of the share of its travel to which it is turned; nobody turns it beyond its
-stop."""
-
+# Pressing the handle: means and standard deviations.
+_PRESS_TIME: Final = (0.8, 0.15)  # Time in which the handle is pressed [s].
+_PRESS_SHARE: Final = (0.96, 0.03)  # Of its travel, at most to its stop.
 _OVERLAP: Final = 0.85
 """Share of the pressing after which a person begins to pull; the bolt is free then."""
-
 _RETURN: Final = (math.radians(8.0), math.radians(25.0))
 """Opening angles between which the handle is let go back [rad]."""
-
 _KEPT: Final = 0.2
-"""Share of its turn that it keeps: a hand rests on it. One that took it back to its
-stop would meet the stop at a speed, and whoever learns from it would, too."""
+"""Share of its turn that the handle keeps, since a hand rests on it. Otherwise the
+demonstrated handle, and the learned one, would hit its stop."""
+
+# Reaching for the handle.
+_DISTANCE: Final = (0.10, 0.25)  # Least and greatest distance at the beginning [m].
+_DIRECTION: Final = 0.6
+"""From straight before the door, at most so far to a side, up or down [rad]."""
+_TURN: Final = 0.1  # Standard deviation per axis of the hand's rotation there [rad].
+_ARCH: Final = 0.01
+"""Standard deviation per axis of the path's distance from the straight line [m]."""
+_REACH_TIME: Final = (1.6, 0.2)  # Mean and standard deviation [s].
+_GRIP_TIME: Final = (0.4, 0.1)  # The same of the time in which the hand closes [s].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Press:
-    """How the handle is turned, by a person who means to open the door."""
+    """How the handle is turned to open the door."""
 
     time: float = 0.0
     """How long it is pressed before the door is open [s]; 0 for a bar."""
@@ -49,9 +54,14 @@ def draw_press(door: DoorConfig, rng: np.random.Generator) -> Press:
     if door.handle == "bar":
         return Press()
     longer, further = rng.standard_normal(2).tolist()
-    time = max(_TIME[0] + _TIME[1] * longer, 0.5 * _TIME[0])
-    share = min(_SHARE[0] + _SHARE[1] * further, 1.0)
+    time = max(_PRESS_TIME[0] + _PRESS_TIME[1] * longer, 0.5 * _PRESS_TIME[0])
+    share = min(_PRESS_SHARE[0] + _PRESS_SHARE[1] * further, 1.0)
     return Press(time=time, angle=share * door.handle_travel)
+
+
+def duration(press: Press, opening_time: float) -> float:
+    """Return how long pressing and opening take together [s]."""
+    return _OVERLAP * press.time + opening_time
 
 
 def worked(
@@ -69,15 +79,9 @@ def worked(
     """
     if press.time == 0.0:
         return np.zeros_like(progress), progress
-    total = _OVERLAP * press.time + opening_time
-    elapsed = total * progress
+    elapsed = duration(press, opening_time) * progress
     opening = np.clip((elapsed - _OVERLAP * press.time) / opening_time, 0.0, 1.0)
     return minimum_jerk(elapsed / press.time), opening
-
-
-def duration(press: Press, opening_time: float) -> float:
-    """Return how long pressing and opening take together [s]."""
-    return _OVERLAP * press.time + opening_time
 
 
 def let_back(press: Press, share: FloatArray, angles: FloatArray) -> FloatArray:
@@ -94,13 +98,44 @@ def let_back(press: Press, share: FloatArray, angles: FloatArray) -> FloatArray:
 
 
 def doors_like(door: DoorConfig) -> tuple[DoorConfig, ...]:
-    """Return the three doors that are demonstrated to somebody who is to open a door.
+    """Return the three demonstrated doors of a door's kind.
 
-    They are of its kind: its handle, latch, swing and side, and nothing else of it.
+    They have its handle, latch, swing and side, and nothing else of it.
     """
-    plain = door.handle == "bar"
+    radii = DEMONSTRATED_RADII if door.handle == "bar" else ROOM_RADII
     kind: dict[str, Any] = door.kind
-    return tuple(
-        DoorConfig(radius=radius, **kind)
-        for radius in (DEMONSTRATED_RADII if plain else ROOM_RADII)
-    )
+    return tuple(DoorConfig(radius=radius, **kind) for radius in radii)
+
+
+def reached(
+    rate: float, timing_std: float, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, Rotation]:
+    """Return how a hand comes to the handle and closes, ending at time 0.
+
+    A minimum-jerk motion along a gentle arch, unevenly timed, and a rest while the hand
+    closes.
+
+    Args:
+        rate: Samples per second [Hz].
+        timing_std: Unevenness, see `TeacherConfig.timing_std`.
+        rng: Source of randomness.
+
+    Returns:
+        Times (N,) [s], positions (N, 3) [m] from the handle, in door axes, and N
+        rotations from how the hand holds it.
+    """
+    distance = rng.uniform(*_DISTANCE)
+    aside, above = rng.uniform(-_DIRECTION, _DIRECTION, 2)
+    level = np.cos(above)
+    direction = np.array([level * np.cos(aside), np.sin(above), level * np.sin(aside)])
+    turned, arch = rng.standard_normal((2, 3))
+    longer, slower = rng.standard_normal(2)
+    reaching = max(_REACH_TIME[0] + _REACH_TIME[1] * longer, 0.5 * _REACH_TIME[0])
+    gripping = max(_GRIP_TIME[0] + _GRIP_TIME[1] * slower, 0.5 * _GRIP_TIME[0])
+    samples = round((reaching + gripping) * rate)
+    times = np.arange(-samples, 1) / rate
+    clock = np.clip((times - times[0]) / reaching, 0.0, 1.0)
+    done = minimum_jerk(uneven_timing(clock, timing_std, rng))[:, None]
+    from_line = np.sin(np.pi * done) ** 2 * (_ARCH * arch)
+    positions = (1.0 - done) * (distance * direction) + from_line
+    return times, positions, Rotation.from_rotvec((1.0 - done) * (_TURN * turned))

@@ -10,9 +10,7 @@ from gplfd_experiments.files.arrays import FloatArray
 
 _N_COSINES: Final = 64
 """Terms of a smooth random function; enough for its values to be near Gaussian."""
-
-_TIMING_GRID: Final = 400
-"""Points on which the uneven timing is integrated."""
+_TIMING_GRID: Final = 400  # Points on which the uneven timing is integrated.
 
 
 def minimum_jerk(progress: FloatArray) -> FloatArray:

@@ -9,19 +9,13 @@ angle, uneven timing (the person hurries and hesitates, always forwards), the ha
 moving a little on the bar, a hand sensor that is not at the bar's centre, slow
 vertical drift of the suit, and the suit's sampling rate and coloured noise.
 
-An untidy person and recording are described by `gplfd_experiments.data.teacher.habits`:
-pauses, backward motion, rests, dropped samples, outliers.
+`Habits` describe an untidy person and recording: pauses, backward motion, rests,
+dropped samples, outliers. A handle that turns is pressed first, the door moved as soon
+as the latch is free, and the handle let go back while it opens. On request the person
+reaches for the handle first and takes hold of it.
 
-A handle that turns is pressed first, the door pulled or pushed as soon as the latch is
-free, and the handle let go back while it opens
-(`gplfd_experiments.data.teacher.handle_motion`).
-
-On request the person reaches for the handle first and takes hold of it
-(`gplfd_experiments.data.teacher.reach`).
-
-Not modelled: letting go, a suit whose axes are turned
-against the door, magnetic disturbance, and one person's habits that persist from one
-demonstration to the next.
+Not modelled: letting go, a suit whose axes are turned against the door, magnetic
+disturbance, and one person's habits that persist from one demonstration to the next.
 """
 
 import dataclasses
@@ -48,6 +42,7 @@ from gplfd_experiments.data.teacher.handle_motion import (
     draw_press,
     duration,
     let_back,
+    reached,
     worked,
 )
 from gplfd_experiments.data.teacher.random_motion import (
@@ -56,7 +51,6 @@ from gplfd_experiments.data.teacher.random_motion import (
     smooth_functions,
     uneven_timing,
 )
-from gplfd_experiments.data.teacher.reach import reached
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -73,49 +67,36 @@ class TeacherConfig:
 
     duration_mean: float = quantity(6.0, unit="s", low=0.5, high=60.0)
     """Mean duration of an opening."""
-
     duration_std: float = quantity(0.8, unit="s", low=0.0, high=20.0)
     """Standard deviation of the duration; no opening is shorter than half the mean."""
-
     angle_mean: float = quantity(DEMONSTRATED_ANGLE, unit="rad", low=0.1, high=2.5)
     """Mean final door angle."""
-
     angle_std: float = quantity(math.radians(1.0), unit="rad", low=0.0, high=0.5)
     """Standard deviation of the final door angle."""
-
     timing_std: float = quantity(0.25, low=0.0, high=1.0)
     """Unevenness of the timing: standard deviation of the log of the local speed-up
     (0 = exactly minimum jerk)."""
-
     wobble_position_std: float = quantity(0.002, unit="m", low=0.0, high=1.0)
     """Hand moving on the bar: standard deviation per axis."""
-
     wobble_rotation_std: float = quantity(
         math.radians(1.0), unit="rad", low=0.0, high=1.0
     )
     """Hand turning on the bar: standard deviation per axis."""
-
     wobble_time: float = quantity(1.0, unit="s", low=0.05, high=60.0)
     """Correlation time of the wobble."""
-
     grasp_offset_std: float = quantity(0.01, unit="m", low=0.0, high=1.0)
     """Sensor's place on the hand relative to the bar, constant in a demonstration:
     standard deviation per axis."""
-
     vertical_drift_std: float = quantity(0.001, unit="m/s", low=0.0, high=1.0)
     """Suit's height drift: standard deviation of its rate."""
-
     sampling_rate: float = quantity(60.0, unit="Hz", low=10.0, high=1000.0)
     """Suit's sampling rate."""
-
     noise_position_std: float = quantity(0.001, unit="m", low=0.0, high=1.0)
     """Suit's position noise after its filters: standard deviation per axis."""
-
     noise_rotation_std: float = quantity(
         math.radians(0.3), unit="rad", low=0.0, high=1.0
     )
     """Suit's orientation noise after its filters: standard deviation per axis."""
-
     noise_bandwidth: float = quantity(1.0, unit="Hz", low=0.1, high=500.0)
     """Cut-off frequency of the suit's noise. The sensor fusion follows its smooth
     gyroscopes at short times, and what remains is corrected over about a second."""
@@ -183,10 +164,15 @@ class Teacher:
         share, opened = worked(progress, press, opening)
         angles = np.maximum(final_angle * minimum_jerk(opened) - back, 0.0)
         turns = let_back(press, share, angles)
-        positions, rotations = self._hand(door, times, angles, turns, hand_rng)
-        positions, rotations = self._suit(times, positions, rotations, suit_rng)
-        relative = rotations * rotations[0].inv()
-        poses = np.hstack([positions - positions[0], relative.as_rotvec()])
+        # The sensor on the hand, off the bar's centre and moving a little on it.
+        path = DoorGeometry.of(door).easy_hand_poses(angles, turns)
+        handle = Rotation.from_rotvec(path[:, 3:])
+        offset = config.grasp_offset_std * hand_rng.standard_normal(3)
+        wobble = smooth_functions(times, config.wobble_time, 6, hand_rng)
+        slip = offset + config.wobble_position_std * wobble[:, :3]
+        turn = Rotation.from_rotvec(config.wobble_rotation_std * wobble[:, 3:])
+        positions, rotations = path[:, :3] + handle.apply(slip), handle * turn
+        poses = self._measured(times, positions, rotations, suit_rng, origin=0)
         if tidy:
             return Demonstration(times=times, poses=poses)
         kept, poses = lose_samples(self.habits, poses, habit_rng)
@@ -259,37 +245,19 @@ class Teacher:
         motion_rng, suit_rng = rng.spawn(2)
         rate, uneven = self.config.sampling_rate, self.config.timing_std
         times, positions, rotations = reached(rate, uneven, motion_rng)
-        positions, rotations = self._suit(times, positions, rotations, suit_rng)
-        relative = rotations * rotations[-1].inv()
-        poses = np.hstack([positions - positions[-1], relative.as_rotvec()])
+        poses = self._measured(times, positions, rotations, suit_rng, origin=-1)
         return Demonstration(times=times, poses=poses)
 
-    def _hand(
-        self,
-        door: DoorConfig,
-        times: FloatArray,
-        angles: FloatArray,
-        turns: FloatArray,
-        rng: np.random.Generator,
-    ) -> tuple[FloatArray, Rotation]:
-        """Where the sensor on the hand really is: (N, 3) [m] and N rotations."""
-        config = self.config
-        path = DoorGeometry.of(door).easy_hand_poses(angles, turns)
-        handle = Rotation.from_rotvec(path[:, 3:])
-        offset = config.grasp_offset_std * rng.standard_normal(3)
-        wobble = smooth_functions(times, config.wobble_time, 6, rng)
-        slip = offset + config.wobble_position_std * wobble[:, :3]
-        turn = Rotation.from_rotvec(config.wobble_rotation_std * wobble[:, 3:])
-        return path[:, :3] + handle.apply(slip), handle * turn
-
-    def _suit(
+    def _measured(
         self,
         times: FloatArray,
         positions: FloatArray,
         rotations: Rotation,
         rng: np.random.Generator,
-    ) -> tuple[FloatArray, Rotation]:
-        """What the suit reports for these positions (N, 3) and N rotations."""
+        *,
+        origin: int,
+    ) -> FloatArray:
+        """Return what the suit reports, (N, 6) [m, rad], relative to a sample."""
         config = self.config
         drift_rate = config.vertical_drift_std * rng.standard_normal()
         noise = coloured_noise(
@@ -298,4 +266,6 @@ class Teacher:
         measured = positions + config.noise_position_std * noise[:, :3]
         measured[:, 1] += drift_rate * times
         error = Rotation.from_rotvec(config.noise_rotation_std * noise[:, 3:])
-        return measured, error * rotations
+        turned = error * rotations
+        relative = turned * turned[origin].inv()
+        return np.hstack([measured - measured[origin], relative.as_rotvec()])

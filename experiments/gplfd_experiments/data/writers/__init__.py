@@ -12,7 +12,6 @@ from gplfd_experiments.data.writers.rows import demonstration_rows
 WRITERS: Final = ("robomimic", "lerobot")
 """Every form that is written; each is a module of this package, and of the readers."""
 
-
 _FINEST: Final = 100
 _PICTURE_RATE: Final = 10
 

@@ -19,15 +19,45 @@ from PIL import Image
 
 from gplfd_experiments.data.readers.lerobot import INFO, STATE
 from gplfd_experiments.data.writers.rows import Rows
-from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.folders import complete_folder
 from gplfd_experiments.files.plain_data import write_json
 
 _NAMES: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _PICTURES: Final = "observation.images."
-_LOOKED_AT: Final = 50
-"""Pictures from which the range of colours is told."""
+_SAMPLED: Final = 50  # Pictures from which the statistics of colours are taken.
 _FILE: Final = "chunk-000/file-000.parquet"
+
+
+@dataclass(frozen=True, slots=True)
+class _Numbers:
+    """A column of numbers, or of vectors of them."""
+
+    values: np.ndarray
+    """One per row, (N,) or (N, d)."""
+    names: Sequence[str] | None = None
+    """Of a vector's components."""
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def arrow(self) -> Any:
+        """Return the column as Arrow's."""
+        if self.values.ndim == 1:
+            return pyarrow.array(self.values)
+        flat = pyarrow.array(np.ascontiguousarray(self.values).ravel())
+        return pyarrow.FixedSizeListArray.from_arrays(flat, self.values.shape[1])
+
+    def samples(self) -> np.ndarray:
+        """Return what statistics are taken of, (N, d)."""
+        return self.values.astype(np.float64).reshape(len(self), -1)
+
+    def feature(self) -> dict[str, Any]:
+        """Return what LeRobot wants to know of the column."""
+        return {
+            "dtype": str(self.values.dtype),
+            "shape": [self.values.shape[1] if self.values.ndim == 2 else 1],
+            "names": self.names and list(self.names),
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,14 +70,19 @@ class _Pictures:
     def __len__(self) -> int:
         return len(self.files)
 
-    def colours(self) -> FloatArray:
-        """Return red, green and blue from 0 to 1 of some of the pictures, (N, 3)."""
-        some = self.files[:: max(1, len(self.files) // _LOOKED_AT)]
-        pixels = [np.asarray(_opened(file)).reshape(-1, 3) for file in some]
+    def arrow(self) -> Any:
+        """Return the column as Arrow's."""
+        kind = pyarrow.struct([("bytes", pyarrow.binary()), ("path", pyarrow.string())])
+        return pyarrow.array([{"bytes": f, "path": None} for f in self.files], kind)
+
+    def samples(self) -> np.ndarray:
+        """Return red, green and blue from 0 to 1 of some pictures, (N, 3, 1, 1)."""
+        some = self.files[:: max(1, len(self.files) // _SAMPLED)]
+        pixels = [np.asarray(_opened(file)).reshape(-1, 3, 1, 1) for file in some]
         return np.concatenate(pixels) / 255.0
 
     def feature(self) -> dict[str, Any]:
-        """Return what LeRobot wants to know of them."""
+        """Return what LeRobot wants to know of the column."""
         width, height = _opened(self.files[0]).size
         return {
             "dtype": "image",
@@ -74,50 +109,11 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
             "; import the recordings with --rate 100"
         )
     columns = _columns(demonstrations, rate)
-    with complete_folder(path) as written:
-        for folder in ("meta/episodes/chunk-000", "data/chunk-000"):
-            (written / folder).mkdir(parents=True)
-        _write_table(written / "data" / _FILE, columns)
-        _write_table(written / "meta/episodes" / _FILE, _episodes(demonstrations))
-        tasks = {"task_index": np.array([0]), "task": [demonstrations[0].task]}
-        _write_table(written / "meta/tasks.parquet", tasks, index="task")
-        write_json(written / "meta/stats.json", _statistics(columns))
-        write_json(written / INFO, _info(demonstrations, columns, rate), indent=4)
-
-
-def _columns(demonstrations: Sequence[Rows], rate: int) -> dict[str, Any]:
-    """Return the columns of all samples, one episode after the other."""
-    lengths = [len(one.states) for one in demonstrations]
-    frames = np.concatenate([np.arange(length) for length in lengths])
-    columns: dict[str, Any] = {
-        STATE: np.vstack([one.states for one in demonstrations]),
-        "action": np.vstack([one.actions for one in demonstrations]),
-    }
-    for name in sorted({name for one in demonstrations for name in one.signals}):
-        parts = [one.signals.get(name) for one in demonstrations]
-        if all(part is not None for part in parts):
-            columns[f"observation.{name}"] = np.vstack(
-                [p for p in parts if p is not None]
-            )
-    columns = {name: array.astype(np.float32) for name, array in columns.items()}
-    for camera in demonstrations[0].pictures:
-        files = [file for one in demonstrations for file in one.pictures[camera]]
-        columns[f"{_PICTURES}{camera}"] = _Pictures(files)
-    return columns | {
-        "timestamp": (frames / rate).astype(np.float32),
-        "frame_index": frames,
-        "episode_index": np.repeat(np.arange(len(lengths)), lengths),
-        "index": np.arange(len(frames)),
-        "task_index": np.zeros(len(frames), dtype=np.int64),
-    }
-
-
-def _episodes(demonstrations: Sequence[Rows]) -> dict[str, Any]:
-    """Return where each episode stands."""
+    # Where each episode stands.
     lengths = np.array([len(one.states) for one in demonstrations])
     ends = np.cumsum(lengths)
     zeros = np.zeros(len(lengths), dtype=np.int64)
-    return {
+    episodes = {
         "episode_index": np.arange(len(lengths)),
         "tasks": [[one.task] for one in demonstrations],
         "length": lengths,
@@ -128,77 +124,15 @@ def _episodes(demonstrations: Sequence[Rows]) -> dict[str, Any]:
         "meta/episodes/chunk_index": zeros,
         "meta/episodes/file_index": zeros,
     }
-
-
-def _write_table(path: Path, columns: Mapping[str, Any], index: str = "") -> None:
-    """Write a parquet file; the named column is pandas' index."""
-    arrays = {name: _array(column) for name, column in columns.items()}
-    table = pyarrow.table(arrays)
-    if index:
-        table = table.replace_schema_metadata({"pandas": _indexed_by(index, table)})
-    pyarrow.parquet.write_table(table, path)
-
-
-def _array(column: Any) -> Any:
-    """Return a column as Arrow's."""
-    if isinstance(column, _Pictures):
-        kind = pyarrow.struct([("bytes", pyarrow.binary()), ("path", pyarrow.string())])
-        files = [{"bytes": file, "path": None} for file in column.files]
-        return pyarrow.array(files, kind)
-    if getattr(column, "ndim", 1) == 1:
-        return pyarrow.array(column)
-    flat = pyarrow.array(np.ascontiguousarray(column).ravel())
-    return pyarrow.FixedSizeListArray.from_arrays(flat, column.shape[1])
-
-
-def _indexed_by(index: str, table: Any) -> str:
-    """Return what tells pandas that a column is the index."""
-    types = {"int64": "int64", "string": "unicode"}
-    columns = [
-        {
-            "name": field.name,
-            "field_name": field.name,
-            "pandas_type": types[str(field.type)],
-            "numpy_type": "int64" if str(field.type) == "int64" else "object",
-            "metadata": None,
-        }
-        for field in table.schema
-    ]
-    return json.dumps(
-        {"index_columns": [index], "columns": columns, "column_indexes": []}
-    )
-
-
-def _statistics(columns: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what LeRobot normalises by."""
-    found = {}
+    tasks = pyarrow.table({"task_index": [0], "task": [demonstrations[0].task]})
+    statistics = {}
     for name, column in columns.items():
-        if isinstance(column, _Pictures):
-            table = column.colours()[:, :, None, None]
-        else:
-            table = np.asarray(column, dtype=np.float64).reshape(len(column), -1)
-        found[name] = {
-            statistic: getattr(table, statistic)(axis=0).tolist()
+        samples = column.samples()
+        statistics[name] = {
+            statistic: getattr(samples, statistic)(axis=0).tolist()
             for statistic in ("min", "max", "mean", "std")
         } | {"count": [len(column)]}
-    return found
-
-
-def _info(
-    demonstrations: Sequence[Rows], columns: Mapping[str, Any], rate: int
-) -> dict[str, Any]:
-    """Return what describes the data set."""
-    features = {
-        name: column.feature()
-        if isinstance(column, _Pictures)
-        else {
-            "dtype": str(column.dtype),
-            "shape": [column.shape[1] if column.ndim == 2 else 1],
-            "names": list(_NAMES) if name in (STATE, "action") else None,
-        }
-        for name, column in columns.items()
-    }
-    return {
+    info = {
         "codebase_version": "v3.0",
         "robot_type": None,
         "total_episodes": len(demonstrations),
@@ -211,5 +145,64 @@ def _info(
         "splits": {"train": f"0:{len(demonstrations)}"},
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "video_path": None,
-        "features": features,
+        "features": {name: column.feature() for name, column in columns.items()},
     }
+    with complete_folder(path) as written:
+        for folder in ("meta/episodes/chunk-000", "data/chunk-000"):
+            (written / folder).mkdir(parents=True)
+        data = pyarrow.table({name: one.arrow() for name, one in columns.items()})
+        for table, file in (
+            (data, f"data/{_FILE}"),
+            (pyarrow.table(episodes), f"meta/episodes/{_FILE}"),
+            (_indexed_by("task", tasks), "meta/tasks.parquet"),
+        ):
+            pyarrow.parquet.write_table(table, written / file)
+        write_json(written / "meta/stats.json", statistics)
+        write_json(written / INFO, info, indent=4)
+
+
+def _columns(
+    demonstrations: Sequence[Rows], rate: int
+) -> Mapping[str, _Numbers | _Pictures]:
+    """Return the columns of all samples, one episode after the other."""
+
+    def stacked(parts: Sequence[np.ndarray], names: Any = None) -> _Numbers:
+        return _Numbers(np.vstack(parts).astype(np.float32), names)
+
+    lengths = [len(one.states) for one in demonstrations]
+    frames = np.concatenate([np.arange(length) for length in lengths])
+    columns: dict[str, _Numbers | _Pictures] = {
+        STATE: stacked([one.states for one in demonstrations], _NAMES),
+        "action": stacked([one.actions for one in demonstrations], _NAMES),
+    }
+    for name in sorted({name for one in demonstrations for name in one.signals}):
+        if all(name in one.signals for one in demonstrations):
+            parts = [one.signals[name] for one in demonstrations]
+            columns[f"observation.{name}"] = stacked(parts)
+    for camera in demonstrations[0].pictures:
+        files = [file for one in demonstrations for file in one.pictures[camera]]
+        columns[f"{_PICTURES}{camera}"] = _Pictures(files)
+    return columns | {
+        "timestamp": _Numbers((frames / rate).astype(np.float32)),
+        "frame_index": _Numbers(frames),
+        "episode_index": _Numbers(np.repeat(np.arange(len(lengths)), lengths)),
+        "index": _Numbers(np.arange(len(frames))),
+        "task_index": _Numbers(np.zeros(len(frames), dtype=np.int64)),
+    }
+
+
+def _indexed_by(index: str, table: Any) -> Any:
+    """Return a table of which pandas takes a column as its index."""
+    types = {"int64": ("int64", "int64"), "string": ("unicode", "object")}
+    columns = [
+        {
+            "name": field.name,
+            "field_name": field.name,
+            "pandas_type": types[str(field.type)][0],
+            "numpy_type": types[str(field.type)][1],
+            "metadata": None,
+        }
+        for field in table.schema
+    ]
+    pandas = {"index_columns": [index], "columns": columns, "column_indexes": []}
+    return table.replace_schema_metadata({"pandas": json.dumps(pandas)})

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from gplfd_experiments.data.npz import LabelledDemonstrations
 from gplfd_experiments.files.arrays import FloatArray
 
-_EQUAL: Final = 0.05
-"""Steps of time differ by less than this share of one."""
+_EQUAL: Final = 0.05  # Steps of time differ by less than this share of one.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,15 +53,9 @@ def demonstration_rows(labelled: LabelledDemonstrations) -> list[Rows]:
                 f"first {rows[0].rate:.4g}; import them with --rate 100"
             )
         states = states_of(one.poses)
+        actions = np.vstack([states[1:], states[-1:]])
         signals = labelled.signals[number] if labelled.signals else {}
-        rows.append(
-            Rows(
-                rate=rate,
-                states=states,
-                actions=np.vstack([states[1:], states[-1:]]),
-                signals=signals,
-            )
-        )
+        rows.append(Rows(rate=rate, states=states, actions=actions, signals=signals))
     return rows
 
 
@@ -70,7 +63,7 @@ def states_of(poses: FloatArray) -> FloatArray:
     """Return poses [m, rad], (N, 6), as positions and quaternions, scalar last."""
     rotations = Rotation.from_rotvec(poses[:, 3:].copy())
     states = np.hstack([poses[:, :3], rotations.as_quat()])
-    # On the arc of one sign, as `actions` are to be learned from states.
+    # Successive quaternions are close, for actions are learned from states.
     flips = np.sum(states[1:, 3:] * states[:-1, 3:], axis=1) < 0.0
     states[1:, 3:] *= np.cumprod(np.where(flips, -1.0, 1.0))[:, None]
     return states

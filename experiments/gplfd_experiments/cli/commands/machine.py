@@ -1,16 +1,20 @@
-"""``gplfd speed``: how fast and how accurate, beside other libraries."""
+"""Commands about this machine and this installation: speed, list and doctor."""
 
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import tyro
 
-from gplfd_experiments.cli.commands.options import Quiet, recorded
+from gplfd_experiments.cli.commands.options import (
+    Json,
+    Quiet,
+    recorded,
+)
 from gplfd_experiments.console.interruption import postponed_interruption
 
-RESULTS = "speed.json"
+RESULTS: Final = "speed.json"
 
 PartName = Literal["fit", "adapt", "align", "environment"]
 
@@ -57,4 +61,41 @@ class Speed:
             "results": {name: dataclasses.asdict(one) for name, one in found.items()},
         }
         write_json(self.out / RESULTS, record)
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Catalogue:
+    """List doors, policies, environments, randomizations and disturbances."""
+
+    json: Json = False
+
+    def execute(self) -> int:
+        """Print the catalogue."""
+        with postponed_interruption():
+            from gplfd_experiments.cli.catalogue import catalogue, catalogue_json
+            from gplfd_experiments.files.plain_data import json_text
+
+        print(json_text(catalogue_json()) if self.json else catalogue())
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Doctor:
+    """Show what is installed, and what is missing for pictures, windows and extras.
+
+    Nothing that is missing is an error: the exit status is 0. Add the output to a
+    bug report.
+    """
+
+    json: Json = False
+
+    def execute(self) -> int:
+        """Look, and print what was found."""
+        with postponed_interruption():
+            from gplfd_experiments.cli.doctor import examined, text
+            from gplfd_experiments.files.plain_data import json_text
+
+        found = examined()
+        print(json_text(found.as_json()) if self.json else text(found))
         return 0

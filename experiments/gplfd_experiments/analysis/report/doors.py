@@ -1,0 +1,460 @@
+"""Episodes in a report: summary, comparison of policies, all measures, plots."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from operator import attrgetter, methodcaller
+from statistics import median
+from typing import Final
+
+from gplfd_experiments.analysis.report.document import (
+    Block,
+    Details,
+    Items,
+    Paragraph,
+    Picture,
+    Section,
+    code,
+    literal,
+    names,
+)
+from gplfd_experiments.analysis.report.plots import (
+    force_by_radius,
+    forecast_by_progress,
+    success_by_radius,
+)
+from gplfd_experiments.analysis.report.policy_table import Cell, medians, policy_table
+from gplfd_experiments.analysis.report.sentences import (
+    PRIVILEGED,
+    rate_sentence,
+    value_sentence,
+)
+from gplfd_experiments.analysis.results.grouping import (
+    Runs,
+    by_door_kind,
+    closed_because,
+    counted,
+    door_name,
+    numbers,
+    of_split,
+    ranked,
+)
+from gplfd_experiments.analysis.results.measures import (
+    ADA_FORCE,
+    EPISODE_MEASURES,
+    HEADLINES,
+    TESTED,
+    WALL_TIME,
+    number_text,
+)
+from gplfd_experiments.analysis.results.records import (
+    SPLITS,
+    UNDEMONSTRATED,
+    EpisodeResult,
+)
+from gplfd_experiments.analysis.results.statistics import (
+    FEWEST_PAIRS,
+    Key,
+    Pairs,
+    holm,
+    paired,
+    shift,
+    signed_rank,
+    success_rate,
+)
+from gplfd_experiments.episodes.failures import MEANINGS
+from gplfd_experiments.files.table import Table
+
+Episodes = Sequence[EpisodeResult]
+
+_SOLVED: Final = attrgetter("solved")
+_FORCE: Final = EPISODE_MEASURES["force_radial_peak"]
+_ANGLES: Final = {
+    60: "ever open so far, with the same interval",
+    30: "the same at 30°",
+    15: "the same at 15°",
+}
+"""Angles that count as opened [deg], the task's own first, and what a column says."""
+_COLUMNS: Final[Mapping[tuple[str, ...], str]] = {
+    ("time_to_60_deg", "time_to_30_deg"): "simulated time until the door was first "
+    "open so far",
+    ("force_tangential_peak", "force_tangential_p95"): "force along the path of the "
+    "handle: its peak, and what 95 % of the samples stay below (p95)",
+    ("force_radial_peak", "force_radial_p95"): "force across the path, which does no "
+    "work: peak and p95",
+    ("force_handle_peak", "door_acceleration_peak"): "largest force on the handle in "
+    "any direction, and largest angular acceleration of the door",
+    ("slip_max_mm",): "largest distance of the hand from where it grasped the handle",
+    ("work",): "work of the hand on the door",
+    ("prediction_error_position",): "prediction error: root of the squared distance "
+    "between predicted and true position plus the stated variance, averaged over the "
+    "opening",
+    ("stability_margin_translation",): "smallest distance of dk/dt from its bound",
+    ("latency_median_ms",): "processor time of a call of the policy, without waiting",
+    (WALL_TIME,): "time on the clock of a call of the policy",
+}
+"""Meaning of a column by its metrics, the first above the second."""
+_DISTURBED: Final[Mapping[tuple[str, ...], str]] = {
+    ("person_force_peak", "person_force_sustained"): "peak force on the person, and "
+    "the largest borne for 0.5 s",
+    ("stop_force_peak", "stop_force_sustained"): "peak force on the stop, and the "
+    "largest borne for 0.5 s",
+    ("push_displacement_mm",): "largest displacement of the hand by the push",
+    ("release_speed", "recovery_time"): "largest speed of the door in the second after "
+    "a disturbance, and time until it was 5° further open",
+}
+"""The same of the effects of a disturbance, where there was one."""
+
+
+def summary_table(conditions: Mapping[str, Runs]) -> Table:
+    """Return a row per policy, in groups by condition and by kind of door.
+
+    Args:
+        conditions: Episodes that count, by condition and policy.
+    """
+    episodes = _all(conditions)
+    splits = [split for split in SPLITS if any(one.split == split for one in episodes)]
+
+    def rate(split: str, own: Episodes) -> str:
+        here = [one for one in own if one.split == split]
+        return _rate(_SOLVED, here) if here else "not run"
+
+    def force(split: str, own: Episodes) -> str:
+        here = [one for one in own if one.split == split]
+        forces: dict[int, list[float]] = {}
+        for (seed, _), value in numbers({"": here}, _FORCE)[""].items():
+            forces.setdefault(seed, []).append(value)
+        if not forces:
+            return "none opened" if here else "not run"
+        means = [sum(each) / len(each) for each in forces.values()]
+        typical = shift(means, [0.0] * len(means))
+        if len(means) < FEWEST_PAIRS:
+            return _FORCE.text(typical.estimate)
+        interval = f"{_FORCE.text(typical.low)} to {_FORCE.text(typical.high)}"
+        return f"{_FORCE.text(typical.estimate)}\n{interval}"
+
+    columns: dict[str, Callable[[Episodes], str]] = {
+        "seeds": lambda own: str(len({one.task.seed for one in own})),
+        **{f"opened,\n{split}": partial(rate, split) for split in splits},
+        **{f"radial force [N],\n{split}": partial(force, split) for split in splits},
+        "not opened because": lambda own: literal(closed_because(own)),
+        "errors": lambda own: str(sum(bool(one.error) for one in own)),
+    }
+    empty = ("",) * len(columns)
+    several_kinds = len(by_door_kind(episodes)) > 1
+    rows: list[tuple[str, ...]] = []
+    for condition, runs in conditions.items():
+        here = [one for own in runs.values() for one in own]
+        for door_kind, group in by_door_kind(here).items():
+            parts = [door_kind] * several_kinds + [condition] * (len(conditions) > 1)
+            if parts:
+                rows.append((f"**{literal(': '.join(parts))}**", *empty))
+            # Policies that opened nothing come last.
+            order = ranked(group)
+            rest = [
+                policy
+                for policy, own in order.items()
+                if not any(one.opened() for one in own)
+            ]
+            for policy in (*(one for one in order if one not in rest), *rest):
+                if rest and policy == rest[0]:
+                    rows.append(("**opened no door (not ranked)**", *empty))
+                known = "\nknows the door" if policy in PRIVILEGED else ""
+                cells = (cell(order[policy]) for cell in columns.values())
+                rows.append((f"{code(policy)}{known}", *cells))
+    note = (
+        "**Opened:** doors opened by 60° and held there for 0.5 s with the handle in "
+        "the hand, of all episodes; below it the 95 % interval (Wilson). New radii "
+        "were not demonstrated; other doors differ in more than the radius. "
+        "**Radial force:** peak force across the path of the handle, which does no "
+        "work; it shows how badly the motion fits the door. Typical value of a seed "
+        f"over the opened doors, with its 95 % interval from {FEWEST_PAIRS} seeds on. "
+        "**Errors:** episodes in which the policy raised an error; they count as not "
+        "opened. Policies are in order of the doors opened to 60°, then of the radial "
+        "force."
+    )
+    return Table(columns=("policy", *columns), rows=tuple(rows), note=note)
+
+
+def standing(runs: Runs, reference: str) -> Items:
+    """Say how the reference stands among the policies, measure by measure.
+
+    Args:
+        runs: Episodes of one condition that count.
+        reference: Name of a policy.
+    """
+    opened = _successes(runs)
+    texts = [rate_sentence("Doors opened to 60°", opened, reference)]
+    splits = {one.split for own in runs.values() for one in own}
+    if len(splits) > 1 and UNDEMONSTRATED in splits:
+        new = _successes(of_split(runs, UNDEMONSTRATED))
+        texts.append(rate_sentence("Of these, doors of new radii", new, reference))
+    title = "Opened and held, the handle in the hand"
+    texts.append(rate_sentence(title, _successes(runs, held=True), reference))
+    # Policies that opened no door are not ranked.
+    able = {
+        policy: own
+        for policy, own in runs.items()
+        if policy == reference or any(one.opened() for one in own)
+    }
+    for measure in map(EPISODE_MEASURES.__getitem__, HEADLINES):
+        texts.append(value_sentence(measure, numbers(able, measure), reference))
+    return Items(texts=tuple(texts))
+
+
+def how_to_read(runs: Runs) -> Paragraph:
+    """Say how the sentences of `standing` were obtained."""
+    text = (
+        "Policies are compared seed by seed, by their mean difference on the tasks of "
+        "a seed that both ran (for forces, times and slip: doors that both opened), "
+        "not by their medians: typical difference, its 95 % interval, number of seeds. "
+        "Beaten: the interval leaves zero out."
+    )
+    if privileged := sorted(PRIVILEGED & runs.keys()):
+        text += (
+            f" {names(privileged)} knows what a robot cannot and is not among the "
+            "compared."
+        )
+    return Paragraph(text=text)
+
+
+def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
+    """All measures of all conditions, and plots of the first condition.
+
+    Args:
+        conditions: All episodes by condition and policy, lost ones included.
+        reference: Policy that is highlighted.
+    """
+    title, all_runs = next(iter(conditions.items()))
+    runs = counted(all_runs)
+    several = len(conditions) > 1
+    blocks: list[Block] = [
+        Paragraph(text=f"Plots: {title}." if several else f"{title}."),
+        Picture(
+            name="success",
+            draw=partial(success_by_radius, runs, reference),
+            caption="**Doors opened to 60° by the handle's radius,** with Wilson's "
+            "95 % intervals. Blue stripes: radii that were demonstrated. Pale violet: "
+            f"{code(reference)}. Policies in order of success, then of radial force; "
+            "other doors are left out.",
+            alternative="Success rate against radius, a panel per policy",
+        ),
+        Picture(
+            name="radial_force",
+            draw=partial(force_by_radius, runs, reference),
+            caption="**Peak radial force on the doors opened to 60°:** a dot per "
+            "episode, a line through the medians. It does no work and shows how badly "
+            "the path fits the door. Red: the 22.2 N of ADA 404.2.9.",
+            alternative="Peak radial force against radius, a panel per policy",
+        ),
+    ]
+    if any(
+        error is not None
+        for own in runs.values()
+        for one in own
+        for error in one.metrics["forecast_error_mm"]
+    ):
+        forecast = Picture(
+            name="forecast",
+            draw=partial(forecast_by_progress, runs, reference),
+            caption="**Error of the forecast of the rest of the path** as the door "
+            "opens: median and middle half of all episodes, those included that failed "
+            "later. A falling curve is a policy that learns which door it has.",
+            alternative="Forecast error against progress, a panel per policy",
+        )
+        blocks.append(forecast)
+
+    columns = _columns(conditions)
+    cells = {head: cell for head, (cell, _) in columns.items()}
+    note = (
+        "Medians: forces, slip and work over the doors opened to 60°, the others over "
+        "all episodes that have them. A policy that opens few doors has few numbers: "
+        "the paired tests compare equal doors."
+    )
+    measures = policy_table(conditions, cells, note)
+    meanings = Table(
+        columns=("column", "meaning"),
+        rows=tuple(
+            (head, meaning) for head, (_, meaning) in columns.items() if meaning
+        ),
+        left=True,
+    )
+    by_split = {
+        f"{split}: {title}" if several else split: group
+        for title, own in conditions.items()
+        for split in SPLITS
+        if any((group := of_split(own, split)).values())
+    }
+
+    def at_door(door: str, own: Episodes) -> str:
+        here = [one for one in own if door_name(one) == door]
+        if not here:
+            return "–"
+        opened = [one for one in here if one.opened()]
+        rate = _rate(_SOLVED, here)
+        if len(opened) != sum(map(_SOLVED, here)):
+            rate += f"\nto 60°: {len(opened)}"
+        return f"{rate}\n{_FORCE.text(_FORCE.median(opened), unit=True)}"
+
+    doors = sorted({(one.radius, door_name(one)) for one in _all(conditions)})
+    by_door: dict[str, Cell] = {
+        literal(door): partial(at_door, door)
+        for door in dict.fromkeys(door for _, door in doors)
+    }
+    note = (
+        "Solved / ran with Wilson's 95 % interval, how many were opened to 60° if not "
+        "as many, and the median peak radial force of these [N]."
+    )
+    blocks += [
+        Details(title="All measures", table=measures),
+        Details(title="What the columns mean", table=meanings),
+        Details(title="By kind of door", table=policy_table(by_split, cells)),
+        Details(title="Door by door", table=policy_table(conditions, by_door, note)),
+    ]
+    return Section(title="Doors opened", anchor="doors", blocks=tuple(blocks))
+
+
+def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
+    """Return every measure's column, and what the column means, by its head."""
+    episodes = _all(conditions)
+    disturbed = [one for one in episodes if one.task.disturbance != "none"]
+
+    def above(own: Episodes) -> str:
+        opened = [one for one in own if one.opened()]
+        forces = ("force_tangential_peak", "force_radial_peak")
+        count = sum(
+            any((one.number(force) or 0.0) > ADA_FORCE for force in forces)
+            for one in opened
+        )
+        return f"{count}/{len(opened)}" if opened else "–"
+
+    def failed(failure: str, own: Episodes) -> str:
+        return str(sum(one.failure == failure for one in own if not one.solved))
+
+    def angles(own: Episodes) -> str:
+        known = [one.number("final_angle_deg") for one in own]
+        values = [angle for angle in known if angle is not None]
+        return f"{median(values):.1f}°\n{max(values):.1f}°" if values else "–"
+
+    columns: dict[str, tuple[Cell, str]] = {
+        "solved": (
+            partial(_rate, _SOLVED),
+            "open by 60° and held there for 0.5 s with the handle in the hand, of all "
+            "that ran; below it the 95 % interval (Wilson's, wider where doors of a "
+            "seed are alike)",
+        )
+    }
+    for angle, meaning in _ANGLES.items():
+        opened = partial(_rate, methodcaller("opened", angle))
+        columns[f"to {angle}°"] = opened, meaning
+    measured = dict(_COLUMNS)
+    if all(one.number(WALL_TIME) is None for one in episodes):
+        del measured[WALL_TIME,]  # Results of earlier versions lack it.
+    for metrics, meaning in _DISTURBED.items():
+        if any(one.number(metrics[0]) for one in disturbed):
+            measured[metrics] = meaning
+    for metrics, meaning in measured.items():
+        column = medians(*(EPISODE_MEASURES[metric] for metric in metrics))
+        columns |= {head: (cell, meaning) for head, cell in column.items()}
+    columns[f"above {ADA_FORCE} N"] = (
+        above,
+        "opened doors with a peak force, tangential or radial, above the limit of ADA "
+        "404.2.9 for opening an interior door",
+    )
+    for failure in sorted({one.failure for one in episodes if not one.solved}):
+        columns[literal(failure)] = partial(failed, failure), MEANINGS.get(failure, "")
+    columns["median angle\nlargest"] = angles, "door angle at the end of the episode"
+    return columns
+
+
+def tests_section(conditions: Mapping[str, Runs], reference: str) -> Section:
+    """Paired tests of every condition; how the reference stands under the others.
+
+    Args:
+        conditions: Episodes that count, by condition and policy.
+        reference: Policy that is compared with all others.
+    """
+    blocks: list[Block] = []
+    for place, (title, runs) in enumerate(conditions.items()):
+        if len(conditions) > 1:
+            blocks.append(Paragraph(text=f"**{title[0].upper()}{title[1:]}**"))
+        if place:
+            blocks.append(standing(runs, reference))
+        if reference in runs and len(runs) > 1:
+            against = f"{reference} against each other policy"
+            table = _paired_tests(runs, reference)
+            blocks.append(Details(title=against, table=table))
+        else:
+            text = f"There is nothing to compare {code(reference)} with."
+            blocks.append(Paragraph(text=text))
+    return Section(title="Paired tests", anchor="tests", blocks=tuple(blocks))
+
+
+def _paired_tests(runs: Runs, reference: str) -> Table:
+    """Compare the reference with every other policy on the same tasks."""
+
+    def tests(
+        values: Mapping[str, Mapping[Key, float]], show: Callable[[Pairs], str]
+    ) -> dict[str, str]:
+        """Return a column by policy, its p-values corrected for all of them."""
+        pairs = {
+            other: paired(values[reference], values[other])
+            for other in values
+            if other != reference and values[reference].keys() & values[other].keys()
+        }
+        corrected = holm([signed_rank(*both.per_seed()) for both in pairs.values()])
+        column = {}
+        for (other, both), p in zip(pairs.items(), corrected, strict=True):
+            text = "p < 0.001" if p < 1e-3 else f"p {p:.3f}"
+            text = f"**{text}**" if p < 0.05 else text
+            column[other] = f"{show(both)}\n{text}, n {len(set(both.seeds))}"
+        return column
+
+    def wins(pairs: Pairs) -> str:
+        both = list(zip(pairs.first, pairs.second, strict=True))
+        return f"{sum(a > b for a, b in both)} : {sum(b > a for a, b in both)}"
+
+    columns = {"opened to 60°": tests(_successes(runs), wins)}
+    for measure in map(EPISODE_MEASURES.__getitem__, TESTED):
+
+        def difference(pairs: Pairs, digits: int = measure.digits) -> str:
+            typical = shift(*pairs.per_seed()).estimate
+            return number_text(typical, digits, signed=True)
+
+        columns[measure.title] = tests(numbers(runs, measure), difference)
+    note = (
+        f"{code(reference)} against each other policy on the same doors and seeds. "
+        f"Success: doors that only one of the two opened ({code(reference)} : other). "
+        f"Numbers: {code(reference)} minus the other on doors that both opened, after "
+        "Hodges and Lehmann; – where there is none. Both are tested by Wilcoxon's "
+        "signed ranks of the mean difference of each seed, as doors of a seed share "
+        "what was learned from. p after Holm for all tests of a column; n seeds."
+    )
+    rows = tuple(
+        (code(other), *(column.get(other, "–") for column in columns.values()))
+        for other in runs
+        if other != reference
+    )
+    return Table(columns=("against", *columns), rows=rows, note=note)
+
+
+def _successes(runs: Runs, *, held: bool = False) -> dict[str, dict[Key, bool]]:
+    """Return success by policy and task: opened to 60 degrees, or held there, too."""
+    return {
+        policy: {one.key: one.solved if held else one.opened() for one in own}
+        for policy, own in runs.items()
+    }
+
+
+def _rate(succeeds: Callable[[EpisodeResult], bool], own: Episodes) -> str:
+    rate = success_rate((one.task.seed, succeeds(one)) for one in own)
+    return f"{rate.successes}/{rate.trials}\n{rate.interval}"
+
+
+def _all(conditions: Mapping[str, Runs]) -> list[EpisodeResult]:
+    """Return all episodes that count."""
+    return [
+        one
+        for runs in conditions.values()
+        for own in counted(runs).values()
+        for one in own
+    ]

@@ -1,0 +1,293 @@
+"""How well methods predict demonstrations and recordings that they did not see."""
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Final
+
+from gplfd_experiments.analysis.report.document import (
+    Block,
+    Details,
+    Items,
+    Paragraph,
+    Picture,
+    Section,
+    code,
+)
+from gplfd_experiments.analysis.report.plots import LeftOut, coverage, prediction_scores
+from gplfd_experiments.analysis.report.policy_table import Cell, medians, policy_table
+from gplfd_experiments.analysis.report.sentences import value_sentence
+from gplfd_experiments.analysis.results.grouping import by_condition, by_policy, numbers
+from gplfd_experiments.analysis.results.measures import (
+    LEARNING_HEADLINES,
+    LEARNING_MEASURES,
+    RECORDED_MEASURES,
+    Measure,
+    median,
+)
+from gplfd_experiments.analysis.results.records import (
+    LearningTestResult,
+    RecordedResult,
+)
+from gplfd_experiments.files.table import Table, text_table
+
+Tests = Sequence[LearningTestResult]
+Results = Sequence[RecordedResult]
+
+_LEFT_OUT: Final = {
+    "demonstration": "One demonstration left out",
+    "radius": "The middle radius left out",
+}
+_MEASURES: Final[Mapping[str, Measure]] = {**LEARNING_MEASURES, **RECORDED_MEASURES}
+_FORECASTS: Final = ("forecast_25_nlpd", "forecast_25_position_m")
+"""Forecasts that get a sentence."""
+_TABLES: Final[Mapping[str, tuple[str, ...]]] = {
+    "A recording that was not seen": (
+        *("rmse_position_m", "rmse_rotation_rad", "nlpd"),
+        *("coverage_50", "coverage_90", "coverage_95"),
+        *("via_error_position_m", "log_dimensionless_jerk"),
+        *("cpu_fit_s", "cpu_predict_s", "cpu_adapt_s"),
+    ),
+    "Its rest, once a part has been seen": tuple(RECORDED_MEASURES),
+}
+"""Columns of the tables of recordings by their title."""
+
+_HONEST: Final = (0.90, 0.99)
+"""Share of what was left out that 95 % intervals should hold; few recordings determine
+it to a few hundredths only."""
+_MISSED: Final = 2e-3
+"""Distance from which a via-point demanded to a millimetre is missed [m]."""
+_UNLIKE: Final = 3.5
+"""A recording is unlike the others if its score is so many robust standard deviations
+above the median; Iglewicz and Hoaglin's limit."""
+_ROBUST: Final = 1.4826
+"""Standard deviation of a normal variable over its median absolute deviation."""
+
+
+def learning_section(tests: Tests, reference: str) -> Section:
+    """All learning tests in one table, with sentences; plots of the first condition."""
+    title = "What was learned, without a robot"
+    ran = [one for one in tests if not one.error]
+    if not ran:
+        text = (
+            "This study has no learning test with a result: `gplfd benchmark` makes "
+            "them unless it is given `--no-skill`."
+        )
+        return Section(title=title, anchor="learning", blocks=(Paragraph(text=text),))
+    groups = {
+        f"{left_out}: {condition.teaching}": by_policy(own)
+        for condition, those in by_condition(tests).items()
+        for held_out, left_out in _LEFT_OUT.items()
+        if (own := [one for one in those if one.task.held_out == held_out])
+    }
+    blocks: list[Block] = []
+    for group, runs in groups.items():
+        blocks.append(Paragraph(text=f"**{group}**"))
+        blocks.append(_sentences(runs, LEARNING_HEADLINES, reference, "seeds"))
+    note = (
+        "What is left out is predicted and compared with what was done: medians over "
+        "the seeds. NLPD in natural units of metres and radians; inside: share of the "
+        "left-out numbers within the stated intervals."
+    )
+    table = policy_table(groups, _columns(LEARNING_MEASURES), note)
+    blocks.append(Details(title="All measures of the learning tests", table=table))
+
+    standard = next(iter(by_condition(ran).values()))
+    if timed := by_policy(one for one in standard if one.outputs_cpu_s):
+
+        def seconds(outputs: int, own: Tests) -> str:
+            value = median(one.outputs_cpu_s.get(outputs) for one in own)
+            return "–" if value is None else f"{value:.3g}"
+
+        columns: dict[str, Cell] = {
+            f"{outputs} outputs": partial(seconds, outputs)
+            for outputs in sorted({n for one in standard for n in one.outputs_cpu_s})
+        }
+        note = "CPU time to learn [s] as the number of outputs grows, medians."
+        table = policy_table({"": timed}, columns, note)
+        details = Details(title="CPU time to learn by number of outputs", table=table)
+        blocks.append(details)
+    blocks += _plots(standard, reference)
+    return Section(title=title, anchor="learning", blocks=tuple(blocks))
+
+
+def recorded_section(results: Results, reference: str) -> Section:
+    """All methods on recordings: sentences, tables, plots, and what to do."""
+    runs = by_policy(results)
+    headlines = (*LEARNING_HEADLINES, *_FORECASTS)
+    every = sorted({one.task.seed for one in results})
+    scores = {
+        policy: {one.task.seed: _MEASURES["nlpd"].of(one) for one in own}
+        for policy, own in runs.items()
+    }
+    by_recording = Table(
+        columns=("left out", *map(code, runs)),
+        rows=tuple(
+            (
+                str(number),
+                *(_MEASURES["nlpd"].text(own.get(number)) for own in scores.values()),
+            )
+            for number in every
+        ),
+        note="Recordings are numbered from 0 in the order of the file.",
+    )
+    blocks: tuple[Block, ...] = (
+        Paragraph(
+            text="Each recording is left out in turn, the method learns from the "
+            "others, and what it predicts is compared with what was done: at the same "
+            "phases, told from how much of its path the hand has covered. Less is "
+            "better; NLPD of the outputs that move, in natural units of metres and "
+            "radians: a difference of 0.1 per number is ten per cent of a density. "
+            "Recordings are the independent "
+            "trials of the intervals."
+        ),
+        _summary(results),
+        _sentences(runs, headlines, reference, "recordings"),
+        *_plots([one for one in results if not one.error], reference),
+        Paragraph(text="**What to make of it**"),
+        Items(texts=tuple(advice(runs.get(reference, ()), reference))),
+        *(
+            Details(
+                title=title,
+                table=policy_table(
+                    {"": runs}, _columns(metrics), "Medians over recordings."
+                ),
+            )
+            for title, metrics in _TABLES.items()
+        ),
+        Details(title="NLPD recording by recording", table=by_recording),
+    )
+    title = "What was learned from the recordings"
+    return Section(title=title, anchor="recorded", blocks=blocks)
+
+
+def overview(results: Results) -> str:
+    """Return the headlines of all methods as a table of plain text, best first."""
+    table = _summary(results)
+    # Plain text has neither marks nor lines within a cell.
+    rows = tuple(
+        (row[0].replace("`", "").replace("\n", ", "), *row[1:]) for row in table.rows
+    )
+    return text_table(replace(table, rows=rows))
+
+
+def _summary(results: Results) -> Table:
+    """Return the headlines of all methods, those with the best likelihood first."""
+
+    def likelihood(item: tuple[str, Results]) -> float:
+        middle = _MEASURES["nlpd"].median(one for one in item[1] if not one.error)
+        return math.inf if middle is None else middle
+
+    order = sorted(by_policy(results).items(), key=likelihood)
+    columns = _columns((*LEARNING_HEADLINES, "coverage_95", *_FORECASTS))
+    note = (
+        "Medians over recordings. **n:** recordings left out, one at a time. "
+        "**NLPD:** negative log predictive density of the outputs that move, less is "
+        "better. **Position, rotation:** error of the prediction. **Inside 95 %:** "
+        "share of the recording inside the stated 95 % intervals, 0.95 is right. "
+        "**After 25 %:** error and NLPD of the rest once a quarter has been seen."
+    )
+    return policy_table({"": dict(order)}, columns, note)
+
+
+def _columns(metrics: Sequence[str] | Mapping[str, Measure]) -> dict[str, Cell]:
+    """Return a column with the number of results, and one with each median."""
+    columns: dict[str, Cell] = {"n": lambda own: str(len(own))}
+    for name in metrics:
+        columns |= medians(_MEASURES[name])
+    return columns
+
+
+def _sentences(
+    runs: Mapping[str, Sequence[LeftOut]],
+    metrics: Sequence[str],
+    reference: str,
+    trials: str,
+) -> Items:
+    """Say how the reference stands in some measures."""
+    return Items(
+        texts=tuple(
+            value_sentence(measure, numbers(runs, measure), reference, trials)
+            for measure in map(_MEASURES.__getitem__, metrics)
+        )
+    )
+
+
+def _plots(tests: Sequence[LeftOut], reference: str) -> list[Block]:
+    """Return plots of coverage and errors of predictions, none of no test."""
+    if not tests:
+        return []
+    runs = by_policy(tests)
+    blocks: list[Block] = []
+    if any(one.number("coverage_95") is not None for one in tests):
+        picture = Picture(
+            name="coverage",
+            draw=partial(coverage, runs, reference),
+            caption="**Are stated uncertainties honest?** Share of left-out numbers "
+            "inside intervals that state 50, 90 and 95 %. On the grey line they are; "
+            f"below it they promise too much. Violet: {code(reference)}.",
+            alternative="Measured against nominal coverage, a panel per policy",
+        )
+        blocks.append(picture)
+    picture = Picture(
+        name="skill",
+        draw=partial(prediction_scores, runs),
+        caption="**Errors and likelihood of predictions.** A dot per test, a bar at "
+        "the median; left is better. The policy with the least position error is on "
+        "top.",
+        alternative="Dot plot of NLPD, position and rotation error by policy",
+    )
+    return [*blocks, picture]
+
+
+def advice(own: Results, policy: str) -> list[str]:
+    """Say what of a method's numbers is bad, and what to try."""
+    ran = [one for one in own if not one.error]
+    texts: list[str] = []
+    shares = [value for one in ran if (value := one.number("coverage_95")) is not None]
+    held = statistics.fmean(shares) if shares else math.nan
+    low, high = _HONEST
+    if ran and not shares:
+        texts.append(f"{code(policy)} states no uncertainty.")
+    elif held < low:
+        texts.append(
+            f"{code(policy)} is too sure: its 95 % intervals hold {held:.2f}. A new "
+            "repetition differs by more than these differ from each other. Record more "
+            "of them, or in more different circumstances; and look whether they begin "
+            "at the same place of the task."
+        )
+    elif held > high:
+        texts.append(
+            f"{code(policy)} is too unsure: its 95 % intervals hold {held:.2f}. One "
+            "recording unlike the others widens them for all."
+        )
+
+    scores = {
+        one.task.seed: value for one in ran if (value := one.number("nlpd")) is not None
+    }
+    if len(scores) >= 4:
+        middle = statistics.median(scores.values())
+        deviations = [abs(score - middle) for score in scores.values()]
+        spread = max(_ROBUST * statistics.median(deviations), 1e-9)
+        texts += [
+            f"Recording {number} is unlike the others: NLPD {score:.1f}, where the "
+            f"median is {middle:.1f}. Look at it in skill.rrd: another way of doing "
+            "the task, a jump of the tracker, or a wrong unit or quaternion order in "
+            "one file?"
+            for number, score in scores.items()
+            if score - middle > _UNLIKE * spread
+        ]
+
+    missed = median(one.number("via_error_position_m") for one in ran)
+    if missed is not None and missed > _MISSED:
+        texts.append(
+            f"{code(policy)} passes a via-point demanded to a millimetre by "
+            f"{1e3 * missed:.1f} mm: the recordings leave it no freedom there. Record "
+            "the task in more of the ways in which it can be done."
+        )
+    return texts or [
+        f"Nothing of {code(policy)} stands out: its intervals hold what they state, no "
+        "recording is unlike the others, and via-points are met."
+    ]

@@ -1,0 +1,365 @@
+"""Commands about studies: benchmark, trials, skill, tune, report and figures."""
+
+import argparse
+import contextlib
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from gplfd_experiments.cli.commands.options import (
+    FAILED,
+    ON_THIS_MACHINE,
+    EngineOptions,
+    Json,
+    Quiet,
+    next_command,
+    recorded,
+)
+from gplfd_experiments.console.interruption import postponed_interruption
+from gplfd_experiments.studies.settings import PRESETS, TABLE_1_NAME, StudySettings
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Benchmark:
+    """Compare policies on doors and seeds and print a table; resumable.
+
+    Writes DIR/tasks/<hash>.json (one file per episode or prediction test),
+    DIR/study.json (versions, command, settings), DIR/study.toml (the settings, for
+    --config) and DIR/table.md. Started again with the same folder, it skips finished
+    tasks and repeats failed ones. More seeds, doors or policies extend the study.
+    """
+
+    config: Annotated[
+        str,
+        tyro.conf.arg(metavar="{table-1,small}|FILE.toml"),
+    ] = "table-1"
+    """The study to run: table-1 (the whole comparison), small (a minute), or a
+    saved study.toml. Options on the command line take precedence."""
+
+    study: Annotated[StudySettings, tyro.conf.arg(name="")] = field(
+        default_factory=StudySettings
+    )
+    """What to compare."""
+
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/benchmark")
+    """Folder to write to; an unfinished study in it is resumed."""
+
+    where: Annotated[EngineOptions, tyro.conf.arg(name="")] = ON_THIS_MACHINE
+    """Where to run."""
+
+    record: bool = False
+    """Also write recordings of the best, the median and the worst episode of every
+    policy."""
+
+    json: Json = False
+
+    quiet: Quiet = False
+
+    def execute(self) -> int:
+        """Run the study, print its tables, and return `FAILED` if a task failed."""
+        with postponed_interruption():
+            from gplfd_experiments.analysis.results.table import (
+                study_rows,
+                write_tables,
+            )
+            from gplfd_experiments.console.arguments import check_folder
+            from gplfd_experiments.files.plain_data import json_text, naming
+            from gplfd_experiments.studies.plan import checked, tasks
+            from gplfd_experiments.studies.session import carry_out
+            from gplfd_experiments.studies.settings_file import write_settings
+
+        # The values are the file's, but for those given on the command line.
+        from_file = self.config not in PRESETS
+        with naming(Path(self.config)) if from_file else contextlib.nullcontext():
+            settings = checked(self.study)
+        engine = self.where.made()
+        options = recorded(self)
+        del options["study"]
+        options = dataclasses.asdict(settings) | options
+        check_folder(self.out)
+        write_settings(self.out / "study.toml", settings)
+        errors = carry_out(tasks(settings), options, self.out, engine)
+        tables = write_tables(self.out, settings)
+        print(json_text(study_rows(self.out, settings)) if self.json else tables)
+        if self.record:
+            with postponed_interruption():
+                from gplfd_experiments.workflows.study_recordings import record_extremes
+
+            record_extremes(self.out)
+        if not self.json:
+            report = next_command("report", self.out)
+            print(f"\nresults are in {self.out}; compare them:  {report}")
+        return FAILED if errors else 0
+
+
+def benchmark_from(arguments: Sequence[str]) -> Callable[..., Benchmark]:
+    """Return `Benchmark` with the options of ``--config`` as its defaults.
+
+    Args:
+        arguments: Of the command ``gplfd``, of any subcommand.
+
+    Raises:
+        ValueError: The study is unknown or its file wrong.
+        OSError: The file cannot be read.
+    """
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--config", nargs="?")
+    given, _ = parser.parse_known_args(arguments)
+    if list(arguments[:1]) != ["benchmark"] or given.config is None:
+        return Benchmark
+    with postponed_interruption():
+        from gplfd_experiments.studies.settings_file import settings_named
+
+    return partial(Benchmark, study=settings_named(given.config))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Trials:
+    """Test the ideas of the method in the conditions where each matters; resumable.
+
+    Writes what `gplfd benchmark` writes. The whole protocol takes about an hour of two
+    cores; `--part ideas` a third of that, `--part small` two minutes.
+    """
+
+    trials: tuple[str, ...] = ()
+    """Trials to run (radius, further, few, messy, rests, turned, person, push, stop,
+    locked, heavy, breakaway, delay, noise); by default all that the part has."""
+
+    policies: tuple[str, ...] = ()
+    """Additional policies: names from `gplfd list`, or module:function for your
+    own."""
+
+    part: Literal["whole", "ideas", "small"] = "whole"
+    """The whole protocol; of it gp, hinge-fit and the variants that lack an idea; or a
+    first look: six seeds of the strongest contrasts of five trials."""
+
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/trials")
+    """Folder to write to; an unfinished study in it is resumed."""
+
+    where: Annotated[EngineOptions, tyro.conf.arg(name="")] = ON_THIS_MACHINE
+    """Where to run."""
+
+    record: bool = False
+    """Also write a recording per trial of the compared policies side by side."""
+
+    json: Json = False
+
+    quiet: Quiet = False
+
+    def execute(self) -> int:
+        """Run the trials and return `FAILED` if an episode failed.
+
+        As JSON it prints what `gplfd report` keeps of the folder in trials.json.
+        """
+        with postponed_interruption():
+            from gplfd_experiments.analysis.results.reading import read_results
+            from gplfd_experiments.analysis.results.trials import trial_answers
+            from gplfd_experiments.files.plain_data import json_text
+            from gplfd_experiments.studies.session import carry_out
+            from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
+
+        tasks = trial_tasks(
+            named_trials(self.trials, self.part),
+            policies=self.policies,
+            part=self.part,
+        )
+        engine = self.where.made()
+        errors = carry_out(tasks, recorded(self), self.out, engine)
+        if self.record:
+            with postponed_interruption():
+                from gplfd_experiments.workflows.study_recordings import record_trials
+
+            record_trials(self.out)
+        if self.json:
+            print(json_text(trial_answers(read_results(self.out))))
+        else:
+            report = next_command("report", self.out)
+            print(f"results are in {self.out}; read them:  {report}")
+        return FAILED if errors else 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SkillTests:
+    """Compare methods on recordings: predict each from the others; no robot.
+
+    Writes DIR/report.html and report.md (which method is nearest, whether its
+    uncertainty is honest, what it forecasts once a part was seen, and what to do about
+    bad numbers), DIR/skill.rrd (recordings, mean and tube in 3-D) and DIR/tasks/, one
+    result per method and recording; resumable.
+    """
+
+    recordings: Annotated[
+        Path, tyro.conf.Positional, tyro.conf.arg(metavar="DEMOS.npz")
+    ]
+    """File of demonstrations, such as demonstrations.npz of a `gplfd run`; at least
+    three."""
+
+    policies: tuple[str, ...] = (TABLE_1_NAME,)
+    """Methods to judge; see `gplfd list`. "table-1" stands for the nine of the paper's
+    Table 1."""
+
+    reference: Annotated[str, tyro.conf.arg(metavar="POLICY")] = "gp"
+    """Method with which the others are compared, and which skill.rrd shows."""
+
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/skill")
+    """Folder to write to; unfinished tests in it are resumed."""
+
+    where: Annotated[EngineOptions, tyro.conf.arg(name="")] = ON_THIS_MACHINE
+    """Where to run."""
+
+    quiet: Quiet = False
+
+    def execute(self) -> int:
+        """Judge, print a table, and return `FAILED` if a method could not learn."""
+        with postponed_interruption():
+            from gplfd_experiments.workflows.skills import RECORDING, judge
+
+        errors = judge(
+            self.recordings,
+            self.out,
+            policies=self.policies,
+            reference=self.reference,
+            engine=self.where.made(),
+            options=recorded(self) | {"recordings": self.recordings.name},
+        )
+        print(f"{self.out / 'report.html'} and report.md")
+        recording = self.out / RECORDING
+        if recording.is_file():
+            print(f"look at what was learned:  {next_command('view', recording)}")
+        return FAILED if errors else 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Tune:
+    """Tune methods with equal budgets on doors and seeds that no study uses.
+
+    Writes DIR/evaluations/<hash>.json and, when all are done, DIR/tuned.json: the best
+    settings of each method, and what they and the published ones gave. Started again
+    with the same folder, it skips what is done. Copied to policies/tuned.json, the file
+    makes the policies <name>-tuned.
+    """
+
+    policies: tuple[str, ...] = ()
+    """Methods to tune; by default all of Table 1, and tp-gmm."""
+
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/tuning")
+    """Folder to write to, or to go on in."""
+
+    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Number of processes; one per core by default."""
+
+    json: Json = False
+
+    quiet: Quiet = False
+
+    def execute(self) -> int:
+        """Tune, and print methods as published and tuned."""
+        with postponed_interruption():
+            from gplfd_experiments.files.plain_data import json_text, read_json
+            from gplfd_experiments.studies.engines import engine_named
+            from gplfd_experiments.studies.tuning.candidates import checked_policies
+            from gplfd_experiments.studies.tuning.search import FILE, tune
+
+        policies = checked_policies(self.policies)
+        engine = engine_named("loky", workers=self.workers)
+        table = tune(policies, self.out, engine)
+        if self.json:
+            print(json_text(read_json(self.out / FILE)["policies"]))
+        else:
+            print(f"{table}\n\nthe settings are in {self.out / FILE}")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Report:
+    """Write a report of a study: rankings with intervals, paired tests, plots.
+
+    Reads DIR/tasks/*.json and DIR/study.json, runs nothing, and writes report.html (one
+    page that needs nothing else), report.md, figures/ and, of trials, trials.json: all
+    their numbers seed by seed. The same results give the same bytes.
+    """
+
+    folders: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="DIR")
+    ]
+    """Folder of a `gplfd benchmark` or `gplfd trials`; the results of several folders
+    are combined."""
+
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder to write to; the first study's own by default."""
+
+    check: bool = False
+    """Write nothing; check whether the results follow the protocol of the trials (exit
+    status 1 if they do not)."""
+
+    reference: Annotated[str, tyro.conf.arg(metavar="POLICY")] = "gp"
+    """Policy with which the others are compared; the best if the study lacks it."""
+
+    def execute(self) -> int:
+        """Write the pages, print where they are; `FAILED` if all tasks failed."""
+        with postponed_interruption():
+            from gplfd_experiments.analysis.report.page import write_report
+            from gplfd_experiments.analysis.results.reading import read_results
+            from gplfd_experiments.console.arguments import check_folder
+            from gplfd_experiments.console.progress import LOG
+
+        if not self.folders:
+            raise ValueError("give the folder of a study: gplfd report DIR")
+        if self.out is not None and not self.check:
+            check_folder(self.out)
+        results = read_results(*self.folders)
+        if self.check:
+            with postponed_interruption():
+                from gplfd_experiments.analysis.results.protocol_check import (
+                    protocol_problems,
+                )
+                from gplfd_experiments.studies.trials.protocol import VERSION
+
+            problems = protocol_problems(results)
+            for problem in problems:
+                print(problem)
+            if not problems:
+                print(f"the results follow protocol v{VERSION}")
+            return FAILED if problems else 0
+        page = write_report(results, self.folders[0], self.out, self.reference)
+        for reason in results.unreadable:
+            LOG.warning("warning: left out: %s", reason)
+        print(f"{page} and {page.with_suffix('.md')}")
+        return 0 if any(not one.error for one in results.all) else FAILED
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Figures:
+    """Draw the paper's figures from this project's own runs.
+
+    Writes DIR/<figure>.png and .svg, DIR/captions.md (what is seen, and the numbers),
+    DIR/figures.json (versions, command, settings) and, in DIR/logs, the runs that the
+    figures read; the next call with the same settings reads them again.
+    """
+
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/figures")
+    """Folder to write to, or to add to."""
+
+    only: tuple[str, ...] = ()
+    """Figures to draw, for example fig02 fig09; all by default."""
+
+    seed: int = 0
+    """Seed of teacher, policy, environment and synthetic sets, 0 or more."""
+
+    quiet: Quiet = False
+
+    def execute(self) -> int:
+        """Draw the figures and print where they are."""
+        with postponed_interruption():
+            from gplfd_experiments.analysis.figures.drawing import draw_figures
+
+        number = draw_figures(
+            self.out, self.only, seed=self.seed, options=recorded(self)
+        )
+        print(f"{number} figures and captions.md in {self.out}")
+        return 0

@@ -1,0 +1,311 @@
+"""Recordings of a study's episodes: extremes of every policy, policies side by side.
+
+A study keeps numbers, no logs. Its episodes are deterministic, so that those worth a
+look are run again, and their numbers are compared with the stored ones: all are equal
+but the times.
+"""
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from gplfd_experiments.analysis.report.recordings import (
+    COMPARISONS,
+    FOLDER,
+    INDEX,
+    RANKS,
+    recording_name,
+    trial_recording_name,
+)
+from gplfd_experiments.analysis.results.grouping import by_condition, by_policy, ranked
+from gplfd_experiments.analysis.results.reading import read_results
+from gplfd_experiments.analysis.results.records import NON_STANDARD, EpisodeResult
+from gplfd_experiments.analysis.results.trials import ByLevel, of_trials
+from gplfd_experiments.console.progress import LOG
+from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
+from gplfd_experiments.episodes.build import demonstrations_of, make_environment
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import episode_metrics
+from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.files.plain_data import write_json
+from gplfd_experiments.recording import record_episode
+from gplfd_experiments.recording.compared import MEASURED, RADIAL
+from gplfd_experiments.recording.comparison import record_comparison
+from gplfd_experiments.studies.jobs import episode_logs
+from gplfd_experiments.studies.trials.protocol import TRIALS
+from gplfd_experiments.studies.trials.records import Side, Trial
+from gplfd_policies.demonstrations.demonstration import Demonstration
+
+COMPARED: Final = 6
+"""Policies in a comparison: more would be too small to see."""
+
+_ORDER: Final = "success, then peak radial force, then final angle"
+_IN_EVERY_TRIAL: Final = (Side(policy="gp"), Side(policy="hinge-fit"))
+_FORECAST_PERIOD: Final = 0.2
+"""Least time between forecasts in a recording [s]; the study takes more of them."""
+_TIMED: Final = ("latency_", "cpu_")
+"""Prefixes of metrics that differ from run to run."""
+
+
+def record_extremes(folder: Path, reference: str = "gp") -> Path:
+    """Record episodes of a study's standard condition, and comparisons.
+
+    Writes recordings/<policy>-best.rrd, -median.rrd and -worst.rrd, comparison.rrd and
+    comparison-widest.rrd (policies side by side at the demonstrated door in the middle
+    and at the widest) and index.json, which says what each file shows and whether its
+    repetition has the stored numbers. What a policy raises when it is run again stands
+    there, too, in place of a recording.
+
+    Args:
+        folder: The study's folder.
+        reference: Policy that stands first in the comparisons, if the study has it.
+
+    Returns:
+        The path of the index.
+
+    Raises:
+        FileNotFoundError: There is no such folder.
+        ValueError: It is not the folder of a study.
+        OSError: A file cannot be written.
+    """
+    conditions = by_condition(read_results(folder).episodes)
+    standard = [one for one in next(iter(conditions.values()), []) if not one.error]
+    out = folder / FOLDER
+    entries: list[dict[str, Any]] = []
+    for policy, own in by_policy(standard).items():
+        for rank, episode in extremes(own).items():
+            file = recording_name(policy, rank)
+            LOG.info("recording %s", file)
+            again, entry = _repeated(episode)
+            entries.append({"file": file, "rank": rank, **entry})
+            if again is not None:
+                record_episode(out / file, again.log, again.model, again.demonstrations)
+    comparisons = []
+    radii = sorted(DEMONSTRATED_RADII)
+    shown = (radii[len(radii) // 2], radii[-1])
+    for file, radius in zip(COMPARISONS, shown, strict=True):
+        if compared := same_door(standard, radius, reference):
+            LOG.info("recording %s", file)
+            comparisons.append(_compare(out / file, compared))
+    index = {"order": _ORDER, "episodes": entries, "comparisons": comparisons}
+    write_json(out / INDEX, index)
+    return out / INDEX
+
+
+def extremes(episodes: Sequence[EpisodeResult]) -> dict[str, EpisodeResult]:
+    """Return the best, the median and the worst of some episodes that ran.
+
+    Of two there is no median, and one is the best.
+    """
+
+    def rank(one: EpisodeResult) -> tuple[bool, float, float, str]:
+        force = one.number("force_radial_peak")
+        angle = one.number("final_angle_deg")
+        return (
+            not one.solved,
+            math.inf if force is None else force,
+            math.inf if angle is None else -angle,
+            one.pair,
+        )
+
+    order = sorted(episodes, key=rank)
+    ranks = {0: (), 1: RANKS[:1], 2: (RANKS[0], RANKS[-1])}.get(len(order), RANKS)
+    places = {"best": 0, "median": len(order) // 2, "worst": len(order) - 1}
+    return {rank: order[places[rank]] for rank in ranks}
+
+
+def same_door(
+    episodes: Sequence[EpisodeResult], radius: float, reference: str
+) -> dict[str, EpisodeResult]:
+    """Return an episode per policy: a standard door, the first seed.
+
+    The reference first, then the policies in the order of their success; of more than
+    `COMPARED`, some from the best to the worst. Empty where no policy has an episode
+    at that door.
+
+    Args:
+        episodes: Of one condition, without errors.
+        radius: The door's [m].
+        reference: Name of a policy.
+    """
+    same = [
+        one
+        for one in episodes
+        if one.split != NON_STANDARD and math.isclose(one.radius, radius)
+    ]
+    # Doors of another kind may have the same radius.
+    same = [one for one in same if one.door_kind == same[0].door_kind]
+    first = min((one.task.seed for one in same), default=0)
+    found = {one.policy: one for one in same if one.task.seed == first}
+    order = [name for name in ranked(episodes) if name in found]
+    order.sort(key=lambda name: name != reference)
+    if len(order) > COMPARED:
+        step = (len(order) - 2) / (COMPARED - 2)
+        order = [order[0], *(order[1 + round(n * step)] for n in range(COMPARED - 1))]
+    return {name: found[name] for name in order}
+
+
+def record_trials(folder: Path) -> Path:
+    """Record a comparison of every trial that a folder has.
+
+    Writes recordings/trial-<name>.rrd and index.json, which says what each file shows
+    and whether its repetition has the stored numbers. Returns and raises what
+    `record_extremes` does.
+
+    Args:
+        folder: Of `gplfd trials`.
+    """
+    out = folder / FOLDER
+    comparisons: list[dict[str, Any]] = []
+    for name, episodes in of_trials(read_results(folder)).items():
+        trial = TRIALS[name]
+        if shown := side_by_side(trial, episodes):
+            file = trial_recording_name(name)
+            LOG.info("recording %s", file)
+            measure = next((one for one in trial.measures if one in MEASURED), RADIAL)
+            heading = f"Trial {name}: {trial.question}"
+            levels = {one.task.level for one in shown.values()}
+            if len(levels) == 1 < len(trial.levels):
+                heading += f" ({levels.pop()})"
+            comparisons.append(_compare(out / file, shown, measure, heading))
+    write_json(out / INDEX, {"episodes": [], "comparisons": comparisons})
+    return out / INDEX
+
+
+def side_by_side(trial: Trial, episodes: ByLevel) -> dict[str, EpisodeResult]:
+    """Return the episodes of a trial to compare, at most `COMPARED`, by their labels.
+
+    Each is of the first seed, at the widest door.
+    """
+    contrasts = [side for one in trial.contrasts for side in (one.having, one.lacking)]
+    found: dict[Side, EpisodeResult] = {}
+    for side in (*_IN_EVERY_TRIAL, *contrasts):
+        levels = {
+            level: [one for one in own if not one.error]
+            for level, own in episodes.get(side.policy, {}).items()
+        }
+        there = [level for level in trial.levels if levels.get(level)]
+        # A policy that learns nothing has no level with a prior mean.
+        level = side.level or next(reversed(there), "")
+        if level in there:
+            found[Side(policy=side.policy, level=level)] = min(
+                levels[level], key=lambda one: (one.task.seed, -one.radius, one.pair)
+            )
+    several = len({side.level for side in found}) > 1
+    shown = list(found.items())[:COMPARED]
+    return {str(side) if several else side.policy: one for side, one in shown}
+
+
+def _compare(
+    path: Path,
+    compared: Mapping[str, EpisodeResult],
+    measure: str = RADIAL,
+    heading: str = "",
+) -> dict[str, Any]:
+    """Record episodes side by side; leave out those that cannot be run again.
+
+    Args:
+        path: File to write.
+        compared: Episodes on one door, by their labels in the recording.
+        measure: What they are compared by.
+        heading: Of the recording's page.
+
+    Returns:
+        The entry of the index.
+    """
+    found = {name: _repeated(episode) for name, episode in compared.items()}
+    repeated = {name: again for name, (again, _) in found.items() if again is not None}
+    if repeated:
+        logs = [
+            dataclasses.replace(again.log, policy=name)
+            for name, again in repeated.items()
+        ]
+        one = next(iter(repeated.values()))
+        shown = (logs, one.model, one.demonstrations)
+        record_comparison(path, *shown, measure=measure, heading=heading)
+    entries = [entry for _, entry in found.values()]
+    return {"file": path.name if repeated else None, "episodes": entries}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Repeated:
+    """An episode that was run again."""
+
+    log: EpisodeLog
+    """What happened, with as many forecasts as can be seen."""
+    model: mujoco.MjModel
+    """Model of its scene; how its servos are commanded is not part of it."""
+    demonstrations: tuple[Demonstration, ...]
+    """What the policy learned from."""
+    different: Mapping[str, Any]
+    """Stored and repeated value of every metric in which they differ."""
+
+
+def _repeated(episode: EpisodeResult) -> tuple[Repeated | None, dict[str, Any]]:
+    """Run an episode again; return it, if it ran, and the entry of the index."""
+    entry = {
+        "policy": episode.policy,
+        "door": episode.task.door,
+        "radius": episode.radius,
+        "seed": episode.task.seed,
+        "success": episode.solved,
+        "force_radial_peak": episode.number("force_radial_peak"),
+        "final_angle_deg": episode.number("final_angle_deg"),
+    }
+    try:
+        again = repeat(episode)
+    # A policy may raise anything, and the other recordings are made all the same.
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+        return None, {**entry, "repeated": False, "error": reason}
+    different = dict(again.different)
+    return again, {**entry, "repeated": not different, "different": different}
+
+
+def repeat(episode: EpisodeResult) -> Repeated:
+    """Run an episode again as the study did, and compare it with what is stored."""
+    task = episode.task
+    (log,) = episode_logs([task])
+    metrics = episode_metrics(log, demonstrated_angle=task.teacher["angle_mean"])
+    times = log.forecast_times
+    if times.size >= 2:
+        every = max(1, round(_FORECAST_PERIOD / float(np.median(np.diff(times)))))
+        kept = np.unique(np.append(np.arange(0, times.size, every), times.size - 1))
+        log = dataclasses.replace(
+            log,
+            forecast_times=times[kept],
+            forecast_mean=log.forecast_mean[kept],
+            forecast_std=log.forecast_std[kept],
+        )
+    return Repeated(
+        log=log,
+        model=model_of(task),
+        demonstrations=demonstrations_of(task).demonstrations,
+        different=differences(episode.metrics, metrics.as_json()),
+    )
+
+
+def differences(
+    stored: Mapping[str, Any], repeated: Mapping[str, Any]
+) -> dict[str, list[Any]]:
+    """Return the metrics of the same name that differ, times aside."""
+    return {
+        name: [stored[name], repeated[name]]
+        for name in sorted(stored.keys() & repeated.keys())
+        if not name.startswith(_TIMED) and stored[name] != repeated[name]
+    }
+
+
+def model_of(task: EpisodeTask) -> mujoco.MjModel:
+    """Return the model of the scene that the task's episode runs in."""
+    env = make_environment(task, "pose")
+    with contextlib.closing(env):
+        env.reset(seed=task.reset_seed)
+        return env.unwrapped.model  # type: ignore[attr-defined]
