@@ -203,7 +203,7 @@ class Episode:
             row: own.intervention for row, own in rows if own.intervention
         }
         rare = self._delays, self._drives, self._grippers, self._interventions
-        self._alike = not any(rare)
+        self._commands_alone = not any(rare)
         self._note_outside()
 
     def _note_outside(self) -> None:
@@ -233,7 +233,7 @@ class Episode:
             drives: Whether the last three entries of a command are the base's twist.
             grips: Whether its last entry is the gripper's width.
         """
-        if self._alike:
+        if self._commands_alone:
             return _NO_DEMANDS
         demands, readings, progress = Demands({}, {}, {}), self.readings, self.progress
         for row, intervention in _chosen(self._interventions, stepped):
@@ -347,10 +347,8 @@ class Episode:
             sensordata: MuJoCo's sensor array, (n, ...) of many.
         """
         readings = self.readings
-        wrench, time = (
-            columns(readings.wrench, self.n),
-            columns((readings.time,), self.n),
-        )
+        wrench = columns(readings.wrench, self.n)
+        time = columns((readings.time,), self.n)
         observation = self.reader.observation(sensordata, wrench, time)
         self.add_errors(observation)
         return observation
@@ -401,7 +399,7 @@ class Episode:
             return default
         if self.n is None:
             return getattr(things[0], name)
-        values = np.empty((self.n, *np.shape(default)), np.result_type(type(default)))
+        values = np.empty((self.n, *np.shape(default)), np.asarray(default).dtype)
         values[:] = default
         for row, thing in things.items():
             values[row] = getattr(thing, name)
