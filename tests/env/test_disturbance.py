@@ -254,7 +254,7 @@ def test_a_bumped_robot_misjudges_its_own_frame(
         twist.append(observation["ee_twist"][:3])
     # It still takes itself to be where it began; truly it has moved with its base.
     assert_allclose(observation["ee_pose"][:3], 0.0, atol=5e-4)
-    assert_allclose(env._sensed[env._reader.ee_pose][:3], shift, atol=5e-4)
+    assert_allclose(env._sensed[env._episode.reader.ee_pose][:3], shift, atol=5e-4)
     assert_allclose(handle[5], 0.0, atol=1e-6)
     assert_allclose(handle[-1], -shift, atol=1e-6)
     assert info["base_shift"] == pytest.approx(np.hypot(0.02, 0.01))
