@@ -1,7 +1,7 @@
 """One door: ``gplfd/DoorOpening-v1``, its impedance and its mobile variant."""
 
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import Any
 
 import gymnasium as gym
 import mujoco
@@ -9,28 +9,17 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, Base, Start
-from gplfd_env.conventions.resets import checked_options
-from gplfd_env.doors.config import DoorConfig, DoorSpec, door_config
-from gplfd_env.doors.disturbance import Disturbance, DisturbanceSpec, disturbance_named
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.config import DoorConfig, DoorSpec
 from gplfd_env.doors.geometry import DoorGeometry
-from gplfd_env.doors.randomization import (
-    DoorRandomization,
-    RandomizationSpec,
-    door_randomization,
-)
 from gplfd_env.doors.variation import Variation
-from gplfd_env.envs.camera import Camera, require_display
-from gplfd_env.robot.gripper import hold_of
-from gplfd_env.robot.model import Grasp, Hold
+from gplfd_env.envs.settings import Settings, Sources, made_with
 from gplfd_env.robot.placement import door_geometry
-from gplfd_env.robot.stance import check_reach
 from gplfd_env.simulation.command import COMMANDS, DRIVEN
 from gplfd_env.simulation.single import DoorSimulation
-from gplfd_env.task.draw import draw_episode
-from gplfd_env.task.episode import REWARDS, Episode, Reward
-from gplfd_env.task.info import BASE_POSE, BASE_RATE, FLAGS, NUMBERS, POSE, TEXTS
-from gplfd_env.task.observation import Observation, Reader, observation_space
+from gplfd_env.task.episode import Episode
+from gplfd_env.task.info import info_of
+from gplfd_env.task.observation import Observation, observation_space
 from gplfd_env.validation.fields import check_choice
 
 Array = NDArray[np.float64]
@@ -48,42 +37,15 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     ``wrench`` (6,) [N, N m] on the hand, all in the task frame; ``joint_pos`` (7,)
     [rad], ``joint_vel`` (7,) [rad/s], ``time`` (1,) [s].
 
-    Info, same keys at reset and step: ``door_angle`` [rad], ``door_velocity``
-    [rad/s], ``door_radius`` [m], ``handle_pose`` (6,) [m, rad],
-    ``base_pose`` (3,) [m, rad], ``base_velocity`` (3,) [m/s, rad/s], ``success``,
-    ``is_success``, ``grasped``, ``slip`` [m], ``force_tangential``,
-    ``force_radial``, ``force_vertical`` [N, hand on handle], ``push_force``,
-    ``person_force`` [N], ``person_energy`` [J], ``base_shift`` [m], ``stop_force``
-    [N, of the door at the handle's radius], ``handle_angle`` [rad], ``bolt`` [m],
-    ``closer_torque`` [N m], ``capability`` and its ``stage``, ``failure`` and its
-    ``reason``,
-    ``simulation_error``, ``reward_terms``. Never blurred by sensor noise.
+    Info, same keys at reset and step, without sensor noise: the keys of
+    `gplfd_env.task.info.INFO`, which has their units and meanings.
 
     The episode terminates in success (60° held for 0.5 s, handle grasped) or when
     the grasp is lost, and is truncated by the time limit or a diverged simulation.
 
     Args:
-        door: Preset's name, radius [m], mapping of `DoorConfig` fields, or a
-            `DoorConfig`; see `gplfd_env.doors.config.door_config`.
-        grasp: ``"contact"`` (friction between pads and bar) or ``"weld"``.
-        randomization: What every reset draws anew: ``"none"``, ``"mild"``, ``"hard"``,
-            a mapping of `DoorRandomization` fields, or a `DoorRandomization`.
-        disturbance: What happens from outside: ``"none"``, ``"push"``, ``"person"``,
-            ``"stop"``, ... (`gplfd_env.doors.disturbance.DISTURBANCES`), a mapping of
-            `Disturbance` fields, or a `Disturbance`.
-        reward: ``"dense"`` or ``"sparse"`` (1 in success, else 0).
-        base: ``"fixed"``, or ``"mobile"``: it follows the hand, see
-            `gplfd_env.robot.whole_body`, and touches what it runs into.
-        start: ``"grasped"``, or ``"approach"``: the episode begins with the open hand
-            10 to 20 cm before the handle. Where no action commands the gripper, it
-            closes when the hand is at the handle, see `gplfd_env.robot.gripper`.
-        render_mode: None, ``"human"``, ``"rgb_array"``, ``"depth_array"`` or
-            ``"rgbd_tuple"``.
-        width: Width of rendered pictures [px].
-        height: Height of rendered pictures [px].
-        camera_name: ``"overview"``, ``"top"``, ``"head"`` or ``"hand_camera"``.
-        effects: Shadows, reflections and smooth edges in pictures; windows have them
-            always. Without a graphics card a picture takes ten times as long.
+        settings: The fields of `gplfd_env.envs.settings.Settings`, `door` also without
+            its name.
 
     Raises:
         ValueError: An unknown door, grasp, start, randomisation, reward, camera or
@@ -93,48 +55,21 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     """
 
     metadata = {  # noqa: RUF012 - Gymnasium declares it as an instance variable
-        "render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"],
+        "render_modes": [*Settings.render_modes],
         "render_fps": round(1 / CONTROL_PERIOD),
     }
     command = COMMANDS["pose"]
     """What an action means."""
 
-    def __init__(
-        self,
-        door: DoorSpec = "medium",
-        *,
-        grasp: Grasp = "contact",
-        randomization: RandomizationSpec = "none",
-        disturbance: DisturbanceSpec = "none",
-        reward: Reward = "dense",
-        base: Base = "fixed",
-        start: Start = "grasped",
-        render_mode: str | None = None,
-        width: int = 640,
-        height: int = 480,
-        camera_name: str = "overview",
-        effects: bool = False,
-    ) -> None:
-        check_choice("grasp", grasp, get_args(Grasp))
-        check_choice("reward", reward, REWARDS)
-        check_choice("base", base, get_args(Base))
-        check_choice("start", start, get_args(Start))
-        check_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
-        if render_mode == "human":
-            require_display()
-        self.render_mode = render_mode
-        self._reward: Reward = reward
-        self._base: Base = base
-        self._door = door_config(door)
-        self._randomization = door_randomization(randomization)
-        check_reach(self._randomization.outermost(self._door), base, start)
-        self._disturbance = disturbance_named(disturbance)
-        self._start: Start = start
-        self._hold: Hold = hold_of(grasp, start, commanded=self.command.grips)
-        self._simulation = DoorSimulation(self._door, self._hold, self.command, base)
-        self._camera = Camera(self.model, width, height, camera_name, effects=effects)
+    @made_with(Settings)
+    def __init__(self, settings: Settings) -> None:
+        self._settings, self.render_mode = settings, settings.render_mode
+        self._sources = Sources.of(settings)
+        (door,) = self._sources.doors
+        hold = settings.hold(self.command)
+        self._simulation = DoorSimulation(door, hold, self.command, settings.base)
+        self._camera = settings.camera(self.model)
         self._sensed = np.empty(0)
-        self._reader = self._reader_now()
         self._episode: Episode | None = None
         self.observation_space = observation_space(
             tells_base=self.command.drives, tells_gripper=self.command.grips
@@ -168,7 +103,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     @property
     def door_geometry(self) -> DoorGeometry:
         """Where its hinge and its handle's axis are in the task frame."""
-        return door_geometry(self.variation, self._base)
+        return door_geometry(self.variation, self._settings.base)
 
     @property
     def dt(self) -> float:
@@ -191,18 +126,22 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
                 from which the arm cannot hold the handle or be before it; the next
                 reset draws anew.
         """
-        chosen = self._chosen(options)
+        sources, _ = self._sources.changed(options)
         super().reset(seed=seed)
-        self._door, self._randomization, self._disturbance = chosen
-        drawn = draw_episode(*chosen, self.np_random, self._start)
-        self._simulation.restart(drawn.variation)
-        self._reader = self._reader_now()
-        rest = self.command.resting(drawn.variation, self._base)
-        episode = Episode(drawn, self._reader, self._reward, self._sense(), rest)
-        self._episode = episode
+        self._sources, settings = sources, self._settings
+        drawn = sources.draw(0, self.np_random)
+        variation = drawn.variation
+        self._simulation.restart(variation)
+        self._episode = episode = Episode.begin(
+            drawn,
+            settings.reader(self.command, variation.door),
+            settings.reward,
+            self._sense(),
+            self.command.resting(variation, settings.base),
+        )
         if self.render_mode == "human":
             self.render()
-        return self._observation(episode), self._info(episode)
+        return episode.observation(self._sensed), info_of(episode)
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
         """Give the servo a command for one control period.
@@ -222,22 +161,28 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         if episode is None:
             raise gym.error.ResetNeeded("call reset() before the first step()")
         command = self.command.check(action, self.command.rest.shape)
-        if self._base == "mobile":
+        if self._settings.base == "mobile":
             # MuJoCo clamps what the servo is told, but the base follows it, too.
             command = self.command.clamped(command)
-        loads = episode.loads()
-        command = episode.due(command)
-        drive = episode.drive(command, obeys=self.command.drives)
-        width = episode.grip(command, obeys=self.command.grips)
-        diverged = self._simulation.advance(command, loads, drive, width)
+        loads, rates, widths = episode.demand(
+            command[None], drives=self.command.drives, grips=self.command.grips
+        )
+        diverged = self._simulation.advance(
+            command, loads.get(0), rates.get(0), widths.get(0)
+        )
         if diverged:
             episode.break_off()
         else:
             episode.advance(self._sense())
         if self.render_mode == "human":
             self.render()
-        ended = episode.terminated, episode.simulation_error
-        return self._observation(episode), episode.reward, *ended, self._info(episode)
+        return (
+            episode.observation(self._sensed),
+            episode.reward,
+            episode.terminated,
+            episode.progress.simulation_error,
+            info_of(episode),
+        )
 
     def render(self) -> Any:
         """Return a picture of the scene, or draw it in a window (``"human"``).
@@ -262,58 +207,11 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         """Free the renderer; may be called more than once."""
         self._camera.close()
 
-    def _chosen(
-        self, options: Mapping[str, Any] | None
-    ) -> tuple[DoorConfig, DoorRandomization, Disturbance]:
-        """Return what an episode is drawn from with a reset's options."""
-        given = checked_options(
-            options,
-            {
-                "door": "name, radius, mapping or DoorConfig",
-                "randomization": "name, mapping or DoorRandomization",
-                "disturbance": "name, mapping or Disturbance",
-            },
-        )
-        door = door_config(given.get("door", self._door))
-        drawn = door_randomization(given.get("randomization", self._randomization))
-        check_reach(drawn.outermost(door), self._base, self._start)
-        happening = disturbance_named(given.get("disturbance", self._disturbance))
-        return door, drawn, happening
-
-    def _reader_now(self) -> Reader:
-        return Reader.of(
-            self._hold,
-            self.command.control,
-            self._base,
-            self.door.handle,
-            self.door.swing,
-            tells_base=self.command.drives,
-            tells_gripper=self.command.grips,
-        )
-
     def _sense(self) -> list[float]:
         """Take the sensors' values; a diverged simulation leaves the last good ones."""
         self._sensed = self._simulation.sensordata.copy()
         values: list[float] = self._sensed.tolist()
         return values
-
-    def _observation(self, episode: Episode) -> Observation:
-        observation = self._reader.observation(
-            self._sensed, np.array(episode.wrench), np.array([episode.time])
-        )
-        episode.falsify(observation)
-        return observation
-
-    def _info(self, episode: Episode) -> Info:
-        row = episode.row
-        info: Info = dict(zip(NUMBERS, row, strict=False))
-        info["handle_pose"] = np.array(row[POSE])
-        info["base_pose"] = np.array(row[BASE_POSE])
-        info["base_velocity"] = np.array(row[BASE_RATE])
-        info.update(zip(FLAGS, row[BASE_RATE.stop :], strict=True))
-        info.update({name: getattr(episode, name) for name in TEXTS})
-        info["reward_terms"] = episode.terms
-        return info
 
 
 class DoorOpeningImpedanceEnv(DoorOpeningEnv):

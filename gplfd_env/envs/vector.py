@@ -1,7 +1,7 @@
 """Many doors at once on `mujoco.batch.Batch`: what ``gym.make_vec`` makes."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, get_args
+from collections.abc import Mapping
+from typing import Any
 
 import gymnasium as gym
 import mujoco
@@ -11,25 +11,18 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, Base, Start
+from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.conventions.resets import Seeds, each_seed, masked, unmasked
-from gplfd_env.doors.config import DoorSpec
-from gplfd_env.doors.disturbance import DisturbanceSpec
 from gplfd_env.doors.geometry import DoorGeometry
-from gplfd_env.doors.randomization import RandomizationSpec
 from gplfd_env.doors.variation import Variation
-from gplfd_env.envs.camera import Camera
-from gplfd_env.envs.sources import Sources
-from gplfd_env.robot.gripper import hold_of
-from gplfd_env.robot.model import Grasp, Hold
+from gplfd_env.envs.settings import Sources, VectorSettings, made_with
 from gplfd_env.robot.placement import door_geometry
 from gplfd_env.simulation.batch import Alike, DoorBatch
 from gplfd_env.simulation.command import COMMANDS, DRIVEN
-from gplfd_env.task.draw import Drawn
-from gplfd_env.task.episode import REWARDS, Episode, Reward
-from gplfd_env.task.observation import Observation, Reader, observation_space
-from gplfd_env.task.step_result import outcome
-from gplfd_env.validation.fields import Range, check_choice, checked_count
+from gplfd_env.task.episode import Episode
+from gplfd_env.task.episodes import Episodes
+from gplfd_env.task.observation import Observation, observation_space
+from gplfd_env.validation.fields import check_choice
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -46,19 +39,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     alone.
 
     Args:
-        num_envs: Number of simulations n.
-        door: As for the single environment, or a sequence of n such; so are
-            `randomization` and `disturbance`.
-        max_episode_steps: Control periods after which an episode is truncated; None or
-            -1 for no limit.
-        autoreset_mode: ``"NextStep"`` (the step after an episode's end resets it),
-            ``"SameStep"`` (its last observation and info are in ``final_obs`` and
-            ``final_info``) or ``"Disabled"`` (ended simulations stand still, at no
-            cost, until ``reset(options={"reset_mask": ...})``).
-        num_threads: Threads that step the simulations; 0 for one per core.
-        render_mode: None or ``"rgb_array"``: `render` returns n pictures.
-
-    The other arguments are those of the single environment.
+        settings: The fields of `gplfd_env.envs.settings.VectorSettings`, `num_envs` and
+            `door` also without their names.
 
     Raises:
         ValueError: As the single environment, and for an unknown autoreset mode.
@@ -70,44 +52,13 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     physics: type[Alike] = Alike
     """What steps simulations before doors of one structure."""
 
-    def __init__(
-        self,
-        num_envs: int = 1,
-        door: DoorSpec | Sequence[DoorSpec] = "medium",
-        *,
-        grasp: Grasp = "contact",
-        randomization: RandomizationSpec | Sequence[RandomizationSpec] = "none",
-        disturbance: DisturbanceSpec | Sequence[DisturbanceSpec] = "none",
-        reward: Reward = "dense",
-        base: Base = "fixed",
-        start: Start = "grasped",
-        max_episode_steps: int | None = None,
-        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
-        num_threads: int = 0,
-        render_mode: str | None = None,
-        width: int = 640,
-        height: int = 480,
-        camera_name: str = "overview",
-        effects: bool = False,
-    ) -> None:
-        check_choice("grasp", grasp, get_args(Grasp))
-        check_choice("reward", reward, REWARDS)
-        check_choice("base", base, get_args(Base))
-        check_choice("start", start, get_args(Start))
-        check_choice("render_mode", render_mode, (None, "rgb_array"))
-        self.num_envs = checked_count("num_envs", num_envs, Range(low=1))
-        checked_count("num_threads", num_threads, Range(low=0))
-        self._limit = np.inf
-        if max_episode_steps not in (None, -1):
-            self._limit = checked_count(
-                "max_episode_steps", max_episode_steps, Range(low=1)
-            )
-        mode = getattr(autoreset_mode, "value", autoreset_mode)
-        check_choice("autoreset_mode", mode, [known.value for known in AutoresetMode])
-        self.autoreset_mode = AutoresetMode(mode)
-        self.render_mode = render_mode
+    @made_with(VectorSettings)
+    def __init__(self, settings: VectorSettings) -> None:
+        self._settings, self.render_mode = settings, settings.render_mode
+        self.num_envs = n = int(settings.num_envs)
+        self.autoreset_mode = AutoresetMode(settings.autoreset_mode)
         self.metadata = {
-            "render_modes": ["rgb_array"],
+            "render_modes": [*settings.render_modes],
             "render_fps": round(1 / CONTROL_PERIOD),
             "autoreset_mode": self.autoreset_mode,
         }
@@ -115,41 +66,33 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             tells_base=self.command.drives, tells_gripper=self.command.grips
         )
         self.single_action_space = self.command.space
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self._base: Base = base
-        self._sources = Sources(
-            num_envs,
-            base,
-            start,
-            door=door,
-            randomization=randomization,
-            disturbance=disturbance,
-        )
-        self._hold: Hold = hold_of(grasp, start, commanded=self.command.grips)
-        self._reward: Reward = reward
-        self._episodes: list[Episode] = []
-        begin = [Variation(door=one) for one in self._sources.doors]
+        self.observation_space = batch_space(self.single_observation_space, n)
+        self.action_space = batch_space(self.single_action_space, n)
+        self._sources = Sources.of(settings)
         self._batch = DoorBatch(
-            begin, self._hold, self.command, num_threads, base, self.physics
+            [Variation(door=door) for door in self._sources.doors],
+            settings.hold(self.command),
+            self.command,
+            settings.num_threads,
+            settings.base,
+            self.physics,
         )
-        self._camera = Camera(
-            self.models[0], width, height, camera_name, effects=effects
-        )
+        self._camera = settings.camera(self.models[0])
+        self._episodes: Episodes | None = None
         self._random: list[tuple[np.random.Generator, int]] = []
-        self._everyone = np.ones(num_envs, dtype=bool)
-        self._ended = np.zeros(num_envs, dtype=bool)
+        self._everyone = np.ones(n, dtype=bool)
+        self._ended = np.zeros(n, dtype=bool)
         self._sensed = self._batch.read(None)
 
     @property
     def variations(self) -> tuple[Variation, ...]:
         """Door and circumstances of every episode; none before the first reset."""
-        return tuple(episode.variation for episode in self._episodes)
+        return () if self._episodes is None else self._episodes.variations
 
     @property
     def door_geometries(self) -> tuple[DoorGeometry, ...]:
         """Where hinges and handles of these doors are in the task frame."""
-        return tuple(door_geometry(one, self._base) for one in self.variations)
+        return tuple(door_geometry(one, self._settings.base) for one in self.variations)
 
     @property
     def models(self) -> tuple[mujoco.MjModel, ...]:
@@ -201,14 +144,15 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             for row, one in enumerate(each_seed(seed, self.num_envs))
             if one is not None or not self._random
         }
-        rows = self._sources.take(options, begun=bool(self._episodes))
+        self._sources, rows = self._sources.changed(
+            options, begun=self._episodes is not None
+        )
         self._random = [
             fresh[row] if row in fresh and rows[row] else self._random[row]
             for row in range(self.num_envs)
         ]
-        self._restart(rows)
-        *_, infos = self._outcome(rows)
-        return self._observation(), infos
+        episodes = self._restart(rows)
+        return episodes.observation(self._sensed), episodes.infos(rows)
 
     def step(self, actions: Array) -> tuple[Observation, Array, Mask, Mask, Info]:
         """Command every hand for one control period.
@@ -221,21 +165,23 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             ValueError: The shape is wrong or an action is not finite.
             gymnasium.error.ResetNeeded: There was no reset yet.
         """
-        if not self._episodes:
+        if self._episodes is None:
             raise gym.error.ResetNeeded("call reset() before the first step()")
         resting = self._ended if np.count_nonzero(self._ended) else None
         shape = self.num_envs, *self.command.rest.shape
         commands = self.command.check(actions, shape, resting)
-        if self._base == "mobile":
+        if self._settings.base == "mobile":
             commands = self.command.clamped(commands)
-        self._advance(commands, resting)
+        episodes = self._episodes
+        self._advance(episodes, commands, resting)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and resting is not None:
             self._restart(resting)
-        rewards, terminations, truncations, infos = self._outcome(self._everyone)
+        rewards, terminations, truncations = episodes.outcome(self._settings.limit)
         self._ended = terminations | truncations
+        infos = episodes.infos(self._everyone)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
-            infos = self._reset_at_once(self._ended, infos)
-        observations = self._observation()
+            infos = self._reset_at_once(episodes, infos)
+        observations = episodes.observation(self._sensed)
         return observations, rewards, terminations, truncations, infos
 
     def render(self) -> tuple[Any, ...] | None:
@@ -255,97 +201,59 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         """Free the renderer; a later picture makes another."""
         self._camera.close()
 
-    def _restart(self, rows: Mask) -> None:
+    def _restart(self, rows: Mask) -> Episodes:
         """Draw new episodes for some simulations and begin them."""
+        settings, command = self._settings, self.command
         chosen = np.flatnonzero(rows).tolist()
         drawn = {row: self._sources.draw(row, self._random[row][0]) for row in chosen}
         for row in chosen:
             self._batch.load(row, drawn[row].variation)
         self._batch.restart(chosen)
         self._sensed = self._batch.read(chosen, self._sensed)
-        self._episodes = [
-            self._begun(drawn[row], self._sensed[row])
-            if row in drawn
-            else self._episodes[row]
-            for row in range(self.num_envs)
-        ]
+        begun = {
+            row: Episode.begin(
+                each,
+                settings.reader(command, each.variation.door),
+                settings.reward,
+                self._sensed[row].tolist(),
+                command.resting(each.variation, settings.base),
+            )
+            for row, each in drawn.items()
+        }
+        if self._episodes is None:
+            self._episodes = Episodes(list(begun.values()))
+        else:
+            self._episodes.replace(begun)
         self._ended = self._ended & ~rows
+        return self._episodes
 
-    def _begun(self, drawn: Drawn, sensed: Array) -> Episode:
-        door = drawn.variation.door
-        reader = Reader.of(
-            self._hold,
-            self.command.control,
-            self._base,
-            door.handle,
-            door.swing,
-            tells_base=self.command.drives,
-            tells_gripper=self.command.grips,
-        )
-        rest = self.command.resting(drawn.variation, self._base)
-        return Episode(drawn, reader, self._reward, sensed.tolist(), rest)
-
-    def _advance(self, commands: Array, resting: Mask | None) -> None:
+    def _advance(
+        self, episodes: Episodes, commands: Array, resting: Mask | None
+    ) -> None:
         """Step what does not rest by one control period."""
-        episodes = self._episodes
-        stepped: Sequence[int] = range(self.num_envs)
-        if resting is not None:
-            stepped = np.flatnonzero(~resting).tolist()
-            for row in np.flatnonzero(resting).tolist():
-                episodes[row].stand_still()
-        loads, drives, widths = {}, {}, {}
-        for row in stepped:
-            episode = episodes[row]
-            if not episode.takes_commands_as_given:
-                acting = episode.loads()
-                if acting is not None:
-                    loads[row] = acting
-                commands[row] = episode.due(commands[row])
-            rate = episode.drive(commands[row], obeys=self.command.drives)
-            if rate is not None:
-                drives[row] = rate
-            width = episode.grip(commands[row], obeys=self.command.grips)
-            if width is not None:
-                widths[row] = width
-        rows = None if resting is None else stepped
-        diverged = self._batch.advance(commands, rows, loads, drives, widths)
-        if diverged is not None:
-            for row in np.flatnonzero(diverged).tolist():
-                episodes[row].break_off()
-            stepped = [row for row in stepped if not diverged[row]]
-        everyone = len(stepped) == self.num_envs
-        self._sensed = self._batch.read(None if everyone else stepped, self._sensed)
-        values = self._sensed.tolist()
-        for row in stepped:
-            episodes[row].advance(values[row])
-
-    def _observation(self) -> Observation:
-        episodes = self._episodes
-        # What the observation takes lies alike in all sensor arrays.
-        observation = episodes[0].reader.observation(
-            self._sensed,
-            np.array([one.wrench for one in episodes]),
-            np.array([[one.time] for one in episodes]),
+        stepped = None if resting is None else ~resting
+        demands = episodes.demand(
+            commands, stepped, drives=self.command.drives, grips=self.command.grips
         )
-        for row, one in enumerate(episodes):
-            one.falsify(observation, row)
-        return observation
+        rows = None if stepped is None else np.flatnonzero(stepped).tolist()
+        diverged = self._batch.advance(commands, rows, *demands)
+        if diverged is not None:
+            stepped = ~diverged if stepped is None else stepped & ~diverged
+            rows = np.flatnonzero(stepped).tolist()
+        self._sensed = self._batch.read(rows, self._sensed)
+        episodes.advance(self._sensed, stepped, diverged)
 
-    def _outcome(self, rows: Mask) -> tuple[Array, Mask, Mask, Info]:
-        """Return rewards, terminations, truncations, and infos with masks."""
-        return outcome(self._episodes, self._limit, rows)
-
-    def _reset_at_once(self, ended: Mask, infos: Info) -> Info:
+    def _reset_at_once(self, episodes: Episodes, infos: Info) -> Info:
         """Reset ended simulations in the step that ended them; return its infos."""
-        last = self._observation()
+        ended = self._ended
+        last = episodes.observation(self._sensed)
         final_obs = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(ended):
             final_obs[row] = {name: last[name][row].copy() for name in last}
         final_info = masked(unmasked(infos), ended)
         self._restart(ended)
         final = {"final_obs": final_obs, "final_info": final_info}
-        *_, infos = self._outcome(self._everyone)
-        return infos | masked(final, ended)
+        return episodes.infos(self._everyone) | masked(final, ended)
 
 
 class DoorOpeningImpedanceVectorEnv(DoorOpeningVectorEnv):

@@ -1,57 +1,20 @@
-"""Many doors at once on MuJoCo Warp, which steps them on a GPU: an experiment.
-
-Its results are compared with those of MuJoCo on Warp's CPU backend; on a GPU it has not
-been tried. Needs the extra ``warp``; nothing else of this package does.
-"""
+"""Many doors at once on MuJoCo Warp: see `gplfd_env.simulation.warp`."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 import gymnasium as gym
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from gplfd_env import TIME_LIMIT
-from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_env.doors.variation import Variation
 from gplfd_env.envs.reinforcement import for_learners, refuse_reward
 from gplfd_env.envs.vector import DoorOpeningVectorEnv
-from gplfd_env.robot.whole_body import Planar
-from gplfd_env.scene.build import GRASP_KEY
-from gplfd_env.scene.door import set_hinge, structure_of
-from gplfd_env.simulation.batch import Alike, Array, Mask, Rows
 from gplfd_env.simulation.command import COMMANDS
-from gplfd_env.simulation.loads import Loads
-from gplfd_env.simulation.single import loaded_bodies
+from gplfd_env.simulation.warp import WarpPhysics
 from gplfd_env.validation.fields import check_choice
 
-try:
-    import mujoco_warp as mjw
-    import warp as wp
-except ImportError as error:
-    raise ImportError(
-        f"gplfd_env.envs.warp needs MuJoCo Warp ({error}); in a checkout of gplfd: pip "
-        "install '.[warp]', elsewhere: pip install 'gplfd[warp]'"
-    ) from error
-
 __all__ = ["DoorOpeningWarpVectorEnv", "make_warp"]
-
-WORLD_FIELDS: Final = (
-    "actuator_acc0", "actuator_biasprm", "body_inertia", "body_invweight0",
-    "body_ipos", "body_iquat", "body_mass", "body_pos", "body_quat",
-    "body_subtreemass", "dof_damping", "dof_frictionloss", "dof_invweight0",
-    "geom_aabb", "geom_pos", "geom_quat", "geom_rbound", "geom_size", "jnt_axis",
-    "jnt_range", "jnt_stiffness", "qpos_spring", "site_pos", "site_quat",
-    "tendon_invweight0", "tendon_length0", "tendon_lengthspring", "tendon_range",
-    "tendon_solref_lim", "tendon_stiffness",
-)  # fmt: skip
-"""Fields of the model that every simulation has of its own: those in which the physics
-of two doors of one structure can differ."""
-
-_STATE: Final = ("qpos", "qvel", "qacc_warmstart", "xfrc_applied")
-"""What a simulation carries from one step to the next, besides its controls."""
 
 
 def make_warp(
@@ -70,130 +33,6 @@ def make_warp(
     refuse_reward(arguments)
     arguments.setdefault("max_episode_steps", TIME_LIMIT)
     return for_learners(DoorOpeningWarpVectorEnv(num_envs, **arguments))
-
-
-class WarpPhysics(Alike):
-    """n simulations before doors of one structure, stepped by MuJoCo Warp in float32.
-
-    Models, and the state that an episode begins with, are MuJoCo's own. The arguments
-    are those of `gplfd_env.simulation.batch.Alike`.
-
-    Raises:
-        ValueError: The door has a latch.
-    """
-
-    def __init__(self, n: int, begin: Variation, *robot: Any) -> None:
-        if structure_of(begin.door).latched:
-            raise ValueError(
-                "no latch on MuJoCo Warp, which has one ratio of bolt to handle for "
-                "all simulations: give a door with latch='none', such as 'cabinet', or "
-                f"make gplfd/DoorOpeningRL-v1; got latch={begin.door.latch!r}"
-            )
-        super().__init__(n, begin, *robot)
-
-    def _bind(self) -> None:
-        """Make model and data on the device, and record what a control period does."""
-        scene, n = self.models[0].__copy__(), len(self.models)
-        self._scratch = mujoco.MjData(scene)
-        self._bodies = loaded_bodies(scene)
-        self._model = mjw.put_model(scene, batch_sizes=dict.fromkeys(WORLD_FIELDS, n))
-        # As MuJoCo solves: with Warp's default, forces are off by four times as much.
-        self._model.opt.tolerance.fill_(scene.opt.tolerance)
-        self._data = mjw.make_data(scene, nworld=n)
-        self._changed: set[int] = set(range(n))
-        self._ctrl = np.zeros((n, scene.nu))
-        self._applied = np.zeros((n, scene.nbody, 6))
-        self.qpos = np.tile(scene.qpos0, (n, 1))
-        self.sensordata = np.zeros((n, scene.nsensordata))
-        with wp.ScopedCapture() as capture:
-            for _ in range(round(CONTROL_PERIOD / scene.opt.timestep)):
-                mjw.step(self._model, self._data)
-        self._period = capture.graph
-
-    def load(self, row: int, variation: Variation) -> None:
-        """See `gplfd_env.simulation.batch.DoorBatch.load`."""
-        super().load(row, variation)
-        self._changed.add(row)
-
-    def restart(self, rows: Rows) -> None:
-        """See `gplfd_env.simulation.batch.DoorBatch.restart`."""
-        if not rows:
-            return
-        begun = []
-        for row in rows:
-            model, state = self.models[row], self._scratch
-            mujoco.mj_resetDataKeyframe(model, state, GRASP_KEY)
-            mujoco.mj_forward(model, state)
-            begun.append([getattr(state, name).copy() for name in _STATE])
-            self.qpos[row], self._ctrl[row] = state.qpos, state.ctrl
-            self.sensordata[row] = state.sensordata
-        self._applied[rows] = 0.0
-        for name, values in zip(_STATE, zip(*begun, strict=True), strict=True):
-            _put(getattr(self._data, name), rows, np.array(values))
-
-    def advance(
-        self,
-        commands: Array,
-        rows: Rows | None,
-        loads: Mapping[int, Loads],
-        drives: Mapping[int, Planar],
-        widths: Mapping[int, float],
-    ) -> Mask | None:
-        """See `gplfd_env.simulation.batch.DoorBatch.advance`."""
-        stepped = range(len(self.models)) if rows is None else rows
-        self._ctrl[stepped, :6] = commands[stepped, :6]
-        self._data.ctrl.assign(self._ctrl)
-        for row, load in loads.items():
-            self._applied[row, self._bodies] = load.wrenches
-            if set_hinge(self.models[row], load.stop, load.friction):
-                self._changed.add(row)
-        if loads:
-            self._data.xfrc_applied.assign(self._applied)
-        self._send_models()
-        # It also steps those that are to rest. Nobody reads their state, and it is
-        # written anew before they are stepped again.
-        wp.capture_launch(self._period)
-        for name in ("qpos", "sensordata"):
-            now = getattr(self._data, name).numpy()
-            getattr(self, name)[stepped] = now[stepped]
-        # MuJoCo Warp does not look for what MuJoCo calls a bad state.
-        diverged: Mask = ~np.all(np.abs(self.qpos) < mujoco.mjMAXVAL, axis=1)
-        if not np.count_nonzero(diverged):
-            return None
-        self.restart(np.flatnonzero(diverged).tolist())
-        return diverged
-
-    def _send_models(self) -> None:
-        """Bring to the device what changed in models."""
-        rows = sorted(self._changed)
-        for name in WORLD_FIELDS if rows else ():
-            values = [getattr(self.models[row], name) for row in rows]
-            _put(getattr(self._model, name), rows, np.array(values))
-        self._changed.clear()
-
-    def state_of(self, row: int) -> mujoco.MjData:
-        """See `gplfd_env.simulation.batch.DoorBatch.state_of`."""
-        state = self._scratch
-        self._bring(state.model, self.loaded[row])
-        state.qpos[:] = self.qpos[row]
-        mujoco.mj_forward(state.model, state)
-        return state
-
-    def __getstate__(self) -> tuple[Any, ...]:
-        raise TypeError(
-            "simulations on MuJoCo Warp cannot be copied or pickled; those of "
-            "gplfd/DoorOpeningRL-v1 can"
-        )
-
-
-def _put(target: Any, rows: Any, values: NDArray[Any]) -> None:
-    """Write some simulations' values into an array on the device, in place."""
-    if target.size == 0:
-        return
-    of_one = target[:1].numpy().shape[1:]
-    given = np.asarray(values, dtype=np.float32).reshape(len(rows), *of_one)
-    where: Any = wp.array(rows, dtype=wp.int32, device=target.device)
-    wp.copy(target[where], wp.array(given, dtype=target.dtype, device=target.device))
 
 
 class DoorOpeningWarpVectorEnv(DoorOpeningVectorEnv):

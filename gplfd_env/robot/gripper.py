@@ -1,6 +1,7 @@
 """Commands of a gripper that opens and closes during an episode."""
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH, Start
@@ -63,7 +64,7 @@ class Gripper:
         change = min(max(width, 0.0), GRIPPER_WIDTH) - self.width
         self.width += min(max(change, -step), step)
 
-    def close_at_handle(self, hand: list[float], *, taken: bool) -> None:
+    def close_at_handle(self, hand: Sequence[float], *, taken: bool) -> None:
         """Close if the hand is at the handle or has grasped it, else open.
 
         Args:

@@ -13,10 +13,19 @@ None of them adds energy.
 """
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
 import mujoco
 
+from gplfd_env.conventions.one_and_many import (
+    Flag,
+    Number,
+    anywhere,
+    larger,
+    negated,
+    where,
+)
 from gplfd_env.doors.config import DoorConfig
 
 STICTION_ANGLE: Final = math.radians(0.5)
@@ -53,46 +62,58 @@ def has_tendons(door: DoorConfig) -> bool:
     return one_way > 0.0 or any(torque > 0.0 for torque, _ in fading_torques(door))
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
 class CloserLaw:
     """The closing torque of a door's closer, seal and stiction.
 
-    Friction counts while the door moves.
-
-    Args:
-        door: Its fields.
+    Friction counts while the door moves. Fields are those of a `DoorConfig`, or arrays
+    (n,) of those of n doors; `fading` is what `fading_torques` gives.
     """
 
-    def __init__(self, door: DoorConfig) -> None:
-        self._preload, self._stiffness = door.closer_preload, door.closer_stiffness
-        self._fading = [each for each in fading_torques(door) if each[0] > 0.0]
-        self._friction, self._damping = door.closer_friction, door.closer_damping
-        self._closing = door.closing_damping
-        self._backcheck = door.backcheck_damping, door.backcheck_angle
-        # Fast path: most doors have none of these, and this runs in every period.
-        self._springs_alone = not (
-            self._fading or self._friction or self._damping or has_tendons(door)
+    preload: Number
+    stiffness: Number
+    fading: tuple[tuple[Number, Number], ...]
+    friction: Number
+    damping: Number
+    closing_damping: Number
+    backcheck_damping: Number
+    backcheck_angle: Number
+    springs_alone: Flag
+    """Preload and stiffness are all that is not zero, as of most doors."""
+
+    @classmethod
+    def of(cls, door: DoorConfig) -> "CloserLaw":
+        """Return that of a door."""
+        further = door.closer_friction or door.closer_damping or has_tendons(door)
+        return cls(
+            preload=door.closer_preload,
+            stiffness=door.closer_stiffness,
+            fading=fading_torques(door),
+            friction=door.closer_friction,
+            damping=door.closer_damping,
+            closing_damping=door.closing_damping,
+            backcheck_damping=door.backcheck_damping,
+            backcheck_angle=door.backcheck_angle,
+            springs_alone=not further,
         )
 
-    def torque(self, angle: float, velocity: float) -> float:
-        """Return the torque [N m].
+    def torque(self, angle: Number, velocity: Number) -> Number:
+        """Return it [N m].
 
         Args:
             angle: Opening angle φ [rad].
             velocity: Its rate [rad/s].
         """
-        opened = angle if angle > 0.0 else 0.0
-        torque = self._preload + self._stiffness * opened
-        if self._springs_alone:
+        opened = where(angle > 0.0, angle, 0.0)
+        torque = self.preload + self.stiffness * opened
+        if not anywhere(negated(self.springs_alone)):
             return torque
-        for closed, faded in self._fading:
-            torque += closed * max(1.0 - opened / faded, 0.0)
-        damping, (backcheck, beyond) = self._damping, self._backcheck
-        if velocity < 0.0:
-            damping += self._closing
-        elif angle > beyond:
-            damping += backcheck
-        if abs(velocity) > _SPEED:
-            torque += math.copysign(self._friction, velocity)
+        for closed, faded in self.fading:
+            torque = torque + closed * larger(1.0 - opened / faded, 0.0)
+        backcheck = where(angle > self.backcheck_angle, self.backcheck_damping, 0.0)
+        damping = self.damping + where(velocity < 0.0, self.closing_damping, backcheck)
+        friction = where(velocity < 0.0, -self.friction, self.friction)
+        torque = torque + where(abs(velocity) > _SPEED, friction, 0.0)
         return torque + damping * velocity
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from gplfd_env.conventions.constants import Base
 from gplfd_env.conventions.geoms import INTANGIBLE
+from gplfd_env.conventions.one_and_many import Flag, Number
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.scene.handle import STEEL, set_spring
 
@@ -58,15 +59,16 @@ _PLAY: Final = math.radians(1.0)
 """A latched door opens by less than this [rad]."""
 
 
-def latch_holds(door: DoorConfig, angle: float, bolt: float) -> bool:
-    """Return whether the bolt engages the strike.
+def latch_holds(sprung: Flag, throw: Number, angle: Number, bolt: Number) -> Flag:
+    """Return whether the bolt stands before the strike.
 
     Args:
-        door: Its latch and throw.
+        sprung: Whether there is a bolt.
+        throw: How far it stands out [m].
         angle: Opening angle [rad].
-        bolt: Retraction of the bolt [m].
+        bolt: How far the bolt is drawn in [m].
     """
-    return door.latch == "spring" and angle < _PLAY and bolt < door.bolt_throw - GAP
+    return sprung & (angle < _PLAY) & (bolt < throw - GAP)
 
 
 def add_latch(

@@ -1,298 +1,470 @@
-"""One episode: its circumstances, its progress, its outcome."""
+"""Episodes of one simulation or of many: circumstances, progress, outcome."""
 
-import math
-from typing import Any, Final, Literal
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH
+from gplfd_env.conventions.one_and_many import (
+    Flag,
+    Number,
+    anywhere,
+    by_row,
+    columns,
+    mapped,
+    negated,
+    row_of,
+    sqrt,
+    stacked,
+    where,
+    with_rows,
+)
+from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.gripper import Gripper
 from gplfd_env.robot.placement import hand_position_w
-from gplfd_env.robot.whole_body import BaseDrive, Planar
+from gplfd_env.robot.whole_body import BaseDrive
 from gplfd_env.scene.closer import CloserLaw
 from gplfd_env.scene.latch import latch_holds
-from gplfd_env.simulation.loads import Loads, Vector
 from gplfd_env.task.draw import Drawn
-from gplfd_env.task.info import distance, handle_rotation
 from gplfd_env.task.intervention import Intervention
-from gplfd_env.task.observation import DoorReading, Observation, Reader
-from gplfd_env.task.opening import OpeningMonitor, reward_terms, sparse_reward_terms
-from gplfd_env.task.stages import STAGES, Capability, Hindrance
+from gplfd_env.task.observation import (
+    Observation,
+    Reader,
+    Values,
+)
+from gplfd_env.task.opening import (
+    GRASP_LOST,
+    NOT_GRASPED,
+    SIMULATION_ERROR,
+    STALLED,
+    OpeningMonitor,
+    reward_terms,
+    sparse_reward_terms,
+)
+from gplfd_env.task.records import (
+    Companions,
+    Constants,
+    Demands,
+    Outside,
+    Progress,
+    Readings,
+)
+from gplfd_env.task.stages import Diagnosis, stage_after, turned_angle
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Reward = Literal["dense", "sparse"]
+Thing = TypeVar("Thing")
 
 REWARDS: Final = {"dense": reward_terms, "sparse": sparse_reward_terms}
 """Terms of the reward, by its name."""
-
 
 _CLOSED: Final = [0.0] * 6
 """Pose of a hand that holds the closed handle."""
 
 
-class Episode:
-    """What an environment keeps of one simulation besides the simulator's state.
+_NO_DEMANDS: Final = Demands({}, {}, {})
 
-    Args:
-        drawn: Its circumstances.
-        reader: Reads the simulation's sensors.
-        reward: A key of `REWARDS`.
-        values: Sensor array of the simulation at rest.
-        rest: The action that holds the hand where it begins.
+
+class Episode:
+    """What an environment keeps of one simulation, or of n, besides MuJoCo's state.
+
+    Of one simulation, 0, numbers are Python's; `together` makes one episode of n whose
+    numbers are arrays (n,). Both compute the same bits.
 
     Attributes:
-        variation: The door and what is around it.
-        reader: What reads its sensors.
-        steps: Control periods so far.
-        terms: Of the last step's reward.
-        time: Of the last readings, since the reset [s].
-        wrench: Their wrench on the hand, without noise [N, N m].
-        simulation_error: MuJoCo has reset a diverged state.
+        n: Number of simulations; None for one without the axis.
+        reader: What reads their sensors.
+        constants: What does not change.
+        readings: The last ones.
+        progress: How far they have come.
+        outside: What disturbances do.
     """
+
+    readings: Readings
+    progress: Progress
 
     def __init__(
         self,
-        drawn: Drawn,
+        n: int | None,
         reader: Reader,
         reward: Reward,
-        values: list[float],
-        rest: Array,
+        companions: Sequence[Companions],
+        constants: Constants,
     ) -> None:
-        self.variation, self._noise, self._delay = drawn
-        self.reader, self._terms, self._rest = reader, REWARDS[reward], rest
-        disturbed = not self.variation.disturbance.idle
-        self._intervention = Intervention(self.variation) if disturbed else None
-        door, placement = self.variation.door, self.variation.placement
-        self._signs, self._closer = (door.way, door.side), CloserLaw(door)
-        self._drive: BaseDrive | None = None
+        self.n, self.constants = n, constants
+        self.reader = dataclasses.replace(reader, hand=constants.hand)
+        self._reward, self._terms = reward, REWARDS[reward]
+        self._companions = list(companions)
+        self._blur: dict[int, Array] = {}
+        self._index()
+
+    @classmethod
+    def begin(
+        cls, drawn: Drawn, reader: Reader, reward: Reward, values: Values, rest: Array
+    ) -> "Episode":
+        """Return an episode of one simulation at rest.
+
+        Args:
+            drawn: Its circumstances.
+            reader: Reads the simulation's sensors.
+            reward: A key of `REWARDS`.
+            values: Of the sensors.
+            rest: The action that holds the hand where it begins.
+        """
+        variation, noise, delay = drawn
+        door, disturbance = variation.door, variation.disturbance
+        holds = variation.standoff is None
+        drive = gripper = None
         if reader.odometry is not None:
-            x, y, _ = hand_position_w(door, placement, "mobile").tolist()
-            self._drive = BaseDrive((x, y), door)
-        holds = self.variation.standoff is None
-        self._gripper: Gripper | None = None
+            x, y, _ = hand_position_w(door, variation.placement, "mobile").tolist()
+            drive = BaseDrive((x, y), door)
         if reader.finger is not None:
-            self._gripper = Gripper(door, 0.0 if holds else GRIPPER_WIDTH)
-        self.steps = 0
-        self.simulation_error = False
-        self._sense(values)
-        self._monitor = OpeningMonitor(CONTROL_PERIOD, taken=holds)
-        self._capability = Capability(door)
-        self._hindrance = Hindrance(reader.arm_limits)
-        self._capability.update(self._reading, latched=self._latched, held=False)
-        self._grasp_point = self._reading.hand_on_handle
-        self.terms = self._terms(0.0, 0.0, False)
+            gripper = Gripper(door, 0.0 if holds else GRIPPER_WIDTH)
+        intervention = None if disturbance.idle else Intervention(variation)
+        constants = Constants(
+            hand=reader.hand,
+            way=door.way,
+            side=door.side,
+            radius=door.radius,
+            hand_radius=door.hand_radius,
+            closer=CloserLaw.of(door),
+            latched=door.latch == "spring",
+            bolt_throw=door.bolt_throw,
+            turned=turned_angle(door),
+            # A door may also reach the end of its hinge: that is no disturbance.
+            stopped=disturbance.stop is not None,
+        )
+        companions = Companions(
+            variation, rest, noise, delay, intervention, drive, gripper
+        )
+        episode = cls(None, reader, reward, [companions], constants)
+        readings = episode.readings = episode._read(values, 0, None)
+        episode.progress = Progress(
+            steps=0,
+            opening=OpeningMonitor(taken=holds),
+            stage=stage_after(
+                0, readings.door, constants.turned, readings.latched, held=False
+            ),
+            diagnosis=Diagnosis(),
+            grasp_point=readings.door.hand_on_handle,
+            terms=episode._terms(0.0, 0.0, False),
+            simulation_error=False,
+        )
+        return episode
 
-    def loads(self) -> Loads | None:
-        """Return what acts from outside in the next period; None if nothing ever."""
-        if self._intervention is None:
-            return None
-        slip = 0.0
-        if self._monitor.taken:
-            slip = self._reading.hand_on_handle[0] - self._grasp_point[0]
-        return self._intervention.loads(self.time, self._reading, slip)
+    @classmethod
+    def together(cls, episodes: Sequence["Episode"]) -> "Episode":
+        """Return the episodes of n simulations as one."""
+        first = episodes[0]
+        many = cls(
+            len(episodes),
+            first.reader,
+            first._reward,
+            [episode._companions[0] for episode in episodes],
+            stacked([episode.constants for episode in episodes]),
+        )
+        many.readings = stacked([episode.readings for episode in episodes])
+        many.progress = stacked([episode.progress for episode in episodes])
+        many._blur = {
+            row: episode._blur[0]
+            for row, episode in enumerate(episodes)
+            if episode._blur
+        }
+        return many
 
-    def due(self, command: Array) -> Array:
-        """Put a command in and return the one that reaches the servo now."""
-        if self._delay is not None:
-            command = self._delay.pass_on(command, self._rest)
-        if self._intervention is not None:
-            # The robot means its own frame, which has moved with the base.
-            command = command.copy()
-            command[:3] += self._intervention.base_shift
-        return command
+    def replace(self, begun: Mapping[int, "Episode"]) -> None:
+        """Put new episodes of one simulation in the place of some of n."""
+        if self.n is None or not begun:
+            return
+        for name in ("constants", "readings", "progress"):
+            ones = [getattr(one, name) for one in begun.values()]
+            changed = with_rows(getattr(self, name), self.n, list(begun), ones)
+            setattr(self, name, changed)
+        self.reader = dataclasses.replace(self.reader, hand=self.constants.hand)
+        for row, one in begun.items():
+            self._companions[row] = one._companions[0]
+            self._blur.pop(row, None)
+            if one._blur:
+                self._blur[row] = one._blur[0]
+        self._index()
 
-    def drive(self, command: Array, *, obeys: bool) -> Planar | None:
-        """Return the rate of the base in the next period; None if it does not move.
+    def _index(self) -> None:
+        """Note which simulations have noise, delays, ..."""
+        rows = list(enumerate(self._companions))
+        self._noises = {row: own.noise for row, own in rows if own.noise}
+        self._delays = {row: own.delay for row, own in rows if own.delay}
+        self._drives = {row: own.drive for row, own in rows if own.drive}
+        self._grippers = {row: own.gripper for row, own in rows if own.gripper}
+        self._interventions = {
+            row: own.intervention for row, own in rows if own.intervention
+        }
+        rare = self._delays, self._drives, self._grippers, self._interventions
+        self._commands_alone = not any(rare)
+        self._note_outside()
+
+    def _note_outside(self) -> None:
+        """Take over what disturbances do."""
+        zeros = Outside._field_defaults.items()
+        each = [self._each(self._interventions, name, zero) for name, zero in zeros]
+        self.outside = Outside(*each)
+
+    @property
+    def variations(self) -> tuple[Variation, ...]:
+        """Door and circumstances of every simulation."""
+        return tuple(own.variation for own in self._companions)
+
+    def demand(
+        self,
+        commands: Array,
+        stepped: Mask | None = None,
+        *,
+        drives: bool,
+        grips: bool,
+    ) -> Demands:
+        """Delay commands, in place, and return what else acts in the next period.
 
         Args:
-            command: What `due` gave.
-            obeys: Whether its last three entries are the base's twist.
+            commands: Of the simulations, (n, ...), also of one.
+            stepped: Which of them are stepped; None for all.
+            drives: Whether the last three entries of a command are the base's twist.
+            grips: Whether its last entry is the gripper's width.
         """
-        if self._drive is None:
-            return None
-        pose, _ = self._base
-        if obeys:
-            self._drive.obey(command[-3:].tolist(), pose)
-        elif self._has_grasped:
-            self._drive.follow(command[:6].tolist(), pose)
-        else:
-            # Reaching is the arm's matter: the base stands right for the grasp.
-            self._drive.follow(_CLOSED, pose)
-        return self._drive.rate
+        if self._commands_alone:
+            return _NO_DEMANDS
+        demands, readings, progress = Demands({}, {}, {}), self.readings, self.progress
+        for row, intervention in _chosen(self._interventions, stepped):
+            time, door = self._of(row, (readings.time, readings.door))
+            taken, point = self._of(row, (progress.opening.taken, progress.grasp_point))
+            slip = door.hand_on_handle[0] - point[0] if taken else 0.0
+            demands.loads[row] = intervention.loads(time, door, slip)
+        if self._interventions:
+            self._note_outside()
+        for row, delay in _chosen(self._delays, stepped):
+            commands[row] = delay.pass_on(commands[row], self._companions[row].rest)
+        for row, intervention in _chosen(self._interventions, stepped):
+            # Commands are relative to the robot's own frame, which a bump has moved.
+            commands[row, :3] += intervention.base_shift
+        if self._drives:
+            bases = by_row((*readings.base.pose, progress.stage))
+        for row, drive in _chosen(self._drives, stepped):
+            command, (x, y, yaw, stage) = commands[row].tolist(), bases[row]
+            if drives:
+                drive.obey(command[-3:], (x, y, yaw))
+            elif self._companions[row].variation.standoff is None or stage > 0:
+                drive.follow(command[:6], (x, y, yaw))
+            else:
+                # Only the arm reaches: the base is where it will stand for the grasp.
+                drive.follow(_CLOSED, (x, y, yaw))
+            demands.base_rates[row] = drive.rate
+        if self._grippers:
+            hands = by_row((progress.opening.taken, *readings.hand))
+        for row, gripper in _chosen(self._grippers, stepped):
+            if grips:
+                gripper.obey(float(commands[row, -1]))
+            else:
+                taken, *hand = hands[row]
+                gripper.close_at_handle(hand, taken=taken)
+            demands.gripper_widths[row] = gripper.width
+        return demands
 
-    def grip(self, command: Array, *, obeys: bool) -> float | None:
-        """Return the gripper's width in the next period [m]; None if it stays.
+    def advance(self, values: Values, stepped: Mask | None = None) -> None:
+        """Take in the sensors' values after one control period.
 
         Args:
-            command: What `due` gave.
-            obeys: Whether its last entry is that width.
+            values: Of one simulation a list, of n an array (number of values, n).
+            stepped: Which of n were stepped; the others earn nothing and stay as they
+                are. None for all.
         """
-        if self._gripper is None:
-            return None
-        if obeys:
-            self._gripper.obey(float(command[-1]))
-        else:
-            self._gripper.close_at_handle(self._hand, taken=self._monitor.taken)
-        return self._gripper.width
-
-    def advance(self, values: list[float]) -> None:
-        """Take in the sensor array after one control period."""
-        self.steps += 1
-        before = self._reading.angle
-        self._sense(values)
-        reading, drive = self._reading, self._drive
-        if drive is not None:
-            drive.note(self._base[1])
-        monitor, latched = self._monitor, self._latched
-        had = monitor.taken
-        monitor.update(
-            reading.angle,
-            reading.grasped,
-            reading.handle_angle,
+        progress, opening = self.progress, self.progress.opening
+        before = self.readings
+        # No array is ever written into: copies of the records are enough.
+        old = None if stepped is None else mapped(lambda entry: entry, progress)
+        progress.steps = progress.steps + 1
+        self.readings = readings = self._read(values, progress.steps, stepped)
+        door, latched = readings.door, readings.latched
+        blocked = opened = False
+        if self._drives:
+            rates = by_row(readings.base.velocity)
+            for row, drive in _chosen(self._drives, stepped):
+                drive.note(rates[row])
+            blocked = self._each(self._drives, "blocked", False)
+        if self._grippers:
+            opened = self._each(self._grippers, "opened", False)
+        took = opening.update(
+            door.angle,
+            door.grasped,
+            door.handle_angle,
             latched=latched,
-            blocked=drive is not None and drive.blocked,
-            opened=self._gripper is not None and self._gripper.opened,
+            blocked=blocked,
+            opened=opened,
         )
-        if monitor.taken and not had:
-            self._grasp_point = reading.hand_on_handle
-        self._capability.update(reading, latched=latched, held=monitor.success)
-        joints = values[self.reader.joint_pos]
-        stalled = monitor.failure in ("stalled", "not_grasped")
-        self._hindrance.update(reading, joints, stalled=stalled)
-        gain = reading.angle - before
-        self.terms = self._terms(gain, reading.forces[2], monitor.success)
+        if anywhere(took):
+            pairs = zip(door.hand_on_handle, progress.grasp_point, strict=True)
+            x, y, z = (where(took, new, old) for new, old in pairs)
+            progress.grasp_point = x, y, z
+        progress.stage = stage_after(
+            progress.stage, door, self.constants.turned, latched, held=opening.success
+        )
+        failure = opening.failure
+        progress.diagnosis.update(
+            door,
+            values[self.reader.joint_pos],
+            self.reader.arm_limits,
+            stalled=(failure == STALLED) | (failure == NOT_GRASPED),
+        )
+        gain = door.angle - before.door.angle
+        progress.terms = self._terms(gain, door.forces.radial, opening.success)
+        if old is not None:
+            old.terms = self._terms(0.0, 0.0, False)
+            self.readings, self.progress = mapped(
+                lambda now, then: where(stepped, now, then),
+                (readings, progress),
+                (before, old),
+            )
 
-    def break_off(self) -> None:
-        """Take in that the simulation has diverged; all readings stay the last good."""
-        self.steps += 1
-        self.simulation_error = True
-        self.terms = self._terms(0.0, 0.0, False)
+    def break_off(self, diverged: Flag = True) -> None:
+        """Take in which simulations have diverged; readings stay the last good ones."""
+        progress, idle = self.progress, self._terms(0.0, 0.0, False)
+        progress.steps = progress.steps + 1 * diverged
+        progress.simulation_error = progress.simulation_error | diverged
+        progress.terms = {
+            name: where(diverged, idle[name], term)
+            for name, term in progress.terms.items()
+        }
 
-    def stand_still(self) -> None:
+    def rest(self) -> None:
         """Take in that an ended episode was not stepped: it earns nothing more."""
-        self.terms = self._terms(0.0, 0.0, False)
+        self.progress.terms = self._terms(0.0, 0.0, False)
 
-    def falsify(self, observation: Observation, row: Any = ...) -> None:
-        """Give an observation its noise and the error of a moved base, in place.
+    def observation(self, sensordata: Array) -> Observation:
+        """Return what is observed, with noise and the error of a moved base.
 
         Args:
-            observation: Of this simulation or of many.
-            row: Which of many.
+            sensordata: MuJoCo's sensor array, (n, ...) of many.
         """
-        if self._intervention is not None:
-            observation["ee_pose"][row][..., :3] -= self._intervention.base_shift
-            observation["ee_twist"][row][..., :3] -= self._intervention.base_velocity
-        if self._blur is not None:
-            observation["ee_pose"][row] += self._blur[:6]
-            observation["wrench"][row] += self._blur[6:]
+        readings = self.readings
+        wrench = columns(readings.wrench, self.n)
+        time = columns((readings.time,), self.n)
+        observation = self.reader.observation(sensordata, wrench, time)
+        self.add_errors(observation)
+        return observation
 
-    def _sense(self, values: list[float]) -> None:
-        self.time = self.steps * CONTROL_PERIOD
-        self.wrench = self.reader.wrench(values)
-        self._reading: DoorReading = self.reader.door_reading(values, *self._signs)
-        self._base = self.reader.base_state(values)
-        self._hand = values[self.reader.ee_pose]
-        self._blur = None if self._noise is None else self._noise.draw()
+    def add_errors(self, observation: Observation, place: Any = ...) -> None:
+        """Add noise, and the error of a moved base, to what is observed, in place.
 
-    @property
-    def _has_grasped(self) -> bool:
-        """Whether the hand has ever held the handle."""
-        return self.variation.standoff is None or self._capability.level > 0
+        Args:
+            observation: Of these simulations, or of more.
+            place: Where in it the one simulation is.
+        """
+        for row, intervention in self._interventions.items():
+            at = place if self.n is None else row
+            observation["ee_pose"][at][..., :3] -= intervention.base_shift
+            observation["ee_twist"][at][..., :3] -= intervention.base_velocity
+        if self._blur:
+            at = place if self.n is None else list(self._blur)
+            blur = self._blur[0] if self.n is None else np.array([*self._blur.values()])
+            observation["ee_pose"][at] += blur[..., :6]
+            observation["wrench"][at] += blur[..., 6:]
 
-    @property
-    def _latched(self) -> bool:
-        """Whether the bolt holds the door."""
-        reading = self._reading
-        return latch_holds(self.variation.door, reading.angle, reading.bolt)
-
-    @property
-    def takes_commands_as_given(self) -> bool:
-        """Whether `due` always returns the command that it is given."""
-        return self._delay is None and self._intervention is None
-
-    @property
-    def _outside(self) -> tuple[float, float, float, float, float, Vector]:
-        """What came from outside, in the order of `NUMBERS`, and the base's shift."""
-        outside = self._intervention
-        if outside is None:
-            return 0.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)
-        # A door may also reach the end of its hinge: that is no disturbance.
-        blocked = self.variation.disturbance.stop is not None
-        torque = self._reading.stop_torque if blocked else 0.0
-        return (
-            outside.push_force,
-            outside.person_force,
-            outside.person_energy,
-            math.hypot(*outside.base_shift),
-            torque / self.variation.door.hand_radius,
-            outside.base_shift,
+    def _read(self, values: Values, steps: Number, stepped: Mask | None) -> Readings:
+        """Return what the sensors say, and draw the noise of what is observed."""
+        constants, reader = self.constants, self.reader
+        if self._noises:
+            for row, noise in _chosen(self._noises, stepped):
+                self._blur[row] = noise.draw()
+        door = reader.door_reading(values, constants.way, constants.side)
+        return Readings(
+            steps * CONTROL_PERIOD,
+            reader.wrench(values),
+            tuple(values[reader.ee_pose]) if self._grippers else (),
+            reader.base_state(values),
+            door,
+            latch_holds(constants.latched, constants.bolt_throw, door.angle, door.bolt),
         )
 
+    def _of(self, row: int, record: Thing) -> Thing:
+        """Return one simulation's part of a record."""
+        return record if self.n is None else row_of(record, row)
+
+    def _each(self, things: Mapping[int, Any], name: str, default: Any) -> Any:
+        """Return an attribute of what only some simulations have.
+
+        A number, or an array of them; of a vector a tuple of such.
+        """
+        if not things:
+            return default
+        if self.n is None:
+            return getattr(things[0], name)
+        values = np.empty((self.n, *np.shape(default)), np.asarray(default).dtype)
+        values[:] = default
+        for row, thing in things.items():
+            values[row] = getattr(thing, name)
+        return tuple(values.T) if values.ndim > 1 else values
+
     @property
-    def _slip(self) -> float:
+    def slip(self) -> Number:
         """Distance of the hand from where it took hold of the handle [m]."""
-        if not self._monitor.taken:
-            return 0.0
-        return distance(self._reading.hand_on_handle, self._grasp_point)
+        ax, ay, az = self.readings.door.hand_on_handle
+        bx, by, bz = self.progress.grasp_point
+        x, y, z = ax - bx, ay - by, az - bz
+        return where(self.progress.opening.taken, sqrt(x * x + y * y + z * z), 0.0)
 
     @property
-    def reward(self) -> float:
+    def stop_force(self) -> Number:
+        """Force of the door on a disturbance's stop, at the handle's radius [N]."""
+        constants = self.constants
+        torque = where(constants.stopped, self.readings.door.stop_torque, 0.0)
+        return torque / constants.hand_radius
+
+    @property
+    def closer_torque(self) -> Number:
+        """Closing torque of closer, seal and stiction [N m]."""
+        door = self.readings.door
+        return self.constants.closer.torque(door.angle, door.velocity)
+
+    @property
+    def handle_pose(self) -> tuple[Number, ...]:
+        """Pose of the handle in the robot's task frame [m, rad]."""
+        constants, door = self.constants, self.readings.door
+        x, y, z = door.handle_position
+        dx, dy, dz = self.outside.base_shift
+        rotation = door.handle_rotation(constants.way, constants.side)
+        return (x - dx, y - dy, z - dz, *rotation)
+
+    @property
+    def reward(self) -> Number:
         """Of the last step: the sum of its terms."""
-        return sum(self.terms.values())
+        return sum(self.progress.terms.values())
 
     @property
-    def failure(self) -> str:
-        """What has gone wrong: see `OpeningMonitor`; or ``"simulation_error"``."""
-        return "simulation_error" if self.simulation_error else self._monitor.failure
-
-    @property
-    def reason(self) -> str:
-        """Why it fails: see `gplfd_env.task.stages.Hindrance.reason`."""
-        return self._hindrance.reason(self.failure)
-
-    @property
-    def stage(self) -> str:
-        """The furthest stage that it has reached, one of `STAGES`."""
-        return STAGES[self._capability.level]
-
-    @property
-    def terminated(self) -> bool:
-        """The task has ended, in success or with the grasp lost."""
-        ended = self._monitor.success or self._monitor.failure == "grasp_lost"
-        return ended and not self.simulation_error
-
-    @property
-    def row(self) -> tuple[float, ...]:
-        """The info in numbers, in the order of `gplfd_env.task.info`.
-
-        `NUMBERS`, the handle's pose (6), the base's pose and rate (3 each), `FLAGS`.
-        """
-        reading, monitor, outside = self._reading, self._monitor, self._outside
-        tangential, vertical, radial = reading.forces
-        x, y, z = reading.handle_position
-        *measured, (dx, dy, dz) = outside
-        return (
-            reading.angle,
-            reading.velocity,
-            self.variation.door.radius,
-            self._slip,
-            tangential,
-            radial,
-            vertical,
-            *measured,
-            reading.handle_angle,
-            reading.bolt,
-            self._closer.torque(reading.angle, reading.velocity),
-            self._capability.level,
-            x - dx,
-            y - dy,
-            z - dz,
-            *handle_rotation(*self._signs, reading),
-            *self._base[0],
-            *self._base[1],
-            monitor.success,
-            monitor.success,
-            reading.grasped,
-            self.simulation_error,
+    def failure(self) -> Number:
+        """What has gone wrong, a place in `gplfd_env.task.opening.FAILURES`."""
+        progress = self.progress
+        return where(
+            progress.simulation_error, SIMULATION_ERROR, progress.opening.failure
         )
+
+    @property
+    def reason(self) -> Number:
+        """Why it fails, a place in `gplfd_env.task.stages.REASONS`."""
+        return self.progress.diagnosis.reason(self.failure)
+
+    @property
+    def terminated(self) -> Flag:
+        """The task has ended, in success or with the grasp lost."""
+        opening = self.progress.opening
+        ended = opening.success | (opening.failure == GRASP_LOST)
+        return ended & negated(self.progress.simulation_error)
+
+
+def _chosen(
+    things: Mapping[int, Thing], stepped: Mask | None
+) -> Iterable[tuple[int, Thing]]:
+    """Return what belongs to simulations that are stepped, with their numbers."""
+    if stepped is None or not things:
+        return things.items()
+    return [(row, thing) for row, thing in things.items() if stepped[row]]

@@ -1,64 +1,142 @@
-"""What an info says, by name and place, and two quantities of it."""
+"""What an info says: one declaration of its keys, for one simulation and for many."""
 
-import math
-from typing import Final
+from collections.abc import Mapping, Sequence
+from operator import attrgetter
+from typing import Any, Final, NamedTuple
 
-from gplfd_env.simulation.loads import Vector
-from gplfd_env.task.observation import DoorReading
+import numpy as np
 
-NUMBERS: Final = (
-    "door_angle",
-    "door_velocity",
-    "door_radius",
-    "slip",
-    "force_tangential",
-    "force_radial",
-    "force_vertical",
-    "push_force",
-    "person_force",
-    "person_energy",
-    "base_shift",
-    "stop_force",
-    "handle_angle",
-    "bolt",
-    "closer_torque",
-    "capability",
-)
-"""Numbers of an info, in the order of `gplfd_env.task.episode.Episode.row`."""
-
-POSE: Final = slice(len(NUMBERS), len(NUMBERS) + 6)
-"""Where in a row the handle's pose is."""
-
-BASE_POSE: Final = slice(POSE.stop, POSE.stop + 3)
-BASE_RATE: Final = slice(BASE_POSE.stop, BASE_POSE.stop + 3)
-"""Where in a row pose and rate of the base are."""
-
-TEXTS: Final = ("failure", "reason", "stage")
-"""Words of an info, attributes of an episode."""
-
-FLAGS: Final = ("success", "is_success", "grasped", "simulation_error")
-"""Flags of an info, the last entries of a row."""
+from gplfd_env.conventions.one_and_many import columns
+from gplfd_env.task.episode import Episode
+from gplfd_env.task.opening import FAILURES
+from gplfd_env.task.stages import REASONS, STAGES
 
 
-def distance(first: Vector, second: Vector) -> float:
-    """Return the distance of two points [m]."""
-    x, y, z = first[0] - second[0], first[1] - second[1], first[2] - second[2]
-    return math.sqrt(x * x + y * y + z * z)
+class Entry(NamedTuple):
+    """A key of an info.
 
-
-def handle_rotation(way: float, side: float, reading: DoorReading) -> Vector:
-    """Return the handle's rotation vector [rad].
-
-    Turned about its own axis, normal to the closed leaf, and then about the hinge.
+    Attributes:
+        kind: Its type: of a vector an array, of text ``str``.
+        source: Attribute of an episode: a number, of n an array (n,); of a vector a
+            tuple of them; of text its place in `texts`.
+        meaning: In a few words.
+        unit: Empty if it has none.
+        texts: What a text may be.
     """
-    about_up = side * way * reading.angle
-    if reading.handle_angle == 0.0:
-        return 0.0, about_up, 0.0
-    turn = -side * reading.handle_angle
-    # The quaternion of a turn about y times that of one about x.
-    cy, sy = math.cos(0.5 * about_up), math.sin(0.5 * about_up)
-    cx, sx = math.cos(0.5 * turn), math.sin(0.5 * turn)
-    x, y, z = cy * sx, sy * cx, -sy * sx
-    length = math.sqrt(x * x + y * y + z * z)
-    scale = 2.0 * math.atan2(length, cy * cx) / length if length > 0.0 else 2.0
-    return scale * x, scale * y, scale * z
+
+    kind: type
+    source: str
+    meaning: str
+    unit: str = ""
+    texts: tuple[str, ...] = ()
+
+
+_ARRAY: Final = np.ndarray
+
+INFO: Final[Mapping[str, Entry]] = {
+    "door_angle": Entry(float, "readings.door.angle", "opening angle", "rad"),
+    "door_velocity": Entry(float, "readings.door.velocity", "its rate", "rad/s"),
+    "door_radius": Entry(float, "constants.radius", "R of the present door", "m"),
+    "slip": Entry(float, "slip", "of the hand from where it took hold", "m"),
+    "force_tangential": Entry(
+        float, "readings.door.forces.tangential", "hand on handle, opening it", "N"
+    ),
+    "force_radial": Entry(
+        float, "readings.door.forces.radial", "hand on handle, from the hinge", "N"
+    ),
+    "force_vertical": Entry(
+        float, "readings.door.forces.vertical", "hand on handle, upwards", "N"
+    ),
+    "push_force": Entry(float, "outside.push_force", "force of a push", "N"),
+    "person_force": Entry(
+        float, "outside.person_force", "greatest force on a person, last period", "N"
+    ),
+    "person_energy": Entry(
+        float, "outside.person_energy", "work done on a person since the reset", "J"
+    ),
+    "base_shift": Entry(
+        float, "outside.base_distance", "how far a bump moved the base", "m"
+    ),
+    "stop_force": Entry(
+        float, "stop_force", "door on what blocks it, at the handle's radius", "N"
+    ),
+    "handle_angle": Entry(
+        float, "readings.door.handle_angle", "of a lever or knob; 0 of a bar", "rad"
+    ),
+    "bolt": Entry(
+        float, "readings.door.bolt", "how far it is drawn in; 0 without a latch", "m"
+    ),
+    "closer_torque": Entry(
+        float, "closer_torque", "of closer, seal and stiction", "N m"
+    ),
+    "capability": Entry(int, "progress.stage", "the furthest stage so far, 0 to 10"),
+    "handle_pose": Entry(_ARRAY, "handle_pose", "where the hand took hold", "m, rad"),
+    "base_pose": Entry(
+        _ARRAY, "readings.base.pose", "from where it stood at the reset", "m, rad"
+    ),
+    "base_velocity": Entry(_ARRAY, "readings.base.velocity", "its rate", "m/s, rad/s"),
+    "success": Entry(bool, "progress.opening.success", "opened, and held open"),
+    "is_success": Entry(bool, "progress.opening.success", "the same as `success`"),
+    "grasped": Entry(bool, "readings.door.grasped", "both fingers touch the handle"),
+    "simulation_error": Entry(
+        bool, "progress.simulation_error", "the simulation has diverged"
+    ),
+    "failure": Entry(str, "failure", "what has gone wrong", texts=FAILURES),
+    "reason": Entry(str, "reason", "what is behind it", texts=REASONS),
+    "stage": Entry(str, "progress.stage", "name of `capability`", texts=STAGES),
+    "reward_terms": Entry(dict, "progress.terms", "their sum is the reward"),
+}
+"""Every key, in the order of the info."""
+
+TEXTS: Final = tuple(name for name, entry in INFO.items() if entry.kind is str)
+"""Keys of texts."""
+
+_ALL_OF: Final = attrgetter(*[entry.source for entry in INFO.values()])
+_VECTORS: Final = tuple(name for name, entry in INFO.items() if entry.kind is _ARRAY)
+_WORDS: Final = tuple((name, INFO[name].texts) for name in TEXTS)
+_WORD_ARRAYS: Final = {name: np.array(words, dtype=object) for name, words in _WORDS}
+
+
+def info_of(episode: Episode) -> dict[str, Any]:
+    """Return the info of an episode of one simulation."""
+    info = dict(zip(INFO, _ALL_OF(episode), strict=False))
+    for name in _VECTORS:
+        info[name] = np.array(info[name])
+    for name, words in _WORDS:
+        info[name] = words[info[name]]
+    return info
+
+
+def infos_of(episodes: Sequence[Episode]) -> dict[str, Any]:
+    """Return the infos of n simulations, arrays (n, ...) of the caller's own.
+
+    Args:
+        episodes: All of one simulation each, or one of n.
+    """
+    n = episodes[0].n
+    if n is None:
+        each = zip(INFO, zip(*map(_ALL_OF, episodes), strict=True), strict=True)
+        return {name: _joined(name, values) for name, values in each}
+    infos = dict(zip(INFO, _ALL_OF(episodes[0]), strict=True))
+    for name, value in infos.items():
+        kind = INFO[name].kind
+        if kind is dict:
+            infos[name] = {term: columns((x,), n)[:, 0] for term, x in value.items()}
+        elif kind is _ARRAY:
+            infos[name] = columns(value, n)
+        elif kind is str:
+            infos[name] = _WORD_ARRAYS[name][value]
+        else:
+            infos[name] = np.empty(n, kind)
+            infos[name][:] = value
+    return infos
+
+
+def _joined(name: str, values: Sequence[Any]) -> Any:
+    """Return the values of single simulations as an array (n, ...)."""
+    kind = INFO[name].kind
+    if kind is dict:
+        return {term: np.array([each[term] for each in values]) for term in values[0]}
+    if kind is str:
+        return _WORD_ARRAYS[name][list(values)]
+    return np.array(values)

@@ -63,8 +63,13 @@ class Intervention:
         return self._bump.shift if self._bump else _NOTHING
 
     @property
+    def base_distance(self) -> float:
+        """Its magnitude [m]."""
+        return math.hypot(*self.base_shift)
+
+    @property
     def base_velocity(self) -> Vector:
-        """Its rate [m/s]."""
+        """Rate of that displacement [m/s]."""
         return self._bump.velocity if self._bump else _NOTHING
 
     def loads(self, time: float, reading: DoorReading, slip: float) -> Loads:
@@ -198,7 +203,7 @@ class PersonHand:
                 return 0.0
             self._held = time
             if not self._person.one_sided:
-                # Who takes hold goes along at first, and then brings it to rest.
+                # The hand begins with the speed of what it takes hold of.
                 self._anchor, self._velocity = arc, rate
         elif time - self._held >= self._person.duration - 1e-9:
             return 0.0

@@ -1,7 +1,8 @@
-"""From MuJoCo's sensor array to the observation: slices and a few scalar operations.
+"""From MuJoCo's sensor array to the observation, and to the readings behind the info.
 
 Every number is sampled by MuJoCo's sensors in the last physics step, 2 ms before
-``time``, like the readings of a real controller.
+``time``, like the readings of a real controller. Readings are numbers of one
+simulation, or arrays (n,).
 """
 
 from __future__ import annotations
@@ -16,16 +17,28 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from gplfd_env.conventions.constants import GRIPPER_WIDTH, Base, Control
+from gplfd_env.conventions.one_and_many import (
+    Flag,
+    Number,
+    anywhere,
+    atan2,
+    cos,
+    sin,
+    sqrt,
+    where,
+)
 from gplfd_env.doors.config import DoorConfig, Handle, Swing
 from gplfd_env.robot.mobile_base import BASE_JOINTS
 from gplfd_env.robot.model import HAND_BODIES, WRENCH_LIMITS, Hold
 from gplfd_env.robot.placement import ARM_JOINTS
-from gplfd_env.robot.whole_body import Planar
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 
 Array = NDArray[np.float64]
 Observation = dict[str, Array]
-Wrench = tuple[float, float, float, float, float, float]
+Vector = tuple[Number, Number, Number]
+Wrench = tuple[Number, Number, Number, Number, Number, Number]
+Values = Any
+"""Values of the sensors: a list of one simulation's, or an array (number, n)."""
 
 _POSE_LIMIT: Final = (3.0, np.pi)
 _TWIST_LIMIT: Final = (1.0e4, 1.0e4)
@@ -34,7 +47,6 @@ _TIME_LIMIT: Final = 1.0e6
 _BASE_LIMITS: Final = (100.0, 1.0e3, 1.0e4)
 _TOUCHING: Final = slice(17, 19)
 """Of the readings of a door: whether right and left finger touch the handle."""
-_AT_REST: Final[tuple[Planar, Planar]] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def observation_space(
@@ -83,9 +95,7 @@ class Reader:
     """Turns a sensor array into the observation and into the privileged readings.
 
     Attributes:
-        hand_weight: Weight of everything beyond the wrist sensor [N].
-        hand_com: Its centre of mass from the wrist sensor, in the hand's axes [m].
-        hand_offset: The hand point from the wrist sensor, in the hand's axes [m].
+        hand: What the wrist sensor carries.
         ee_pose: Where in the sensor array the hand's pose is; likewise below.
         ee_twist: The hand's twist.
         joint_pos: The arm's joint positions.
@@ -102,9 +112,7 @@ class Reader:
         tells_gripper: Whether observations tell of the gripper.
     """
 
-    hand_weight: float
-    hand_com: tuple[float, float, float]
-    hand_offset: tuple[float, float, float]
+    hand: Hand
     ee_pose: slice
     ee_twist: slice
     joint_pos: slice
@@ -148,9 +156,11 @@ class Reader:
         com = axes.T @ (data.subtree_com[root] - sensor.xpos)
         offset = axes.T @ (data.site("hand").xpos - sensor.xpos)
         return cls(
-            hand_weight=float(model.body_subtreemass[root] * -model.opt.gravity[2]),
-            hand_com=tuple(com.tolist()),
-            hand_offset=tuple(offset.tolist()),
+            hand=Hand(
+                weight=float(model.body_subtreemass[root] * -model.opt.gravity[2]),
+                com=tuple(com.tolist()),
+                offset=tuple(offset.tolist()),
+            ),
             ee_pose=_span(model, "hand_x", 6),
             ee_twist=_span(model, "hand_linvel", 6),
             joint_pos=_span(model, f"{ARM_JOINTS[0]}_pos", 7),
@@ -197,40 +207,31 @@ class Reader:
             observation["grasped"] = touching.all(axis=-1, keepdims=True).astype(float)
         return observation
 
-    def base_state(self, values: list[float]) -> tuple[Planar, Planar]:
-        """Return pose and rate of the base; zeros if it does not move.
-
-        Args:
-            values: One simulation's sensor array as a list.
-        """
+    def base_state(self, values: Values) -> BaseState:
+        """Return pose and rate of the base; zeros if it does not move."""
         if self.odometry is None:
             return _AT_REST
         x, y, yaw, *rate = values[self.odometry]
-        return (x, y, yaw), (rate[0], rate[1], rate[2])
+        return BaseState((x, y, yaw), (rate[0], rate[1], rate[2]))
 
-    def wrench(self, values: list[float]) -> Wrench:
+    def wrench(self, values: Values) -> Wrench:
         """Return the wrench of the environment on the hand [N, N m].
 
         Task frame, moment about the hand point, gravity compensated. MuJoCo reports
         what the wrist exerts on the hand, f_s and τ_s; at rest f_s + F + W = 0 and
         τ_s + τ + c × W = 0, so F = -f_s - W and, about the hand point at o,
         τ = -τ_s - c × W - o × F.
-
-        Args:
-            values: One simulation's sensor array as a list.
         """
-        # Scalars instead of arrays: at this size NumPy's overhead is ten times the
-        # arithmetic.
         fx, fy, fz, tx, ty, tz, *axes = values[self.wrist]
         ax, ay, az, bx, by, bz, cx, cy, cz = axes
-        weight = self.hand_weight
+        weight, com, offset = self.hand
         force_x = -(ax * fx + bx * fy + cx * fz)
         force_y = -(ay * fx + by * fy + cy * fz) + weight
         force_z = -(az * fx + bz * fy + cz * fz)
-        px, py, pz = self.hand_com
+        px, py, pz = com
         com_x = ax * px + bx * py + cx * pz
         com_z = az * px + bz * py + cz * pz
-        px, py, pz = self.hand_offset
+        px, py, pz = offset
         arm_x = ax * px + bx * py + cx * pz
         arm_y = ay * px + by * py + cy * pz
         arm_z = az * px + bz * py + cz * pz
@@ -247,43 +248,66 @@ class Reader:
         )
 
     def door_reading(
-        self, values: list[float], way: float = 1.0, side: float = 1.0
+        self, values: Values, way: Number = 1.0, side: Number = 1.0
     ) -> DoorReading:
         """Return the privileged readings of door and grasp.
 
         Args:
-            values: One simulation's sensor array as a list.
+            values: Of the sensors.
             way: `DoorConfig.way` of the door that it stands before.
             side: `DoorConfig.side`.
         """
         reading = values[self.door]
         angle, velocity, hx, hy, hz, ox, oy, oz = reading[:8]
         tx, ty, tz, ux, uy, uz, rx, ry, rz = reading[8:17]
-        right, left, fx, fy, fz, limit = reading[17:23]
+        right, left, fx, fy, fz, limit, *turning = reading[17:]
         if self.hinge_end is not None:
-            limit += values[self.hinge_end]
-        handle_angle, bolt = (*reading[23:], 0.0, 0.0)[:2]
+            limit = limit + values[self.hinge_end]
+        handle_angle, bolt = (*turning, 0.0, 0.0)[:2]
+        tangential = way * (tx * fx + ty * fy + tz * fz)
+        vertical = ux * fx + uy * fy + uz * fz
+        radial = side * (rx * fx + ry * fy + rz * fz)
         return DoorReading(
-            angle=angle,
-            velocity=velocity,
-            handle_position=(hx, hy, hz),
-            hand_on_handle=(ox, oy, oz),
-            forces=(
-                way * (tx * fx + ty * fy + tz * fz),
-                ux * fx + uy * fy + uz * fz,
-                side * (rx * fx + ry * fy + rz * fz),
-            ),
-            grasped=right > 0.0 and left > 0.0,
-            axes=(
+            angle,
+            velocity,
+            (hx, hy, hz),
+            (ox, oy, oz),
+            Forces(tangential, vertical, radial),
+            (right > 0.0) & (left > 0.0),
+            (
                 (way * tx, way * ty, way * tz),
                 (ux, uy, uz),
                 (side * rx, side * ry, side * rz),
             ),
             # A closed door rests at the other end of the hinge's range.
-            stop_torque=limit if angle > 0.0 else 0.0,
-            handle_angle=handle_angle,
-            bolt=bolt,
+            where(angle > 0.0, limit, 0.0),
+            handle_angle,
+            bolt,
         )
+
+
+class Forces(NamedTuple):
+    """Of the hand on the handle [N].
+
+    Attributes:
+        tangential: Along the opening motion.
+        vertical: Upwards.
+        radial: Away from the hinge.
+    """
+
+    tangential: Number
+    vertical: Number
+    radial: Number
+
+
+class BaseState(NamedTuple):
+    """Pose and rate of the base [m, rad], [m/s, rad/s]."""
+
+    pose: Vector
+    velocity: Vector
+
+
+_AT_REST: Final = BaseState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 class DoorReading(NamedTuple):
@@ -294,8 +318,7 @@ class DoorReading(NamedTuple):
         velocity: Its rate [rad/s].
         handle_position: The handle in the task frame [m].
         hand_on_handle: The hand point in the handle's frame [m].
-        forces: Of the hand on the bar [N]: along the opening motion, upwards, and away
-            from the hinge.
+        forces: Of the hand on the handle [N].
         grasped: Both finger pads touch the bar.
         axes: World frame: along the opening motion, upwards, away from the hinge.
         stop_torque: Of the leaf against a stop [N m].
@@ -303,16 +326,55 @@ class DoorReading(NamedTuple):
         bolt: How far the bolt is drawn in [m]; 0 without a latch.
     """
 
-    angle: float
-    velocity: float
-    handle_position: tuple[float, float, float]
-    hand_on_handle: tuple[float, float, float]
-    forces: tuple[float, float, float]
-    grasped: bool
-    axes: tuple[tuple[float, float, float], ...]
-    stop_torque: float
-    handle_angle: float
-    bolt: float
+    angle: Number
+    velocity: Number
+    handle_position: Vector
+    hand_on_handle: Vector
+    forces: Forces
+    grasped: Flag
+    axes: tuple[Vector, Vector, Vector]
+    stop_torque: Number
+    handle_angle: Number
+    bolt: Number
+
+    def handle_rotation(self, way: Number, side: Number) -> Vector:
+        """Return the handle's rotation vector [rad].
+
+        Turned about its own axis, normal to the closed leaf, and then about the hinge.
+        Arguments are those of `Reader.door_reading`.
+        """
+        about_up = side * way * self.angle
+        turned = self.handle_angle != 0.0
+        if not anywhere(turned):
+            return 0.0, about_up, 0.0
+        turn = -side * self.handle_angle
+        # The quaternion of a turn about y times that of one about x.
+        cy, sy = cos(0.5 * about_up), sin(0.5 * about_up)
+        cx, sx = cos(0.5 * turn), sin(0.5 * turn)
+        x, y, z = cy * sx, sy * cx, -sy * sx
+        length = sqrt(x * x + y * y + z * z)
+        nonzero = length > 0.0
+        scale = 2.0 * atan2(length, cy * cx) / where(nonzero, length, 1.0)
+        scale = where(nonzero, scale, 2.0)
+        return (
+            where(turned, scale * x, 0.0),
+            where(turned, scale * y, about_up),
+            where(turned, scale * z, 0.0),
+        )
+
+
+class Hand(NamedTuple):
+    """Everything beyond the wrist sensor.
+
+    Attributes:
+        weight: Its weight [N].
+        com: Its centre of mass from the sensor, in the hand's axes [m].
+        offset: The hand point from the sensor, in the hand's axes [m].
+    """
+
+    weight: Number
+    com: Vector
+    offset: Vector
 
 
 def _span(model: mujoco.MjModel, first: str, size: int) -> slice:

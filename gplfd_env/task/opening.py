@@ -1,16 +1,15 @@
 """The task: the handle's arc, what counts as opened, what counts as failed, reward.
 
-Pure functions and one small state machine; nothing here knows the simulator.
+Pure functions and one small state machine; nothing here knows the simulator. Numbers
+are of one simulation, or arrays (n,).
 """
 
 import math
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.conventions.one_and_many import Flag, Number, negated, where
 
 SUCCESS_ANGLE: Final = math.radians(60.0)
 """Opening angle of a success [rad]."""
@@ -33,41 +32,53 @@ STALL_TURN: Final = math.radians(5.0)
 """But not while its handle is turned on by this [rad] in the same time."""
 
 
+FAILURES: Final = (
+    *("", "grasp_lost", "base_blocked", "stalled", "latched", "simulation_error"),
+    "not_grasped",
+)
+"""What can go wrong, by number."""
+
+GRASP_LOST, BASE_BLOCKED, STALLED, LATCHED, SIMULATION_ERROR, NOT_GRASPED = range(1, 7)
+
+
 @dataclass(slots=True)
 class OpeningMonitor:
     """Decides, step by step, whether the door is opened, lost or stuck.
 
     Attributes:
-        dt: Control period [s].
+        taken: The hand has taken hold of the handle and not let it go.
         success: The success angle has been held for `HOLD_TIME` with the handle
             grasped.
-        failure: ``""``, ``"grasp_lost"`` (final), and while they last
-            ``"base_blocked"``, ``"not_grasped"``, ``"stalled"`` or, where the latch
-            still holds the door, ``"latched"``.
-        taken: The hand has taken hold of the handle and not let it go.
+        failure: A place in `FAILURES`: none, ``"grasp_lost"`` (final), and while they
+            last ``"base_blocked"``, ``"not_grasped"``, ``"stalled"`` or, where the
+            latch still holds the door, ``"latched"``.
+        held: For how long that angle has been held so far [s].
+        released: For how long the fingers have lost the handle [s].
+        best_angle: Angle of the last gain [rad].
+        best_turn: Angle of the handle at the last gain [rad].
+        since_gain: Time since the last gain [s].
     """
 
-    dt: float
-    taken: bool = True
-    success: bool = False
-    failure: str = ""
-    _held: float = 0.0
-    _released: float = 0.0
-    _best_angle: float = -math.inf
-    _best_turn: float = -math.inf
-    _since_gain: float = 0.0
+    taken: Flag = True
+    success: Flag = False
+    failure: Number = 0
+    held: Number = 0.0
+    released: Number = 0.0
+    best_angle: Number = -math.inf
+    best_turn: Number = -math.inf
+    since_gain: Number = 0.0
 
     def update(
         self,
-        angle: float,
-        grasped: bool,
-        turn: float = 0.0,
+        angle: Number,
+        grasped: Flag,
+        turn: Number = 0.0,
         *,
-        latched: bool = False,
-        blocked: bool = False,
-        opened: bool = False,
-    ) -> None:
-        """Take in the state after one control step.
+        latched: Flag = False,
+        blocked: Flag = False,
+        opened: Flag = False,
+    ) -> Flag:
+        """Take in the state after one control step; return where the hand took hold.
 
         Args:
             angle: Opening angle [rad].
@@ -77,42 +88,37 @@ class OpeningMonitor:
             blocked: Something holds the base.
             opened: The gripper is told to be wider than the handle.
         """
-        took = grasped and not self.taken
+        took = grasped & negated(self.taken)
         # A handle that is let go of on purpose is not lost.
-        self.taken = grasped or (self.taken and not opened)
-        self._held = self._held + self.dt if self._is_open(angle, grasped) else 0.0
-        self.success = self.success or self._held >= HOLD_TIME - 1e-9
-        lacking = self.taken and not grasped
-        self._released = self._released + self.dt if lacking else 0.0
-        moved = angle >= self._best_angle + STALL_ANGLE
-        turned = turn >= self._best_turn + STALL_TURN
-        self._best_angle = angle if moved else self._best_angle
-        self._best_turn = turn if turned else self._best_turn
-        gained = moved or turned or took
-        self._since_gain = 0.0 if gained else self._since_gain + self.dt
-        self.failure = self._diagnose(latched, blocked)
+        self.taken = grasped | (self.taken & negated(opened))
+        is_open = grasped & (angle >= SUCCESS_ANGLE)
+        self.held = where(is_open, self.held + CONTROL_PERIOD, 0.0)
+        self.success = self.success | (self.held >= HOLD_TIME - 1e-9)
+        lacking = self.taken & negated(grasped)
+        self.released = where(lacking, self.released + CONTROL_PERIOD, 0.0)
+        moved = angle >= self.best_angle + STALL_ANGLE
+        turned = turn >= self.best_turn + STALL_TURN
+        self.best_angle = where(moved, angle, self.best_angle)
+        self.best_turn = where(turned, turn, self.best_turn)
+        gained = moved | turned | took
+        self.since_gain = where(gained, 0.0, self.since_gain + CONTROL_PERIOD)
 
-    @staticmethod
-    def _is_open(angle: float, grasped: bool) -> bool:
-        return grasped and angle >= SUCCESS_ANGLE
-
-    def _diagnose(self, latched: bool, blocked: bool) -> str:
-        if self.success:
-            return ""
-        if self.failure == "grasp_lost" or self._released >= GRASP_LOST_TIME - 1e-9:
-            return "grasp_lost"
-        if blocked:
-            return "base_blocked"
-        if self._since_gain < STALL_TIME - 1e-9:
-            return ""
-        if not self.taken:
-            return "not_grasped"
-        return "latched" if latched else "stalled"
+        stuck = self.since_gain >= STALL_TIME - 1e-9
+        lost = (self.failure == GRASP_LOST) | (self.released >= GRASP_LOST_TIME - 1e-9)
+        failed = (stuck | lost | blocked) & negated(self.success)
+        if failed is False:
+            self.failure = 0
+            return took
+        failure = where(self.taken, where(latched, LATCHED, STALLED), NOT_GRASPED)
+        failure = where(blocked, BASE_BLOCKED, failure)
+        failure = where(lost, GRASP_LOST, failure)
+        self.failure = where(failed, failure, 0)
+        return took
 
 
 def reward_terms(
-    angle_gain: float, force_radial: float, success: bool
-) -> dict[str, float]:
+    angle_gain: Number, force_radial: Number, success: Flag
+) -> dict[str, Number]:
     """Return the terms whose sum is the reward of one control step.
 
     Args:
@@ -127,15 +133,15 @@ def reward_terms(
     return {
         "progress": angle_gain / SUCCESS_ANGLE,
         "radial_force": -1e-5 * abs(force_radial),
-        "success": float(success),
+        "success": 1.0 * success,
     }
 
 
 def sparse_reward_terms(
-    angle_gain: float, force_radial: float, success: bool
-) -> dict[str, float]:
+    angle_gain: Number, force_radial: Number, success: Flag
+) -> dict[str, Number]:
     """Return the term of the sparse reward: ``success`` is 1 once, else 0.
 
     The arguments are those of `reward_terms`.
     """
-    return {"success": float(success)}
+    return {"success": 1.0 * success}

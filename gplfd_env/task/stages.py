@@ -1,15 +1,28 @@
-"""How far an episode has come, in stages, and what hinders it.
+"""How far an episode has come, in stages, and the diagnosis of a failure.
 
 The stages are those of a door of a building, as the EUROBENCH benchmark of robots at
 doors counts them: take hold, turn the handle, free the latch, open, let go, close.
+Numbers are of one simulation, or arrays (n,).
 """
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.conventions.one_and_many import (
+    Flag,
+    Number,
+    anywhere,
+    hypot,
+    larger,
+    negated,
+    where,
+)
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.task.observation import DoorReading
+from gplfd_env.task.opening import FAILURES, GRASP_LOST, NOT_GRASPED, STALLED
 
 STAGES: Final = (
     "not grasped",
@@ -24,103 +37,113 @@ STAGES: Final = (
     "released",
     "closed again",
 )
-"""By capability level."""
+"""By number."""
 
 _GRASPED, _TURNED, _UNLATCHED = 1, 2, 3
-_OPENED: Final = tuple((4 + n, math.radians(d)) for n, d in enumerate((15, 30, 60, 90)))
+_OPENED: Final = tuple(math.radians(degrees) for degrees in (15, 30, 60, 90))
 _HELD, _RELEASED, _CLOSED = 8, 9, 10
 _CLOSED_ANGLE: Final = math.radians(1.0)
 
 _TURN: Final = 0.5
 """Share of its travel from which a handle counts as turned."""
 
+REASONS: Final = (*FAILURES, "blocked", "out_of_reach", "too_heavy", "handle_lost")
+"""Why an episode fails, by number: one of `FAILURES`, or what is behind it."""
+
+_BLOCKED, _OUT_OF_REACH, _TOO_HEAVY, _HANDLE_LOST = range(len(FAILURES), len(REASONS))
+
 HEAVY_FORCE: Final = 20.0
 """Force of the hand from which something is too heavy [N]: what the friction grasp
 holds in every direction."""
 
 _REMEMBERED: Final = 0.5
-"""What hindered the hand may be why it lost the handle for this long [s]."""
+"""For this long a cause is remembered as the reason for a lost handle [s]."""
 
 
-class Capability:
-    """Counts the stages of an episode.
+def turned_angle(door: DoorConfig) -> float:
+    """Return the angle from which a handle counts as turned [rad]; 0 if unlatched."""
+    return _TURN * door.handle_travel if door.latch != "none" else 0.0
+
+
+def stage_after(
+    stage: Number, reading: DoorReading, turned: Number, latched: Flag, held: Flag
+) -> Number:
+    """Return the furthest stage after a control period, a place in `STAGES`.
+
+    Where nothing holds a door, it is unlatched as soon as it is grasped.
 
     Args:
-        door: What holds it closed.
+        stage: The furthest one before.
+        reading: Of door and grasp.
+        turned: What `turned_angle` gives.
+        latched: The bolt holds the door.
+        held: The door has been open and held as the task asks.
+    """
+    stage = where(reading.grasped & (stage < _GRASPED), _GRASPED, stage)
+    if anywhere(stage < _UNLATCHED):
+        turns = (stage == _GRASPED) & (reading.handle_angle >= turned)
+        stage = where(turns, _TURNED, stage)
+        freed = ((stage == _GRASPED) | (stage == _TURNED)) & negated(latched)
+        stage = where(freed, _UNLATCHED, stage)
+    opening = (stage >= _UNLATCHED) & (stage < _HELD)
+    if anywhere(opening & (reading.angle >= _OPENED[0])):
+        opened = sum(1 * (reading.angle >= angle) for angle in _OPENED)
+        stage = where(opening, larger(stage, _UNLATCHED + opened), stage)
+    stage = where(held & (stage < _HELD), _HELD, stage)
+    if anywhere(stage >= _HELD):
+        released = (stage == _HELD) & negated(reading.grasped)
+        stage = where(released, _RELEASED, stage)
+        closed = (stage == _RELEASED) & (reading.angle < _CLOSED_ANGLE)
+        stage = where(closed, _CLOSED, stage)
+    return stage
+
+
+@dataclass(slots=True)
+class Diagnosis:
+    """Remembers the cause of a high force or a stall.
 
     Attributes:
-        level: The furthest stage, a place in `STAGES`. Where nothing holds a door,
-            whoever grasps it has freed it.
+        cause: A place in `REASONS`; 0 for none.
+        age: Time since it was the cause [s].
     """
 
-    def __init__(self, door: DoorConfig) -> None:
-        self._turned = _TURN * door.handle_travel if door.latch != "none" else 0.0
-        self.level = 0
-
-    def update(self, reading: DoorReading, *, latched: bool, held: bool) -> None:
-        """Take in the state after a control period.
-
-        Args:
-            reading: Of door and grasp.
-            latched: The bolt holds the door.
-            held: The door has been open and held as the task asks.
-        """
-        level = max(self.level, _GRASPED) if reading.grasped else self.level
-        if level == _GRASPED and reading.handle_angle >= self._turned:
-            level = _TURNED
-        if level in (_GRASPED, _TURNED) and not latched:
-            level = _UNLATCHED
-        if _UNLATCHED <= level < _HELD:
-            for opened, angle in _OPENED:
-                level = opened if reading.angle >= angle and opened > level else level
-        level = max(level, _HELD) if held else level
-        if level == _HELD and not reading.grasped:
-            level = _RELEASED
-        if level == _RELEASED and reading.angle < _CLOSED_ANGLE:
-            level = _CLOSED
-        self.level = level
-
-
-class Hindrance:
-    """Remembers what holds a strained hand back.
-
-    Args:
-        limits: Least and greatest position of every joint of the arm [rad].
-    """
-
-    def __init__(self, limits: tuple[tuple[float, float], ...]) -> None:
-        self._limits = limits
-        self._cause, self._since = "", 0.0
+    cause: Number = 0
+    age: Number = 0.0
 
     def update(
-        self, reading: DoorReading, joints: list[float], *, stalled: bool
+        self,
+        reading: DoorReading,
+        joints: Sequence[Number],
+        limits: Sequence[tuple[float, float]],
+        stalled: Flag,
     ) -> None:
         """Take in the state after a control period.
 
         Args:
             reading: Of door and grasp.
             joints: Positions of the arm's joints [rad].
+            limits: Least and greatest position of each [rad].
             stalled: Nothing moves on, however small the force.
         """
-        self._since += CONTROL_PERIOD
-        if stalled or math.hypot(*reading.forces) >= HEAVY_FORCE:
-            cause = self._cause_of(reading, joints)
-            if cause:
-                self._cause, self._since = cause, 0.0
+        self.age = self.age + CONTROL_PERIOD
+        strained = stalled | (hypot(*reading.forces) >= HEAVY_FORCE)
+        if not anywhere(strained):
+            return
+        at_limit = False
+        for position, (low, high) in zip(joints, limits, strict=True):
+            at_limit = at_limit | (position <= low) | (position >= high)
+        cause = where(reading.forces[0] >= HEAVY_FORCE, _TOO_HEAVY, 0)
+        cause = where(at_limit, _OUT_OF_REACH, cause)
+        cause = where(reading.stop_torque > 0.0, _BLOCKED, cause)
+        found = strained & (cause != 0)
+        self.cause = where(found, cause, self.cause)
+        self.age = where(found, 0.0, self.age)
 
-    def _cause_of(self, reading: DoorReading, joints: list[float]) -> str:
-        if reading.stop_torque > 0.0:
-            return "blocked"
-        for position, (low, high) in zip(joints, self._limits, strict=True):
-            if not low < position < high:
-                return "out_of_reach"
-        return "too_heavy" if reading.forces[0] >= HEAVY_FORCE else ""
-
-    def reason(self, failure: str) -> str:
-        """Return why it failed.
+    def reason(self, failure: Number) -> Number:
+        """Return why it failed, a place in `REASONS`.
 
         Args:
-            failure: See `gplfd_env.task.opening.OpeningMonitor`.
+            failure: A place in `FAILURES`.
 
         Returns:
             ``""`` if it has not; ``"blocked"`` (something stops the leaf),
@@ -128,10 +151,11 @@ class Hindrance:
             these is why the door stalled or the handle was lost, ``"out_of_reach"``
             where that is why it was never grasped; else the failure itself.
         """
-        recent = self._since <= _REMEMBERED
-        if failure == "not_grasped" and recent and self._cause == "out_of_reach":
-            return self._cause
-        if failure not in ("stalled", "grasp_lost"):
+        if not anywhere(failure != 0):
             return failure
-        lost = "handle_lost" if failure == "grasp_lost" else failure
-        return self._cause if self._cause and recent else lost
+        recent = (self.age <= _REMEMBERED) & (self.cause != 0)
+        lost = failure == GRASP_LOST
+        caused = recent & ((failure == STALLED) | lost)
+        reached = (failure == NOT_GRASPED) & (self.cause == _OUT_OF_REACH)
+        reason = where(lost, _HANDLE_LOST, failure)
+        return where(caused | (recent & reached), self.cause, reason)

@@ -6,6 +6,8 @@ one and many give the same numbers, bit for bit. ``gplfd/DoorOpeningRL-v1`` is
 `FlatObservation`.
 """
 
+from gplfd_env.task.opening import FAILURES
+from gplfd_env.task.stages import REASONS
 from gplfd_env.wrappers.flat_observation import (
     FlatObservation,
     VectorFlatObservation,
@@ -13,8 +15,6 @@ from gplfd_env.wrappers.flat_observation import (
 )
 from gplfd_env.wrappers.gentle_reward import GentleReward, VectorGentleReward
 from gplfd_env.wrappers.numeric_info import (
-    FAILURES,
-    REASONS,
     NumericInfo,
     VectorNumericInfo,
 )

@@ -7,18 +7,10 @@ from typing import Any, Final
 import gymnasium as gym
 import numpy as np
 
-from gplfd_env.task.stages import STAGES
+from gplfd_env.task.opening import FAILURES
+from gplfd_env.task.stages import REASONS, STAGES
 
 Info = dict[str, Any]
-
-FAILURES: Final = (
-    *("", "grasp_lost", "base_blocked", "stalled", "latched", "simulation_error"),
-    "not_grasped",
-)
-"""What ``info["failure"]`` may say; its code is the place in this list."""
-
-REASONS: Final = (*FAILURES, "blocked", "out_of_reach", "too_heavy", "handle_lost")
-"""What ``info["reason"]`` may say."""
 
 _CODES: Final = {"failure": FAILURES, "reason": REASONS, "stage": STAGES}
 

@@ -1,4 +1,4 @@
-"""The stages of an episode, and what hinders a hand."""
+"""The stages of an episode, and the diagnosis of a failure."""
 
 import math
 from typing import Any
@@ -7,9 +7,11 @@ import pytest
 
 from gplfd_env.doors.config import DOORS
 from gplfd_env.task.observation import DoorReading
-from gplfd_env.task.stages import STAGES, Capability, Hindrance
+from gplfd_env.task.opening import GRASP_LOST
+from gplfd_env.task.stages import REASONS, STAGES, Diagnosis, stage_after, turned_angle
 
 ROOM, BAR = DOORS["room-834"], DOORS["medium"]
+TURNED = turned_angle(ROOM)
 LIMITS = ((-1.0, 1.0), (0.0, 2.0))
 INSIDE = [0.5, 1.0]
 
@@ -43,34 +45,32 @@ def test_a_latched_door_passes_every_stage_in_order() -> None:
         (reading(91.0, grasped=False), False, True),
         (reading(0.5, grasped=False), True, True),
     ]
-    capability, levels = Capability(ROOM), []
+    stage, stages = 0, []
     for state, latched, held in story:
-        capability.update(state, latched=latched, held=held)
-        levels.append(capability.level)
-    assert levels == list(range(len(STAGES)))
+        stage = stage_after(stage, state, TURNED, latched, held)
+        stages.append(stage)
+    assert stages == list(range(len(STAGES)))
 
 
 def test_a_stage_that_was_reached_stays_reached() -> None:
-    capability = Capability(ROOM)
-    capability.update(reading(40.0), latched=False, held=False)
-    assert STAGES[capability.level] == "30 degrees"
-    capability.update(reading(), latched=True, held=False)
-    assert STAGES[capability.level] == "30 degrees"
+    stage = stage_after(0, reading(40.0), TURNED, latched=False, held=False)
+    assert STAGES[stage] == "30 degrees"
+    stage = stage_after(stage, reading(), TURNED, latched=True, held=False)
+    assert STAGES[stage] == "30 degrees"
 
 
 def test_what_nothing_holds_is_unlatched_by_who_grasps_it() -> None:
-    capability = Capability(BAR)
-    capability.update(reading(), latched=False, held=False)
-    assert STAGES[capability.level] == "unlatched"
-    capability.update(reading(61.0), latched=False, held=True)
-    assert STAGES[capability.level] == "held"
+    turned = turned_angle(BAR)
+    stage = stage_after(0, reading(), turned, latched=False, held=False)
+    assert STAGES[stage] == "unlatched"
+    stage = stage_after(stage, reading(61.0), turned, latched=False, held=True)
+    assert STAGES[stage] == "held"
 
 
 def test_a_handle_that_is_turned_too_little_is_only_grasped() -> None:
-    capability = Capability(ROOM)
     turned = reading(handle_angle=0.49 * ROOM.handle_travel)
-    capability.update(turned, latched=True, held=False)
-    assert STAGES[capability.level] == "grasped"
+    stage = stage_after(0, turned, TURNED, latched=True, held=False)
+    assert STAGES[stage] == "grasped"
 
 
 PULL = {"forces": (21.0, 0.0, 0.0)}
@@ -95,14 +95,14 @@ PULL = {"forces": (21.0, 0.0, 0.0)}
 def test_a_reason_tells_what_is_behind_a_failure(
     state: DoorReading, joints: list[float], failure: str, reason: str
 ) -> None:
-    hindrance = Hindrance(LIMITS)
-    hindrance.update(state, joints, stalled=failure == "stalled")
-    assert hindrance.reason(failure) == reason
+    diagnosis = Diagnosis()
+    diagnosis.update(state, joints, LIMITS, stalled=failure == "stalled")
+    assert REASONS[diagnosis.reason(REASONS.index(failure))] == reason
 
 
 def test_what_hindered_long_ago_is_no_reason() -> None:
-    hindrance = Hindrance(LIMITS)
-    hindrance.update(reading(**PULL), INSIDE, stalled=False)
+    diagnosis = Diagnosis()
+    diagnosis.update(reading(**PULL), INSIDE, LIMITS, stalled=False)
     for _ in range(60):
-        hindrance.update(reading(), INSIDE, stalled=False)
-    assert hindrance.reason("grasp_lost") == "handle_lost"
+        diagnosis.update(reading(), INSIDE, LIMITS, stalled=False)
+    assert REASONS[diagnosis.reason(GRASP_LOST)] == "handle_lost"

@@ -46,7 +46,7 @@ def test_the_scene_exerts_the_law(degrees: float, velocity: float) -> None:
     fields["closer_stiffness"] = 1.5
     model, data = door_alone(**fields)
     angle = np.radians(degrees)
-    expected = CloserLaw(DoorConfig(**fields)).torque(angle, velocity)
+    expected = CloserLaw.of(DoorConfig(**fields)).torque(angle, velocity)
     actual = -torque_on_leaf(model, data, angle, velocity)
     assert actual == pytest.approx(expected, rel=0.02, abs=0.05)
 
@@ -64,7 +64,7 @@ def test_a_closer_is_what_en_1154_allows(size: int, share: float) -> None:
 
     def moment(degrees: float, velocity: float) -> float:
         still = door.closer_damping + door.closing_damping * (velocity < 0.0)
-        torque = CloserLaw(door).torque(np.radians(degrees), velocity)
+        torque = CloserLaw.of(door).torque(np.radians(degrees), velocity)
         return torque - still * velocity
 
     closing, opening = moment(0.0, -slow), moment(0.0, slow)
@@ -124,7 +124,7 @@ def test_a_released_door_loses_energy_until_it_is_closed(
     door = DoorConfig(**fields)
     inertia = float(1.0 / model.dof_invweight0[model.joint("hinge").dofadr[0]])
     grid = np.linspace(0.0, 1.8, 3601)
-    spring = np.array([CloserLaw(door).torque(phi, 0.0) for phi in grid])
+    spring = np.array([CloserLaw.of(door).torque(phi, 0.0) for phi in grid])
     steps = 0.5 * (spring[1:] + spring[:-1]) * (grid[1] - grid[0])
     potential = np.concatenate([[0.0], np.cumsum(steps)])
     hinge = data.joint("hinge")

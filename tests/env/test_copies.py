@@ -53,9 +53,10 @@ def assert_they_go_on_alike(*envs: Any, n: int = 60, seed: int = 1) -> None:
             assert data_equivalence(first, other, exact=True)
 
 
-@both_copiers
+@pytest.mark.parametrize(
+    ("copied", "wrapped"), [*zip(COPIERS.values(), [True, False], strict=True)]
+)
 @both_ids
-@pytest.mark.parametrize("wrapped", [True, False])
 def test_a_copy_does_what_the_original_does(
     wrapped: bool, id: str, copied: Callable, make_env: Callable
 ) -> None:
@@ -152,29 +153,36 @@ def test_a_copy_made_before_the_first_reset(
 
 
 @pytest.mark.needs("opengl")
-@both_copiers
+@pytest.mark.parametrize(("copier", "n"), [("deepcopy", None), ("pickle", 2)])
 def test_a_copy_draws_itself(
-    copied: Callable, make_env: Callable, make_vec: Callable
+    copier: str, n: int | None, make_env: Callable, make_vec: Callable
 ) -> None:
     look = {"render_mode": "rgb_array", "width": 64, "height": 48}
-    for env in (make_env(**look), make_vec(2, **look)):
-        env.reset(seed=0)
-        before = np.array(env.render())
-        twin = copied(env)
-        assert np.array_equal(twin.render(), before)
-        twin.reset(options={"door": "large"})
-        assert not np.array_equal(twin.render(), before)
-        assert np.array_equal(env.render(), before)
-        twin.close()
+    env = make_env(**look) if n is None else make_vec(n, **look)
+    env.reset(seed=0)
+    before = np.array(env.render())
+    twin = COPIERS[copier](env)
+    assert np.array_equal(twin.render(), before)
+    twin.reset(options={"door": "large"})
+    assert not np.array_equal(twin.render(), before)
+    assert np.array_equal(env.render(), before)
+    twin.close()
 
 
 @both_copiers
-@both_ids
-@pytest.mark.parametrize("mode", list(AutoresetMode))
+@pytest.mark.parametrize(
+    ("mode", "id", "arrays_from"), [*zip(AutoresetMode, IDS, (2, 100, 2), strict=True)]
+)
 def test_a_copy_of_many(
-    mode: AutoresetMode, id: str, copied: Callable, make_vec: Callable
+    mode: AutoresetMode,
+    id: str,
+    arrays_from: int,
+    copied: Callable,
+    make_vec: Callable,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """One of three has ended, one has diverged, when the copy is made."""
+    monkeypatch.setattr("gplfd_env.task.episodes.MANY", arrays_from)
     envs = make_vec(3, id=id, randomization="hard", autoreset_mode=mode)
     envs.reset(seed=5)
     steps = actions(envs.action_space, 40, seed=0)

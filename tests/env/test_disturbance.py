@@ -254,7 +254,7 @@ def test_a_bumped_robot_misjudges_its_own_frame(
         twist.append(observation["ee_twist"][:3])
     # It still takes itself to be where it began; truly it has moved with its base.
     assert_allclose(observation["ee_pose"][:3], 0.0, atol=5e-4)
-    assert_allclose(env._sensed[env._reader.ee_pose][:3], shift, atol=5e-4)
+    assert_allclose(env._sensed[env._episode.reader.ee_pose][:3], shift, atol=5e-4)
     assert_allclose(handle[5], 0.0, atol=1e-6)
     assert_allclose(handle[-1], -shift, atol=1e-6)
     assert info["base_shift"] == pytest.approx(np.hypot(0.02, 0.01))
@@ -382,7 +382,7 @@ def test_the_end_of_the_hinge_is_no_disturbance(
         env.data.joint("hinge").qpos, env.data.joint("hinge").qvel = 1.5, 2.0
         forces = [env.step(REST)[-1]["stop_force"] for _ in range(40)]
         assert (max(forces) > 1.0) == blocked
-        assert env._episode._reading.angle > 1.5
+        assert env._episode.readings.door.angle > 1.5
 
 
 def test_nothing_happens_by_default(make_env: Callable) -> None:

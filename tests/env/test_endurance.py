@@ -197,8 +197,9 @@ def _exact(value: Any) -> Any:
     return value.hex() if isinstance(value, float) else value
 
 
-@pytest.mark.parametrize("randomization", ["mild", "hard"])
-@pytest.mark.parametrize("id", IDS)
+@pytest.mark.parametrize(
+    ("id", "randomization"), [*zip(IDS, ["hard", "mild"], strict=True)]
+)
 def test_random_actions_before_random_doors(id: str, randomization: str) -> None:
     """No exception, no warning, no NaN, nothing outside its space, no divergence."""
     outcomes = endure(id, randomization, 1600)

@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -76,10 +75,8 @@ IDS = (
 @pytest.mark.parametrize(
     "arguments",
     [
-        {},
         {"grasp": "weld"},
-        {"randomization": "hard", "reward": "sparse"},
-        {"disturbance": "person"},
+        {"randomization": "hard", "reward": "sparse", "disturbance": "person"},
     ],
 )
 def test_checker_has_one_declined_recommendation_and_no_other_warning(
@@ -95,12 +92,11 @@ def test_checker_has_one_declined_recommendation_and_no_other_warning(
     assert DECLINED in messages[0]
 
 
-@pytest.mark.parametrize("id", IDS)
-@pytest.mark.parametrize("randomization", ["none", "mild", "hard"])
-@pytest.mark.parametrize("door", [0.42, {"preset": "large", "panel_mass": 30}])
-def test_two_copies_match(
-    door: Any, randomization: str, id: str, make_env: Callable
-) -> None:
+@pytest.mark.parametrize(
+    ("id", "randomization"), [*zip(IDS, ["none", "mild", "hard"], strict=True)]
+)
+def test_two_copies_match(id: str, randomization: str, make_env: Callable) -> None:
+    door = {"preset": "large", "panel_mass": 30}
     first, second = (
         make_env(door, id=id, randomization=randomization) for _ in range(2)
     )
@@ -121,23 +117,6 @@ def test_flat_and_normalised_it_passes_without_a_remark(
         # It is wrapped, and that is the point.
         warnings.filterwarnings("ignore", message=".*different from the unwrapped")
         check_env(env, skip_render_check=True)
-
-
-@pytest.mark.needs("opengl")
-def test_a_video_can_be_recorded(make_env: Callable, tmp_path: Path) -> None:
-    env = gym.wrappers.RecordVideo(
-        make_env(render_mode="rgb_array", width=64, height=48), str(tmp_path / "films")
-    )
-    env.reset(seed=0)
-    for _ in range(10):
-        env.step(np.zeros(6))
-    env.close()
-    (video,) = tmp_path.glob("films/*.mp4")
-    assert video.stat().st_size > 1000
-
-
-def test_two_copies_are_bit_for_bit_equal(make_env: Callable) -> None:
-    assert_identical(rollout(make_env(0.42), 3), rollout(make_env(0.42), 3))
 
 
 def test_an_episode_leaves_nothing_behind(make_env: Callable) -> None:

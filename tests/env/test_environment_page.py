@@ -21,6 +21,7 @@ from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.envs.vector import DoorOpeningVectorEnv
 from gplfd_env.robot.model import HAND_BODIES, SERVO_DAMPING, SERVO_STIFFNESS
 from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.task.info import INFO
 from gplfd_env.validation.fields import allowed_range
 
 PAGE = (Path(__file__).parents[2] / "docs" / "environment.md").read_text("utf-8")
@@ -105,6 +106,7 @@ def test_info_table_is_the_info(make_env: Callable) -> None:
     for key, value in info.items():
         shape = f"{value.shape} array" if isinstance(value, np.ndarray) else None
         assert rows[key]["type"] == (shape or type(value).__name__)
+        assert rows[key]["unit"] == (INFO[key].unit or "-")
     assert bounds(rows["door_angle"]["range"])[1] == pytest.approx(
         DoorConfig().stop_angle, abs=1e-3
     )

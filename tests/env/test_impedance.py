@@ -115,8 +115,9 @@ def push(env: DoorOpeningImpedanceEnv, wrench_d: np.ndarray) -> None:
     gripper.xfrc_applied[:] = [*force, *(np.cross(lever, force) + moment)]
 
 
-@pytest.mark.parametrize("axis", range(6))
-@pytest.mark.parametrize("share", [1.0, 0.1])
+@pytest.mark.parametrize(
+    ("axis", "share"), [*zip(range(6), [1.0, 0.1] * 3, strict=True), (0, 0.1), (4, 1.0)]
+)
 def test_deflection_under_a_known_load_is_load_over_stiffness(
     share: float, axis: int, make_env: Callable, release_handle: Callable
 ) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 import gplfd_env.scene.build
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
-from gplfd_env.envs.door_opening import DoorOpeningEnv
+from gplfd_env.task.episode import Episode
 from gplfd_experiments.speed import environment, timing
 from gplfd_experiments.speed.environment import (
     measure_resets,
@@ -45,7 +45,7 @@ def test_step_is_compared_with_its_own_physics(monkeypatch):
         nonlocal now
         now += seconds
 
-    physics, observe = mujoco.mj_step, DoorOpeningEnv._observation
+    physics, observe = mujoco.mj_step, Episode.observation
 
     def timed_physics(*arguments: Any, **settings: Any) -> None:
         work(100e-6)
@@ -57,7 +57,7 @@ def test_step_is_compared_with_its_own_physics(monkeypatch):
 
     monkeypatch.setattr(timing.time, "process_time", lambda: now)
     monkeypatch.setattr(mujoco, "mj_step", timed_physics)
-    monkeypatch.setattr(DoorOpeningEnv, "_observation", timed_observation)
+    monkeypatch.setattr(Episode, "observation", timed_observation)
     result = measure_steps(2)
     for row in result.rows.values():
         assert row["step µs"] == pytest.approx(125.0)

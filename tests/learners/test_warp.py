@@ -37,9 +37,10 @@ from gplfd_env.doors.disturbance import (
 )
 from gplfd_env.doors.randomization import door_randomization
 from gplfd_env.envs.reinforcement import for_learners
-from gplfd_env.envs.warp import WORLD_FIELDS, make_warp
+from gplfd_env.envs.warp import make_warp
 from gplfd_env.scene.build import build_scene
 from gplfd_env.scene.door import structure_of
+from gplfd_env.simulation.warp import WORLD_FIELDS
 from gplfd_env.task.draw import draw_episode
 
 ROOT = Path(__file__).parents[2]
@@ -281,6 +282,7 @@ def test_without_mujoco_warp_the_extra_is_named(
 ) -> None:
     monkeypatch.setitem(sys.modules, "mujoco_warp", None)
     monkeypatch.delitem(sys.modules, "gplfd_env.envs.warp")
+    monkeypatch.delitem(sys.modules, "gplfd_env.simulation.warp")
     with pytest.raises(ImportError, match=r"pip install 'gplfd\[warp\]'"):
         importlib.import_module("gplfd_env.envs.warp")
 

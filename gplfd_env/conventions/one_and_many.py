@@ -1,0 +1,143 @@
+"""Arithmetic for one simulation and for n: floats, or arrays of shape (n,).
+
+NumPy's overhead makes arrays of one element ten times slower than Python's floats, and
+loops over simulations make n of them slow. What is written with the functions below and
+with +, -, *, /, comparisons, & and | takes either, and gives the same bits: these are
+exact or correctly rounded in both. NumPy's sine, cosine, arctangent and hypotenuse are
+not those of `math`, which is therefore called element by element.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Number = Any
+"""A float (or int), or an array of them, (n,)."""
+
+Flag = Any
+"""A bool, or an array of them, (n,)."""
+
+Record = TypeVar("Record")
+"""Tuples, dictionaries and dataclasses, nested, with numbers and flags in them."""
+
+
+def where(condition: Flag, yes: Any, no: Any) -> Any:
+    """Return `yes` where the condition holds, else `no`."""
+    if condition is True:
+        return yes
+    if condition is False:
+        return no
+    return np.where(condition, yes, no)
+
+
+def negated(flag: Flag) -> Flag:
+    """Return the opposite of a flag."""
+    return not flag if flag is True or flag is False else ~flag
+
+
+def anywhere(flag: Flag) -> bool:
+    """Return whether it holds for any simulation."""
+    return flag if flag is True or flag is False else bool(np.count_nonzero(flag))
+
+
+def larger(first: Number, second: Number) -> Number:
+    """Return the larger one of two numbers."""
+    return where(first >= second, first, second)
+
+
+def sqrt(number: Number) -> Number:
+    """Return the square root."""
+    if isinstance(number, np.ndarray):
+        return np.sqrt(number)
+    return math.sqrt(number)
+
+
+def _by_element(function: Callable[..., float]) -> Callable[..., Number]:
+    """Return a function of `math` that also takes arrays."""
+
+    def of(*numbers: Number) -> Number:
+        if isinstance(numbers[0], np.ndarray):
+            lists = [number.tolist() for number in numbers]
+            return np.array(list(map(function, *lists)))
+        return function(*numbers)
+
+    return of
+
+
+sin, cos = _by_element(math.sin), _by_element(math.cos)
+atan2, hypot = _by_element(math.atan2), _by_element(math.hypot)
+
+
+def columns(components: Sequence[Number], n: int | None) -> NDArray[np.float64]:
+    """Return a vector as an array of its own, (k,) or (n, k).
+
+    Args:
+        components: Its k components.
+        n: Number of simulations; None for one without the axis.
+    """
+    if n is None:
+        return np.array(components)
+    result = np.empty((n, len(components)))
+    for place, component in enumerate(components):
+        result[:, place] = component
+    return result
+
+
+def mapped(function: Callable[..., Any], *records: Any) -> Any:
+    """Return a record of what a function gives for the entries of equal records."""
+    first = records[0]
+    if isinstance(first, dict):
+        return {
+            name: mapped(function, *[record[name] for record in records])
+            for name in first
+        }
+    if isinstance(first, tuple):
+        parts = [mapped(function, *each) for each in zip(*records, strict=True)]
+        return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
+    if dataclasses.is_dataclass(first) and not isinstance(first, type):
+        names = [one.name for one in dataclasses.fields(first)]
+        values = {
+            name: mapped(function, *[getattr(record, name) for record in records])
+            for name in names
+        }
+        return dataclasses.replace(first, **values)
+    return function(*records)
+
+
+def stacked(records: Sequence[Record]) -> Record:
+    """Return the records of n simulations as one, its entries arrays (n,)."""
+    result: Record = mapped(lambda *each: np.array(each), *records)
+    return result
+
+
+def row_of(record: Record, row: int) -> Record:
+    """Return the record of one simulation out of one of many."""
+    result: Record = mapped(
+        lambda entry: entry[row].item() if isinstance(entry, np.ndarray) else entry,
+        record,
+    )
+    return result
+
+
+def by_row(vector: Sequence[Number]) -> list[tuple[Any, ...]]:
+    """Return n tuples of the components of a vector; one tuple of one simulation."""
+    parts = [
+        each.tolist() if isinstance(each, np.ndarray) else [each] for each in vector
+    ]
+    return list(zip(*parts, strict=True))
+
+
+def with_rows(record: Record, n: int, rows: Sequence[int], ones: Any) -> Record:
+    """Return a record of n simulations in which some have records of their own."""
+
+    def replaced(entry: Any, *new: Any) -> Any:
+        result = np.array(np.broadcast_to(entry, n))
+        result[rows] = new
+        return result
+
+    result: Record = mapped(replaced, record, *ones)
+    return result

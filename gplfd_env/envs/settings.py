@@ -1,0 +1,288 @@
+"""What environments are made with, and what their episodes are drawn from."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from functools import update_wrapper
+from inspect import signature
+from typing import Any, ClassVar, Concatenate, Final, ParamSpec, TypeVar, get_args
+
+import mujoco
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from gplfd_env.conventions.constants import Base, Start
+from gplfd_env.conventions.resets import checked_options, chosen_rows, each
+from gplfd_env.doors.config import DoorConfig, DoorSpec, door_config
+from gplfd_env.doors.disturbance import DisturbanceSpec, disturbance_named
+from gplfd_env.doors.randomization import RandomizationSpec, door_randomization
+from gplfd_env.envs.camera import Camera, require_display
+from gplfd_env.robot.gripper import hold_of
+from gplfd_env.robot.model import Grasp, Hold
+from gplfd_env.robot.stance import check_reach
+from gplfd_env.simulation.command import Command
+from gplfd_env.task.draw import Drawn, draw_episode
+from gplfd_env.task.episode import REWARDS, Reward
+from gplfd_env.task.observation import Reader
+from gplfd_env.validation.fields import Range, check_choice, checked_count
+
+Mask = NDArray[np.bool_]
+Self = TypeVar("Self")
+Arguments = ParamSpec("Arguments")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Common:
+    """What one door and many have in common.
+
+    Raises:
+        ValueError: A value that there is not.
+    """
+
+    grasp: Grasp = "contact"
+    """``"contact"`` (friction between pads and bar) or ``"weld"``."""
+    randomization: RandomizationSpec | Sequence[RandomizationSpec] = "none"
+    """What every reset draws anew: ``"none"``, ``"mild"``, ``"hard"``, a mapping of
+    `DoorRandomization` fields, or a `DoorRandomization`; of n doors also a sequence of
+    n such."""
+    disturbance: DisturbanceSpec | Sequence[DisturbanceSpec] = "none"
+    """What happens from outside: ``"none"``, ``"push"``, ``"person"``, ``"stop"``, ...
+    (`gplfd_env.doors.disturbance.DISTURBANCES`), a mapping of `Disturbance` fields, or
+    a `Disturbance`; of n doors also a sequence of n such."""
+    reward: Reward = "dense"
+    """``"dense"`` or ``"sparse"`` (1 in success, else 0)."""
+    base: Base = "fixed"
+    """``"fixed"``, or ``"mobile"``: it follows the hand, see
+    `gplfd_env.robot.whole_body`, and touches what it runs into."""
+    start: Start = "grasped"
+    """``"grasped"``, or ``"approach"``: the episode begins with the open hand 10 to
+    20 cm before the handle. Where no action commands the gripper, it closes when the
+    hand is at the handle, see `gplfd_env.robot.gripper`."""
+    render_mode: str | None = None
+    """None, ``"human"``, ``"rgb_array"``, ``"depth_array"`` or ``"rgbd_tuple"``; of n
+    doors None or ``"rgb_array"``."""
+    width: int = 640
+    """Width of rendered pictures [px]."""
+    height: int = 480
+    """Height of rendered pictures [px]."""
+    camera_name: str = "overview"
+    """``"overview"``, ``"top"``, ``"head"`` or ``"hand_camera"``."""
+    effects: bool = False
+    """Shadows, reflections and smooth edges in pictures; windows have them always.
+    Without a graphics card a picture takes ten times as long."""
+
+    render_modes: ClassVar[tuple[str, ...]]
+
+    def __post_init__(self) -> None:
+        check_choice("grasp", self.grasp, get_args(Grasp))
+        check_choice("reward", self.reward, REWARDS)
+        check_choice("base", self.base, get_args(Base))
+        check_choice("start", self.start, get_args(Start))
+        check_choice("render_mode", self.render_mode, (None, *self.render_modes))
+        if self.render_mode == "human":
+            require_display()
+
+    def hold(self, command: Command) -> Hold:
+        """Return how a scene holds the handle.
+
+        Raises:
+            ValueError: A rigid grasp of a hand that has to take hold.
+        """
+        return hold_of(self.grasp, self.start, commanded=command.grips)
+
+    def reader(self, command: Command, door: DoorConfig) -> Reader:
+        """Return what reads the sensors before a door."""
+        return Reader.of(
+            self.hold(command),
+            command.control,
+            self.base,
+            door.handle,
+            door.swing,
+            tells_base=command.drives,
+            tells_gripper=command.grips,
+        )
+
+    def camera(self, model: mujoco.MjModel) -> Camera:
+        """Return what draws a model.
+
+        Raises:
+            ValueError: An impossible size or an unknown camera.
+        """
+        return Camera(
+            model, self.width, self.height, self.camera_name, effects=self.effects
+        )
+
+
+@dataclass(frozen=True)
+class Settings(Common):
+    """What an environment of one door is made with."""
+
+    door: DoorSpec = "medium"
+    """Preset's name, radius [m], mapping of `DoorConfig` fields, or a `DoorConfig`; see
+    `gplfd_env.doors.config.door_config`."""
+
+    render_modes = ("human", "rgb_array", "depth_array", "rgbd_tuple")
+
+
+@dataclass(frozen=True)
+class VectorSettings(Common):
+    """What an environment of n doors is made with.
+
+    Raises:
+        ValueError: A value that there is not, or a number out of range.
+    """
+
+    num_envs: int = 1
+    """Number of simulations n."""
+    door: DoorSpec | Sequence[DoorSpec] = "medium"
+    """As for the single environment, or a sequence of n such."""
+    _: KW_ONLY
+    max_episode_steps: int | None = None
+    """Control periods after which an episode is truncated; None or -1 for no limit."""
+    autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP
+    """``"NextStep"`` (the step after an episode's end resets it), ``"SameStep"`` (its
+    last observation and info are in ``final_obs`` and ``final_info``) or ``"Disabled"``
+    (ended simulations stand still, at no cost, until
+    ``reset(options={"reset_mask": ...})``)."""
+    num_threads: int = 0
+    """Threads that step the simulations; 0 for one per core."""
+
+    render_modes = ("rgb_array",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        checked_count("num_envs", self.num_envs, Range(low=1))
+        checked_count("num_threads", self.num_threads, Range(low=0))
+        if self.max_episode_steps not in (None, -1):
+            checked_count("max_episode_steps", self.max_episode_steps, Range(low=1))
+        mode = getattr(self.autoreset_mode, "value", self.autoreset_mode)
+        check_choice("autoreset_mode", mode, [known.value for known in AutoresetMode])
+
+    @property
+    def limit(self) -> float:
+        """Control periods after which an episode is truncated, possibly infinite."""
+        steps = self.max_episode_steps
+        return np.inf if steps is None or steps == -1 else steps
+
+
+def made_with(
+    record: Callable[Arguments, Any],
+) -> Callable[
+    [Callable[[Self, Any], None]], Callable[Concatenate[Self, Arguments], None]
+]:
+    """Let a constructor that takes a record take the record's fields instead.
+
+    Args:
+        record: `Settings` or `VectorSettings`.
+    """
+
+    def decorate(
+        initialise: Callable[[Self, Any], None],
+    ) -> Callable[Concatenate[Self, Arguments], None]:
+        def __init__(
+            self: Self, /, *given: Arguments.args, **named: Arguments.kwargs
+        ) -> None:
+            try:
+                settings = record(*given, **named)
+            except TypeError as error:
+                # Of a keyword that there is not, Python names the record.
+                own = f"{record.__init__.__qualname__}()"
+                text = str(error).replace(own, f"{initialise.__qualname__}()")
+                raise TypeError(text) from None
+            initialise(self, settings)
+
+        update_wrapper(__init__, initialise)
+        own, *_ = signature(initialise).parameters.values()
+        fields = signature(record).parameters.values()
+        __init__.__signature__ = signature(initialise).replace(  # type: ignore[attr-defined]
+            parameters=[own, *fields]
+        )
+        return __init__
+
+    return decorate
+
+
+_RESOLVE: Final[Mapping[str, tuple[Callable[[Any], Any], str]]] = {
+    "door": (door_config, "name, radius, mapping or DoorConfig"),
+    "randomization": (door_randomization, "name, mapping or DoorRandomization"),
+    "disturbance": (disturbance_named, "name, mapping or Disturbance"),
+}
+"""What makes a record of each, and what it may be, in the order of `draw_episode`."""
+
+
+class Sources:
+    """A door, a randomization and a disturbance for each of n simulations.
+
+    Args:
+        n: Number of simulations; None for one, for which nothing may be a sequence.
+        base: Whose reach decides which doors there may be.
+        start: What episodes begin with.
+        values: By name, what holds for every simulation.
+
+    Raises:
+        ValueError: A door that is out of reach.
+    """
+
+    def __init__(
+        self, n: int | None, base: Base, start: Start, values: Mapping[str, list[Any]]
+    ) -> None:
+        self._n, self._base, self._start, self._values = n, base, start, values
+        pairs = zip(values["door"], values["randomization"], strict=True)
+        for door, randomization in set(pairs):
+            check_reach(randomization.outermost(door), base, start)
+
+    @classmethod
+    def of(cls, settings: Settings | VectorSettings) -> "Sources":
+        """Return those that settings name.
+
+        Raises:
+            ValueError: One that there is not, or a door that is out of reach.
+        """
+        n = settings.num_envs if isinstance(settings, VectorSettings) else None
+        values = {
+            name: _resolved(name, getattr(settings, name), n) for name in _RESOLVE
+        }
+        return cls(n, settings.base, settings.start, values)
+
+    @property
+    def doors(self) -> list[DoorConfig]:
+        """The doors, before anything is drawn."""
+        return list(self._values["door"])
+
+    def changed(
+        self, options: Mapping[str, Any] | None, *, begun: bool = True
+    ) -> tuple["Sources", Mask]:
+        """Return what the options of a reset make of them, and the reset's mask.
+
+        Args:
+            options: As for the environment's `reset`.
+            begun: Whether there was a reset before.
+
+        Raises:
+            ValueError: An option that there is not, or a door that is out of reach.
+        """
+        allowed = {name: meaning for name, (_, meaning) in _RESOLVE.items()}
+        if self._n is not None:
+            same = "as for the single environment, or a sequence of num_envs"
+            allowed = dict.fromkeys(_RESOLVE, same)
+            allowed["reset_mask"] = "an array of num_envs booleans"
+        given = checked_options(options, allowed)
+        n = len(self.doors)
+        rows = chosen_rows(given.get("reset_mask"), n, begun=begun)
+        values = {name: list(each) for name, each in self._values.items()}
+        for name in [name for name in _RESOLVE if name in given]:
+            new = _resolved(name, given[name], self._n)
+            for row in np.flatnonzero(rows):
+                values[name][row] = new[row]
+        return Sources(self._n, self._base, self._start, values), rows
+
+    def draw(self, row: int, random: np.random.Generator) -> Drawn:
+        """Draw an episode of a simulation."""
+        door, randomization, disturbance = (one[row] for one in self._values.values())
+        return draw_episode(door, randomization, disturbance, random, self._start)
+
+
+def _resolved(name: str, given: Any, n: int | None) -> list[Any]:
+    """Return the record of every simulation."""
+    resolve, _ = _RESOLVE[name]
+    return [resolve(given)] if n is None else each(name, given, n, resolve)

@@ -1,0 +1,129 @@
+"""The episodes of n simulations: a few one by one, many as one of arrays."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gplfd_env.conventions.resets import masked
+from gplfd_env.doors.variation import Variation
+from gplfd_env.task.episode import Episode
+from gplfd_env.task.info import infos_of
+from gplfd_env.task.observation import Observation
+from gplfd_env.task.records import Demands
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MANY: Final = 12
+"""From this number of simulations on, arrays are faster than Python's floats."""
+
+
+class Episodes:
+    """Episodes of n simulations, each with the bits of an `Episode` of one.
+
+    Args:
+        begun: All n, each of one simulation.
+    """
+
+    def __init__(self, begun: Sequence[Episode]) -> None:
+        self._n = len(begun)
+        self._ones: list[Episode] = [] if self._n >= MANY else list(begun)
+        self._many = Episode.together(begun) if self._n >= MANY else None
+
+    def replace(self, begun: Mapping[int, Episode]) -> None:
+        """Put new episodes in the place of some."""
+        if self._many is not None:
+            self._many.replace(begun)
+            return
+        for row, one in begun.items():
+            self._ones[row] = one
+
+    def demand(
+        self, commands: Array, stepped: Mask | None, *, drives: bool, grips: bool
+    ) -> Demands:
+        """See `Episode.demand`."""
+        if self._many is not None:
+            return self._many.demand(commands, stepped, drives=drives, grips=grips)
+        total = Demands({}, {}, {})
+        for row, one in enumerate(self._ones):
+            if stepped is None or stepped[row]:
+                own = one.demand(commands[row : row + 1], drives=drives, grips=grips)
+                if own.loads:
+                    total.loads[row] = own.loads[0]
+                if own.base_rates:
+                    total.base_rates[row] = own.base_rates[0]
+                if own.gripper_widths:
+                    total.gripper_widths[row] = own.gripper_widths[0]
+        return total
+
+    def advance(
+        self, sensordata: Array, stepped: Mask | None, diverged: Mask | None
+    ) -> None:
+        """Take in a control period.
+
+        Args:
+            sensordata: MuJoCo's sensor arrays, (n, number of values).
+            stepped: Which simulations were stepped and are well; None for all. The
+                others earn nothing and stay as they are.
+            diverged: Which ones MuJoCo has reset; None for none.
+        """
+        if self._many is not None:
+            self._many.advance(np.ascontiguousarray(sensordata.T), stepped)
+            if diverged is not None:
+                self._many.break_off(diverged)
+            return
+        values = sensordata.tolist()
+        for row, one in enumerate(self._ones):
+            if stepped is None or stepped[row]:
+                one.advance(values[row])
+            elif diverged is not None and diverged[row]:
+                one.break_off()
+            else:
+                one.rest()
+
+    def observation(self, sensordata: Array) -> Observation:
+        """Return what is observed in every simulation, (n, ...)."""
+        if self._many is not None:
+            return self._many.observation(sensordata)
+        ones = self._ones
+        wrench = np.array([one.readings.wrench for one in ones])
+        time = np.array([[one.readings.time] for one in ones])
+        observation = ones[0].reader.observation(sensordata, wrench, time)
+        for row, one in enumerate(ones):
+            one.add_errors(observation, row)
+        return observation
+
+    def infos(self, rows: Mask) -> dict[str, Any]:
+        """Return infos with masks; arrays are the caller's own.
+
+        Args:
+            rows: Which simulations they are about, (n,).
+        """
+        episodes = self._ones if self._many is None else [self._many]
+        return masked(infos_of(episodes), rows)
+
+    def outcome(self, limit: float) -> tuple[Array, Mask, Mask]:
+        """Return rewards, terminations and truncations, (n,).
+
+        Args:
+            limit: Control periods after which an episode is truncated.
+        """
+        if self._many is not None:
+            many, progress = self._many, self._many.progress
+            late = progress.simulation_error | (progress.steps >= limit)
+            return many.reward, many.terminated, late
+        ones = [(one, one.progress) for one in self._ones]
+        return (
+            np.array([one.reward for one, _ in ones]),
+            np.array([one.terminated for one, _ in ones]),
+            np.array([own.simulation_error or own.steps >= limit for _, own in ones]),
+        )
+
+    @property
+    def variations(self) -> tuple[Variation, ...]:
+        """Door and circumstances of every simulation."""
+        if self._many is not None:
+            return self._many.variations
+        return tuple(own for one in self._ones for own in one.variations)
