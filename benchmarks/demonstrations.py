@@ -28,8 +28,6 @@ from typing import Annotated, Final, get_args
 import matplotlib.pyplot as plt
 import numpy as np
 import tyro
-from gplfd_experiments.speed.scores import mean_scores, score
-from gplfd_experiments.studies.learning_tests.recorded import FEWEST, without
 from harness import opened, report
 from scipy.ndimage import gaussian_filter1d
 
@@ -41,6 +39,7 @@ from gplfd_experiments.data.teacher.random_motion import minimum_jerk
 from gplfd_experiments.episodes.metrics import EpisodeMetrics, episode_metrics
 from gplfd_experiments.episodes.task import episode_task
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.speed.known_process import mean_scores, score
 from gplfd_experiments.speed.report import (
     Measurement,
     Target,
@@ -49,7 +48,11 @@ from gplfd_experiments.speed.report import (
     at_most,
     between,
 )
-from gplfd_experiments.studies.learning_tests.scores import of_the_prediction
+from gplfd_experiments.studies.learning_tests.scores import (
+    FEWEST,
+    prediction_scores,
+    without,
+)
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import AlignmentMethod, align
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -386,7 +389,7 @@ def scores_of(
     found = []
     for number in range(len(recordings)):
         movement, left_out, _ = without(method, recordings, number)
-        one = of_the_prediction(movement, left_out)
+        one = prediction_scores(movement, left_out)
         held = one["coverage_95_stated"]
         found.append((one["nlpd"], one["coverage_95"] if held is None else held))
     density, share = np.array(found, dtype=np.float64).mean(axis=0)

@@ -26,7 +26,6 @@ from typing import Any, Final
 
 import numpy as np
 import tyro
-from gplfd_experiments.speed.align import resampled
 from harness import report
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
@@ -35,6 +34,7 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk, smooth_functions
 from gplfd_experiments.episodes.forecast_error import squared_distances
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.speed.policies import resampled
 from gplfd_experiments.speed.report import Measurement, Target, at_most, between
 from gplfd_policies.adaptation import (
     ADAPTATIONS,

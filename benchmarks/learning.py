@@ -14,10 +14,14 @@ from typing import Final, get_args
 
 import numpy as np
 import tyro
-from gplfd_experiments.speed.scores import mean_scores, score
 from harness import report
 
-from gplfd_experiments.speed.known_process import Deviations, KnownProcess
+from gplfd_experiments.speed.known_process import (
+    Deviations,
+    KnownProcess,
+    mean_scores,
+    score,
+)
 from gplfd_experiments.speed.report import Measurement, at_least, at_most, between
 from gplfd_experiments.speed.timing import measure, repeated
 from gplfd_policies.movements.skill import fit_skill

@@ -24,16 +24,15 @@ from gplfd_env.conventions.constants import Start
 from gplfd_env.doors.disturbance import disturbance_named
 from gplfd_experiments.console.arguments import check_least
 from gplfd_experiments.console.progress import LOG
-from gplfd_experiments.episodes.agents import reported_errors
 from gplfd_experiments.episodes.build import (
     demonstrations_of,
     learned_agents,
     make_environment,
+    reported_errors,
 )
-from gplfd_experiments.episodes.doors import named_doors
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.rollout import Progress, rollout
-from gplfd_experiments.episodes.task import episode_task
+from gplfd_experiments.episodes.task import episode_task, named_doors
 from gplfd_experiments.recording.disturbances import KINDS
 from gplfd_experiments.recording.episode import (
     page,
