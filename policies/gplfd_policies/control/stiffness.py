@@ -6,8 +6,8 @@ The hand is stiff where the policy is certain and compliant where it is not.
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.special import expit
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import read_only
@@ -59,7 +59,7 @@ class StiffnessProfile:
             Stiffness [N/m, N m/rad], between k_min and k_max, falling with σ; k_max
             where σ is NaN.
         """
-        softening = (self.k_max - self.k_min) * expit(self._argument(std))
+        softening = (self.k_max - self.k_min) * scipy.special.expit(self._argument(std))
         # The lesser of the two, where NaN does not count.
         return np.asarray(np.fmin(self.k_max - softening, self.k_max))
 
@@ -84,7 +84,7 @@ class StiffnessProfile:
         """
         argument = self._argument(std)
         # (k_max - k)(k - k_min)/(k_max - k_min)², free of cancellation at both ends.
-        slope = expit(argument) * expit(-argument)
+        slope = scipy.special.expit(argument) * scipy.special.expit(-argument)
         return np.asarray(-self.alpha * (self.k_max - self.k_min) * slope * std_rate)
 
     def printed_rate(

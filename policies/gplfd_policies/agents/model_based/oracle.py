@@ -8,8 +8,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.geometry import DoorGeometry
@@ -137,7 +137,7 @@ class ToldHandleAgent(_HandleTurner):
         # The opener sees and commands the leaf: the hand without the handle's turn.
         kept = self._kept(self._opener.observed_angle)
         handle = door.hand_poses(0.0, kept * door.travel)
-        back = Rotation.from_rotvec(-handle[3:])
+        back = scipy.spatial.transform.Rotation.from_rotvec(-handle[3:])
         inverse = np.concatenate([-back.apply(handle[:3]), -handle[3:]])
         leaf = _composed(observation["ee_pose"], inverse)
         step = self._opener.act({**observation, "ee_pose": leaf})
@@ -151,8 +151,10 @@ class ToldHandleAgent(_HandleTurner):
 def _composed(first: Pose, second: Pose) -> Pose:
     """Return first ∘ second."""
     # Copies: SciPy refuses what is read-only.
-    turn = Rotation.from_rotvec(first[3:].copy())
-    rotation = (turn * Rotation.from_rotvec(second[3:].copy())).as_rotvec()
+    turn = scipy.spatial.transform.Rotation.from_rotvec(first[3:].copy())
+    rotation = (
+        turn * scipy.spatial.transform.Rotation.from_rotvec(second[3:].copy())
+    ).as_rotvec()
     return np.concatenate([first[:3] + turn.apply(second[:3]), rotation])
 
 
