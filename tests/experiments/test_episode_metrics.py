@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gplfd_env.wrappers import FAILURES, REASONS
+from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import (
     episode_metrics,
@@ -13,7 +14,6 @@ from gplfd_experiments.episodes.metrics import (
     log_dimensionless_jerk,
     opening_motion,
     prediction_errors,
-    why_closed,
     work_on_door,
 )
 

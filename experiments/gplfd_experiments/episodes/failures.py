@@ -1,7 +1,9 @@
-"""Words for the ways in which an episode fails, by the environment's ``failure``."""
+"""Words for the environment's ``failure`` and ``reason`` of an episode."""
 
 from collections.abc import Mapping
 from typing import Final
+
+from gplfd_env.task.stages import HEAVY_FORCE
 
 SHORT: Final[Mapping[str, str]] = {
     "stalled": "stuck",
@@ -24,6 +26,30 @@ MEANINGS: Final[Mapping[str, str]] = {
 """In a sentence, by `failure_name`."""
 
 
+_WORDS: Final = {
+    "grasp_lost": "hand lost the handle",
+    "base_blocked": "base was blocked",
+    "stalled": "door did not move further",
+    "latched": "latch was not released",
+    "not_grasped": "handle was not grasped",
+    "simulation_error": "simulation diverged",
+    "policy_error": "policy raised an error",
+    "time_limit": "time ran out",
+    "blocked": "something blocked the door",
+    "out_of_reach": "an arm joint was at its limit",
+    "too_heavy": f"it took more than {HEAVY_FORCE:g} N",
+}
+"""Plain words for ``failure`` and ``reason`` of an episode."""
+
+
 def failure_name(failure: str, unknown: str) -> str:
     """Return a failure as words, or a text where the environment gives none."""
     return failure.replace("_", " ") or unknown
+
+
+def why_closed(failure: str, reason: str) -> str:
+    """Return in plain words why a door was not opened; "" if it was."""
+    words = _WORDS.get(failure, failure.replace("_", " "))
+    # Without a cause behind it, the reason repeats the failure.
+    cause = "" if reason in (failure, "handle_lost") else _WORDS.get(reason, reason)
+    return f"{words}: {cause}" if cause else words

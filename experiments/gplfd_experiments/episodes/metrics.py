@@ -22,7 +22,7 @@ from scipy.signal import savgol_filter
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_env.task.stages import HEAVY_FORCE, STAGES
+from gplfd_env.task.stages import STAGES
 from gplfd_experiments.episodes.forecast_error import PROGRESS, forecast_errors
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
@@ -276,30 +276,6 @@ def late_decisions(metrics: Sequence[Mapping[str, Any]]) -> str:
         f"{len(late)} of {len(metrics)} episodes (median {np.median(late):.1f} ms of "
         "wall time); the simulation waits for them, a robot would not"
     )
-
-
-_WORDS: Final = {
-    "grasp_lost": "hand lost the handle",
-    "base_blocked": "base was blocked",
-    "stalled": "door did not move further",
-    "latched": "latch was not released",
-    "not_grasped": "handle was not grasped",
-    "simulation_error": "simulation diverged",
-    "policy_error": "policy raised an error",
-    "time_limit": "time ran out",
-    "blocked": "something blocked the door",
-    "out_of_reach": "an arm joint was at its limit",
-    "too_heavy": f"it took more than {HEAVY_FORCE:g} N",
-}
-"""Plain words for ``failure`` and ``reason`` of an episode."""
-
-
-def why_closed(failure: str, reason: str) -> str:
-    """Return in plain words why a door was not opened; "" if it was."""
-    words = _WORDS.get(failure, failure.replace("_", " "))
-    # Without a cause behind it, the reason repeats the failure.
-    cause = "" if reason in (failure, "handle_lost") else _WORDS.get(reason, reason)
-    return f"{words}: {cause}" if cause else words
 
 
 def opening_motion(log: EpisodeLog) -> slice:

@@ -18,6 +18,7 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
 from gplfd_env.task.opening import SUCCESS_ANGLE
+from gplfd_experiments.episodes.failures import SHORT, failure_name
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours, motion
@@ -57,13 +58,6 @@ _ANGLE: Final = f"{_PLOTS}/angle"
 _OVERLAY: Final = "/overlay"
 """Entity of the one door on which all paths are laid over each other."""
 _TRAIL: Final = f"{motion.ROOT}/hand/trail"
-_ENDED: Final = {
-    "stalled": "stuck",
-    "latched": "latched",
-    "not_grasped": "not grasped",
-    "grasp_lost": "let go",
-}
-"""What a failure is called where there is little room."""
 _LABEL: Final = (1.15, -0.8, -0.2)
 """Where a robot's name stands, behind it, in its task frame [m]."""
 
@@ -239,7 +233,7 @@ def _robot(
             yield chunk.with_entity_path(overlay)
     for entity in (f"{root}{_TRAIL}", overlay):
         yield static(entity, rr.LineStrips3D.from_fields(colors=colour, radii=0.007))
-    ended = _ENDED.get(log.failure, log.failure.replace("_", " "))
+    ended = SHORT.get(log.failure, failure_name(log.failure, ""))
     outcome = "opened" if log.success else f"{ended} at {_widest(log):.0f}°"
     label = rr.Points3D(
         [_LABEL],
@@ -271,7 +265,7 @@ def _about(logs: Sequence[EpisodeLog], measured: Measured, heading: str) -> str:
     first, (greatest, unit) = logs[0], measured.greatest
     rows = "\n".join(
         f"| {log.policy} | "
-        f"{'opened' if log.success else log.failure.replace('_', ' ')} | "
+        f"{'opened' if log.success else failure_name(log.failure, '')} | "
         f"{_widest(log):.0f}° | "
         f"{float(measured.values(log).max()):.1f} {unit} |"
         for log in logs

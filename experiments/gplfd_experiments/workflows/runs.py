@@ -25,11 +25,11 @@ from gplfd_experiments.episodes.build import (
     make_environment,
     reported_errors,
 )
+from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.episodes.metrics import (
     EpisodeMetrics,
     FailedEpisode,
     episode_metrics,
-    why_closed,
 )
 from gplfd_experiments.episodes.rollout import Progress, rollout
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors

@@ -13,7 +13,7 @@ from gplfd_experiments.analysis.results.records import (
     TaughtResult,
 )
 from gplfd_experiments.analysis.results.statistics import Key
-from gplfd_experiments.episodes.metrics import why_closed
+from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.studies.settings import Condition
 
 ResultT = TypeVar("ResultT", bound=TaskResult)

@@ -19,11 +19,11 @@ from gplfd_experiments.analysis.results.measures import (
 from gplfd_experiments.analysis.results.reading import read_files
 from gplfd_experiments.analysis.results.records import EpisodeResult
 from gplfd_experiments.analysis.results.statistics import success_rate
+from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.episodes.metrics import (
     EpisodeMetrics,
     FailedEpisode,
     late_decisions,
-    why_closed,
 )
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.plan import conditions, episodes
