@@ -117,8 +117,7 @@ def _pushed(low: float, high: float) -> Level:
 TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
     {
         "radius": Trial(
-            question="Who opens doors of a radius that nobody demonstrated, between "
-            "the demonstrated ones and beyond them?",
+            question="Which policy opens doors of a radius that was not demonstrated?",
             claims=("via-points", "prediction uncertainty"),
             measures=("force_radial_peak", "success"),
             levels={
@@ -137,7 +136,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             tuned=True,
         ),
         "further": Trial(
-            question="Demonstrations end at 45°: who opens the door to 60°?",
+            question="Demonstrations end at 45°. Which policy opens the door to 60°?",
             claims=("prediction uncertainty", "prior information"),
             measures=("final_angle_deg", "success"),
             levels={
@@ -167,8 +166,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             also=("gp-within-demonstrations",),
         ),
         "few": Trial(
-            question="What do one demonstration per door do, or two of a single door, "
-            "and then a prior mean?",
+            question="Which policy learns from few demonstrations?",
             claims=("prior information",),
             measures=("force_radial_peak", "success"),
             levels={
@@ -188,8 +186,9 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             ),
         ),
         "messy": Trial(
-            question="Who learns from a person who pauses, hurries, goes back, stops "
-            "early, and from recordings with gaps and outliers?",
+            question="Which policy learns from a person who pauses, hurries, "
+            "moves back and stops early, and from recordings with gaps "
+            "and outliers?",
             claims=("alignment", "task variability"),
             measures=("force_radial_peak", "success"),
             levels={"messy": Level(doors=_ALL, habits=dataclasses.asdict(MESSY))},
@@ -201,8 +200,8 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             tuned=True,
         ),
         "rests": Trial(
-            question="Recordings begin with up to two seconds of rest and pause for as "
-            "long: who learns from them?",
+            question="Which policy learns from recordings that begin with up to "
+            "2 s of rest and contain a pause of up to 2 s?",
             claims=("alignment", "rests left out"),
             measures=("force_radial_peak", "success"),
             levels={
@@ -215,8 +214,8 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             also=("gp-untrimmed",),
         ),
         "turned": Trial(
-            question="Who opens doors that the robot faces up to 5° askew, held off "
-            "the middle of the bar?",
+            question="Which policy opens doors if the robot has a heading error "
+            "of up to 5° and grasps the bar off its middle?",
             claims=("path phase", "rotations"),
             measures=("success", "final_angle_deg", "force_radial_peak"),
             levels={
@@ -240,8 +239,8 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             tuned=True,
         ),
         "person": Trial(
-            question="Somebody holds the hand, or has a hand in the door's way: how "
-            "much do they feel?",
+            question="A person holds the robot's hand, or has a hand in the way "
+            "of the door. How large is the force on the person?",
             claims=("variable stiffness",),
             measures=("person_force_peak", "person_energy", "success", "release_speed"),
             levels={
@@ -255,7 +254,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
         ),
         "push": Trial(
-            question="The hand is pushed for 0.3 s: how far does it go?",
+            question="The hand is pushed for 0.3 s. How far does it move?",
             claims=("variable stiffness",),
             measures=("push_displacement_mm", "success", "recovery_time"),
             levels={
@@ -266,7 +265,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             also=(*CONSTANT, "gp-fixed"),
         ),
         "stop": Trial(
-            question="The door is blocked for 2.5 s and then freed: is it opened?",
+            question="The door is blocked for 2.5 s and then freed. Is it opened?",
             claims=("variable stiffness",),
             measures=("success", "stop_force_sustained", "release_speed"),
             levels={"stop": Level(doors=_MEDIUM, disturbance="stop")},
@@ -278,7 +277,8 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
         ),
         "locked": Trial(
-            question="The door is locked: is the handle kept, and how gently?",
+            question="The door is locked. Does the hand keep the handle, and "
+            "with how much force?",
             claims=("variable stiffness",),
             measures=("stop_force_sustained", "grasp_kept"),
             levels={"locked": Level(doors=_MEDIUM, disturbance="locked")},
@@ -289,7 +289,8 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
         ),
         "heavy": Trial(
-            question="Who opens doors that are heavier than any demonstrated?",
+            question="Which policy opens doors that are heavier than all "
+            "demonstrated ones?",
             claims=("variable stiffness",),
             measures=("final_angle_deg", "success"),
             levels={
@@ -303,8 +304,8 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
         ),
         "breakaway": Trial(
-            question="The hinge sticks at the start and a seal holds the leaf: is the "
-            "door opened gently all the same?",
+            question="The hinge sticks at the start and a seal holds the leaf. "
+            "Is the door opened?",
             claims=("variable stiffness",),
             measures=("success", "release_speed", "force_handle_peak"),
             levels={"breakaway": Level(doors=_MEDIUM, disturbance="breakaway")},
@@ -312,8 +313,8 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             also=CONSTANT,
         ),
         "delay": Trial(
-            question="Commands take effect up to three control periods later: who "
-            "stays stable in contact?",
+            question="Commands take effect one to three control periods late. "
+            "Which policy stays stable in contact?",
             claims=("contact stability",),
             measures=("success", "force_handle_peak"),
             levels={
@@ -329,8 +330,9 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             also=("gp-undamped", "gp-impedance", "gp-fixed", "gp-constant-100"),
         ),
         "noise": Trial(
-            question="Sensors one, two and four times as noisy as those of a careful "
-            "laboratory: who is misled?",
+            question="Sensors are one, two and four times as noisy as those of a "
+            "careful laboratory. Which policy still opens with a small "
+            "force?",
             claims=("heteroscedastic noise",),
             measures=("force_radial_peak", "success"),
             levels={
