@@ -258,7 +258,7 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
             draw=partial(forecast_by_progress, runs, reference),
             caption="**Error of the forecast of the rest of the path** as the door "
             "opens: median and middle half of all episodes, those included that failed "
-            "later. A falling curve is a policy that learns which door it has.",
+            "later. A falling curve: the policy adapts to the door.",
             alternative="Forecast error against progress, a panel per policy",
         )
         blocks.append(forecast)

@@ -225,9 +225,9 @@ def _plots(tests: Sequence[LeftOut], reference: str) -> list[Block]:
         picture = Picture(
             name="coverage",
             draw=partial(coverage, runs, reference),
-            caption="**Are stated uncertainties honest?** Share of left-out numbers "
-            "inside intervals that state 50, 90 and 95 %. On the grey line they are; "
-            f"below it they promise too much. Violet: {code(reference)}.",
+            caption="**Calibration of the predicted uncertainty.** Share of left-out "
+            "numbers inside intervals of nominally 50, 90 and 95 %. Below the grey "
+            f"line the intervals are too narrow. Violet: {code(reference)}.",
             alternative="Measured against nominal coverage, a panel per policy",
         )
         blocks.append(picture)

@@ -57,7 +57,7 @@ def table_one_section(tests: Sequence[LearningTestResult]) -> Section:
             "paper says otherwise, its own mark is given. Means over "
             f"{max(map(len, measured.values()))} learning tests. "
             "The paper's column GP is `local-gp` and `wishart-gp`, its last one "
-            "`gp-paper` to the letter and `gp` as developed here."
+            "`gp-paper` as published and `gp` as developed here."
         )
         if missing := [policy for policy in TABLE_1 if policy not in measured]:
             note += f" Not in this study, or only with errors: {names(missing)}."

@@ -90,9 +90,9 @@ CRITERIA: Final[Mapping[str, Criterion]] = {
             "demanded to 0.1 mm and 0.1 mrad, are met within 2 mm and 0.02 rad, and "
             "one of them leaves the mean farther away than 0.3 of the task no farther "
             "from that demonstration than it was: at most 1.05 times as far, in "
-            "standard deviations. What a via-point tells of the rest may be used, and "
-            "need not be; it must not do harm. A weaker demand would judge what else "
-            "the method believes.",
+            "standard deviations. A method may use a via-point for the rest of the "
+            "path, but the rest must not become worse. A weaker demand would judge the "
+            "method's other assumptions.",
             absent="has no via-points",
             paper=_OURS | {"promp", "kmp", "gmm-gp"},
         ),
