@@ -23,6 +23,8 @@ from gplfd_env.task.opening import (
     OpeningMonitor,
 )
 
+pytestmark = pytest.mark.slow
+
 GRIPPER = gplfd_env.GRIPPER_ENVIRONMENT_ID
 REACH = 1.2
 CLOSE = 0.9

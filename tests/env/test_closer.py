@@ -13,6 +13,8 @@ from gplfd_env.doors.hardware import EN_1154, en1154, leaf, spring_hinge
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 from gplfd_env.scene.closer import STICTION_ANGLE, CloserLaw
 
+pytestmark = pytest.mark.slow
+
 LIGHT = {"hinge_friction": 0.0, "hinge_damping": 0.0}
 OFFICE = {**LIGHT, "radius": 0.65, "panel_mass": 30.0}
 

@@ -16,6 +16,8 @@ from gymnasium.vector import AutoresetMode
 
 import gplfd_env
 
+pytestmark = pytest.mark.slow
+
 IDS = (
     gplfd_env.ENVIRONMENT_ID,
     gplfd_env.IMPEDANCE_ENVIRONMENT_ID,

@@ -23,6 +23,8 @@ import gplfd_env
 from gplfd_env.doors.config import DoorConfig, DoorSpec, door_config
 from gplfd_env.robot.whole_body import SPEED
 
+pytestmark = pytest.mark.slow
+
 IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
 N = 8
 

@@ -10,6 +10,8 @@ from gplfd_env.robot.model import SERVO_STIFFNESS
 from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.task.observation import Reader
 
+pytestmark = pytest.mark.slow
+
 FORCES = ("force_tangential", "force_vertical", "force_radial")
 
 # Task frame: x pulls the door open, y is up, z points away from the hinge.

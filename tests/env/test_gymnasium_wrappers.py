@@ -21,6 +21,8 @@ from gymnasium.wrappers import (
 
 import gplfd_env
 
+pytestmark = pytest.mark.slow
+
 POSE, RL = gplfd_env.ENVIRONMENT_ID, gplfd_env.RL_ENVIRONMENT_ID
 IDS = (POSE, RL)
 PAGE = (Path(__file__).parents[2] / "docs" / "environment.md").read_text("utf-8")

@@ -16,6 +16,8 @@ from gplfd_env.robot.placement import ARM_JOINTS, task_rotation_w
 from gplfd_env.simulation.command import servo_gains
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
+pytestmark = pytest.mark.slow
+
 IMPEDANCE = gplfd_env.IMPEDANCE_ENVIRONMENT_ID
 SOFTEST = np.repeat([20.0, 1.0], 3)
 STIFFEST = np.repeat([2000.0, 100.0], 3)

@@ -11,6 +11,8 @@ from gplfd_env.conventions.constants import Base
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 
+pytestmark = pytest.mark.slow
+
 CLOSED = np.radians(0.5)
 SIDES = list(itertools.product(("pull", "push"), ("right", "left")))
 BASES: tuple[Base, ...] = ("fixed", "mobile")

@@ -12,6 +12,8 @@ from gymnasium.utils.env_checker import data_equivalence
 import gplfd_env
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 
+pytestmark = pytest.mark.slow
+
 LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}
 KNOB = {
     "handle": "knob",

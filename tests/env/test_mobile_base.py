@@ -22,6 +22,8 @@ from gplfd_env.robot.whole_body import SPEED
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 from gplfd_env.task.observation import Reader
 
+pytestmark = pytest.mark.slow
+
 MOBILE = gplfd_env.MOBILE_ENVIRONMENT_ID
 WALL = (*OBSTACLES, "wall_hinge", "wall_lock")
 AXES = ("tangential", "radial", "vertical")

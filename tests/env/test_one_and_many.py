@@ -19,7 +19,7 @@ from numpy.testing import assert_array_equal
 
 import gplfd_env
 
-pytestmark = pytest.mark.bits
+pytestmark = [pytest.mark.slow, pytest.mark.bits]
 
 POSE, GRIPPER = gplfd_env.ENVIRONMENT_ID, gplfd_env.GRIPPER_ENVIRONMENT_ID
 IMPEDANCE, MOBILE = (

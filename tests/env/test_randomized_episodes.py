@@ -23,6 +23,8 @@ from gplfd_env.doors.variation import Placement, Variation
 from gplfd_env.scene.build import GRASP_KEY, build_scene, load_scene
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
+pytestmark = pytest.mark.slow
+
 IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
 
 

@@ -28,6 +28,8 @@ from gplfd_env.wrappers import (
 )
 from gplfd_env.wrappers.gentle_reward import FORCE_SCALE, SLIP_SCALE
 
+pytestmark = pytest.mark.slow
+
 ID = gplfd_env.RL_ENVIRONMENT_ID
 PAGE = (Path(__file__).parents[2] / "docs" / "environment.md").read_text("utf-8")
 LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}

@@ -24,6 +24,8 @@ from gplfd_env.doors.config import DOORS
 from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
+pytestmark = pytest.mark.slow
+
 
 def picture(env) -> np.ndarray:
     image = env.render()

@@ -13,6 +13,8 @@ from numpy.testing import assert_array_equal
 import gplfd_env
 from gplfd_env.envs.vector import DoorOpeningImpedanceVectorEnv, DoorOpeningVectorEnv
 
+pytestmark = pytest.mark.slow
+
 IDS = {
     gplfd_env.ENVIRONMENT_ID: DoorOpeningVectorEnv,
     gplfd_env.IMPEDANCE_ENVIRONMENT_ID: DoorOpeningImpedanceVectorEnv,

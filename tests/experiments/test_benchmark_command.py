@@ -24,6 +24,8 @@ from gplfd_experiments.studies import jobs, runner, store
 from gplfd_experiments.studies.settings import StudySettings
 from gplfd_experiments.studies.settings_file import read_settings, write_settings
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def ran(monkeypatch, episode_result, learning_result):

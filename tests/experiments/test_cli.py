@@ -32,6 +32,8 @@ from gplfd_experiments.workflows import runs
 from gplfd_policies.demonstrations.npz import load_demonstrations
 from gplfd_policies.registry.catalogue import POLICIES
 
+pytestmark = pytest.mark.slow
+
 Gplfd = Callable[..., int]
 
 

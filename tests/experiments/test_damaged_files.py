@@ -44,6 +44,8 @@ from gplfd_experiments.studies.store import result_path, stored_results
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
 
+pytestmark = pytest.mark.slow
+
 VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "4"))
 """Files per kind of file and of damage."""
 MOST_MEMORY = 100 * 2**20

@@ -17,6 +17,8 @@ from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.data.minari.contents import title
 
+pytestmark = pytest.mark.slow
+
 Gplfd = Callable[..., int]
 DATASETS = "gplfd_experiments.data."
 

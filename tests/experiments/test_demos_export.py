@@ -25,6 +25,8 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import save_demonstrations
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Demonstration, ...]:

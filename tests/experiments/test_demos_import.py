@@ -19,6 +19,8 @@ from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import FIRST_POSE, FRAME, load_demonstrations
 
+pytestmark = pytest.mark.slow
+
 START = np.array([1.0, 2.0, 0.9])
 TURN = Rotation.from_rotvec([0.4, -0.2, 1.1])
 SET_FILES = {"demonstrations.npz", "report.txt", "before_after.png", "import.json"}

@@ -20,6 +20,8 @@ from gplfd_experiments.studies.plan import checked, tasks
 from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.settings import StudySettings
 
+pytestmark = pytest.mark.slow
+
 # The work of these tests are local functions, which travel to workers by value.
 
 

@@ -22,6 +22,8 @@ from gplfd_experiments.studies.settings_file import read_settings, write_setting
 from gplfd_experiments.workflows import runs
 from gplfd_policies.demonstrations.npz import load_demonstrations
 
+pytestmark = pytest.mark.slow
+
 Gplfd = Callable[..., int]
 
 PUSHED = {"radius": 0.7, "handle": "knob", "latch": "spring", "swing": "push"}

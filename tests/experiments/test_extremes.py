@@ -23,6 +23,8 @@ from gplfd_experiments.workflows.study_recordings import (
     same_door,
 )
 
+pytestmark = pytest.mark.slow
+
 CONFIG = dataclasses.asdict(DoorConfig())
 
 

@@ -43,6 +43,8 @@ from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.registry.catalogue import make_agent
 
+pytestmark = pytest.mark.slow
+
 Log = Callable[..., EpisodeLog]
 Measured = Callable[[str], Any]
 DOORS = ("small", "medium", "large", "heavy", "0.42")

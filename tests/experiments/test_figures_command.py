@@ -9,6 +9,8 @@ import pytest
 from gplfd_experiments.analysis.figures import drawing, material, style
 from gplfd_experiments.episodes.log import EpisodeLog
 
+pytestmark = pytest.mark.slow
+
 Gplfd = Callable[..., int]
 
 

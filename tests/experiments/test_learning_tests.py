@@ -55,7 +55,7 @@ from gplfd_policies.registry.method import Method, TrainingInput
 
 Curve = Callable[[np.ndarray], np.ndarray]
 TEACHER = TeacherConfig(duration_mean=2.0, sampling_rate=30.0)
-pytestmark = pytest.mark.filterwarnings("ignore:sensor noise")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:sensor noise")]
 
 
 @functools.cache

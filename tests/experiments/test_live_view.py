@@ -25,6 +25,8 @@ from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.live import LiveRecording, watched_rollout
 from gplfd_experiments.recording.stream import open_stream
 
+pytestmark = pytest.mark.slow
+
 Gplfd = Callable[..., int]
 NAMES = {
     "policy": "gp",

@@ -22,6 +22,8 @@ from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers import read_recordings
 from gplfd_experiments.data.readers.selection import Selection
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 RATE = 200.0
 AS_RECORDED = Preparation(frame="recorded", trim_rests=False, cutoff=None, rate=None)

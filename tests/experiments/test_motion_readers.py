@@ -48,6 +48,8 @@ from gplfd_policies.arrays.storage import DecodingBudget
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import save_demonstrations
 
+pytestmark = pytest.mark.slow
+
 VARIANTS = int(os.environ.get("GPLFD_VARIANTS", "14"))
 """Damaged files of every kind; 200 take a quarter of a minute each."""
 RECORDED = Path(__file__).with_name("data") / "door-opening-v0"

@@ -40,6 +40,8 @@ from gplfd_policies.adaptation import ADAPTATIONS
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.movements.movement import Movement
 
+pytestmark = pytest.mark.slow
+
 WATCHED = {
     "gplfd_policies.adaptation.conditioning.ConditionedProcess.update",
     "gplfd_policies.movements.baselines.tp_gmm._maximised",

@@ -24,6 +24,8 @@ from gplfd_experiments.episodes.rollout import rollouts
 from gplfd_policies import POLICIES, batch_agents
 from gplfd_policies.registry.method import TrainingInput
 
+pytestmark = pytest.mark.slow
+
 ROOM = DoorConfig(radius=0.53, handle="lever", latch="spring")
 LEVERS = (ROOM, DoorConfig(radius=0.60, handle="lever", latch="spring"))
 

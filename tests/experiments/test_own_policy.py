@@ -30,6 +30,8 @@ from gplfd_experiments.studies.sources import (
 from gplfd_experiments.studies.tasks import task_from
 from gplfd_policies.registry.catalogue import policy_named
 
+pytestmark = pytest.mark.slow
+
 OWN = """\
 import os, warnings; import numpy as np
 from gplfd_policies import TrainingInput, make_agent

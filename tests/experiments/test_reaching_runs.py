@@ -25,6 +25,8 @@ from gplfd_policies.demonstrations.npz import (
     save_demonstrations,
 )
 
+pytestmark = pytest.mark.slow
+
 Gplfd = Callable[..., int]
 MakeLog = Callable[..., EpisodeLog]
 

@@ -30,6 +30,8 @@ from gplfd_experiments.recording.tube import (
     tube_vertices,
 )
 
+pytestmark = pytest.mark.slow
+
 MakeLog = Callable[..., EpisodeLog]
 
 

@@ -17,6 +17,8 @@ from gplfd_env.envs.camera import Camera
 from gplfd_experiments.cli.commands.run import _draw_without_screen
 from gplfd_experiments.recording import video
 
+pytestmark = pytest.mark.slow
+
 Gplfd = Callable[..., int]
 ORACLE = ("run", "--policy", "oracle")
 RATE = 5

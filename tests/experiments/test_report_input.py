@@ -14,7 +14,7 @@ from gplfd_experiments.analysis.report.writing import html_page, markdown_page
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
 
-pytestmark = pytest.mark.usefixtures("small_plots")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_plots")]
 
 ODD = (
     *(None, True, 0, -1, 0.5, 1e308, 10**400, float("nan"), float("inf")),

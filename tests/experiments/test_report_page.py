@@ -27,7 +27,7 @@ from gplfd_experiments.cli import main as cli
 from gplfd_experiments.files.table import Table
 from gplfd_experiments.studies.learning_tests.criteria import CRITERIA
 
-pytestmark = pytest.mark.usefixtures("small_plots")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_plots")]
 
 VOID = {"meta", "img", "br", "link", "hr"}
 

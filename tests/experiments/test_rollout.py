@@ -28,6 +28,8 @@ from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.registry.catalogue import POLICIES
 from gplfd_policies.registry.method import TrainingInput
 
+pytestmark = pytest.mark.slow
+
 DOORS, SEEDS = (0.35, 0.42, 0.5), (5, 6, 7)
 
 

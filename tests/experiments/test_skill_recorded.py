@@ -30,6 +30,8 @@ from gplfd_policies.demonstrations.npz import (
 )
 from gplfd_policies.registry.method import Method
 
+pytestmark = pytest.mark.slow
+
 
 def arcs(radii: tuple[float, ...] = (0.40, 0.45, 0.50, 0.55)) -> list[Demonstration]:
     """Doors opened without noise at one pace: a family of one number."""

@@ -12,6 +12,8 @@ from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_policies.demonstrations.npz import save_demonstrations
 from gplfd_policies.movements.skill import load_skill
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def demonstrations(tmp_path, monkeypatch):

@@ -18,6 +18,8 @@ from gplfd_experiments.speed.environment import (
 )
 from gplfd_experiments.speed.timing import Timed, Timing
 
+pytestmark = pytest.mark.slow
+
 # --- Steps -------------------------------------------------------------------
 
 

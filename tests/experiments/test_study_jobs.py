@@ -27,6 +27,8 @@ from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.registry import catalogue as registry
 from gplfd_policies.registry.method import Method, TrainingInput
 
+pytestmark = pytest.mark.slow
+
 MakeLog = Callable[..., Any]
 
 

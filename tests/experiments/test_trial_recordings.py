@@ -23,6 +23,8 @@ from gplfd_experiments.workflows.study_recordings import (
     side_by_side,
 )
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def shown(write_study, episode_result):

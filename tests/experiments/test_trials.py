@@ -43,6 +43,8 @@ from gplfd_experiments.studies.trials.protocol import (
 from gplfd_experiments.studies.trials.records import MEASURES, Contrast, Side
 from gplfd_policies.registry.catalogue import POLICIES
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 MakeEpisode = Callable[..., dict[str, Any]]
 

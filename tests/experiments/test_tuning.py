@@ -23,6 +23,8 @@ from gplfd_experiments.studies.tuning.objective import best, evaluate
 from gplfd_policies import POLICIES
 from gplfd_policies.registry.tuning_spaces import SPACES, tuned_settings
 
+pytestmark = pytest.mark.slow
+
 SMALL = Protocol(evaluations=5, seeds=(1000,), radii=(0.46,))
 
 

@@ -13,6 +13,8 @@ from PIL import Image
 
 from gplfd_experiments.studies.trials.protocol import TRIALS, VERSION
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))  # as for a script that is run
 leaderboard, pictures = map(importlib.import_module, ("leaderboard", "pictures"))

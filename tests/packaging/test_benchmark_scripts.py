@@ -18,6 +18,8 @@ from gplfd_experiments.studies.learning_tests.scores import recorded_metrics
 from gplfd_policies import POLICIES
 from gplfd_policies.demonstrations.npz import save_demonstrations
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "benchmarks"
 sys.path.insert(0, str(FOLDER))  # as for a script that is run

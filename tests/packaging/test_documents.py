@@ -20,6 +20,8 @@ from gplfd_experiments.cli import main as cli
 from gplfd_experiments.studies.settings import StudySettings
 from gplfd_experiments.studies.settings_file import write_settings
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 TUTORIALS = sorted((DOCS / "tutorials").glob("*.ipynb"))

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ALL = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
 ELSEWHERE = {"cloned_policy", "learned_policy"}
 """Run by .ci/run, with the commands of docs/learners.md; tested in tests/learners, with

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 GPLFD = Path(sys.executable).with_name("gplfd")
 STUDY = (
     *("benchmark", "--policies", "oracle", "--doors", "small", "--seeds", "1"),

@@ -24,7 +24,7 @@ from gplfd_policies.gp.noise import LEAST_SPREAD, MapNoise
 from gplfd_policies.movements.skill import Skill, fit_skill
 from gplfd_policies.movements.trajectory import ViaPoint
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 TIMES = np.linspace(0.0, 1.0, 60)
 ANGLE = 1.2

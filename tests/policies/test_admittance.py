@@ -17,6 +17,8 @@ from gplfd_policies.control.stiffness import (
     VirtualDynamics,
 )
 
+pytestmark = pytest.mark.slow
+
 STIFF = PAPER_PROFILE.k_max
 WRENCH = np.array([5.0, -3.0, 8.0, 0.5, -0.2, 0.1])
 

@@ -24,7 +24,7 @@ from gplfd_policies.phase.path_phase import PathPhase
 from gplfd_policies.phase.phase_rule import POSE_ERROR, ClockPhase, PhaseEstimate
 from gplfd_policies.registry.catalogue import POLICIES
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 PERIOD = 0.01
 AT_REST = np.zeros(6)

@@ -26,6 +26,8 @@ from gplfd_policies.movements.baselines.tp_gmm import (
 )
 from gplfd_policies.movements.trajectory import ViaPoint
 
+pytestmark = pytest.mark.slow
+
 GRID = np.linspace(0.0, 1.0, 60)
 
 

@@ -10,7 +10,7 @@ from gplfd_policies.movements.baselines.wishart_gp import (
     fit_wishart_gp,
 )
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 TIMES = np.linspace(0.0, 1.0, 40)
 STD = 0.02 * np.exp(1.2 * np.sin(5.0 * TIMES))

@@ -23,7 +23,7 @@ from gplfd_policies.control.load import YieldToAll
 from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.gp.noise import KerstingNoise
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 RADII = (0.38, 0.50, 0.62)
 LEVER = DoorConfig(radius=0.65, handle="lever", latch="spring")

@@ -17,7 +17,7 @@ from gplfd_policies.agents.model_based.pulling import (
 )
 from gplfd_policies.agents.model_based.yielding import Yielding
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 LEARNING_NOTHING = ("hinge-fit", "reflex", "chord", "compliant-pull")
 

@@ -31,6 +31,8 @@ from gplfd_policies.movements.movement import (
 )
 from gplfd_policies.movements.prior_mean import fit_residual
 
+pytestmark = pytest.mark.slow
+
 GRID = np.linspace(0.0, 1.0, 31)
 ARRAYS = ("times", "mean", "std", "mean_rate", "std_rate", "covariance")
 SHORT_CHAIN = WishartGPConfig(steps=40, discarded=10, times=20)

@@ -12,7 +12,7 @@ from gplfd_policies.phase.heading import Heading, HeadingConfig, directions
 from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 FINAL_ANGLE = np.radians(67.0)
 PRIOR = PhaseNoise().heading

@@ -18,7 +18,7 @@ from gplfd_policies.movements.baselines.wishart_gp import (
     fit_wishart_gp,
 )
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 PHASES = np.linspace(0.0, 1.0, 30)
 VIA_POINT = ViaPoint(phase=0.3, pose=handle_pose_on_arc(0.42, 0.35), std=1e-3)

@@ -34,7 +34,7 @@ from gplfd_policies.movements.prior_mean import ResidualMovement, fit_residual
 from gplfd_policies.movements.trajectory import ViaPoint
 from gplfd_policies.registry.method import TrainingInput
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 BESIDE = np.array([0.1, 0.02, -0.1, 0.05, 0.3, -0.05])
 GRID = np.linspace(0.0, 1.0, 31)

@@ -26,6 +26,8 @@ from gplfd_policies.phase.path_phase import PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
 from gplfd_policies.registry.method import path_phase, profile_of_spread
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def agent_of(demonstrations, learned):

@@ -12,7 +12,7 @@ from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.gp.noise import KerstingNoise
 from gplfd_policies.movements.prior_mean import fit_residual
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 PHASES = np.linspace(-0.05, 1.05, 45)
 VIA_POINT = ViaPoint(phase=0.4, pose=np.array([0.2, 0.0, -0.05, 0.0, 0.4, np.nan]))

@@ -21,6 +21,8 @@ from gplfd_policies.arrays.storage import (
     write_archive,
 )
 
+pytestmark = pytest.mark.slow
+
 KIND = "a test"
 ARRAYS = {
     "curve": np.linspace(0.0, 1.0, 60).reshape(10, 6),

@@ -15,7 +15,7 @@ from gplfd_policies.registry.built_in import TABLE_1
 from gplfd_policies.registry.catalogue import tuned
 from gplfd_policies.registry.tuning_spaces import SPACES, Setting, tuned_settings
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 GRID = np.linspace(0.0, 1.0, 40)
 SHARES = st.floats(0.0, 1.0)

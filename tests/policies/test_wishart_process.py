@@ -16,7 +16,7 @@ from gplfd_policies.movements.baselines.wishart_process import (
     sample_posterior,
 )
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 MEAN = np.array([[4.0, 1.0], [1.0, 2.0]])
 
