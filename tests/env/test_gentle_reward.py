@@ -15,6 +15,8 @@ from gplfd_env.task.opening import SUCCESS_ANGLE
 from gplfd_env.wrappers import action_of
 from gplfd_env.wrappers.gentle_reward import FORCE_SCALE, SLIP_SCALE, Score
 
+pytestmark = pytest.mark.slow
+
 ID = gplfd_env.RL_ENVIRONMENT_ID
 LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}
 

@@ -18,7 +18,7 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.variation import Placement
 from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec, load_scene
 
-pytestmark = pytest.mark.bits
+pytestmark = [pytest.mark.slow, pytest.mark.bits]
 
 IDS = (gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID)
 

@@ -38,6 +38,8 @@ from gplfd_experiments.data.minari.physics import (
 )
 from gplfd_experiments.data.replay import compare, replay
 
+pytestmark = pytest.mark.slow
+
 N_STEPS = 12
 OPTIONS: dict[str, Any] = {"door": {"radius": 0.4, "hinge_friction": 1.5}}
 

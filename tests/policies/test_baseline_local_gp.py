@@ -16,7 +16,7 @@ from gplfd_policies.movements.baselines.local_gp import (
     fit_local_gp,
 )
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 TIMES = np.linspace(0.0, 1.0, 80)
 STEP_STD = np.where(TIMES < 0.5, 0.01, 0.05)

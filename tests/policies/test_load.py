@@ -14,6 +14,8 @@ from gplfd_policies.control.load import (
 )
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 
+pytestmark = pytest.mark.slow
+
 FORWARD = np.array([1.0, 0.0, 0.0])
 
 

@@ -16,6 +16,8 @@ from gplfd_policies.agents.model_based.circle import (
     fit_circle,
 )
 
+pytestmark = pytest.mark.slow
+
 CERTAIN = replace(UPRIGHT, noise=1e-6)
 RADII = st.floats(0.3, 1.0)
 HEADINGS = st.floats(-0.1, 0.1)
