@@ -70,18 +70,18 @@ _NO_DEMANDS: Final = Demands({}, {}, {})
 
 
 class Episode:
-    """What an environment keeps of one simulation, or of n, besides MuJoCo's state.
+    """State of one episode, or of n, besides the state in MuJoCo.
 
     Of one simulation, 0, numbers are Python's; `together` makes one episode of n whose
     numbers are arrays (n,). Both compute the same bits.
 
     Attributes:
         n: Number of simulations; None for one without the axis.
-        reader: What reads their sensors.
-        constants: What does not change.
+        reader: Reads the sensors.
+        constants: Values that stay constant.
         readings: The last ones.
-        progress: How far they have come.
-        outside: What disturbances do.
+        progress: Progress of the episodes.
+        outside: Effects of the disturbances.
     """
 
     readings: Readings
@@ -193,7 +193,7 @@ class Episode:
         self._index()
 
     def _index(self) -> None:
-        """Note which simulations have noise, delays, ..."""
+        """Collect the simulations that have noise, a delay, a drive and so on."""
         rows = list(enumerate(self._companions))
         self._noises = {row: own.noise for row, own in rows if own.noise}
         self._delays = {row: own.delay for row, own in rows if own.delay}
@@ -207,7 +207,7 @@ class Episode:
         self._note_outside()
 
     def _note_outside(self) -> None:
-        """Take over what disturbances do."""
+        """Read the effects of the disturbances."""
         zeros = Outside._field_defaults.items()
         each = [self._each(self._interventions, name, zero) for name, zero in zeros]
         self.outside = Outside(*each)

@@ -22,12 +22,12 @@ Array = NDArray[np.float64]
 
 
 class Constants(NamedTuple):
-    """What does not change during an episode: numbers, or arrays (n,).
+    """Values that are constant during an episode: numbers, or arrays (n,).
 
     Attributes:
-        hand: What the wrist sensor carries.
+        hand: Mass beyond the wrist sensor.
         way: `DoorConfig.way`; likewise `side`, `radius` and `hand_radius`.
-        closer: What closes the door.
+        closer: Law of the door closer.
         latched: Whether it has a bolt; `bolt_throw` is how far it stands out [m].
         turned: Angle from which the handle counts as turned [rad].
         stopped: A disturbance stops the door.
@@ -46,7 +46,7 @@ class Constants(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """What the sensors say, without noise: numbers, or arrays (n,).
+    """Sensor readings without noise: numbers, or arrays (n,).
 
     Attributes:
         time: Since the reset [s].
