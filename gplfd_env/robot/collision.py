@@ -39,11 +39,7 @@ _CAPSULES: Final[dict[str, tuple[str, tuple[float, ...], float]]] = {
 
 
 def add_collisions(spec: mujoco.MjSpec) -> None:
-    """Add the robot's collision geometry and enable contact with door and walls.
-
-    Args:
-        spec: The scene, with robot, door and walls; edited in place.
-    """
+    """Add the robot's collision geometry and enable contact with door and walls."""
     for name, (body, ends, radius) in _CAPSULES.items():
         spec.body(body).add_geom(
             name=name,
@@ -63,11 +59,8 @@ def add_collisions(spec: mujoco.MjSpec) -> None:
 def add_walls(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
     """Add the walls on both sides of the frame, without contact.
 
-    Args:
-        spec: The scene, with the door; edited in place.
-        door: Geometry.
-        base: With a fixed base that pushes, the arm passes beside the lock, where a
-            wall would hide it: there the wall ends at the frame.
+    With a fixed base that pushes, the arm passes beside the lock, where a wall would
+    hide it: there the wall ends at the frame.
     """
     for side in ("hinge", "lock"):
         jamb, other = spec.geom(f"jamb_{side}"), spec.geom("lintel")

@@ -51,11 +51,7 @@ at most 1 cm."""
 
 
 def add_mobile_base(spec: mujoco.MjSpec) -> None:
-    """Give the robot planar joints, and wheels that are driven at a commanded rate.
-
-    Args:
-        spec: The robot; edited in place.
-    """
+    """Give the robot planar joints, and wheels that are driven at a commanded rate."""
     root = spec.body("base_footprint")
     motors = spec.worldbody.add_body(
         name="motors", explicitinertial=True, mass=1.0, inertia=[1.0, 1.0, 1.0]

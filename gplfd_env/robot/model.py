@@ -81,19 +81,13 @@ FINGER_STROKE: Final = GRIPPER_WIDTH / 2.0
 def load_robot(
     control: Control = "pose", door: DoorConfig | None = None, base: Base = "fixed"
 ) -> mujoco.MjSpec:
-    """Read the arm's URDF and add gravity compensation, servo and sensor sites.
+    """Read the arm's URDF and add gravity compensation, servos, sites and cameras.
 
     The hand site's axes coincide with the task frame when the door is closed, so the
     orientation servo's exponential-map input *is* θu (Eq. 8) without a conversion.
-
-    Args:
-        control: ``"pose"`` turns the hand by one servo on the whole orientation;
-            ``"impedance"`` by one per axis of θu, so that each can have its stiffness.
-        door: What the hand holds; by default one with a bar that is pulled.
-        base: Whether the base is fixed or mobile.
-
-    Returns:
-        A specification that compiles once a ``task_frame`` site has been added.
+    Control by ``"pose"`` turns the hand by one servo on the whole orientation, by
+    ``"impedance"`` by one per axis of θu. The result compiles once a ``task_frame``
+    site has been added.
     """
     door = DoorConfig() if door is None else door
     spec = mujoco.MjSpec.from_file(str(asset_path("tiago_like.urdf")))
@@ -193,10 +187,6 @@ def _add_hooks(spec: mujoco.MjSpec, radius: float) -> None:
 
     The grasp of a lever or knob is then form-closed, with 2 mm of play along the
     approach.
-
-    Args:
-        spec: The robot; edited in place.
-        radius: Radius of the handle [m].
     """
     waist = radius - _RIDGE_HEIGHT
     reach = math.sqrt(radius**2 - waist**2) + _RIDGE_PLAY / 2 + _RIDGE_HALF_THICKNESS

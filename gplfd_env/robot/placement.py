@@ -40,8 +40,7 @@ def handle_position_w(
 ) -> Matrix:
     """Return the middle of the closed handle in the world frame, (3,) [m].
 
-    The world frame is the base's at the reset, so an error of the base displaces the
-    door.
+    The world frame is the base's at the reset, so an error of the base displaces it.
     """
     handle = stance_of(door, base).handle_xy_w
     x, y = handle[0] - placement.base_x, handle[1] - placement.base_y
@@ -54,10 +53,7 @@ def task_rotation_w(
 ) -> Matrix:
     """Return the task frame's axes as columns in the world frame, (3, 3).
 
-    Args:
-        door: Decides how the robot stands; by default one with a bar that is pulled.
-        yaw: Heading error of the base [rad]: with it, the axes of the true door.
-        base: Whose stance it is.
+    With a heading error `yaw` of the base [rad] they are those of the true door.
     """
     door = DoorConfig() if door is None else door
     heading = stance_of(door, base).door_yaw - yaw
@@ -95,21 +91,13 @@ def quaternion(rotation: Matrix) -> Matrix:
 def grasp_in_door_frame(
     door: DoorConfig, placement: Placement, base: Base
 ) -> tuple[Matrix, Matrix]:
-    """Return the task frame in the door frame: position (3,) [m], quaternion (4,).
-
-    It is where the hand takes hold, in the heading that the robot believes in.
-    """
+    """Return where the hand takes hold in the door frame: (3,) [m], quaternion (4,)."""
     position, rotation = _task_in_door_frame(door, placement, base)
     return position, quaternion(rotation)
 
 
 def door_geometry(variation: Variation, base: Base) -> DoorGeometry:
-    """Return where the hinge and the handle's axis are in an episode's task frame.
-
-    Args:
-        variation: The episode's door and where the robot stands and grasps.
-        base: Whose stance before the door it is.
-    """
+    """Return where the hinge and the handle's axis are in an episode's task frame."""
     door = variation.door
     position, rotation = _task_in_door_frame(door, variation.placement, base)
     hinge = np.array([0.0, 0.0, -door.side * door.hand_radius])
@@ -125,13 +113,7 @@ def door_geometry(variation: Variation, base: Base) -> DoorGeometry:
 
 
 def standoff_pose(door: DoorConfig, standoff: Standoff, base: Base) -> Matrix:
-    """Return the pose of a hand before the handle, task frame, (6,) [m, rad].
-
-    Args:
-        door: Decides how the robot stands.
-        standoff: Where the hand is.
-        base: Whose stance it is.
-    """
+    """Return the pose of a hand before the handle, task frame, (6,) [m, rad]."""
     to_task = task_rotation_w(door, base=base).T
     back, up = to_task @ gripper_rotation_w(door, base)[:, 2], np.array([0.0, 1.0, 0.0])
     level = math.cos(standoff.aside) * back
@@ -141,10 +123,7 @@ def standoff_pose(door: DoorConfig, standoff: Standoff, base: Base) -> Matrix:
 
 
 def grasp_height(door: DoorConfig, placement: Placement) -> float:
-    """Return how far above the handle's middle the hand holds it [m].
-
-    On a lever or knob not at all: the fingers close from above and below.
-    """
+    """Return how far above the middle of a bar the hand holds it [m]."""
     return placement.grasp_height if door.handle == "bar" else 0.0
 
 
@@ -166,25 +145,12 @@ def solve_closed_posture(
     placement: Placement,
     base: Base = "fixed",
 ) -> Matrix:
-    """Return the configuration in which the hand site holds the closed handle.
+    """Return all joint positions, (nq,) [m, rad], that hold the closed handle.
 
-    Newton's method on the 6-D pose error between the sites ``hand`` and
-    ``task_frame`` with the pseudo-inverse of the arm's Jacobian, started at
-    the stance's posture (so it ends at the nearest posture of the arm's self-motion).
-
-    Args:
-        model: The compiled scene.
-        data: Of the same model; left in the configuration found.
-        door: Its handle height and
-        placement: its height of the grasp set the torso's lift, as far as that goes;
-            the rest is left to the arm.
-        base: Whose stance it is.
-
-    Returns:
-        All joint positions, ``(nq,)`` [m, rad]; fingers, hinge and base at zero.
-
-    Raises:
-        ValueError: The pose is out of reach.
+    Newton's method on the 6-D pose error between the sites ``hand`` and ``task_frame``,
+    with the pseudo-inverse of the arm's Jacobian from the stance's posture. The torso
+    is lifted as far as that goes; fingers, hinge and base are at zero. Raises a
+    ValueError if the pose is out of reach.
     """
     mujoco.mj_resetData(model, data)
     stance = stance_of(door, base)
@@ -207,18 +173,10 @@ def solve_closed_posture(
 def solve_standoff_posture(
     model: mujoco.MjModel, data: mujoco.MjData, pose: Matrix
 ) -> None:
-    """Draw the hand back from the closed handle to a pose before it.
+    """Draw the hand back from the closed handle to a pose (6,) before it.
 
     In small steps, which keeps the arm on its way where its elbow is nearly stretched.
-
-    Args:
-        model: The scene.
-        data: Of the same model, holding the closed handle; left in the configuration
-            found.
-        pose: Of the hand, task frame, (6,) [m, rad]; of its orientation at the handle.
-
-    Raises:
-        ValueError: The pose is out of reach.
+    Raises a ValueError if the pose is out of reach.
     """
     axes = data.site_xmat[model.site("task_frame").id].reshape(3, 3)
     away = axes @ pose[:3]
@@ -233,10 +191,7 @@ def solve_standoff_posture(
 
 
 def _arm(model: mujoco.MjModel) -> list[int]:
-    """Return the addresses of the arm's joints.
-
-    Every joint is a hinge or a slide, so qpos and qvel share them.
-    """
+    """Return the addresses of the arm's joints, the same in qpos and qvel."""
     return [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
 
 
@@ -249,13 +204,7 @@ def _within_limits(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
 def _bring_hand(
     model: mujoco.MjModel, data: mujoco.MjData, away: Matrix | None = None
 ) -> float:
-    """Bring the arm to where its hand is at the task frame; return the error left.
-
-    Args:
-        model: The scene.
-        data: Of the same model; the arm's joints are moved.
-        away: From the task frame, world frame, (3,) [m]; nothing by default.
-    """
+    """Bring the hand to the task frame, or `away` from it [m]; return the error."""
     arm = _arm(model)
     hand, target = model.site("hand").id, model.site("task_frame").id
     jacobian = np.zeros((6, model.nv))

@@ -12,10 +12,7 @@ from gplfd_env.doors.config import DoorConfig, Swing
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Stance:
-    """Pose of the robot in front of a closed door.
-
-    assets/README.md describes how each was found.
-    """
+    """Pose of the robot in front of a closed door; assets/README.md tells how found."""
 
     handle_xy_w: tuple[float, float]
     """Closed handle in the base frame, without placement error [m]."""
@@ -159,12 +156,10 @@ def base_for(door: DoorConfig) -> Base:
 
 
 def check_reach(door: DoorConfig, base: Base, start: Start = "grasped") -> None:
-    """Check that a door is within the reach of the robot.
+    """Raise a ValueError if a door is beyond the reach of the robot.
 
-    Raises:
-        ValueError: The handle is too far from the hinge or too high, or the episode
-            starts in front of a handle at which the robot stands too near to draw back
-            its arm.
+    The handle is too far from the hinge or too high, or the episode starts in front of
+    a handle at which the robot stands too near to draw back its arm.
     """
     if (start, base, door.swing) == ("approach", "fixed", "push"):
         raise ValueError(

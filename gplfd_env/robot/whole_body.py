@@ -62,12 +62,8 @@ BLOCKED_TIME: Final = 0.5
 class BaseDrive:
     """Commands the base of one simulation and detects that it is blocked.
 
-    Args:
-        hand: Where the hand holds the closed handle, world frame [m].
-        door: Determines the stance of the robot.
-
-    Attributes:
-        rate: Commanded rate of the base's pose, world frame [m/s, rad/s].
+    The hand holds the closed handle at `hand`, world frame [m]; `rate` is the commanded
+    rate of the base's pose, world frame [m/s, rad/s].
     """
 
     def __init__(
@@ -79,12 +75,7 @@ class BaseDrive:
         self._slowed = 0.0
 
     def follow(self, hand: list[float], base: Planar) -> None:
-        """Command by the whole-body rule.
-
-        Args:
-            hand: Commanded pose, task frame, (6,) [m, rad].
-            base: Pose of the base [m, rad].
-        """
+        """Command by the whole-body rule for a commanded pose of the hand, (6,)."""
         last = self._dragged
         x, y, yaw = self._dragged = _dragged(last, led_by(hand, self._hand, self._axes))
         dx, dy, turn = x - base[0], y - base[1], yaw - base[2]
@@ -100,12 +91,7 @@ class BaseDrive:
         )
 
     def obey(self, twist: list[float], base: Planar) -> None:
-        """Command by a twist in the base's own axes.
-
-        Args:
-            twist: Forward, to the left and turning to the left [m/s, rad/s].
-            base: Pose of the base [m, rad].
-        """
+        """Command by a twist ahead, to the left and turning left [m/s, rad/s]."""
         forward, left, turning = twist
         cosine, sine = math.cos(base[2]), math.sin(base[2])
         self._accelerate(
@@ -145,16 +131,10 @@ class BaseDrive:
 def led_by(
     hand: list[float], closed: tuple[float, float], axes: Axes | None = None
 ) -> Planar:
-    """Return the target pose of the base for a pose of the hand.
+    """Return the target pose of the base, world frame, for a pose of the hand (6,).
 
-    Args:
-        hand: Pose of the hand, task frame, (6,) [m, rad].
-        closed: Its position at the closed grasp, world frame [m].
-        axes: Axes of the task frame in the world frame; by default those of a bar.
-
-    Returns:
-        Pose of the base relative to its pose at the closed grasp, world frame
-        [m, rad].
+    Relative to its pose at the closed grasp, where the hand is at `closed` [m]. The
+    axes of the task frame are by default those of a bar.
     """
     x, y, z, *rotation = hand
     coming = min(max(x / _COMING, -1.0), 1.0)

@@ -42,11 +42,6 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, base: Base = "fixed") -> No
 
     An elliptic cone with a large ``impratio`` prevents creep of a friction grasp: with
     MuJoCo's defaults the bar is lost under a sustained pull.
-
-    Args:
-        spec: The scene; edited in place. World frame = the robot's base_footprint.
-        door: The cameras show its motion and the robot.
-        base: Whether the base is fixed or mobile.
     """
     spec.option.timestep = PHYSICS_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -112,15 +107,11 @@ def _viewing_direction(door: DoorConfig, base: Base) -> tuple[float, float]:
 
 
 def _camera_position(points: Matrix) -> Matrix:
-    """Return the nearest camera position that shows all points, camera axes (3,) [m].
+    """Return the nearest camera position that shows all points, in its axes [m].
 
-    A point (x, y, z) is in the picture of a camera at c if |x - c_x| <= (c_z - z) t
-    with the tangent t of half the field of view, and likewise in y. Each of these
-    inequalities is linear in c.
-
-    Args:
-        points: Points to be shown, in the camera's axes (right, up, backward), (N, 3)
-            [m].
+    A point (x, y, z), its axes right, up and backward, is in the picture of a camera at
+    c if |x - c_x| <= (c_z - z) t with the tangent t of half the field of view, and
+    likewise in y. Each of these inequalities is linear in c.
     """
     vertical = math.tan(_FIELD_OF_VIEW / 2.0) / _MARGIN
     tangents = np.array([_ASPECT * vertical, vertical])

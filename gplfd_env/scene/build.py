@@ -88,15 +88,8 @@ def build_spec(
 ) -> mujoco.MjSpec:
     """Assemble arena, robot, door and sensors without compiling them.
 
-    Args:
-        door: Geometry and hinge of the door.
-        grasp: ``"contact"`` holds the bar by friction between the finger pads;
-            ``"weld"`` adds a rigid joint between hand and bar; ``"gripper"`` is
-            friction of fingers that open and close.
-        placement: Where the robot stands and grasps; without error by default.
-        control: See `gplfd_env.robot.model.load_robot`.
-        structure: Of the scene; by default the door's.
-        base: Whether it drives.
+    A ``"weld"`` adds a rigid joint between hand and handle. The structure is by default
+    the door's.
     """
     structure = structure_of(door) if structure is None else structure
     spec = load_robot(control, door, base)
@@ -130,11 +123,8 @@ def build_scene(
 ) -> mujoco.MjModel:
     """Return a model of a scene with a settled grasp, which callers may edit.
 
-    Its keyframe `GRASP_KEY` is the state after a reset. The arguments are those of
-    `build_spec`, and a ``standoff`` of the hand, which by default holds the handle.
-
-    Raises:
-        ValueError: The closed handle is out of reach.
+    Its keyframe `GRASP_KEY` is the state after a reset: the hand holds the handle, or
+    is before it by a `standoff`. Raises a ValueError if that is out of reach.
     """
     model = _template(structure_of(door), grasp, control, base).__copy__()
     data = mujoco.MjData(model)
@@ -162,25 +152,11 @@ def load_scene(
     control: Control = "pose",
     base: Base = "fixed",
 ) -> None:
-    """Write another door into a scene's model, in place.
+    """Write another door of the same structure into a scene's model, in place.
 
     The result depends on the arguments alone, not on the door before: it is that of
-    `build_scene`, bit for bit.
-
-    Args:
-        model: Made by `build_scene` for a door of the same structure, with the same
-            grasp, control and base.
-        data: Of the same model; reset it to the keyframe afterwards.
-        door: The new door.
-        grasp: As the model was made.
-        placement: Pose of the robot and its grasp; without error by default.
-        standoff: Initial pose of the hand; by default it holds the handle.
-        control: As the model was made.
-        base: As the model was made.
-
-    Raises:
-        ValueError: The closed handle is out of reach, or the hand's place before it;
-            the model is unchanged.
+    `build_scene`, bit for bit. Raises a ValueError, and leaves the model unchanged, if
+    the handle is out of reach. Reset `data` to the keyframe afterwards.
     """
     check_reach(door, base, "grasped" if standoff is None else "approach")
     placement = Placement() if placement is None else placement

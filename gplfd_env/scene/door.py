@@ -44,13 +44,7 @@ _CYLINDER: Final = mujoco.mjtGeom.mjGEOM_CYLINDER
 
 
 class Structure(NamedTuple):
-    """Parts of a door. Scenes of one structure differ in numbers only.
-
-    Attributes:
-        handle: Kind of handle.
-        latched: Whether there is a bolt.
-        closer: Whether the closer has tendons.
-    """
+    """Parts of a door. Scenes of one structure differ in numbers only."""
 
     handle: Handle
     latched: bool
@@ -77,13 +71,6 @@ def add_door(
     ``handle_bar`` (the only one that touches the hand), the site ``handle`` that moves
     with it, beside a handle that turns the site ``leaf_axes`` that does not turn with
     it, the latch, and the actuator ``door_closer``.
-
-    Args:
-        spec: The scene, with the robot in it; edited in place.
-        door: Geometry and hinge.
-        placement: Where the robot stands and grasps; without error by default.
-        structure: Parts to add; by default those of the door.
-        base: Whether the base is fixed or mobile.
     """
     structure = structure_of(door) if structure is None else structure
     placement = Placement() if placement is None else placement
@@ -181,10 +168,7 @@ def _add_frame(frame: mujoco.MjsBody, door: DoorConfig) -> None:
 
 
 def _edges(door: DoorConfig) -> tuple[float, float]:
-    """Return where the leaf ends towards hinge and lock [m].
-
-    Counted from the handle's axis, away from the hinge.
-    """
+    """Return where the leaf ends towards hinge and lock, from the handle's axis [m]."""
     return -door.radius - door.overhang, door.backset
 
 
@@ -231,13 +215,7 @@ def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
 
 
 def set_hinge(model: mujoco.MjModel, stop: float, friction: float) -> bool:
-    """Set stop and friction of the hinge; return whether they changed.
-
-    Args:
-        model: The scene; edited in place.
-        stop: Angle at which the leaf meets its stop [rad].
-        friction: Coulomb friction [N m].
-    """
+    """Set stop [rad] and friction [N m] of the hinge; return whether they changed."""
     joint = model.joint("hinge")
     dof = int(joint.dofadr[0])
     now = model.jnt_range[joint.id, 1], model.dof_frictionloss[dof]
@@ -250,13 +228,7 @@ def set_hinge(model: mujoco.MjModel, stop: float, friction: float) -> bool:
 def set_door_physics(
     model: mujoco.MjModel, data: mujoco.MjData, door: DoorConfig
 ) -> None:
-    """Give a compiled door, of `NOMINAL_MASS`, its mass, hinge, springs and closer.
-
-    Args:
-        model: The scene; edited in place.
-        data: Of the same model; left in its reference configuration.
-        door: Of the geometry that the scene was compiled with.
-    """
+    """Give a compiled door, of `NOMINAL_MASS`, its mass, hinge, springs and closer."""
     hinge = int(model.joint("hinge").dofadr[0])
     model.dof_frictionloss[hinge] = door.friction
     model.dof_damping[hinge] = door.hinge_damping + door.closer_damping
@@ -272,10 +244,7 @@ def set_door_physics(
 
 
 def _add_leaf_mass(model: mujoco.MjModel, mass: float) -> None:
-    """Add mass to the leaf: the body's mass, centre and inertia by Steiner's theorem.
-
-    Inertias are collected about the body's origin, (3, 3) [kg m²].
-    """
+    """Add mass to the leaf: the body's mass, centre and inertia (Steiner's theorem)."""
     body, leaf = model.body("door").id, model.geom("leaf").id
     centre, size = model.geom_pos[leaf], model.geom_size[leaf]
     solid = np.diag(size @ size - size**2) / 3.0

@@ -30,11 +30,8 @@ exceed two physics steps."""
 def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) -> None:
     """Add a vertical bar: the geom ``handle_bar`` and the site ``handle``.
 
-    Args:
-        leaf: The leaf's body, its origin on the hinge's axis.
-        door: Geometry.
-        foot: Where the leaf's surface is along x [m].
-        height: Of the grasped point above the bar's middle [m].
+    The leaf's surface is at `foot` along x, the grasped point `height` above the middle
+    [m].
     """
     reach = door.side * door.radius
     leaf.add_geom(
@@ -65,11 +62,6 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
     A positive angle presses the lever down; a knob turns the same way. The return
     spring holds it at zero. The site ``handle`` turns with it; ``leaf_axes`` at the
     same place does not.
-
-    Args:
-        leaf: The leaf's body, its origin on the hinge's axis.
-        door: Geometry and spring.
-        foot: Where the leaf's surface is along x [m].
     """
     reach, grip = door.side * door.radius, door.side * door.grip
     preload, stiffness = door.handle_spring

@@ -60,13 +60,9 @@ _PLAY: Final = math.radians(1.0)
 
 
 def latch_holds(sprung: Flag, throw: Number, angle: Number, bolt: Number) -> Flag:
-    """Return whether the bolt stands before the strike.
+    """Return whether a sprung bolt with a throw [m] stands before the strike.
 
-    Args:
-        sprung: Whether there is a bolt.
-        throw: How far it stands out [m].
-        angle: Opening angle [rad].
-        bolt: How far the bolt is drawn in [m].
+    At an opening angle [rad] and with the bolt drawn in by `bolt` [m].
     """
     return sprung & (angle < _PLAY) & (bolt < throw - GAP)
 
@@ -81,16 +77,9 @@ def add_latch(
 ) -> None:
     """Add bolt, strike and the tendon that retracts the bolt.
 
-    Adds the joint ``bolt``, the geoms ``bolt_nose`` and ``strike``, and the tendon
-    ``retraction`` between the joints ``handle`` and ``bolt``.
-
-    Args:
-        spec: The scene; edited in place.
-        frame: The door's frame.
-        leaf: The leaf's body, its origin on the hinge's axis.
-        door: Geometry and spring.
-        lock_edge: The leaf's free edge, task-frame z [m].
-        base: Whether the base is fixed or mobile.
+    The joint ``bolt``, the geoms ``bolt_nose`` and ``strike``, and the tendon
+    ``retraction`` between the joints ``handle`` and ``bolt``. The leaf's free edge is
+    at `lock_edge`, task-frame z [m].
     """
     _add_bolt(leaf, door)
     _add_strike(spec, frame, door, lock_edge, _UNDERCUT[base])

@@ -32,17 +32,9 @@ def add_sensors(
 ) -> None:
     """Add every sensor, in the order in which `gplfd_env.task.observation` reads them.
 
-    Poses and twists of the hand are measured in the task frame; wrist force and
-    torque in the sensor site's frame (the hand's axes); the leaf's axes and the
-    contact force on the handle in the world frame. Handle and bolt come last, where
-    there are any.
-
-    Args:
-        spec: The scene with robot and door; edited in place.
-        structure: What the door consists of.
-        control: What the robot was loaded with.
-        base: The same.
-        gripper: Whether the fingers open and close.
+    Poses and twists of the hand are measured in the task frame; wrist force and torque
+    in the sensor site's frame (the hand's axes); the leaf's axes and the contact force
+    on the handle in the world frame. Handle and bolt come last, where there are any.
     """
     for axis in ("x", "y", "z"):
         _add(

@@ -37,14 +37,7 @@ _SPHERE: Final = mujoco.mjtGeom.mjGEOM_SPHERE
 def add_casing(
     frame: mujoco.MjsBody, door: DoorConfig, edges: tuple[float, float], top: float
 ) -> None:
-    """Add the flat boards around the opening, on both sides of the wall.
-
-    Args:
-        frame: The door's frame.
-        door: Geometry.
-        edges: Where the leaf ends towards hinge and lock, task-frame z [m].
-        top: Where it ends above, task-frame y [m].
-    """
+    """Add the flat boards around the opening, on both sides of the wall."""
     wide, gap, deep, side = 0.035, 0.013, 0.072, door.side
     hinge, lock = edges[0] - side * (gap + wide), edges[1] + side * (gap + wide)
     floor = -door.handle_height
@@ -58,13 +51,7 @@ def add_casing(
 
 
 def add_panels(leaf: mujoco.MjsBody, door: DoorConfig, width: float) -> None:
-    """Add two raised panels, seen on both sides of the leaf, and the lock.
-
-    Args:
-        leaf: The leaf's body, its origin on the hinge's axis.
-        door: Geometry.
-        width: Of the leaf [m].
-    """
+    """Add two raised panels, seen on both sides of the leaf, and the lock."""
     stile, floor, x = 0.11, -door.handle_height, -door.handle_standoff
     free_edge = door.radius + door.backset
     thick = door.leaf_thickness / 2.0
@@ -89,13 +76,7 @@ def add_panels(leaf: mujoco.MjsBody, door: DoorConfig, width: float) -> None:
 def add_far_handle(
     leaf: mujoco.MjsBody, handle: mujoco.MjsBody, door: DoorConfig
 ) -> None:
-    """Add the mirrored handle on the other side of the leaf.
-
-    Args:
-        leaf: The leaf's body, its origin on the hinge's axis.
-        handle: The body that turns.
-        door: Geometry.
-    """
+    """Add the mirrored handle on the other side of the leaf."""
     far, surface = -2.0 * door.handle_standoff, door.leaf_thickness / 2.0
     foot = -door.handle_standoff - surface
     _add_rod(handle, "far_neck", [foot, 0.0, 0.0, far, 0.0, 0.0], 0.009, STEEL)
@@ -141,15 +122,7 @@ def add_closer_visuals(
     """Add a closer's box on the leaf, its shoe on the frame, and the arm between.
 
     The arm is one straight tendon without force; two links would need bodies and joints
-    of their own. Doors without a visible closer (`has_box`) have the same parts,
-    transparent.
-
-    Args:
-        spec: The scene; edited in place.
-        frame: The door's frame.
-        leaf: The leaf's body, its origin on the hinge's axis.
-        door: Geometry and closer.
-        top: Where the leaf ends above, task-frame y [m].
+    of their own. Doors without a visible closer have the same parts, transparent.
     """
     colour, side = (*_ALUMINIUM, _opacity(door)), door.side
     x = -door.handle_standoff + door.leaf_thickness / 2.0 + 0.022
@@ -175,12 +148,7 @@ def has_box(door: DoorConfig) -> bool:
 
 
 def show_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
-    """Show or hide the closer of a compiled scene.
-
-    Args:
-        model: The scene, with the parts of `add_closer_visuals`; edited in place.
-        door: Determines whether there is a closer.
-    """
+    """Show or hide the closer of a compiled scene."""
     for part in CLOSER_PARTS:
         model.geom_rgba[model.geom(part).id, 3] = _opacity(door)
     arm = model.tendon(CLOSER_ARM).id

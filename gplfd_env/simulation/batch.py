@@ -27,16 +27,7 @@ _COUNT: Final = 1
 
 
 class Alike:
-    """n simulations before doors of one structure, as `DoorBatch` steps them.
-
-    Args:
-        n: Number of simulations.
-        begin: What the first scene is of.
-        grasp: See `gplfd_env.scene.build.build_spec`.
-        command: The meaning of an action.
-        num_threads: Threads that step the simulations; 0 for one per core.
-        base: Whether it drives.
-    """
+    """n simulations before doors of one structure, as `DoorBatch` steps them."""
 
     def __init__(
         self,
@@ -172,16 +163,9 @@ class DoorBatch:
     """Physics and commands of n simulations; knows no task.
 
     Those before doors of one structure are stepped together; there is a batch per
-    structure that has occurred. A deep or unpickled copy is n simulations of their own
-    in the same states.
-
-    Args:
-        begin: The n doors to begin before.
-        grasp: See `gplfd_env.scene.build.build_spec`.
-        command: The meaning of an action.
-        num_threads: Threads that step the simulations; 0 for one per core.
-        base: Whether the robot drives.
-        physics: What steps those before doors of one structure.
+    structure that has occurred, stepped by `physics` on `num_threads` threads (0 for
+    one per core). A deep or unpickled copy is n simulations of their own in the same
+    states.
     """
 
     def __init__(
@@ -216,8 +200,7 @@ class DoorBatch:
     def load(self, row: int, variation: Variation) -> None:
         """Bring one simulation to another door; `restart` it afterwards.
 
-        Raises:
-            ValueError: The handle is out of reach; nothing has changed.
+        Raises a ValueError, and changes nothing, if the handle is out of reach.
         """
         structure = structure_of(variation.door)
         if structure not in self._alike:
@@ -241,15 +224,9 @@ class DoorBatch:
     ) -> Mask | None:
         """Command simulations for one control period.
 
-        Args:
-            commands: Of all simulations, (n, ...).
-            rows: Which to step; None for all.
-            loads: What acts from outside meanwhile, by row, where there is anything.
-            drives: Rates of bases, by row, where they move.
-            widths: Of grippers [m], by row, where fingers open and close.
-
-        Returns:
-            Which ones MuJoCo reports as diverged, (n,); None if none.
+        Of the `commands` (n, ...) only those of `rows` count, None for all. Loads,
+        rates of bases and widths of grippers [m] are by row, where there are any.
+        Returns which ones MuJoCo reports as diverged, (n,); None if none.
         """
         if len(self._alike) == 1:
             (alike,) = self._alike.values()
@@ -268,9 +245,7 @@ class DoorBatch:
     def read(self, rows: Rows | None, values: Array | None = None) -> Array:
         """Return MuJoCo's sensor arrays, (n, ...), shorter ones filled up with zeros.
 
-        Args:
-            rows: Which to read; None for all.
-            values: What was read before, for all other rows.
+        Only `rows` are read, None for all; the others keep their `values`.
         """
         if len(self._alike) == 1 and rows is None:
             (alike,) = self._alike.values()

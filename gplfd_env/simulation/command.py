@@ -29,16 +29,10 @@ _DAMPING_OF_ROOT: Final = -np.repeat(SERVO_DAMPING, 3) / np.sqrt(_STIFFEST)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Command:
-    """The meaning of an action.
+    """The meaning of an action: its bounds, and the one that holds the closed handle.
 
-    Attributes:
-        control: What the robot was loaded with.
-        low: Least action.
-        high: Greatest action.
-        rest: The action that holds the closed handle.
-        meaning: Of the action's entries, for messages.
-        drives: Whether its last three entries are the base's twist.
-        grips: Whether its last entry is the gripper's width.
+    If it `drives`, the last three entries are the base's twist; if it `grips`, the last
+    one is the gripper's width. Messages tell the `meaning` of the entries.
     """
 
     control: Control
@@ -55,12 +49,7 @@ class Command:
         return spaces.Box(self.low, self.high, dtype=np.float64)
 
     def resting(self, variation: Variation, base: Base) -> Array:
-        """Return the action that holds the hand where an episode begins.
-
-        Args:
-            variation: The episode's circumstances.
-            base: Whether the robot drives.
-        """
+        """Return the action that holds the hand where an episode begins."""
         if variation.standoff is None:
             return self.rest
         action = self.rest.copy()
@@ -75,15 +64,9 @@ class Command:
         shape: tuple[int, ...],
         ignored: NDArray[np.bool_] | None = None,
     ) -> Array:
-        """Return the action as an array of its own.
+        """Return an action as an array of its own, `ignored` rows set to `rest`.
 
-        Args:
-            action: As a caller gave it.
-            shape: What it must have.
-            ignored: Rows to replace by `rest`, whatever they hold.
-
-        Raises:
-            ValueError: It is not an array of numbers of that shape, or not finite.
+        Raises a ValueError if it is not finite numbers of the shape.
         """
         try:
             command = np.array(action, dtype=np.float64)
@@ -169,12 +152,9 @@ GRIPPING: Final = Command(
 class ServoGains:
     """Writes a stiffness into the gains of a model's six servos.
 
-    The force on axis i is k_i (command - pose)_i - d_i velocity_i, with the damping
-    d = d₀ √(k/k₀) that keeps the damping ratio of the stiffest servo: 2√(m k) for the
-    4 kg and 0.15 kg m² that the arm shows at the hand.
-
-    Args:
-        model: Of a robot under impedance control; its gains are written in place.
+    The force on axis i is k_i (command - pose)_i - d_i velocity_i, with the damping d =
+    d₀ √(k/k₀) that keeps the damping ratio of the stiffest servo: 2√(m k) for the 4 kg
+    and 0.15 kg m² that the arm shows at the hand.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -184,11 +164,7 @@ class ServoGains:
         self._root = np.empty(6)
 
     def write(self, stiffness: Array) -> None:
-        """Set stiffness and damping, clamped to `STIFFNESS_RANGES`.
-
-        Args:
-            stiffness: (6,) [N/m, N m/rad].
-        """
+        """Set a stiffness (6,), clamped to `STIFFNESS_RANGES`, and its damping."""
         # The arithmetic of `servo_gains`, straight into the model.
         gain = self._gain
         np.maximum(stiffness, _SOFTEST, out=gain)
@@ -205,10 +181,6 @@ class ServoGains:
 
 
 def servo_gains(stiffness: Array) -> tuple[Array, Array, Array]:
-    """Return gain, and bias per metre and per metre a second, for a stiffness.
-
-    Args:
-        stiffness: (..., 6) [N/m, N m/rad], clamped to `STIFFNESS_RANGES`.
-    """
+    """Return gain, bias per metre and bias per metre a second of a stiffness."""
     clamped = np.minimum(np.maximum(stiffness, _SOFTEST), _STIFFEST)
     return clamped, -clamped, np.sqrt(clamped) * _DAMPING_OF_ROOT

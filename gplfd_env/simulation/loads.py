@@ -8,12 +8,8 @@ Vector = tuple[float, float, float]
 class Loads(NamedTuple):
     """What acts on the bodies of a simulation during a control period.
 
-    Attributes:
-        hand: Force on the gripper [N], world frame.
-        forearm: Force on the forearm [N], world frame.
-        hinge: Torque on the leaf about the upward axis [N m].
-        stop: Angle at which the leaf meets a stop [rad].
-        friction: Coulomb friction of the hinge [N m].
+    Forces on gripper and forearm, world frame [N], torque on the leaf about the upward
+    axis [N m], and the hinge's stop [rad] and Coulomb friction [N m].
     """
 
     hand: Vector

@@ -49,20 +49,8 @@ def gripped(model: mujoco.MjModel, grasp: Hold) -> slice:
 class DoorSimulation:
     """One simulation; `gplfd_env.simulation.batch.DoorBatch` is many.
 
+    `model` stays the same object for all doors of one structure, `sensordata` is live.
     A deep or unpickled copy is a simulation of its own in the same state.
-
-    Args:
-        door: The first door.
-        grasp: See `gplfd_env.scene.build.build_spec`.
-        command: The meaning of an action.
-        base: Whether it drives.
-
-    Attributes:
-        model: The scene; the same object whatever door of the same structure it is
-            brought to.
-        data: Its state.
-        sensordata: MuJoCo's sensor array; live.
-        variation: The door and what is around it.
     """
 
     def __init__(
@@ -91,8 +79,7 @@ class DoorSimulation:
     def restart(self, variation: Variation) -> None:
         """Begin at rest before a door, its handle in the hand or the hand before it.
 
-        Raises:
-            ValueError: The hand cannot be there; nothing has changed.
+        Raises a ValueError, and changes nothing, if the hand cannot be there.
         """
         now = self.variation
         if structure_of(variation.door) != structure_of(now.door):
@@ -139,11 +126,8 @@ class DoorSimulation:
     ) -> bool:
         """Go on by one control period; return whether MuJoCo reports divergence.
 
-        Args:
-            command: An action, as `Command.check` gives it.
-            loads: What acts from outside meanwhile; None for nothing all episode long.
-            drive: Rate of the base; None if it does not move.
-            width: Of the gripper [m]; None if its fingers stay.
+        Without loads nothing acts from outside all episode long, without a rate the
+        base does not move, without a width [m] the fingers stay.
         """
         self._apply(command)
         if drive is not None:

@@ -48,11 +48,8 @@ _STATE: Final = ("qpos", "qvel", "qacc_warmstart", "xfrc_applied")
 class WarpPhysics(Alike):
     """n simulations before doors of one structure, stepped by MuJoCo Warp in float32.
 
-    Models, and the state that an episode begins with, are MuJoCo's own. The arguments
-    are those of `gplfd_env.simulation.batch.Alike`.
-
-    Raises:
-        ValueError: The door has a latch.
+    Models, and the state that an episode begins with, are MuJoCo's own. Raises a
+    ValueError for a door with a latch.
     """
 
     def __init__(self, n: int, begin: Variation, *robot: Any) -> None:

@@ -72,16 +72,8 @@ _NO_DEMANDS: Final = Demands({}, {}, {})
 class Episode:
     """State of one episode, or of n, besides the state in MuJoCo.
 
-    Of one simulation, 0, numbers are Python's; `together` makes one episode of n whose
-    numbers are arrays (n,). Both compute the same bits.
-
-    Attributes:
-        n: Number of simulations; None for one without the axis.
-        reader: Reads the sensors.
-        constants: Values that stay constant.
-        readings: The last ones.
-        progress: Progress of the episodes.
-        outside: Effects of the disturbances.
+    Of one simulation, 0, numbers are Python's and `n` is None; `together` makes one
+    episode of n whose numbers are arrays (n,). Both compute the same bits.
     """
 
     readings: Readings
@@ -106,15 +98,7 @@ class Episode:
     def begin(
         cls, drawn: Drawn, reader: Reader, reward: Reward, values: Values, rest: Array
     ) -> "Episode":
-        """Return an episode of one simulation at rest.
-
-        Args:
-            drawn: Its circumstances.
-            reader: Reads the simulation's sensors.
-            reward: A key of `REWARDS`.
-            values: Of the sensors.
-            rest: The action that holds the hand where it begins.
-        """
+        """Return an episode of one simulation at rest, where `rest` holds the hand."""
         variation, noise, delay = drawn
         door, disturbance = variation.door, variation.disturbance
         holds = variation.standoff is None
@@ -225,14 +209,7 @@ class Episode:
         drives: bool,
         grips: bool,
     ) -> Demands:
-        """Delay commands, in place, and return what else acts in the next period.
-
-        Args:
-            commands: Of the simulations, (n, ...), also of one.
-            stepped: Which of them are stepped; None for all.
-            drives: Whether the last three entries of a command are the base's twist.
-            grips: Whether its last entry is the gripper's width.
-        """
+        """Delay commands (n, ...), in place; return what else acts in the period."""
         if self._commands_alone:
             return _NO_DEMANDS
         demands, readings, progress = Demands({}, {}, {}), self.readings, self.progress
@@ -274,10 +251,8 @@ class Episode:
     def advance(self, values: Values, stepped: Mask | None = None) -> None:
         """Take in the sensors' values after one control period.
 
-        Args:
-            values: Of one simulation a list, of n an array (number of values, n).
-            stepped: Which of n were stepped; the others earn nothing and stay as they
-                are. None for all.
+        Of one simulation a list, of n an array (number of values, n). Those of n that
+        were not `stepped` earn nothing and stay as they are.
         """
         progress, opening = self.progress, self.progress.opening
         before = self.readings
@@ -341,11 +316,7 @@ class Episode:
         self.progress.terms = self._terms(0.0, 0.0, False)
 
     def observation(self, sensordata: Array) -> Observation:
-        """Return what is observed, with noise and the error of a moved base.
-
-        Args:
-            sensordata: MuJoCo's sensor array, (n, ...) of many.
-        """
+        """Return what is observed, with noise and the error of a moved base."""
         readings = self.readings
         wrench = columns(readings.wrench, self.n)
         time = columns((readings.time,), self.n)
@@ -356,9 +327,7 @@ class Episode:
     def add_errors(self, observation: Observation, place: Any = ...) -> None:
         """Add noise, and the error of a moved base, to what is observed, in place.
 
-        Args:
-            observation: Of these simulations, or of more.
-            place: Where in it the one simulation is.
+        One simulation is at `place` in the observation.
         """
         for row, intervention in self._interventions.items():
             at = place if self.n is None else row
@@ -391,10 +360,7 @@ class Episode:
         return record if self.n is None else row_of(record, row)
 
     def _each(self, things: Mapping[int, Any], name: str, default: Any) -> Any:
-        """Return an attribute of what only some simulations have.
-
-        A number, or an array of them; of a vector a tuple of such.
-        """
+        """Return an attribute of what only some simulations have, for all of them."""
         if not things:
             return default
         if self.n is None:

@@ -21,11 +21,7 @@ MANY: Final = 12
 
 
 class Episodes:
-    """Episodes of n simulations, each with the bits of an `Episode` of one.
-
-    Args:
-        begun: All n, each of one simulation.
-    """
+    """Episodes of n simulations, each with the bits of an `Episode` of one."""
 
     def __init__(self, begun: Sequence[Episode]) -> None:
         self._n = len(begun)
@@ -61,13 +57,10 @@ class Episodes:
     def advance(
         self, sensordata: Array, stepped: Mask | None, diverged: Mask | None
     ) -> None:
-        """Take in a control period.
+        """Take in a control period and the sensor arrays (n, number of values).
 
-        Args:
-            sensordata: MuJoCo's sensor arrays, (n, number of values).
-            stepped: Which simulations were stepped and are well; None for all. The
-                others earn nothing and stay as they are.
-            diverged: Which ones MuJoCo has reset; None for none.
+        Simulations that were not `stepped`, or have `diverged`, earn nothing and stay
+        as they are.
         """
         if self._many is not None:
             self._many.advance(np.ascontiguousarray(sensordata.T), stepped)
@@ -96,20 +89,12 @@ class Episodes:
         return observation
 
     def infos(self, rows: Mask) -> dict[str, Any]:
-        """Return infos with masks; arrays are the caller's own.
-
-        Args:
-            rows: Which simulations they are about, (n,).
-        """
+        """Return infos with masks of the `rows` that they are about; arrays are new."""
         episodes = self._ones if self._many is None else [self._many]
         return masked(infos_of(episodes), rows)
 
     def outcome(self, limit: float) -> tuple[Array, Mask, Mask]:
-        """Return rewards, terminations and truncations, (n,).
-
-        Args:
-            limit: Control periods after which an episode is truncated.
-        """
+        """Return rewards, terminations and truncations, (n,)."""
         if self._many is not None:
             many, progress = self._many, self._many.progress
             late = progress.simulation_error | (progress.steps >= limit)

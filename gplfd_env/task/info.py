@@ -110,8 +110,7 @@ def info_of(episode: Episode) -> dict[str, Any]:
 def infos_of(episodes: Sequence[Episode]) -> dict[str, Any]:
     """Return the infos of n simulations, arrays (n, ...) of the caller's own.
 
-    Args:
-        episodes: All of one simulation each, or one of n.
+    From all episodes of one simulation each, or from one of n.
     """
     n = episodes[0].n
     if n is None:

@@ -52,13 +52,7 @@ _TOUCHING: Final = slice(17, 19)
 def observation_space(
     *, tells_base: bool = False, tells_gripper: bool = False
 ) -> spaces.Space[Observation]:
-    """Return the observation space; units and frames in docs/environment.md.
-
-    Args:
-        tells_base: Whether pose and rate of the base are observed, too.
-        tells_gripper: The same of the gripper's width and of whether it holds the
-            handle.
-    """
+    """Return the observation space; units and frames in docs/environment.md."""
 
     def box(*blocks: tuple[float, int]) -> spaces.Box:
         high = np.concatenate([np.full(size, limit) for limit, size in blocks])
@@ -94,22 +88,12 @@ def observation_space(
 class Reader:
     """Turns a sensor array into the observation and into the privileged readings.
 
-    Attributes:
-        hand: What the wrist sensor carries.
-        ee_pose: Where in the sensor array the hand's pose is; likewise below.
-        ee_twist: The hand's twist.
-        joint_pos: The arm's joint positions.
-        joint_vel: The arm's joint velocities.
-        arm_limits: Least and greatest position of every joint of the arm [rad].
-        wrist: Wrist force, torque, and the sensor's three axes.
-        door: From the hinge's angle to the torque at its stop; handle and bolt follow
-            where there are any.
-        odometry: Pose and rate of a base that moves.
-        hinge_end: Torque at the end of the hinge before a base that moves. It adds to
-            the one at the hinge's own limit.
-        tells_base: Whether observations do, too.
-        finger: Position of a finger that opens and closes.
-        tells_gripper: Whether observations tell of the gripper.
+    `hand` is what the wrist sensor carries. The slices tell where in the array entries
+    are: `wrist` is force, torque and the sensor's three axes; `door` goes from the
+    hinge's angle to the torque at its stop, followed by handle and bolt where there are
+    any; `odometry` is pose and rate of a base that moves, whose `hinge_end` adds to the
+    torque at the hinge's own limit; `finger` is one that opens and closes. Observations
+    tell of base and gripper where `tells_base` and `tells_gripper`.
     """
 
     hand: Hand
@@ -182,13 +166,7 @@ class Reader:
         )
 
     def observation(self, sensordata: Array, wrench: Array, time: Array) -> Observation:
-        """Return the observation of one simulation or of n, as fresh arrays.
-
-        Args:
-            sensordata: MuJoCo's sensor array, (..., number of values).
-            wrench: What `wrench` gave, (..., 6).
-            time: Since the reset, (..., 1) [s].
-        """
+        """Return the observation of one simulation or of n, as fresh arrays."""
         observation = {
             "ee_pose": sensordata[..., self.ee_pose].copy(),
             "ee_twist": sensordata[..., self.ee_twist].copy(),
@@ -250,13 +228,7 @@ class Reader:
     def door_reading(
         self, values: Values, way: Number = 1.0, side: Number = 1.0
     ) -> DoorReading:
-        """Return the privileged readings of door and grasp.
-
-        Args:
-            values: Of the sensors.
-            way: `DoorConfig.way` of the door that it stands before.
-            side: `DoorConfig.side`.
-        """
+        """Return the privileged readings of door and grasp."""
         reading = values[self.door]
         angle, velocity, hx, hy, hz, ox, oy, oz = reading[:8]
         tx, ty, tz, ux, uy, uz, rx, ry, rz = reading[8:17]
@@ -274,11 +246,7 @@ class Reader:
             (ox, oy, oz),
             Forces(tangential, vertical, radial),
             (right > 0.0) & (left > 0.0),
-            (
-                (way * tx, way * ty, way * tz),
-                (ux, uy, uz),
-                (side * rx, side * ry, side * rz),
-            ),
+            ((tx, ty, tz), (ux, uy, uz), (rx, ry, rz)),
             # A closed door rests at the other end of the hinge's range.
             where(angle > 0.0, limit, 0.0),
             handle_angle,
@@ -287,13 +255,7 @@ class Reader:
 
 
 class Forces(NamedTuple):
-    """Of the hand on the handle [N].
-
-    Attributes:
-        tangential: Along the opening motion.
-        vertical: Upwards.
-        radial: Away from the hinge.
-    """
+    """Of the hand on the handle [N]: along the motion, upwards, away from the hinge."""
 
     tangential: Number
     vertical: Number
@@ -311,20 +273,7 @@ _AT_REST: Final = BaseState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 class DoorReading(NamedTuple):
-    """What a perfect observer of the door would know.
-
-    Attributes:
-        angle: Opening angle [rad].
-        velocity: Its rate [rad/s].
-        handle_position: The handle in the task frame [m].
-        hand_on_handle: The hand point in the handle's frame [m].
-        forces: Of the hand on the handle [N].
-        grasped: Both finger pads touch the bar.
-        axes: World frame: along the opening motion, upwards, away from the hinge.
-        stop_torque: Of the leaf against a stop [N m].
-        handle_angle: How far a lever or knob is turned [rad]; else 0.
-        bolt: How far the bolt is drawn in [m]; 0 without a latch.
-    """
+    """What a perfect observer of the door would know."""
 
     angle: Number
     velocity: Number
@@ -341,7 +290,6 @@ class DoorReading(NamedTuple):
         """Return the handle's rotation vector [rad].
 
         Turned about its own axis, normal to the closed leaf, and then about the hinge.
-        Arguments are those of `Reader.door_reading`.
         """
         about_up = side * way * self.angle
         turned = self.handle_angle != 0.0
@@ -364,12 +312,9 @@ class DoorReading(NamedTuple):
 
 
 class Hand(NamedTuple):
-    """Everything beyond the wrist sensor.
+    """Everything beyond the wrist sensor: weight [N], centre of mass and hand point.
 
-    Attributes:
-        weight: Its weight [N].
-        com: Its centre of mass from the sensor, in the hand's axes [m].
-        offset: The hand point from the sensor, in the hand's axes [m].
+    Both from the sensor, in the hand's axes [m].
     """
 
     weight: Number

@@ -22,16 +22,7 @@ Array = NDArray[np.float64]
 
 
 class Constants(NamedTuple):
-    """Values that are constant during an episode: numbers, or arrays (n,).
-
-    Attributes:
-        hand: Mass beyond the wrist sensor.
-        way: `DoorConfig.way`; likewise `side`, `radius` and `hand_radius`.
-        closer: Law of the door closer.
-        latched: Whether it has a bolt; `bolt_throw` is how far it stands out [m].
-        turned: Angle from which the handle counts as turned [rad].
-        stopped: A disturbance stops the door.
-    """
+    """Values that are constant during an episode: numbers, or arrays (n,)."""
 
     hand: Hand
     way: Number
@@ -46,16 +37,7 @@ class Constants(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """Sensor readings without noise: numbers, or arrays (n,).
-
-    Attributes:
-        time: Since the reset [s].
-        wrench: On the hand [N, N m].
-        hand: Its pose where a gripper opens and closes [m, rad].
-        base: Pose and rate of the base.
-        door: Privileged readings of door and grasp.
-        latched: The bolt holds the door.
-    """
+    """Sensor readings without noise: numbers, or arrays (n,)."""
 
     time: Number
     wrench: Wrench
@@ -67,17 +49,7 @@ class Readings(NamedTuple):
 
 @dataclass(slots=True)
 class Progress:
-    """How far an episode has come: numbers, or arrays (n,).
-
-    Attributes:
-        steps: Control periods so far.
-        opening: Success and failure.
-        stage: The furthest stage, a place in `gplfd_env.task.stages.STAGES`.
-        diagnosis: What may be behind a failure.
-        grasp_point: Where the hand took hold, in the handle's frame [m].
-        terms: Of the last step's reward.
-        simulation_error: MuJoCo has reset a diverged state.
-    """
+    """How far an episode has come: numbers, or arrays (n,)."""
 
     steps: Number
     opening: OpeningMonitor
@@ -89,17 +61,7 @@ class Progress:
 
 
 class Companions(NamedTuple):
-    """What only some episodes have; each computes with the numbers of one simulation.
-
-    Attributes:
-        variation: The door and what is around it.
-        rest: The action that holds the hand where it begins.
-        noise: Of the sensors.
-        delay: Of commands.
-        intervention: What happens from outside.
-        drive: Of a base that moves.
-        gripper: That opens and closes.
-    """
+    """What only some episodes have; each computes with numbers of one simulation."""
 
     variation: Variation
     rest: Array
@@ -111,16 +73,7 @@ class Companions(NamedTuple):
 
 
 class Outside(NamedTuple):
-    """What a disturbance does: numbers, or arrays (n,); zeros where there is none.
-
-    Attributes:
-        push_force: Of the last period's push [N].
-        person_force: Greatest force between a person and robot or door in the last
-            period [N].
-        person_energy: Work done on the person since the reset [J].
-        base_shift: Displacement of the base so far, task frame [m].
-        base_distance: Its magnitude [m].
-    """
+    """What a disturbance does: numbers, or arrays (n,); zeros where there is none."""
 
     push_force: Number = 0.0
     person_force: Number = 0.0
@@ -130,13 +83,7 @@ class Outside(NamedTuple):
 
 
 class Demands(NamedTuple):
-    """What acts in a control period besides the commands, by simulation.
-
-    Attributes:
-        loads: From outside, where there is ever anything.
-        base_rates: Commanded rates of bases that move.
-        gripper_widths: Commanded widths of grippers that open and close [m].
-    """
+    """What acts in a control period besides the commands, by simulation."""
 
     loads: dict[int, Loads]
     base_rates: dict[int, Planar]

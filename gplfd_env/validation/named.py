@@ -17,15 +17,9 @@ def preset(
 ) -> Record:
     """Return the preset of a name, or one with other fields.
 
-    Args:
-        spec: A name, or a mapping of fields with an optional ``"preset"``.
-        presets: Records by name.
-        start: The preset that a mapping starts from if it names none.
-        what: What messages call such a record.
-        otherwise: What may be given in place of a name, for messages.
-
-    Raises:
-        ValueError: An unknown preset or field, or a value that the record refuses.
+    A mapping starts from its ``"preset"``, by default `start`. Messages call a record
+    `what` and say what may be given `otherwise`. Raises a ValueError for an unknown
+    name or field.
     """
     fields = {"preset": spec} if isinstance(spec, str) else dict(spec)
     name = fields.pop("preset", start)
@@ -43,16 +37,9 @@ def with_fields(
     what: str,
     other_keys: Sequence[str] = (),
 ) -> Record:
-    """Return a record with some fields changed.
+    """Return a frozen dataclass with some fields changed.
 
-    Args:
-        record: A frozen dataclass.
-        fields: New values by name.
-        what: What messages call such a record.
-        other_keys: What else a caller may write beside fields, for messages.
-
-    Raises:
-        ValueError: An unknown field, or a value that the record refuses.
+    Raises a ValueError that names the fields, and `other_keys`, if one is unknown.
     """
     given: Any = record
     known = [field.name for field in dataclasses.fields(given)]
