@@ -66,8 +66,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._settings, self.render_mode = settings, settings.render_mode
         self._sources = Sources.of(settings)
         (door,) = self._sources.doors
-        hold = settings.hold(self.command)
-        self._simulation = DoorSimulation(door, hold, self.command, settings.base)
+        robot = settings.robot(self.command)
+        self._simulation = DoorSimulation(robot, Variation(door=door))
         self._camera = settings.camera(self.model)
         self._sensed = np.empty(0)
         self._episode: Episode | None = None
@@ -128,16 +128,11 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         """
         sources, _ = self._sources.changed(options)
         super().reset(seed=seed)
-        self._sources, settings = sources, self._settings
+        self._sources = sources
         drawn = sources.draw(0, self.np_random)
-        variation = drawn.variation
-        self._simulation.restart(variation)
-        self._episode = episode = Episode.begin(
-            drawn,
-            settings.reader(self.command, variation.door),
-            settings.reward,
-            self._sense(),
-            self.command.resting(variation, settings.base),
+        self._simulation.restart(drawn.variation)
+        self._episode = episode = self._settings.begin(
+            self.command, drawn, self._sense()
         )
         if self.render_mode == "human":
             self.render()
@@ -164,13 +159,10 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         if self._settings.base == "mobile":
             # MuJoCo clamps what the servo is told, but the base follows it, too.
             command = self.command.clamped(command)
-        loads, rates, widths = episode.demand(
+        demands = episode.demand(
             command[None], drives=self.command.drives, grips=self.command.grips
         )
-        diverged = self._simulation.advance(
-            command, loads.get(0), rates.get(0), widths.get(0)
-        )
-        if diverged:
+        if self._simulation.advance(command, demands):
             episode.break_off()
         else:
             episode.advance(self._sense())

@@ -18,11 +18,12 @@ from gplfd_env.doors.disturbance import DisturbanceSpec, disturbance_named
 from gplfd_env.doors.randomization import RandomizationSpec, door_randomization
 from gplfd_env.envs.camera import Camera, require_display
 from gplfd_env.robot.gripper import hold_of
-from gplfd_env.robot.model import Grasp, Hold
+from gplfd_env.robot.model import Grasp
 from gplfd_env.robot.stance import check_reach
 from gplfd_env.simulation.command import Command
+from gplfd_env.simulation.single import Robot
 from gplfd_env.task.draw import Drawn, draw_episode
-from gplfd_env.task.episode import REWARDS, Reward
+from gplfd_env.task.episode import REWARDS, Episode, Reward
 from gplfd_env.task.observation import Reader
 from gplfd_env.validation.fields import Range, check_choice, checked_count
 
@@ -82,18 +83,16 @@ class Common:
         if self.render_mode == "human":
             require_display()
 
-    def hold(self, command: Command) -> Hold:
-        """Return how a scene holds the handle.
+    def robot(self, command: Command) -> Robot:
+        """Return the robot; raise a ValueError for a weld of a hand to take hold."""
+        hold = hold_of(self.grasp, self.start, commanded=command.grips)
+        return Robot(hold, command, self.base)
 
-        Raises:
-            ValueError: A rigid grasp of a hand that has to take hold.
-        """
-        return hold_of(self.grasp, self.start, commanded=command.grips)
-
-    def reader(self, command: Command, door: DoorConfig) -> Reader:
-        """Return what reads the sensors before a door."""
-        return Reader.of(
-            self.hold(command),
+    def begin(self, command: Command, drawn: Drawn, values: list[float]) -> Episode:
+        """Return an episode that begins with these values of the sensors."""
+        door = drawn.variation.door
+        reader = Reader.of(
+            self.robot(command).hold,
             command.control,
             self.base,
             door.handle,
@@ -101,13 +100,11 @@ class Common:
             tells_base=command.drives,
             tells_gripper=command.grips,
         )
+        rest = command.resting(drawn.variation, self.base)
+        return Episode.begin(drawn, reader, self.reward, values, rest)
 
     def camera(self, model: mujoco.MjModel) -> Camera:
-        """Return what draws a model.
-
-        Raises:
-            ValueError: An impossible size or an unknown camera.
-        """
+        """Return what draws a model; raise a ValueError if it cannot."""
         return Camera(
             model, self.width, self.height, self.camera_name, effects=self.effects
         )

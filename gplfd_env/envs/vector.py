@@ -19,7 +19,6 @@ from gplfd_env.envs.settings import Sources, VectorSettings, made_with
 from gplfd_env.robot.placement import door_geometry
 from gplfd_env.simulation.batch import Alike, DoorBatch
 from gplfd_env.simulation.command import COMMANDS, DRIVEN
-from gplfd_env.task.episode import Episode
 from gplfd_env.task.episodes import Episodes
 from gplfd_env.task.observation import Observation, observation_space
 from gplfd_env.validation.fields import check_choice
@@ -70,11 +69,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self.action_space = batch_space(self.single_action_space, n)
         self._sources = Sources.of(settings)
         self._batch = DoorBatch(
+            settings.robot(self.command),
             [Variation(door=door) for door in self._sources.doors],
-            settings.hold(self.command),
-            self.command,
             settings.num_threads,
-            settings.base,
             self.physics,
         )
         self._camera = settings.camera(self.models[0])
@@ -203,7 +200,6 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     def _restart(self, rows: Mask) -> Episodes:
         """Draw new episodes for some simulations and begin them."""
-        settings, command = self._settings, self.command
         chosen = np.flatnonzero(rows).tolist()
         drawn = {row: self._sources.draw(row, self._random[row][0]) for row in chosen}
         for row in chosen:
@@ -211,13 +207,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self._batch.restart(chosen)
         self._sensed = self._batch.read(chosen, self._sensed)
         begun = {
-            row: Episode.begin(
-                each,
-                settings.reader(command, each.variation.door),
-                settings.reward,
-                self._sensed[row].tolist(),
-                command.resting(each.variation, settings.base),
-            )
+            row: self._settings.begin(self.command, each, self._sensed[row].tolist())
             for row, each in drawn.items()
         }
         if self._episodes is None:
@@ -236,7 +226,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             commands, stepped, drives=self.command.drives, grips=self.command.grips
         )
         rows = None if stepped is None else np.flatnonzero(stepped).tolist()
-        diverged = self._batch.advance(commands, rows, *demands)
+        diverged = self._batch.advance(commands, rows, demands)
         if diverged is not None:
             stepped = ~diverged if stepped is None else stepped & ~diverged
             rows = np.flatnonzero(stepped).tolist()

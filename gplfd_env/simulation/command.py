@@ -150,7 +150,7 @@ GRIPPING: Final = Command(
 
 
 class ServoGains:
-    """Writes a stiffness into the gains of a model's six servos.
+    """Sets the gains of a model's six servos.
 
     The force on axis i is k_i (command - pose)_i - d_i velocity_i, with the damping d =
     d₀ √(k/k₀) that keeps the damping ratio of the stiffest servo: 2√(m k) for the 4 kg
@@ -161,17 +161,6 @@ class ServoGains:
         self._gain = model.actuator_gainprm[:6, 0]
         self._spring = model.actuator_biasprm[:6, 1]
         self._damper = model.actuator_biasprm[:6, 2]
-        self._root = np.empty(6)
-
-    def write(self, stiffness: Array) -> None:
-        """Set a stiffness (6,), clamped to `STIFFNESS_RANGES`, and its damping."""
-        # The arithmetic of `servo_gains`, straight into the model.
-        gain = self._gain
-        np.maximum(stiffness, _SOFTEST, out=gain)
-        np.minimum(gain, _STIFFEST, out=gain)
-        np.negative(gain, out=self._spring)
-        np.sqrt(gain, out=self._root)
-        np.multiply(self._root, _DAMPING_OF_ROOT, out=self._damper)
 
     def set(self, gain: Array, spring: Array, damper: Array) -> None:
         """Set what `servo_gains` gave, each (6,)."""

@@ -28,6 +28,7 @@ from gplfd_env.robot.placement import hand_position_w
 from gplfd_env.robot.whole_body import BaseDrive
 from gplfd_env.scene.closer import CloserLaw
 from gplfd_env.scene.latch import latch_holds
+from gplfd_env.simulation.loads import NO_DEMANDS, Demands
 from gplfd_env.task.draw import Drawn
 from gplfd_env.task.intervention import Intervention
 from gplfd_env.task.observation import (
@@ -47,7 +48,6 @@ from gplfd_env.task.opening import (
 from gplfd_env.task.records import (
     Companions,
     Constants,
-    Demands,
     Outside,
     Progress,
     Readings,
@@ -64,9 +64,6 @@ REWARDS: Final = {"dense": reward_terms, "sparse": sparse_reward_terms}
 
 _CLOSED: Final = [0.0] * 6
 """Pose of a hand that holds the closed handle."""
-
-
-_NO_DEMANDS: Final = Demands({}, {}, {})
 
 
 class Episode:
@@ -211,7 +208,7 @@ class Episode:
     ) -> Demands:
         """Delay commands (n, ...), in place; return what else acts in the period."""
         if self._commands_alone:
-            return _NO_DEMANDS
+            return NO_DEMANDS
         demands, readings, progress = Demands({}, {}, {}), self.readings, self.progress
         for row, intervention in _chosen(self._interventions, stepped):
             time, door = self._of(row, (readings.time, readings.door))

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from gplfd_env.conventions.resets import masked
 from gplfd_env.doors.variation import Variation
+from gplfd_env.simulation.loads import Demands
 from gplfd_env.task.episode import Episode
 from gplfd_env.task.info import infos_of
 from gplfd_env.task.observation import Observation
-from gplfd_env.task.records import Demands
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
