@@ -44,13 +44,7 @@ _DURATIONS: Final[Any] = {"unit": "s", "above": 0.0, "high": 1000.0}
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Push:
-    """A force on hand, forearm or leaf, in the axes of the handle's circle.
-
-    Raises:
-        ValueError: A number is not finite or not allowed, or there is no such target
-            or profile.
-        TypeError: A value is neither a number nor a pair of numbers.
-    """
+    """A force on hand, forearm or leaf, in the axes of the handle's circle."""
 
     on: Target = "hand"
     """Where it acts: ``"hand"`` and ``"forearm"`` at their centres of mass; ``"door"``
@@ -84,10 +78,6 @@ class Person:
     ISO/TS 15066 (hands and fingers: 0.6 kg, 75 N/mm) and hangs on a softer
     spring-damper, the arm, at where it was when it took hold. It moves along the
     handle's circle only.
-
-    Raises:
-        ValueError: A number is not finite or not allowed, or there is no such target.
-        TypeError: A value is neither a number nor a pair of numbers.
     """
 
     on: Held = "hand"
@@ -119,12 +109,7 @@ class Person:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Stop:
-    """The door does not open further, because somebody is behind it or it is locked.
-
-    Raises:
-        ValueError: A number is not finite or not allowed.
-        TypeError: A value is neither a number nor a pair of numbers.
-    """
+    """The door does not open further, because somebody is behind it or it is locked."""
 
     angle: Number = quantity(0.0, unit="rad", low=0.0, high=math.radians(95.0))
     """Greatest opening angle meanwhile; 0 is a locked door."""
@@ -142,10 +127,6 @@ class Bump:
     What it commands happens beside the door by the displacement, and what it observes
     is off by as much: position of the hand and its velocity. The arm's change of
     posture and the inertia of the push are left out.
-
-    Raises:
-        ValueError: A number is not finite or not allowed.
-        TypeError: A value is neither a number nor a pair of numbers.
     """
 
     forward: Number = quantity(0.0, unit="m", low=-0.05, high=0.05)
@@ -165,12 +146,7 @@ class Bump:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Breakaway:
-    """A hinge that sticks before it first moves, and a seal near the frame.
-
-    Raises:
-        ValueError: A number is not finite or not allowed.
-        TypeError: A value is neither a number nor a pair of numbers.
-    """
+    """A hinge that sticks before it first moves, and a seal near the frame."""
 
     stiction: Number = quantity(0.0, unit="N m", low=0.0, high=50.0)
     """Friction of the hinge in addition to the door's own, until it has moved by half
@@ -191,9 +167,13 @@ class Breakaway:
 class Disturbance:
     """External events of an episode; None: there is none of this kind.
 
+    A field may be given as a mapping of its record's fields.
+
     Raises:
-        ValueError: A field's mapping has an unknown key or a value not allowed.
-        TypeError: A field is neither its record, a mapping, nor None.
+        ValueError: A field's mapping has an unknown key, or a number that is not finite
+            or not allowed, or there is no such choice.
+        TypeError: A field is neither its record, a mapping, nor None, or a value is
+            neither a number nor a pair of numbers.
     """
 
     push: Push | None = None
@@ -301,27 +281,14 @@ def disturbance_named(spec: DisturbanceSpec) -> Disturbance:
         ValueError: An unknown preset or field, or a value not allowed.
         TypeError: Anything else.
     """
-    if isinstance(spec, Disturbance):
-        return spec
-    if isinstance(spec, str | Mapping):
-        hint = "a mapping of Disturbance fields"
-        given = spec if isinstance(spec, str) else _upon_preset(spec)
-        return preset(given, DISTURBANCES, "none", "disturbance", hint)
-    raise TypeError(
-        "disturbance must be a preset's name, a mapping of Disturbance fields or a "
-        f"Disturbance, got {spec!r} ({type(spec).__name__})"
-    )
-
-
-def _upon_preset(spec: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return a mapping whose records have what the preset's have and it leaves out."""
-    name = spec.get("preset", "none")
-    start = DISTURBANCES.get(name) if isinstance(name, str) else None
-    return {
-        key: with_fields(begun, value, key)
-        if isinstance(value, Mapping)
-        and key in CAUSES
-        and (begun := getattr(start, key, None))
-        else value
-        for key, value in spec.items()
-    }
+    given: Any = spec
+    if isinstance(spec, Mapping):
+        # Records of the mapping have what those of its preset have and they leave out.
+        name = spec.get("preset", "none")
+        start = DISTURBANCES.get(name) if isinstance(name, str) else None
+        given = dict(spec)
+        for cause in CAUSES:
+            begun, value = getattr(start, cause, None), spec.get(cause)
+            if begun and isinstance(value, Mapping):
+                given[cause] = with_fields(begun, value, cause)
+    return preset(given, DISTURBANCES, "none", "disturbance")

@@ -33,25 +33,19 @@ class DoorGeometry:
     hinge: Array
     """The point of the hinge axis nearest to the origin [m], (3,); given as any point
     of the axis."""
-
     axis: Array
     """Its direction, (3,), a unit vector; given with any length. A positive turn about
     it opens the door."""
-
     spindle: Array | None = None
     """A point of the axis about which the handle turns in the leaf [m], (3,), while the
     door is closed; None if the handle does not turn."""
-
     turn: Array | None = None
     """That axis's direction, (3,), a unit vector; given with any length. A positive
     turn about it draws the bolt."""
-
     travel: float = 0.0
     """How far the handle can be turned [rad]; 0 if it does not turn."""
-
     radius: float = field(init=False)
     """Distance of the hand from the hinge axis [m]."""
-
     pull: Array = field(init=False)
     """Direction in which the closed handle begins to move, (3,), a unit vector."""
 

@@ -13,23 +13,14 @@ GRAVITY: Final = 9.81
 
 
 class CloserSize(NamedTuple):
-    """A row of EN 1154, table 1, for a power size.
+    """A row of EN 1154, table 1, for a power size."""
 
-    Attributes:
-        closing: Closing moment between 0 and 4°, least and greatest [N m].
-        closing_open: Least closing moment between 88 and 92° [N m].
-        opening: Greatest opening moment between 0 and 60° [N m].
-        efficiency: Least ratio of closing to opening moment between 0 and 4°.
-        widest: Greatest width of the leaf [m].
-        heaviest: Greatest mass of the leaf [kg].
-    """
-
-    closing: tuple[float, float]
-    closing_open: float
-    opening: float
-    efficiency: float
-    widest: float
-    heaviest: float
+    closing: tuple[float, float]  # Moment from 0 to 4°, least and greatest [N m].
+    closing_open: float  # Least moment from 88 to 92° [N m].
+    opening: float  # Greatest moment from 0 to 60° [N m].
+    efficiency: float  # Least ratio of closing to opening moment from 0 to 4°.
+    widest: float  # Greatest width of the leaf [m].
+    heaviest: float  # Greatest mass of the leaf [kg].
 
 
 EN_1154: Final = MappingProxyType(

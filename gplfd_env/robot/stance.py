@@ -16,29 +16,22 @@ class Stance:
 
     handle_xy_w: tuple[float, float]
     """Closed handle in the base frame, without placement error [m]."""
-
     door_yaw: float
     """Heading of "straight into the closed door" in the base frame [rad]."""
-
     grasp_yaw: float
     """Constant yaw of the hand on the handle, counter-clockwise from above [rad]. It is
     zero for a lever or knob, whose axis is the hand's: there it would turn a wrist
     that is nearly at its limit."""
-
     torso_below_handle: float
     """Height of the grasped point minus torso lift [m]."""
-
     closed_posture: tuple[float, ...]
     """Arm joints that hold the closed handle, to 1 mrad [rad]; refined at build
     time."""
-
     roll: float = 0.0
     """Roll of the wrist relative to the grasp of a vertical bar [rad]: a quarter turn
     for a lever or knob, which the fingers grasp from above and below."""
-
     radius: float
     """Greatest handle-to-hinge distance that is opened to the task's angle [m]."""
-
     height: float
     """Greatest height at which the handle can be held all the way [m]."""
 

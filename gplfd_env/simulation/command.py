@@ -3,12 +3,12 @@
 import math
 import reprlib
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gplfd_env.conventions.constants import GRIPPER_WIDTH, Base, Control
 from gplfd_env.doors.variation import Variation
@@ -96,54 +96,44 @@ class Command:
         return np.minimum(np.maximum(commands, self.low), self.high)
 
 
+def _command(control: Control, further: str, extra: ArrayLike, **more: Any) -> Command:
+    """Return the meaning of a pose and further entries with least, greatest, rest."""
+    low, high, rest = np.reshape(extra, (-1, 3)).T
+    hand = (
+        "commanded position [m] and rotation vector [rad] of the hand in the task frame"
+    )
+    return Command(
+        control=control,
+        low=np.concatenate([-_POSE_LIMIT, low]),
+        high=np.concatenate([_POSE_LIMIT, high]),
+        rest=np.concatenate([np.zeros(6), rest]),
+        meaning=hand + further,
+        **more,
+    )
+
+
 COMMANDS: Final[dict[Control, Command]] = {
-    "pose": Command(
-        control="pose",
-        low=-_POSE_LIMIT,
-        high=_POSE_LIMIT,
-        rest=np.zeros(6),
-        meaning=(
-            "commanded position [m] and rotation vector [rad] of the hand in the task "
-            "frame"
-        ),
-    ),
-    "impedance": Command(
-        control="impedance",
-        low=np.concatenate([-_POSE_LIMIT, _SOFTEST]),
-        high=np.concatenate([_POSE_LIMIT, _STIFFEST]),
-        rest=np.concatenate([np.zeros(6), _STIFFEST]),
-        meaning=(
-            "commanded position [m] and rotation vector [rad] of the hand in the task "
-            "frame, and its stiffness on these axes [N/m, N m/rad]"
-        ),
+    "pose": _command("pose", "", []),
+    "impedance": _command(
+        "impedance",
+        ", and its stiffness on these axes [N/m, N m/rad]",
+        np.column_stack([_SOFTEST, _STIFFEST, _STIFFEST]),
     ),
 }
 """By kind of control."""
 
-_BASE_SPEED: Final = np.array([SPEED[0], SPEED[0], SPEED[1]])
-
-DRIVEN: Final = Command(
-    control="pose",
-    low=np.concatenate([-_POSE_LIMIT, -_BASE_SPEED]),
-    high=np.concatenate([_POSE_LIMIT, _BASE_SPEED]),
-    rest=np.zeros(9),
-    meaning=(
-        "commanded position [m] and rotation vector [rad] of the hand in the task "
-        "frame, and twist of the base in its own axes [m/s, rad/s]"
-    ),
+DRIVEN: Final = _command(
+    "pose",
+    ", and twist of the base in its own axes [m/s, rad/s]",
+    [(-limit, limit, 0.0) for limit in (SPEED[0], SPEED[0], SPEED[1])],
     drives=True,
 )
 """The pose of the hand and the twist of the base."""
 
-GRIPPING: Final = Command(
-    control="pose",
-    low=np.concatenate([-_POSE_LIMIT, [0.0]]),
-    high=np.concatenate([_POSE_LIMIT, [GRIPPER_WIDTH]]),
-    rest=np.zeros(7),
-    meaning=(
-        "commanded position [m] and rotation vector [rad] of the hand in the task "
-        "frame, and width of the gripper between its fingers [m]"
-    ),
+GRIPPING: Final = _command(
+    "pose",
+    ", and width of the gripper between its fingers [m]",
+    (0.0, GRIPPER_WIDTH, 0.0),
     grips=True,
 )
 """The pose of the hand and the width of the gripper."""
