@@ -24,6 +24,11 @@ CASING: Final = 0.11
 DOOR_HEIGHT: Final = 2.00
 """Height of every leaf [m]."""
 
+_TEXTURE: Final = mujoco.mjtTexture
+_PATTERN: Final = mujoco.mjtBuiltin
+_SKY: Final = ([0.92, 0.95, 0.98], [0.70, 0.78, 0.86])
+_TILES: Final = ([0.80, 0.80, 0.79], [0.74, 0.74, 0.73])
+
 _ASPECT: Final = 4.0 / 3.0
 _FIELD_OF_VIEW: Final = math.radians(40.0)
 _MARGIN: Final = 1.03
@@ -37,7 +42,7 @@ _HEAD_SIZE: Final = (0.18, 1.55)
 """Radius and height of upright cylinders around the robot's base and head [m]."""
 
 
-def add_arena(spec: mujoco.MjSpec, door: DoorConfig, base: Base = "fixed") -> None:
+def add_arena(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
     """Set the physics options and add light, floor and two fixed cameras.
 
     An elliptic cone with a large ``impratio`` prevents creep of a friction grasp: with
@@ -57,7 +62,28 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, base: Base = "fixed") -> No
     spec.visual.map.znear = 0.02
     # Surfaces near the border of the area with shadows would be speckled.
     spec.visual.map.shadowclip = 2.5
-    _add_floor(spec)
+    for name, kind, pattern, light, dark, width, height in (
+        ("sky", _TEXTURE.mjTEXTURE_SKYBOX, _PATTERN.mjBUILTIN_GRADIENT, *_SKY, 64, 384),
+        ("tiles", _TEXTURE.mjTEXTURE_2D, _PATTERN.mjBUILTIN_CHECKER, *_TILES, 128, 128),
+    ):
+        spec.add_texture(
+            name=name,
+            type=kind,
+            builtin=pattern,
+            rgb1=light,
+            rgb2=dark,
+            width=width,
+            height=height,
+        )
+    material = spec.add_material(name="tiles", texrepeat=[8, 8], reflectance=0.0)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+    spec.worldbody.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[4, 4, 0.1],
+        material="tiles",
+        **INTANGIBLE,
+    )
     spec.worldbody.add_light(
         name="window",
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
@@ -66,14 +92,17 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, base: Base = "fixed") -> No
         diffuse=[0.4] * 3,
         specular=[0.1] * 3,
     )
-    _add_cameras(spec, door, base)
 
-
-def _add_cameras(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
-    """Add "overview" and "top", which show the motion of leaf and robot."""
+    # The turn of "overview" from straight into the door, and its elevation: found by
+    # counting the visible pixels of hand and handle at the closed, the half and the
+    # fully open door, in steps of 15° and 10°.
+    turn, elevation = -door.side * math.radians(45.0), math.radians(-27.0)
+    if door.swing == "push":
+        turn, elevation = math.radians(30.0), math.radians(-32.0)
+    elif base == "fixed" and (door.handle, door.hinge_side) != ("bar", "right"):
+        turn = door.side * math.radians(75.0)
     shown = _shown_points(door, base)
     into_door = -task_rotation_w(door, base=base)[:, 0]
-    turn, elevation = _viewing_direction(door, base)
     heading = math.atan2(into_door[1], into_door[0]) + turn
     level = np.array([math.cos(heading), math.sin(heading), 0.0])
     upward = np.array([0.0, 0.0, 1.0])
@@ -91,19 +120,6 @@ def _add_cameras(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
             xyaxes=[*axes[:, 0], *axes[:, 1]],
             fovy=math.degrees(_FIELD_OF_VIEW),
         )
-
-
-def _viewing_direction(door: DoorConfig, base: Base) -> tuple[float, float]:
-    """Return the direction of "overview": turn from straight into the door, elevation.
-
-    Found by counting the visible pixels of hand and handle at the closed, the half and
-    the fully open door, in steps of 15° and 10° [rad].
-    """
-    if door.swing == "push":
-        return math.radians(30.0), math.radians(-32.0)
-    if base == "fixed" and (door.handle, door.hinge_side) != ("bar", "right"):
-        return door.side * math.radians(75.0), math.radians(-27.0)
-    return -door.side * math.radians(45.0), math.radians(-27.0)
 
 
 def _camera_position(points: Matrix) -> Matrix:
@@ -159,33 +175,3 @@ def _shown_points(door: DoorConfig, base: Base) -> Matrix:
     high = (DOOR_HEIGHT + CASING) * axes[:, 1]
     points: Matrix = np.concatenate([leaf, leaf + high, *robot])
     return points
-
-
-def _add_floor(spec: mujoco.MjSpec) -> None:
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.92, 0.95, 0.98],
-        rgb2=[0.70, 0.78, 0.86],
-        width=64,
-        height=384,
-    )
-    spec.add_texture(
-        name="tiles",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.80, 0.80, 0.79],
-        rgb2=[0.74, 0.74, 0.73],
-        width=128,
-        height=128,
-    )
-    material = spec.add_material(name="tiles", texrepeat=[8, 8], reflectance=0.0)
-    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
-    spec.worldbody.add_geom(
-        name="floor",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[4, 4, 0.1],
-        material="tiles",
-        **INTANGIBLE,
-    )

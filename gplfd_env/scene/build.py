@@ -92,6 +92,7 @@ def build_spec(
     the door's.
     """
     structure = structure_of(door) if structure is None else structure
+    placement = Placement() if placement is None else placement
     spec = load_robot(control, door, base)
     add_arena(spec, door, base)
     add_door(spec, door, placement, structure, base)

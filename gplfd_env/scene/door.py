@@ -1,6 +1,6 @@
 """The door as MuJoCo bodies: frame, leaf, hinge, and what is mounted on them."""
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import mujoco
 import numpy as np
@@ -19,8 +19,8 @@ from gplfd_env.robot.placement import (
 )
 from gplfd_env.scene.arena import DOOR_HEIGHT
 from gplfd_env.scene.closer import add_closer, has_tendons, set_closer
-from gplfd_env.scene.handle import STEEL, add_bar, add_turning_handle, set_handle
-from gplfd_env.scene.latch import add_latch, set_latch
+from gplfd_env.scene.handle import STEEL, add_bar, add_turning_handle, set_spring
+from gplfd_env.scene.latch import add_latch
 from gplfd_env.scene.visuals import (
     add_casing,
     add_closer_visuals,
@@ -59,9 +59,9 @@ def structure_of(door: DoorConfig) -> Structure:
 def add_door(
     spec: mujoco.MjSpec,
     door: DoorConfig,
-    placement: Placement | None = None,
-    structure: Structure | None = None,
-    base: Base = "fixed",
+    placement: Placement,
+    structure: Structure,
+    base: Base,
 ) -> None:
     """Add a door to a scene.
 
@@ -72,8 +72,6 @@ def add_door(
     with it, beside a handle that turns the site ``leaf_axes`` that does not turn with
     it, the latch, and the actuator ``door_closer``.
     """
-    structure = structure_of(door) if structure is None else structure
-    placement = Placement() if placement is None else placement
     frame = spec.worldbody.add_body(
         name="door_frame",
         pos=handle_position_w(door, placement, base),
@@ -81,7 +79,12 @@ def add_door(
     )
     grasp, turn = grasp_in_door_frame(door, placement, base)
     frame.add_site(name="task_frame", pos=grasp, quat=turn, **UNDRAWN)
-    _add_frame(frame, door)
+    # Where the leaf ends towards hinge and lock: from the handle's axis, and in the
+    # frame's z [m].
+    edges = -door.radius - door.overhang, door.backset
+    edges_z = tuple(door.side * (edge + door.grip) for edge in edges)
+    _add_frame(frame, door, *edges_z)
+
     leaf = frame.add_body(name="door", pos=[0.0, 0.0, -door.side * door.hand_radius])
     hinge = leaf.add_joint(
         name="hinge",
@@ -106,80 +109,54 @@ def add_door(
             solref_limit=HARD_STOP,
         )
         end.wrap_joint("hinge", 1.0)
-    _add_leaf(leaf, door)
+    _add_leaf(leaf, door, *edges)
     foot = -door.handle_standoff + door.leaf_thickness / 2
     if door.handle == "bar":
         add_bar(leaf, door, foot, placement.grasp_height)
     else:
         add_turning_handle(leaf, door, foot)
     if structure.latched:
-        add_latch(spec, frame, leaf, door, _edges_in_frame(door)[1], base)
+        add_latch(spec, frame, leaf, door, edges_z[1], base)
     add_closer(spec, door, tendons=structure.closer)
-    _add_visuals(spec, frame, leaf, door, structure)
 
-
-def _add_visuals(
-    spec: mujoco.MjSpec,
-    frame: mujoco.MjsBody,
-    leaf: mujoco.MjsBody,
-    door: DoorConfig,
-    structure: Structure,
-) -> None:
     top = DOOR_HEIGHT - door.handle_height
     if structure.closer:
         add_closer_visuals(spec, frame, leaf, door, top)
     if structure.latched:
         add_lock_plate(leaf, door)
     if door.handle != "bar":
-        hinge_edge, lock_edge = _edges(door)
-        add_casing(frame, door, _edges_in_frame(door), top)
-        add_panels(leaf, door, lock_edge - hinge_edge)
+        add_casing(frame, door, edges_z, top)
+        add_panels(leaf, door, edges[1] - edges[0])
         add_far_handle(leaf, spec.body("handle"), door)
 
 
-def _add_frame(frame: mujoco.MjsBody, door: DoorConfig) -> None:
-    floor, side = -door.handle_height, door.side
-    hinge_edge, lock_edge = _edges_in_frame(door)
-    middle = floor + DOOR_HEIGHT / 2
-    for name, edge in (
-        ("jamb_hinge", hinge_edge - side * _JAMB / 2),
-        ("jamb_lock", lock_edge + side * _JAMB / 2),
+def _add_frame(
+    frame: mujoco.MjsBody, door: DoorConfig, hinge_z: float, lock_z: float
+) -> None:
+    """Add jambs and lintel around the leaf's edges, task-frame z [m]."""
+    across = (hinge_z + lock_z) / 2
+    upright = [0.06, DOOR_HEIGHT / 2, _JAMB / 2]
+    level = [0.06, _JAMB / 2, abs(lock_z - hinge_z) / 2 + _JAMB]
+    middle, out = -door.handle_height + DOOR_HEIGHT / 2, door.side * _JAMB / 2
+    for name, y, z, size in (
+        ("jamb_hinge", middle, hinge_z - out, upright),
+        ("jamb_lock", middle, lock_z + out, upright),
+        ("lintel", -door.handle_height + DOOR_HEIGHT + _JAMB / 2, across, level),
     ):
         frame.add_geom(
             name=name,
             type=_BOX,
-            pos=[-door.handle_standoff, middle, edge],
-            size=[0.06, DOOR_HEIGHT / 2, _JAMB / 2],
+            pos=[-door.handle_standoff, y, z],
+            size=size,
             rgba=_FRAME,
             **INTANGIBLE,
         )
-    frame.add_geom(
-        name="lintel",
-        type=_BOX,
-        pos=[
-            -door.handle_standoff,
-            floor + DOOR_HEIGHT + _JAMB / 2,
-            (hinge_edge + lock_edge) / 2,
-        ],
-        size=[0.06, _JAMB / 2, abs(lock_edge - hinge_edge) / 2 + _JAMB],
-        rgba=_FRAME,
-        **INTANGIBLE,
-    )
 
 
-def _edges(door: DoorConfig) -> tuple[float, float]:
-    """Return where the leaf ends towards hinge and lock, from the handle's axis [m]."""
-    return -door.radius - door.overhang, door.backset
-
-
-def _edges_in_frame(door: DoorConfig) -> tuple[float, float]:
-    """Return where the leaf ends towards hinge and lock, task-frame z [m]."""
-    hinge_edge, lock_edge = _edges(door)
-    return door.side * (hinge_edge + door.grip), door.side * (lock_edge + door.grip)
-
-
-def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
-    hinge_edge, lock_edge = _edges(door)
+def _add_leaf(
+    leaf: mujoco.MjsBody, door: DoorConfig, hinge_edge: float, lock_edge: float
+) -> None:
+    """Add the leaf between its edges, from the handle's axis [m], and its hinges."""
     leaf.add_geom(
         name="leaf",
         type=_BOX,
@@ -193,24 +170,21 @@ def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
         mass=door.panel_mass,
         **INTANGIBLE,
     )
+    steel: dict[str, Any] = {"rgba": STEEL, "mass": 0.0, **INTANGIBLE}
     for name, height in (("hinge_upper", 0.55), ("hinge_lower", -0.55)):
         leaf.add_geom(
             name=name,
             type=_CYLINDER,
             fromto=[0, height - 0.05, 0, 0, height + 0.05, 0],
             size=[0.012, 0, 0],
-            rgba=STEEL,
-            mass=0.0,
-            **INTANGIBLE,
+            **steel,
         )
         leaf.add_geom(
             name=f"{name}_arm",
             type=_BOX,
             pos=[-door.handle_standoff / 2, height, 0],
             size=[door.handle_standoff / 2, 0.03, 0.004],
-            rgba=STEEL,
-            mass=0.0,
-            **INTANGIBLE,
+            **steel,
         )
 
 
@@ -233,9 +207,9 @@ def set_door_physics(
     model.dof_frictionloss[hinge] = door.friction
     model.dof_damping[hinge] = door.hinge_damping + door.closer_damping
     if door.handle != "bar":
-        set_handle(model, door)
+        set_spring(model, "handle", *door.handle_spring)
     if door.latch == "spring":
-        set_latch(model, door)
+        set_spring(model, "bolt", door.bolt_preload, door.bolt_stiffness)
     _add_leaf_mass(model, door.panel_mass - NOMINAL_MASS)
     mujoco.mj_setConst(model, data)
     set_closer(model, door)

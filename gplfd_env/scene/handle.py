@@ -107,16 +107,6 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
     )
 
 
-def set_handle(model: mujoco.MjModel, door: DoorConfig) -> None:
-    """Write the parameters of the handle's return spring into a compiled scene.
-
-    Args:
-        model: The scene; edited in place.
-        door: Of the geometry that the scene was compiled with.
-    """
-    set_spring(model, "handle", *door.handle_spring)
-
-
 def set_spring(
     model: mujoco.MjModel, joint: str, preload: float, stiffness: float
 ) -> None:

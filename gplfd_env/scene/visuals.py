@@ -64,13 +64,9 @@ def add_panels(leaf: mujoco.MjsBody, door: DoorConfig, width: float) -> None:
         size[1] = (high - low) / 2.0
         _add_box(leaf, name, [x, (low + high) / 2.0, place], size, _PANEL)
     reach = door.side * door.radius
-    _add_rod(
-        leaf,
-        "lock_cylinder",
-        _through(door, thick + 0.006, -0.09, reach),
-        0.014,
-        _BRASS,
-    )
+    near, far = x - (thick + 0.006), x + (thick + 0.006)
+    through = [near, -0.09, reach, far, -0.09, reach]
+    _add_rod(leaf, "lock_cylinder", through, 0.014, _BRASS)
 
 
 def add_far_handle(
@@ -82,14 +78,8 @@ def add_far_handle(
     _add_rod(handle, "far_neck", [foot, 0.0, 0.0, far, 0.0, 0.0], 0.009, STEEL)
     if door.handle == "lever":
         end = -door.side * (door.handle_length - BAR_RADIUS)
-        handle.add_geom(
-            name="far_handle",
-            type=_CAPSULE,
-            fromto=[far, 0.0, 0.0, far, 0.0, end],
-            size=[BAR_RADIUS, 0, 0],
-            rgba=STEEL,
-            **_SEEN,
-        )
+        ends = [far, 0.0, 0.0, far, 0.0, end]
+        _add_rod(handle, "far_handle", ends, BAR_RADIUS, STEEL, _CAPSULE)
     else:
         handle.add_geom(
             name="far_handle",
@@ -165,12 +155,6 @@ def _arm_radius(door: DoorConfig) -> float:
     return _ARM_RADIUS if has_box(door) else 1e-5
 
 
-def _through(door: DoorConfig, half: float, height: float, reach: float) -> list[float]:
-    """Ends of a rod through the leaf, as far to both sides of its mid-plane [m]."""
-    x = -door.handle_standoff
-    return [x - half, height, reach, x + half, height, reach]
-
-
 def _add_box(
     body: mujoco.MjsBody,
     name: str,
@@ -187,8 +171,7 @@ def _add_rod(
     ends: Sequence[float],
     radius: float,
     colour: Sequence[float],
+    kind: mujoco.mjtGeom = _CYLINDER,
 ) -> None:
     size = [radius, 0, 0]
-    body.add_geom(
-        name=name, type=_CYLINDER, fromto=ends, size=size, rgba=colour, **_SEEN
-    )
+    body.add_geom(name=name, type=kind, fromto=ends, size=size, rgba=colour, **_SEEN)
