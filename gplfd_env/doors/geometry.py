@@ -17,8 +17,10 @@ Array = NDArray[np.float64]
 _TURN: Final = 0.5
 """Share of the leaf's turn that a hand takes where it pushes something round."""
 
+_NOT_TURNED: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
 _ROUND: Final = 0.03
-"""Who holds a handle nearer to its axis than this holds a knob [m]."""
+"""Below this distance from its axis a handle counts as a knob [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -95,14 +97,27 @@ class DoorGeometry:
         )
 
     @classmethod
-    def of(cls, door: DoorConfig) -> DoorGeometry:
-        """Return a door before a robot that stands and grasps right."""
-        side, turns = door.side, door.handle != "bar"
+    def of(
+        cls,
+        door: DoorConfig,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        rotation: ArrayLike = _NOT_TURNED,
+    ) -> DoorGeometry:
+        """Return a door, by default before a robot that stands and grasps right.
+
+        Args:
+            door: The door.
+            position: Where the hand takes hold, door frame, (3,) [m].
+            rotation: Axes of the task frame in the door frame, (3, 3).
+        """
+        to_task, side, turns = np.transpose(rotation), door.side, door.handle != "bar"
+        hinge = np.array([0.0, 0.0, -side * door.hand_radius])
+        spindle = np.array([0.0, 0.0, side * door.grip])
         return cls(
-            hinge=np.array([0.0, 0.0, -side * door.hand_radius]),
-            axis=np.array([0.0, side * door.way, 0.0]),
-            spindle=np.array([0.0, 0.0, side * door.grip]) if turns else None,
-            turn=np.array([-side, 0.0, 0.0]) if turns else None,
+            hinge=to_task @ (hinge - position),
+            axis=to_task @ np.array([0.0, side * door.way, 0.0]),
+            spindle=to_task @ (spindle - position) if turns else None,
+            turn=to_task @ np.array([-side, 0.0, 0.0]) if turns else None,
             travel=door.handle_travel if turns else 0.0,
         )
 

@@ -159,9 +159,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         if self._settings.base == "mobile":
             # MuJoCo clamps what the servo is told, but the base follows it, too.
             command = self.command.clamped(command)
-        demands = episode.demand(
-            command[None], drives=self.command.drives, grips=self.command.grips
-        )
+        demands = episode.demand(command[None], self.command)
         if self._simulation.advance(command, demands):
             episode.break_off()
         else:

@@ -222,9 +222,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     ) -> None:
         """Step what does not rest by one control period."""
         stepped = None if resting is None else ~resting
-        demands = episodes.demand(
-            commands, stepped, drives=self.command.drives, grips=self.command.grips
-        )
+        demands = episodes.demand(commands, self.command, stepped)
         rows = None if stepped is None else np.flatnonzero(stepped).tolist()
         diverged = self._batch.advance(commands, rows, demands)
         if diverged is not None:

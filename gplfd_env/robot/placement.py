@@ -28,7 +28,7 @@ Matrix = NDArray[np.float64]
 
 def hand_position_w(door: DoorConfig, placement: Placement, base: Base) -> Matrix:
     """Return where the hand takes hold in the world frame, (3,) [m]."""
-    position, _ = _task_in_door_frame(door, placement, base)
+    position, _ = task_in_door_frame(door, placement, base)
     middle = handle_position_w(door, placement, base)
     axes = task_rotation_w(door, placement.base_yaw, base)
     held: Matrix = middle + axes @ position
@@ -88,28 +88,10 @@ def quaternion(rotation: Matrix) -> Matrix:
     return result
 
 
-def grasp_in_door_frame(
-    door: DoorConfig, placement: Placement, base: Base
-) -> tuple[Matrix, Matrix]:
-    """Return where the hand takes hold in the door frame: (3,) [m], quaternion (4,)."""
-    position, rotation = _task_in_door_frame(door, placement, base)
-    return position, quaternion(rotation)
-
-
 def door_geometry(variation: Variation, base: Base) -> DoorGeometry:
     """Return where the hinge and the handle's axis are in an episode's task frame."""
-    door = variation.door
-    position, rotation = _task_in_door_frame(door, variation.placement, base)
-    hinge = np.array([0.0, 0.0, -door.side * door.hand_radius])
-    spindle = np.array([0.0, 0.0, door.side * door.grip])
-    turns = door.handle != "bar"
-    return DoorGeometry(
-        hinge=rotation.T @ (hinge - position),
-        axis=rotation.T @ np.array([0.0, door.side * door.way, 0.0]),
-        spindle=rotation.T @ (spindle - position) if turns else None,
-        turn=rotation.T @ np.array([-door.side, 0.0, 0.0]) if turns else None,
-        travel=door.handle_travel if turns else 0.0,
-    )
+    door, placement = variation.door, variation.placement
+    return DoorGeometry.of(door, *task_in_door_frame(door, placement, base))
 
 
 def standoff_pose(door: DoorConfig, standoff: Standoff, base: Base) -> Matrix:
@@ -127,7 +109,7 @@ def grasp_height(door: DoorConfig, placement: Placement) -> float:
     return placement.grasp_height if door.handle == "bar" else 0.0
 
 
-def _task_in_door_frame(
+def task_in_door_frame(
     door: DoorConfig, placement: Placement, base: Base
 ) -> tuple[Matrix, Matrix]:
     """Return the task frame in the door frame: position (3,) [m], axes (3, 3)."""
@@ -207,27 +189,19 @@ def _bring_hand(
     """Bring the hand to the task frame, or `away` from it [m]; return the error."""
     arm = _arm(model)
     hand, target = model.site("hand").id, model.site("task_frame").id
-    jacobian = np.zeros((6, model.nv))
+    jacobian, rotation = np.zeros((6, model.nv)), np.zeros(3)
+    inverse, relative = np.zeros(4), np.zeros(4)
     for _ in range(20):
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        error = _pose_error(data, hand, target)
-        if away is not None:
-            error[:3] += away
+        mujoco.mju_negQuat(inverse, quaternion(data.site_xmat[hand]))
+        mujoco.mju_mulQuat(relative, quaternion(data.site_xmat[target]), inverse)
+        mujoco.mju_quat2Vel(rotation, relative, 1.0)
+        shift = data.site_xpos[target] - data.site_xpos[hand]
+        error = np.concatenate([shift if away is None else shift + away, rotation])
         if np.abs(error).max() < 1e-12:
             break
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], hand)
         step, *_ = np.linalg.lstsq(jacobian[:, arm], error, rcond=None)
         data.qpos[arm] += step
     return float(np.abs(error).max())
-
-
-def _pose_error(data: mujoco.MjData, site: int, target: int) -> Matrix:
-    current, wanted, inverse, relative = (np.zeros(4) for _ in range(4))
-    rotation = np.zeros(3)
-    mujoco.mju_mat2Quat(current, data.site_xmat[site])
-    mujoco.mju_mat2Quat(wanted, data.site_xmat[target])
-    mujoco.mju_negQuat(inverse, current)
-    mujoco.mju_mulQuat(relative, wanted, inverse)
-    mujoco.mju_quat2Vel(rotation, relative, 1.0)
-    return np.concatenate([data.site_xpos[target] - data.site_xpos[site], rotation])

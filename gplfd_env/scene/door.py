@@ -12,9 +12,9 @@ from gplfd_env.doors.config import DoorConfig, Handle
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.mobile_base import HARD_STOP, SOFT_STOP
 from gplfd_env.robot.placement import (
-    grasp_in_door_frame,
     handle_position_w,
     quaternion,
+    task_in_door_frame,
     task_rotation_w,
 )
 from gplfd_env.scene.arena import DOOR_HEIGHT
@@ -77,8 +77,8 @@ def add_door(
         pos=handle_position_w(door, placement, base),
         quat=quaternion(task_rotation_w(door, placement.base_yaw, base)),
     )
-    grasp, turn = grasp_in_door_frame(door, placement, base)
-    frame.add_site(name="task_frame", pos=grasp, quat=turn, **UNDRAWN)
+    grasp, axes = task_in_door_frame(door, placement, base)
+    frame.add_site(name="task_frame", pos=grasp, quat=quaternion(axes), **UNDRAWN)
     # Where the leaf ends towards hinge and lock: from the handle's axis, and in the
     # frame's z [m].
     edges = -door.radius - door.overhang, door.backset

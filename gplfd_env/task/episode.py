@@ -2,7 +2,8 @@
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final, Literal, TypeVar
+from dataclasses import dataclass
+from typing import Any, Final, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +29,19 @@ from gplfd_env.robot.placement import hand_position_w
 from gplfd_env.robot.whole_body import BaseDrive
 from gplfd_env.scene.closer import CloserLaw
 from gplfd_env.scene.latch import latch_holds
+from gplfd_env.simulation.command import Command
 from gplfd_env.simulation.loads import NO_DEMANDS, Demands
-from gplfd_env.task.draw import Drawn
+from gplfd_env.task.draw import DelayLine, Drawn, NoiseSource
 from gplfd_env.task.intervention import Intervention
 from gplfd_env.task.observation import (
+    BaseState,
+    DoorReading,
+    Hand,
     Observation,
     Reader,
     Values,
+    Vector,
+    Wrench,
 )
 from gplfd_env.task.opening import (
     GRASP_LOST,
@@ -44,13 +51,6 @@ from gplfd_env.task.opening import (
     OpeningMonitor,
     reward_terms,
     sparse_reward_terms,
-)
-from gplfd_env.task.records import (
-    Companions,
-    Constants,
-    Outside,
-    Progress,
-    Readings,
 )
 from gplfd_env.task.stages import Diagnosis, stage_after, turned_angle
 
@@ -64,6 +64,67 @@ REWARDS: Final = {"dense": reward_terms, "sparse": sparse_reward_terms}
 
 _CLOSED: Final = [0.0] * 6
 """Pose of a hand that holds the closed handle."""
+
+
+class Constants(NamedTuple):
+    """Values that are constant during an episode: numbers, or arrays (n,)."""
+
+    hand: Hand
+    way: Number  # `DoorConfig.way`; likewise the next three.
+    side: Number
+    radius: Number
+    hand_radius: Number
+    closer: CloserLaw
+    latched: Flag  # It has a bolt,
+    bolt_throw: Number  # which stands out by this [m].
+    turned: Number  # Angle from which the handle counts as turned [rad].
+    stopped: Flag  # A disturbance stops the door.
+
+
+class Readings(NamedTuple):
+    """Sensor readings without noise: numbers, or arrays (n,)."""
+
+    time: Number  # Since the reset [s].
+    wrench: Wrench  # On the hand [N, N m].
+    hand: tuple[Number, ...]  # Its pose where a gripper opens and closes [m, rad].
+    base: BaseState
+    door: DoorReading
+    latched: Flag  # The bolt holds the door.
+
+
+@dataclass(slots=True)
+class Progress:
+    """How far an episode has come: numbers, or arrays (n,)."""
+
+    steps: Number  # Control periods so far.
+    opening: OpeningMonitor
+    stage: Number  # The furthest one, a place in `gplfd_env.task.stages.STAGES`.
+    diagnosis: Diagnosis
+    grasp_point: Vector  # Where the hand took hold, in the handle's frame [m].
+    terms: dict[str, Number]  # Of the last step's reward.
+    simulation_error: Flag  # MuJoCo has reset a diverged state.
+
+
+class Companions(NamedTuple):
+    """What only some episodes have; each computes with numbers of one simulation."""
+
+    variation: Variation
+    rest: Array  # The action that holds the hand where it begins.
+    noise: NoiseSource | None
+    delay: DelayLine | None
+    intervention: Intervention | None
+    drive: BaseDrive | None
+    gripper: Gripper | None
+
+
+class Outside(NamedTuple):
+    """What a disturbance does, see `Intervention`: numbers, or arrays (n,)."""
+
+    push_force: Number = 0.0
+    person_force: Number = 0.0
+    person_energy: Number = 0.0
+    base_shift: Vector = (0.0, 0.0, 0.0)
+    base_distance: Number = 0.0
 
 
 class Episode:
@@ -175,13 +236,13 @@ class Episode:
 
     def _index(self) -> None:
         """Collect the simulations that have noise, a delay, a drive and so on."""
-        rows = list(enumerate(self._companions))
-        self._noises = {row: own.noise for row, own in rows if own.noise}
-        self._delays = {row: own.delay for row, own in rows if own.delay}
-        self._drives = {row: own.drive for row, own in rows if own.drive}
-        self._grippers = {row: own.gripper for row, own in rows if own.gripper}
+        own = list(enumerate(self._companions))
+        self._noises = {row: one.noise for row, one in own if one.noise}
+        self._delays = {row: one.delay for row, one in own if one.delay}
+        self._drives = {row: one.drive for row, one in own if one.drive}
+        self._grippers = {row: one.gripper for row, one in own if one.gripper}
         self._interventions = {
-            row: own.intervention for row, own in rows if own.intervention
+            row: one.intervention for row, one in own if one.intervention
         }
         rare = self._delays, self._drives, self._grippers, self._interventions
         self._commands_alone = not any(rare)
@@ -199,12 +260,7 @@ class Episode:
         return tuple(own.variation for own in self._companions)
 
     def demand(
-        self,
-        commands: Array,
-        stepped: Mask | None = None,
-        *,
-        drives: bool,
-        grips: bool,
+        self, commands: Array, command: Command, stepped: Mask | None = None
     ) -> Demands:
         """Delay commands (n, ...), in place; return what else acts in the period."""
         if self._commands_alone:
@@ -225,11 +281,11 @@ class Episode:
         if self._drives:
             bases = by_row((*readings.base.pose, progress.stage))
         for row, drive in _chosen(self._drives, stepped):
-            command, (x, y, yaw, stage) = commands[row].tolist(), bases[row]
-            if drives:
-                drive.obey(command[-3:], (x, y, yaw))
+            hand, (x, y, yaw, stage) = commands[row].tolist(), bases[row]
+            if command.drives:
+                drive.obey(hand[-3:], (x, y, yaw))
             elif self._companions[row].variation.standoff is None or stage > 0:
-                drive.follow(command[:6], (x, y, yaw))
+                drive.follow(hand[:6], (x, y, yaw))
             else:
                 # Only the arm reaches: the base is where it will stand for the grasp.
                 drive.follow(_CLOSED, (x, y, yaw))
@@ -237,11 +293,11 @@ class Episode:
         if self._grippers:
             hands = by_row((progress.opening.taken, *readings.hand))
         for row, gripper in _chosen(self._grippers, stepped):
-            if grips:
+            if command.grips:
                 gripper.obey(float(commands[row, -1]))
             else:
-                taken, *hand = hands[row]
-                gripper.close_at_handle(hand, taken=taken)
+                taken, *pose = hands[row]
+                gripper.close_at_handle(pose, taken=taken)
             demands.gripper_widths[row] = gripper.width
         return demands
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gplfd_env.conventions.resets import masked
 from gplfd_env.doors.variation import Variation
+from gplfd_env.simulation.command import Command
 from gplfd_env.simulation.loads import Demands
 from gplfd_env.task.episode import Episode
 from gplfd_env.task.info import infos_of
@@ -37,21 +38,18 @@ class Episodes:
             self._ones[row] = one
 
     def demand(
-        self, commands: Array, stepped: Mask | None, *, drives: bool, grips: bool
+        self, commands: Array, command: Command, stepped: Mask | None
     ) -> Demands:
         """See `Episode.demand`."""
         if self._many is not None:
-            return self._many.demand(commands, stepped, drives=drives, grips=grips)
+            return self._many.demand(commands, command, stepped)
         total = Demands({}, {}, {})
         for row, one in enumerate(self._ones):
             if stepped is None or stepped[row]:
-                own = one.demand(commands[row : row + 1], drives=drives, grips=grips)
-                if own.loads:
-                    total.loads[row] = own.loads[0]
-                if own.base_rates:
-                    total.base_rates[row] = own.base_rates[0]
-                if own.gripper_widths:
-                    total.gripper_widths[row] = own.gripper_widths[0]
+                own = one.demand(commands[row : row + 1], command)
+                for every, alone in zip(total, own, strict=True):
+                    if alone:
+                        every[row] = alone[0]
         return total
 
     def advance(

@@ -40,11 +40,6 @@ Wrench = tuple[Number, Number, Number, Number, Number, Number]
 Values = Any
 """Values of the sensors: a list of one simulation's, or an array (number, n)."""
 
-_POSE_LIMIT: Final = (3.0, np.pi)
-_TWIST_LIMIT: Final = (1.0e4, 1.0e4)
-_JOINT_LIMITS: Final = (10.0, 1.0e4)
-_TIME_LIMIT: Final = 1.0e6
-_BASE_LIMITS: Final = (100.0, 1.0e3, 1.0e4)
 _TOUCHING: Final = slice(17, 19)
 """Of the readings of a door: whether right and left finger touch the handle."""
 
@@ -61,26 +56,23 @@ def observation_space(
     # The wrist sensor saturates per sensor axis, and its weight compensation and the
     # shift of the moment to the hand add to that.
     force, torque = 2 * WRENCH_LIMITS[0], 2 * WRENCH_LIMITS[0] + 2 * WRENCH_LIMITS[1]
-    place, turn, rate = _BASE_LIMITS
-    base: dict[str, spaces.Space[Any]] = {
-        "base_pose": box((place, 2), (turn, 1)),
-        "base_velocity": box((rate, 3)),
-    }
-    gripper: dict[str, spaces.Space[Any]] = {
-        # Fingers stop softly.
-        "gripper_width": spaces.Box(-0.01, GRIPPER_WIDTH + 0.01, (1,), np.float64),
-        "grasped": spaces.Box(0.0, 1.0, shape=(1,), dtype=np.float64),
-    }
-    hand: dict[str, spaces.Space[Any]] = {
-        "ee_pose": box((_POSE_LIMIT[0], 3), (_POSE_LIMIT[1], 3)),
-        "ee_twist": box((_TWIST_LIMIT[0], 3), (_TWIST_LIMIT[1], 3)),
+    entries: dict[str, spaces.Space[Any]] = {
+        "ee_pose": box((3.0, 3), (np.pi, 3)),
+        "ee_twist": box((1e4, 6)),
         "wrench": box((force, 3), (torque, 3)),
-        "joint_pos": box((_JOINT_LIMITS[0], 7)),
-        "joint_vel": box((_JOINT_LIMITS[1], 7)),
-        "time": spaces.Box(0.0, _TIME_LIMIT, shape=(1,), dtype=np.float64),
+        "joint_pos": box((10.0, 7)),
+        "joint_vel": box((1e4, 7)),
+        "time": spaces.Box(0.0, 1e6, (1,), np.float64),
     }
-    further = (base if tells_base else {}) | (gripper if tells_gripper else {})
-    space: spaces.Space[Any] = spaces.Dict(hand | further)
+    if tells_base:
+        entries["base_pose"] = box((100.0, 2), (1e3, 1))
+        entries["base_velocity"] = box((1e4, 3))
+    if tells_gripper:
+        # Fingers stop softly.
+        width = spaces.Box(-0.01, GRIPPER_WIDTH + 0.01, (1,), np.float64)
+        entries["gripper_width"] = width
+        entries["grasped"] = spaces.Box(0.0, 1.0, (1,), np.float64)
+    space: spaces.Space[Any] = spaces.Dict(entries)
     return space
 
 
@@ -134,7 +126,7 @@ class Reader:
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
         mujoco.mj_forward(model, data)
-        root = model.body(HAND_BODIES[0]).id
+        root, drives = model.body(HAND_BODIES[0]).id, base == "mobile"
         sensor = data.site("wrist_ft")
         axes = sensor.xmat.reshape(3, 3)
         com = axes.T @ (data.subtree_com[root] - sensor.xpos)
@@ -154,12 +146,8 @@ class Reader:
             ),
             wrist=_span(model, "wrist_force", 15),
             door=slice(int(model.sensor("hinge_angle").adr[0]), None),
-            odometry=(
-                _span(model, f"{BASE_JOINTS[0]}_pos", 6) if base == "mobile" else None
-            ),
-            hinge_end=(
-                int(model.sensor("hinge_end").adr[0]) if base == "mobile" else None
-            ),
+            odometry=_span(model, f"{BASE_JOINTS[0]}_pos", 6) if drives else None,
+            hinge_end=int(model.sensor("hinge_end").adr[0]) if drives else None,
             tells_base=tells_base,
             finger=_span(model, "finger", 1) if grasp == "gripper" else None,
             tells_gripper=tells_gripper,
@@ -275,16 +263,16 @@ _AT_REST: Final = BaseState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 class DoorReading(NamedTuple):
     """What a perfect observer of the door would know."""
 
-    angle: Number
-    velocity: Number
-    handle_position: Vector
-    hand_on_handle: Vector
+    angle: Number  # Opening angle [rad].
+    velocity: Number  # Its rate [rad/s].
+    handle_position: Vector  # The handle in the task frame [m].
+    hand_on_handle: Vector  # The hand point in the handle's frame [m].
     forces: Forces
-    grasped: Flag
-    axes: tuple[Vector, Vector, Vector]
-    stop_torque: Number
-    handle_angle: Number
-    bolt: Number
+    grasped: Flag  # Both fingers touch the handle.
+    axes: tuple[Vector, Vector, Vector]  # Of the moving frame, world frame.
+    stop_torque: Number  # Of the leaf against a stop [N m].
+    handle_angle: Number  # How far a lever or knob is turned [rad]; else 0.
+    bolt: Number  # How far the bolt is drawn in [m]; 0 without a latch.
 
     def handle_rotation(self, way: Number, side: Number) -> Vector:
         """Return the handle's rotation vector [rad].

@@ -50,14 +50,14 @@ class OpeningMonitor:
     ``"stalled"``.
     """
 
-    taken: Flag = True
-    success: Flag = False
+    taken: Flag = True  # The hand has taken hold of the handle and not let it go.
+    success: Flag = False  # The success angle has been held, handle in hand.
     failure: Number = 0
-    held: Number = 0.0
-    released: Number = 0.0
-    best_angle: Number = -math.inf
-    best_turn: Number = -math.inf
-    since_gain: Number = 0.0
+    held: Number = 0.0  # For how long that angle has been held so far [s].
+    released: Number = 0.0  # For how long the fingers have lost the handle [s].
+    best_angle: Number = -math.inf  # Of the last gain [rad].
+    best_turn: Number = -math.inf  # Of the handle at the last gain [rad].
+    since_gain: Number = 0.0  # Time since the last gain [s].
 
     def update(
         self,

@@ -97,7 +97,7 @@ class Diagnosis:
     """Remembers the cause of a high force or a stall, by its place in `REASONS`."""
 
     cause: Number = 0
-    age: Number = 0.0
+    age: Number = 0.0  # Time since it was the cause [s].
 
     def update(
         self,
