@@ -206,9 +206,8 @@ class Disturbance:
     def drawn(self, rng: np.random.Generator) -> Disturbance:
         """Return the disturbance of one episode, each pair replaced by a draw from it.
 
-        Args:
-            rng: One uniform number per number of each record, whether it is drawn or
-                not, so that disturbances that differ in one range share all others.
+        One uniform number per number of each record, whether it is drawn or not, so
+        that disturbances that differ in one range share all others.
         """
         return dataclasses.replace(
             self,

@@ -82,13 +82,7 @@ class DoorGeometry:
     def nominal(
         cls, radius: float, swing: Swing = "pull", hinge_side: HingeSide = "right"
     ) -> DoorGeometry:
-        """Return a door before a robot that stands right.
-
-        Args:
-            radius: Distance of the hand from the hinge axis [m].
-            swing: Which way it opens.
-            hinge_side: Where its hinge is.
-        """
+        """Return a door of a radius [m] before a robot that stands right."""
         side = 1.0 if hinge_side == "right" else -1.0
         way = 1.0 if swing == "pull" else -1.0
         return cls(
@@ -159,8 +153,7 @@ class DoorGeometry:
 
         A bar or a knob can be held from any side: where it is pushed, the hand turns by
         half as much as the leaf, so that the arm goes through the frame and not into
-        the jamb beside the lock. Everything else is held rigidly. Arguments, result and
-        errors are those of `hand_poses`.
+        the jamb beside the lock. Everything else is held rigidly, as in `hand_poses`.
         """
         poses = self.hand_poses(angle, turn)
         if self.pull[0] < 0.0 and self._is_round:

@@ -102,8 +102,7 @@ def en1154(size: int, efficiency: float | None = None) -> dict[str, float]:
 def spring_hinge(moment: float = 6.0) -> dict[str, float]:
     """Return the fields of a spring hinge without a damper.
 
-    Args:
-        moment: Closing moment at the closed door [N m]; it doubles over 90°.
+    The closing moment at the closed door [N m] doubles over 90°.
     """
     return {
         "closer_preload": moment,
@@ -117,18 +116,10 @@ def spring_hinge(moment: float = 6.0) -> dict[str, float]:
 
 
 def bearing_friction(mass: float, width: float, bearing: str = "ball") -> float:
-    """Return the Coulomb friction of a leaf's hinges [N m].
+    """Return the Coulomb friction of the hinges of a leaf [N m], by its mass and width.
 
     μ (m g r_thrust + 2 F r_pin) with the horizontal load F = m g (W / 2) / span: the
-    bearing model of DoorBench's docs/PHYSICS.md.
-
-    Args:
-        mass: Of the leaf [kg].
-        width: Of the leaf [m].
-        bearing: A key of `BEARINGS`.
-
-    Raises:
-        ValueError: An unknown bearing.
+    bearing model of DoorBench's docs/PHYSICS.md. The bearing is a key of `BEARINGS`.
     """
     check_choice("bearing", bearing, BEARINGS)
     weight = mass * GRAVITY

@@ -142,10 +142,8 @@ class DoorRandomization:
     def sample(self, door: DoorConfig, rng: np.random.Generator) -> Variation:
         """Draw one episode.
 
-        Args:
-            door: Gives every value that is not varied.
-            rng: Where the draws come from; always the same number of them, and one more
-                where doors are drawn by the standards.
+        Always the same number of draws, and one more where doors are drawn by the
+        standards.
         """
         draws = iter(rng.random(len(_DOOR_FIELDS) + 6).tolist())
         if self.doors == "standard":

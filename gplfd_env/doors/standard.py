@@ -26,11 +26,7 @@ _LARGEST: Final = 2
 
 
 def standard_door(rng: np.random.Generator) -> DoorConfig:
-    """Draw a door of a building: its structure, leaf, handle, latch and closer.
-
-    Args:
-        rng: Where the draws come from; their number differs from door to door.
-    """
+    """Draw a door of a building: its structure, leaf, handle, latch and closer."""
     width, backset = LEAVES[rng.integers(len(LEAVES))]
     construction = _CONSTRUCTIONS[rng.integers(len(_CONSTRUCTIONS))]
     fields: dict[str, Any] = leaf(

@@ -167,11 +167,7 @@ def made_with(
 ) -> Callable[
     [Callable[[Self, Any], None]], Callable[Concatenate[Self, Arguments], None]
 ]:
-    """Let a constructor that takes a record take the record's fields instead.
-
-    Args:
-        record: `Settings` or `VectorSettings`.
-    """
+    """Let a constructor that takes a record take the record's fields instead."""
 
     def decorate(
         initialise: Callable[[Self, Any], None],
@@ -210,14 +206,8 @@ _RESOLVE: Final[Mapping[str, tuple[Callable[[Any], Any], str]]] = {
 class Sources:
     """A door, a randomization and a disturbance for each of n simulations.
 
-    Args:
-        n: Number of simulations; None for one, for which nothing may be a sequence.
-        base: Whose reach decides which doors there may be.
-        start: What episodes begin with.
-        values: By name, what holds for every simulation.
-
-    Raises:
-        ValueError: A door that is out of reach.
+    `n` is None for one, for which nothing may be a sequence. Raises a ValueError for a
+    door that the robot with this base and start cannot reach.
     """
 
     def __init__(
@@ -230,11 +220,7 @@ class Sources:
 
     @classmethod
     def of(cls, settings: Settings | VectorSettings) -> "Sources":
-        """Return those that settings name.
-
-        Raises:
-            ValueError: One that there is not, or a door that is out of reach.
-        """
+        """Return those that settings name, or raise a ValueError."""
         n = settings.num_envs if isinstance(settings, VectorSettings) else None
         values = {
             name: _resolved(name, getattr(settings, name), n) for name in _RESOLVE
@@ -251,12 +237,7 @@ class Sources:
     ) -> tuple["Sources", Mask]:
         """Return what the options of a reset make of them, and the reset's mask.
 
-        Args:
-            options: As for the environment's `reset`.
-            begun: Whether there was a reset before.
-
-        Raises:
-            ValueError: An option that there is not, or a door that is out of reach.
+        Raises a ValueError for an unknown option, or a door that is out of reach.
         """
         allowed = {name: meaning for name, (_, meaning) in _RESOLVE.items()}
         if self._n is not None:

@@ -21,26 +21,16 @@ _QUATERNION_NORM_TOLERANCE = 0.05
 
 
 def unwrap_rotvecs(rotvecs: npt.ArrayLike) -> Array:
-    """Make a path of rotation vectors continuous.
+    """Make a path of rotation vectors (N, 3) [rad] continuous.
 
-    The first vector is kept; each later one is replaced by the equivalent
-    ``(θ + 2πk) u`` nearest to its predecessor, so that the path runs through π
-    without a jump and through 2π as long as the axis is the same on both sides.
+    The first vector is kept; each later one is replaced by the equivalent ``(θ + 2πk)
+    u`` nearest to its predecessor, so that the path runs through π without a jump and
+    through 2π as long as the axis is the same on both sides.
 
-    Note:
-        The exponential map is singular at angles 2π, 4π, ...: a path that passes there
-        while its axis changes has no continuous rotation vectors at all. Express
-        rotations relative to the first one
-        (`gplfd_env.spatial.se3.relative_poses`) to stay far from it.
-
-    Args:
-        rotvecs: Rotation vectors [rad] in the order of the path, (N, 3).
-
-    Returns:
-        Continuous rotation vectors of the same rotations [rad], (N, 3).
-
-    Raises:
-        ValueError: If the shape is not (N, 3) or an entry is not finite.
+    The exponential map is singular at angles 2π, 4π, ...: a path that passes there
+    while its axis changes has no continuous rotation vectors at all. Express rotations
+    relative to the first one (`gplfd_env.spatial.se3.relative_poses`) to stay far from
+    it. Raises a ValueError for another shape or an entry that is not finite.
     """
     rotvecs = checked_rows(rotvecs, 3, "rotvecs")
     jump = _first_jump(rotvecs)
@@ -93,20 +83,11 @@ def _nearest_equivalent(rotvec: list[float], target: list[float]) -> list[float]
 def rotvecs_from_quaternions(
     quaternions: npt.ArrayLike, order: Literal["wxyz", "xyzw"] = "wxyz"
 ) -> Array:
-    """Convert a path of quaternions to continuous rotation vectors.
+    """Convert a path of quaternions (N, 4) to continuous rotation vectors [rad].
 
-    Neither the sign (q and -q are the same rotation) nor the norm matters.
-
-    Args:
-        quaternions: One quaternion per sample, (N, 4).
-        order: Where the scalar part w stands: first ("wxyz") or last ("xyzw").
-
-    Returns:
-        Unwrapped rotation vectors [rad], (N, 3); the first has an angle of at most π.
-
-    Raises:
-        ValueError: If the order is unknown, the shape is not (N, 4), an entry is not
-            finite, or a norm is further than 0.05 from one.
+    Neither the sign (q and -q are the same rotation) nor the norm matters. `order`
+    tells where the scalar part w stands. Raises a ValueError for another shape or
+    order, an entry that is not finite, or a norm further than 0.05 from one.
     """
     if order not in ("wxyz", "xyzw"):
         raise ValueError(
@@ -127,14 +108,9 @@ def rotvecs_from_quaternions(
 
 
 def rotvec_from_quaternion(w: Array, vec: Array) -> Array:
-    """Return the shortest rotation vectors of quaternions of any norm but zero.
+    """Return the shortest rotation vectors (..., 3) of quaternions of any norm but 0.
 
-    Args:
-        w: Scalar parts, (...).
-        vec: Vector parts, (..., 3).
-
-    Returns:
-        Rotation vectors [rad] with angle at most π, (..., 3).
+    From scalar parts (...) and vector parts (..., 3); the angle is at most π.
     """
     length = np.sqrt(np.add.reduce(vec * vec, axis=-1))
     angle = 2.0 * np.arctan2(length, np.abs(w))
@@ -147,16 +123,7 @@ def rotvec_from_quaternion(w: Array, vec: Array) -> Array:
 
 
 def checked_rows(values: npt.ArrayLike, width: int, name: str) -> Array:
-    """Return the samples of a path as finite float64 rows.
-
-    Args:
-        values: One row per sample, (N, width).
-        width: Number of entries that each row must have.
-        name: What an error message calls the values.
-
-    Raises:
-        ValueError: If the shape is not (N, width) or an entry is not finite.
-    """
+    """Return a path (N, width) as float64; raise a ValueError if not finite rows."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != width:
         raise ValueError(f"{name} must have shape (N, {width}), got {array.shape}")

@@ -100,17 +100,7 @@ class VectorGentleReward(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
 
 
 class Score:
-    """What one episode, or each of many, has come to.
-
-    Args:
-        info: Of the reset; numbers, or arrays (n,).
-
-    Attributes:
-        peak_force: Greatest of the forces that no opening needs, so far [N].
-        peak_slip: Greatest slip so far [m].
-        earned: Sum of the rewards so far.
-        terms: Of the last step's reward.
-    """
+    """What one episode, or each of many, has come to, given the info of its reset."""
 
     def __init__(self, info: Mapping[str, Any]) -> None:
         self.peak_force, self.peak_slip = _harm(info), np.abs(info["slip"])

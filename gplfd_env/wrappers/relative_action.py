@@ -81,16 +81,10 @@ class _Relative:
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, Any, Any, Info]:
-        """Move the set-point for one control period.
+        """Move the set-points for one control period: (6,) or (n, 6), clamped to ±1.
 
-        Args:
-            action: (6,), or (n, 6), in units of the limits; values beyond ±1 are
-                clamped to it. Those of simulations that are being reset, or stand
-                still, are ignored.
-
-        Raises:
-            ValueError: The action's shape is wrong or it is not finite.
-            gymnasium.error.ResetNeeded: There was no reset yet.
+        Those of simulations that are being reset, or stand still, are ignored. Raises a
+        ValueError for a wrong shape or a number that is not finite.
         """
         if self._hand is None:
             raise gym.error.ResetNeeded("call reset() before the first step()")
