@@ -1,6 +1,13 @@
-"""Constants and choices that every part of the environment shares."""
+"""Constants, choices and types that every part of the environment shares."""
 
-from typing import Final, Literal
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Info = dict[str, Any]
 
 Control = Literal["pose", "impedance"]
 """What commands the servo: poses, or poses and stiffnesses."""

@@ -7,7 +7,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Mask = NDArray[np.bool_]
+from gplfd_env.conventions.constants import Mask
+
 Record = TypeVar("Record")
 
 Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None

@@ -7,12 +7,11 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gplfd_env.conventions.constants import Array
 from gplfd_env.doors.config import DoorConfig, HingeSide, Swing
 from gplfd_env.spatial.se3 import compose_rotvecs
-
-Array = NDArray[np.float64]
 
 _TURN: Final = 0.5
 """Share of the leaf's turn that a hand takes where it pushes something round."""

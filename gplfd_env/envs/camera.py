@@ -51,12 +51,17 @@ class Camera:
         says what to install where OpenGL is not to be had.
         """
         if mode == "human":
-            return self._show(data)
-        if mode == "rgb_array":
-            return self._draw(data, depth=False)
-        if mode == "depth_array":
-            return self._draw(data, depth=True)
-        return self._draw(data, depth=False), self._draw(data, depth=True)
+            if self._window is None or self._drawn is not data.model:
+                self.close()
+                self._drawn, size = data.model, (self._width, self._height)
+                self._window = MujocoRenderer(
+                    data.model, data, None, *size, camera_name=self._name
+                )
+            self._window.render("human")
+            return None
+        if mode == "rgbd_tuple":
+            return self._draw(data, depth=False), self._draw(data, depth=True)
+        return self._draw(data, depth=mode == "depth_array")
 
     def close(self) -> None:
         """Free window and renderer; may be called more than once."""
@@ -66,20 +71,6 @@ class Camera:
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-
-    def _show(self, data: mujoco.MjData) -> None:
-        if self._window is None or self._drawn is not data.model:
-            self.close()
-            self._drawn = data.model
-            self._window = MujocoRenderer(
-                data.model,
-                data,
-                None,
-                self._width,
-                self._height,
-                camera_name=self._name,
-            )
-        self._window.render("human")
 
     def _draw(self, data: mujoco.MjData, *, depth: bool) -> Any:
         if self._renderer is None or self._drawn is not data.model:

@@ -7,9 +7,8 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Info
 from gplfd_env.doors.config import DoorConfig, DoorSpec
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.variation import Variation
@@ -21,9 +20,6 @@ from gplfd_env.task.episode import Episode
 from gplfd_env.task.info import info_of
 from gplfd_env.task.observation import Observation, observation_space
 from gplfd_env.validation.fields import check_choice
-
-Array = NDArray[np.float64]
-Info = dict[str, Any]
 
 
 class DoorOpeningEnv(gym.Env[Observation, Array]):

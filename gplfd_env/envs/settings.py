@@ -9,9 +9,8 @@ from typing import Any, ClassVar, Concatenate, Final, ParamSpec, TypeVar, get_ar
 import mujoco
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import Base, Start
+from gplfd_env.conventions.constants import Base, Mask, Start
 from gplfd_env.conventions.resets import checked_options, chosen_rows, each
 from gplfd_env.doors.config import DoorConfig, DoorSpec, door_config
 from gplfd_env.doors.disturbance import DisturbanceSpec, disturbance_named
@@ -27,7 +26,6 @@ from gplfd_env.task.episode import REWARDS, Episode, Reward
 from gplfd_env.task.observation import Reader
 from gplfd_env.validation.fields import Range, check_choice, checked_count
 
-Mask = NDArray[np.bool_]
 Self = TypeVar("Self")
 Arguments = ParamSpec("Arguments")
 

@@ -9,9 +9,8 @@ import numpy as np
 from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Info, Mask
 from gplfd_env.conventions.resets import Seeds, each_seed, masked, unmasked
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.variation import Variation
@@ -22,10 +21,6 @@ from gplfd_env.simulation.command import COMMANDS, DRIVEN
 from gplfd_env.task.episodes import Episodes
 from gplfd_env.task.observation import Observation, observation_space
 from gplfd_env.validation.fields import check_choice
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Info = dict[str, Any]
 
 
 class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
@@ -169,8 +164,15 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         commands = self.command.check(actions, shape, resting)
         if self._settings.base == "mobile":
             commands = self.command.clamped(commands)
-        episodes = self._episodes
-        self._advance(episodes, commands, resting)
+        episodes, stepped = self._episodes, None if resting is None else ~resting
+        demands = episodes.demand(commands, self.command, stepped)
+        rows = None if stepped is None else np.flatnonzero(stepped).tolist()
+        diverged = self._batch.advance(commands, rows, demands)
+        if diverged is not None:
+            stepped = ~diverged if stepped is None else stepped & ~diverged
+            rows = np.flatnonzero(stepped).tolist()
+        self._sensed = self._batch.read(rows, self._sensed)
+        episodes.advance(self._sensed, stepped, diverged)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and resting is not None:
             self._restart(resting)
         rewards, terminations, truncations = episodes.outcome(self._settings.limit)
@@ -216,20 +218,6 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             self._episodes.replace(begun)
         self._ended = self._ended & ~rows
         return self._episodes
-
-    def _advance(
-        self, episodes: Episodes, commands: Array, resting: Mask | None
-    ) -> None:
-        """Step what does not rest by one control period."""
-        stepped = None if resting is None else ~resting
-        demands = episodes.demand(commands, self.command, stepped)
-        rows = None if stepped is None else np.flatnonzero(stepped).tolist()
-        diverged = self._batch.advance(commands, rows, demands)
-        if diverged is not None:
-            stepped = ~diverged if stepped is None else stepped & ~diverged
-            rows = np.flatnonzero(stepped).tolist()
-        self._sensed = self._batch.read(rows, self._sensed)
-        episodes.advance(self._sensed, stepped, diverged)
 
     def _reset_at_once(self, episodes: Episodes, infos: Info) -> Info:
         """Reset ended simulations in the step that ended them; return its infos."""

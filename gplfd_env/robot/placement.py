@@ -11,9 +11,8 @@ from typing import Final
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import Base
+from gplfd_env.conventions.constants import Array, Base
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.variation import Placement, Standoff, Variation
@@ -23,21 +22,19 @@ ARM_JOINTS: Final = tuple(f"arm_{i}_joint" for i in range(1, 8))
 
 _STEPS_BACK: Final = 10
 
-Matrix = NDArray[np.float64]
 
-
-def hand_position_w(door: DoorConfig, placement: Placement, base: Base) -> Matrix:
+def hand_position_w(door: DoorConfig, placement: Placement, base: Base) -> Array:
     """Return where the hand takes hold in the world frame, (3,) [m]."""
     position, _ = task_in_door_frame(door, placement, base)
     middle = handle_position_w(door, placement, base)
     axes = task_rotation_w(door, placement.base_yaw, base)
-    held: Matrix = middle + axes @ position
+    held: Array = middle + axes @ position
     return held
 
 
 def handle_position_w(
     door: DoorConfig, placement: Placement, base: Base = "fixed"
-) -> Matrix:
+) -> Array:
     """Return the middle of the closed handle in the world frame, (3,) [m].
 
     The world frame is the base's at the reset, so an error of the base displaces it.
@@ -50,7 +47,7 @@ def handle_position_w(
 
 def task_rotation_w(
     door: DoorConfig | None = None, yaw: float = 0.0, base: Base = "fixed"
-) -> Matrix:
+) -> Array:
     """Return the task frame's axes as columns in the world frame, (3, 3).
 
     With a heading error `yaw` of the base [rad] they are those of the true door.
@@ -63,7 +60,7 @@ def task_rotation_w(
     return np.column_stack([pull, up, np.cross(pull, up)])
 
 
-def gripper_rotation_w(door: DoorConfig, base: Base = "fixed") -> Matrix:
+def gripper_rotation_w(door: DoorConfig, base: Base = "fixed") -> Array:
     """Return ``gripper_link``'s axes at the closed grasp in the world frame, (3, 3).
 
     The gripper approaches along its -z axis; its fingers close along x. On a bar y runs
@@ -81,7 +78,7 @@ def gripper_rotation_w(door: DoorConfig, base: Base = "fixed") -> Matrix:
     return np.column_stack([-arm_7_y, -arm_7_x, -approach])
 
 
-def quaternion(rotation: Matrix) -> Matrix:
+def quaternion(rotation: Array) -> Array:
     """Return the quaternion (w, x, y, z) of a rotation matrix (3, 3)."""
     result = np.zeros(4)
     mujoco.mju_mat2Quat(result, rotation.reshape(9))
@@ -94,7 +91,7 @@ def door_geometry(variation: Variation, base: Base) -> DoorGeometry:
     return DoorGeometry.of(door, *task_in_door_frame(door, placement, base))
 
 
-def standoff_pose(door: DoorConfig, standoff: Standoff, base: Base) -> Matrix:
+def standoff_pose(door: DoorConfig, standoff: Standoff, base: Base) -> Array:
     """Return the pose of a hand before the handle, task frame, (6,) [m, rad]."""
     to_task = task_rotation_w(door, base=base).T
     back, up = to_task @ gripper_rotation_w(door, base)[:, 2], np.array([0.0, 1.0, 0.0])
@@ -111,7 +108,7 @@ def grasp_height(door: DoorConfig, placement: Placement) -> float:
 
 def task_in_door_frame(
     door: DoorConfig, placement: Placement, base: Base
-) -> tuple[Matrix, Matrix]:
+) -> tuple[Array, Array]:
     """Return the task frame in the door frame: position (3,) [m], axes (3, 3)."""
     depth = np.array([0.0, 0.0, placement.grasp_depth])
     back = gripper_rotation_w(door, base) @ depth
@@ -126,7 +123,7 @@ def solve_closed_posture(
     door: DoorConfig,
     placement: Placement,
     base: Base = "fixed",
-) -> Matrix:
+) -> Array:
     """Return all joint positions, (nq,) [m, rad], that hold the closed handle.
 
     Newton's method on the 6-D pose error between the sites ``hand`` and ``task_frame``,
@@ -148,12 +145,12 @@ def solve_closed_posture(
             f"(pose error {error:.2g}); move the base back towards its "
             "nominal placement or choose another handle height"
         )
-    configuration: Matrix = data.qpos.copy()
+    configuration: Array = data.qpos.copy()
     return configuration
 
 
 def solve_standoff_posture(
-    model: mujoco.MjModel, data: mujoco.MjData, pose: Matrix
+    model: mujoco.MjModel, data: mujoco.MjData, pose: Array
 ) -> None:
     """Draw the hand back from the closed handle to a pose (6,) before it.
 
@@ -184,7 +181,7 @@ def _within_limits(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
 
 
 def _bring_hand(
-    model: mujoco.MjModel, data: mujoco.MjData, away: Matrix | None = None
+    model: mujoco.MjModel, data: mujoco.MjData, away: Array | None = None
 ) -> float:
     """Bring the hand to the task frame, or `away` from it [m]; return the error."""
     arm = _arm(model)

@@ -69,7 +69,8 @@ class BaseDrive:
     def __init__(
         self, hand: tuple[float, float], door: DoorConfig | None = None
     ) -> None:
-        self._hand, self._axes = hand, _axes(door)
+        self._hand = hand
+        self._axes: Axes = task_rotation_w(door, base="mobile").T.tolist()
         self._dragged: Planar = (0.0, 0.0, 0.0)
         self.rate: Planar = (0.0, 0.0, 0.0)
         self._slowed = 0.0
@@ -136,10 +137,15 @@ def led_by(
     Relative to its pose at the closed grasp, where the hand is at `closed` [m]. The
     axes of the task frame are by default those of a bar.
     """
-    x, y, z, *rotation = hand
+    x, y, z, rx, ry, rz = hand
     coming = min(max(x / _COMING, -1.0), 1.0)
     share = 0.5 * (TURN[0] + TURN[1] + coming * (TURN[1] - TURN[0]))
-    yaw = share * _twist_about_y(*rotation)
+    # The twist of the rotation vector about y: swing and twist.
+    angle, twist = math.sqrt(rx * rx + ry * ry + rz * rz), 0.0
+    if angle > 0.0:
+        half = 0.5 * angle
+        twist = 2.0 * math.atan2(math.sin(half) * ry / angle, math.cos(half))
+    yaw = share * twist
     cosine, sine = math.cos(yaw), math.sin(yaw)
     hx, hy = closed
     pull, up, left = _BAR_AXES if axes is None else axes
@@ -148,15 +154,6 @@ def led_by(
         hy + pull[1] * x + up[1] * y + left[1] * z - (sine * hx + cosine * hy),
         yaw,
     )
-
-
-def _twist_about_y(x: float, y: float, z: float) -> float:
-    """Return the twist of a rotation vector about y [rad]: swing and twist."""
-    angle = math.sqrt(x * x + y * y + z * z)
-    if angle == 0.0:
-        return 0.0
-    half = 0.5 * angle
-    return 2.0 * math.atan2(math.sin(half) * y / angle, math.cos(half))
 
 
 def _dragged(pose: Planar, by: Planar) -> Planar:
@@ -184,10 +181,4 @@ def _shortened(x: float, y: float, most: float) -> tuple[float, float]:
     return x * (most / length), y * (most / length)
 
 
-def _axes(door: DoorConfig | None) -> Axes:
-    """Return the task frame's axes in the world frame, a row each."""
-    rows: Axes = task_rotation_w(door, base="mobile").T.tolist()
-    return rows
-
-
-_BAR_AXES: Final = _axes(None)
+_BAR_AXES: Final[Axes] = task_rotation_w(base="mobile").T.tolist()

@@ -5,15 +5,12 @@ from typing import Final
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import Base
+from gplfd_env.conventions.constants import Array, Base
 from gplfd_env.conventions.geoms import INTANGIBLE
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.placement import handle_position_w, task_rotation_w
-
-Matrix = NDArray[np.float64]
 
 PHYSICS_STEP: Final = 0.002
 """Physics time step [s]."""
@@ -122,7 +119,7 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
         )
 
 
-def _camera_position(points: Matrix) -> Matrix:
+def _camera_position(points: Array) -> Array:
     """Return the nearest camera position that shows all points, in its axes [m].
 
     A point (x, y, z), its axes right, up and backward, is in the picture of a camera at
@@ -138,7 +135,7 @@ def _camera_position(points: Matrix) -> Matrix:
     return np.array([*((greatest + least) / 2.0), distance])
 
 
-def _shown_points(door: DoorConfig, base: Base) -> Matrix:
+def _shown_points(door: DoorConfig, base: Base) -> Array:
     """Return corners of the leaf and the robot while the door opens, world (N, 3) [m].
 
     A mobile base turns with the leaf about the hinge while it pulls, and moves straight
@@ -173,5 +170,5 @@ def _shown_points(door: DoorConfig, base: Base) -> Matrix:
         elif base == "mobile":
             robot.append(door.hand_radius * (along - to_lock) + outline)
     high = (DOOR_HEIGHT + CASING) * axes[:, 1]
-    points: Matrix = np.concatenate([leaf, leaf + high, *robot])
+    points: Array = np.concatenate([leaf, leaf + high, *robot])
     return points

@@ -13,10 +13,8 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import Base, Control
+from gplfd_env.conventions.constants import Array, Base, Control
 from gplfd_env.doors.config import DoorConfig, Latch, held_radius
 from gplfd_env.doors.variation import Placement, Standoff
 from gplfd_env.robot.collision import add_collisions, add_walls
@@ -73,8 +71,6 @@ _NOMINAL: Final[dict[str, Any]] = {
     if field.name in _WRITTEN
 }
 """Their values in a compiled scene."""
-
-Array = NDArray[np.float64]
 
 
 def build_spec(
@@ -190,50 +186,39 @@ def _settled(
     base: Base,
 ) -> Mapping[str, Array]:
     """Compile a scene, settle the grasp and return its `SCENE_FIELDS`."""
-    spec = build_spec(
+    model = build_spec(
         geometry,
         grasp,
         placement=placement,
         control=control,
         structure=structure,
         base=base,
-    )
-    model = spec.compile()
-    _settle(model, geometry, placement, base)
-    if standoff is not None:
-        _draw_back(model, standoff_pose(geometry, standoff, base))
-    return MappingProxyType({n: getattr(model, n).copy() for n in SCENE_FIELDS})
-
-
-def _settle(
-    model: mujoco.MjModel, door: DoorConfig, placement: Placement, base: Base
-) -> None:
-    """Close the fingers on the bar and store the state at rest as the keyframe."""
-    data = mujoco.MjData(model)
-    configuration = solve_closed_posture(model, data, door, placement, base)
+    ).compile()
+    data, fingers = mujoco.MjData(model), ("right", "left")
+    configuration = solve_closed_posture(model, data, geometry, placement, base)
+    # Close the fingers on the handle and store the state at rest as the keyframe.
     mujoco.mj_resetData(model, data)
     data.qpos[:] = configuration
     arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
     model.qpos_spring[arm] = data.qpos[arm]
-    for side in ("right", "left"):
+    for side in fingers:
         finger = data.joint(f"gripper_{side}_finger_joint")
-        finger.qpos = held_radius(door.handle) - _BAR_INDENTATION
+        finger.qpos = held_radius(geometry.handle) - _BAR_INDENTATION
     data.actuator("torso_hold").ctrl = data.joint("torso_lift_joint").qpos
     mujoco.mj_step(model, data, nstep=round(_SETTLING_TIME / model.opt.timestep))
     model.key_qpos[GRASP_KEY] = data.qpos
     model.key_qvel[GRASP_KEY] = 0.0
     model.key_ctrl[GRASP_KEY] = data.ctrl
-
-
-def _draw_back(model: mujoco.MjModel, pose: Array) -> None:
-    """Make the keyframe start with the open hand at a pose in front of the handle."""
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
-    mujoco.mj_kinematics(model, data)
-    solve_standoff_posture(model, data, pose)
-    for side, grip in zip(("right", "left"), GRIPS, strict=True):
-        data.joint(f"gripper_{side}_finger_joint").qpos = FINGER_STROKE
-        data.actuator(grip).ctrl = FINGER_STROKE
-    data.ctrl[:6] = pose
-    model.key_qpos[GRASP_KEY] = data.qpos
-    model.key_ctrl[GRASP_KEY] = data.ctrl
+    if standoff is not None:
+        # Or let it start with the open hand at a pose in front of the handle.
+        pose = standoff_pose(geometry, standoff, base)
+        mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
+        mujoco.mj_kinematics(model, data)
+        solve_standoff_posture(model, data, pose)
+        for side, grip in zip(fingers, GRIPS, strict=True):
+            data.joint(f"gripper_{side}_finger_joint").qpos = FINGER_STROKE
+            data.actuator(grip).ctrl = FINGER_STROKE
+        data.ctrl[:6] = pose
+        model.key_qpos[GRASP_KEY] = data.qpos
+        model.key_ctrl[GRASP_KEY] = data.ctrl
+    return MappingProxyType({n: getattr(model, n).copy() for n in SCENE_FIELDS})

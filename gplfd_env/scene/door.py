@@ -4,9 +4,8 @@ from typing import Any, Final, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import Base
+from gplfd_env.conventions.constants import Array, Base
 from gplfd_env.conventions.geoms import INTANGIBLE, UNDRAWN
 from gplfd_env.doors.config import DoorConfig, Handle
 from gplfd_env.doors.variation import Placement
@@ -37,7 +36,6 @@ _JAMB: Final = 0.05
 _WOOD: Final = (0.78, 0.63, 0.46, 1.0)
 _FRAME: Final = (0.88, 0.87, 0.85, 1.0)
 
-Matrix = NDArray[np.float64]
 
 _BOX: Final = mujoco.mjtGeom.mjGEOM_BOX
 _CYLINDER: Final = mujoco.mjtGeom.mjGEOM_CYLINDER
@@ -240,6 +238,6 @@ def _add_leaf_mass(model: mujoco.MjModel, mass: float) -> None:
     model.body_inertia[body], model.body_iquat[body] = principal, quaternion
 
 
-def _steiner(offset: Matrix) -> Matrix:
+def _steiner(offset: Array) -> Array:
     """Return the inertia of a unit mass at an offset, |c|² 1 - c cᵀ [m²]."""
     return np.asarray((offset @ offset) * np.eye(3) - np.outer(offset, offset))

@@ -6,9 +6,8 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Mask
 from gplfd_env.doors.variation import Variation
 from gplfd_env.scene.build import GRASP_KEY
 from gplfd_env.scene.door import Structure, set_hinge, structure_of
@@ -16,8 +15,6 @@ from gplfd_env.simulation.command import ServoGains, servo_gains
 from gplfd_env.simulation.loads import Demands
 from gplfd_env.simulation.single import BAD_STATE, Robot, loaded_bodies
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Rows = Sequence[int]
 
 _COUNT: Final = 1

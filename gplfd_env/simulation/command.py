@@ -10,13 +10,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from gplfd_env.conventions.constants import GRIPPER_WIDTH, Base, Control
+from gplfd_env.conventions.constants import GRIPPER_WIDTH, Array, Base, Control
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.model import COMMAND_LIMITS, SERVO_DAMPING, SERVO_STIFFNESS
 from gplfd_env.robot.placement import standoff_pose
 from gplfd_env.robot.whole_body import SPEED
-
-Array = NDArray[np.float64]
 
 STIFFNESS_RANGES: Final = ((20.0, SERVO_STIFFNESS[0]), (1.0, SERVO_STIFFNESS[1]))
 """Commanded stiffness: translation [N/m], rotation [N m/rad]."""

@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, Base
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Base
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.mobile_base import BASE_DRIVES
 from gplfd_env.robot.model import FOREARM, GRIPPER, GRIPS, Hold
@@ -15,8 +13,6 @@ from gplfd_env.scene.build import GRASP_KEY, build_scene, load_scene
 from gplfd_env.scene.door import set_hinge, structure_of
 from gplfd_env.simulation.command import Command, ServoGains, servo_gains
 from gplfd_env.simulation.loads import Demands
-
-Array = NDArray[np.float64]
 
 BAD_STATE: Final = slice(
     int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1

@@ -10,11 +10,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Mask
 from gplfd_env.doors.variation import Variation
 from gplfd_env.scene.build import GRASP_KEY
 from gplfd_env.scene.door import set_hinge, structure_of
-from gplfd_env.simulation.batch import Alike, Array, Mask, Rows
+from gplfd_env.simulation.batch import Alike, Rows
 from gplfd_env.simulation.loads import Demands
 from gplfd_env.simulation.single import Robot, loaded_bodies
 
@@ -114,7 +114,11 @@ class WarpPhysics(Alike):
                 self._changed.add(row)
         if demands.loads:
             self._data.xfrc_applied.assign(self._applied)
-        self._send_models()
+        changed = sorted(self._changed)
+        for name in WORLD_FIELDS if changed else ():
+            values = [getattr(self.models[row], name) for row in changed]
+            _put(getattr(self._model, name), changed, np.array(values))
+        self._changed.clear()
         # It also steps those that are to rest. Nobody reads their state, and it is
         # written anew before they are stepped again.
         wp.capture_launch(self._period)
@@ -127,14 +131,6 @@ class WarpPhysics(Alike):
             return None
         self.restart(np.flatnonzero(diverged).tolist())
         return diverged
-
-    def _send_models(self) -> None:
-        """Bring to the device what changed in models."""
-        rows = sorted(self._changed)
-        for name in WORLD_FIELDS if rows else ():
-            values = [getattr(self.models[row], name) for row in rows]
-            _put(getattr(self._model, name), rows, np.array(values))
-        self._changed.clear()
 
     def state_of(self, row: int) -> mujoco.MjData:
         """See `gplfd_env.simulation.batch.DoorBatch.state_of`."""

@@ -5,15 +5,12 @@ from collections import deque
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import Start
+from gplfd_env.conventions.constants import Array, Start
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.disturbance import Disturbance
 from gplfd_env.doors.randomization import DoorRandomization
 from gplfd_env.doors.variation import SensorNoise, Standoff, Variation
-
-Array = NDArray[np.float64]
 
 _BLOCK: Final = 128
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH
+from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH, Array, Mask
 from gplfd_env.conventions.one_and_many import (
     Flag,
     Number,
@@ -54,8 +53,6 @@ from gplfd_env.task.opening import (
 )
 from gplfd_env.task.stages import Diagnosis, stage_after, turned_angle
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Reward = Literal["dense", "sparse"]
 Thing = TypeVar("Thing")
 

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gplfd_env.conventions.constants import Array, Mask
 from gplfd_env.conventions.resets import masked
 from gplfd_env.doors.variation import Variation
 from gplfd_env.simulation.command import Command
@@ -13,9 +13,6 @@ from gplfd_env.simulation.loads import Demands
 from gplfd_env.task.episode import Episode
 from gplfd_env.task.info import infos_of
 from gplfd_env.task.observation import Observation
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 MANY: Final = 12
 """From this number of simulations on, arrays are faster than Python's floats."""

@@ -13,22 +13,13 @@ from gplfd_env.task.stages import REASONS, STAGES
 
 
 class Entry(NamedTuple):
-    """A key of an info.
+    """A key of an info."""
 
-    Attributes:
-        kind: Its type: of a vector an array, of text ``str``.
-        source: Attribute of an episode: a number, of n an array (n,); of a vector a
-            tuple of them; of text its place in `texts`.
-        meaning: In a few words.
-        unit: Empty if it has none.
-        texts: What a text may be.
-    """
-
-    kind: type
-    source: str
-    meaning: str
-    unit: str = ""
-    texts: tuple[str, ...] = ()
+    kind: type  # Of its value: of a vector an array, of text ``str``.
+    source: str  # Attribute of an episode; of text its place in `texts`.
+    meaning: str  # In a few words.
+    unit: str = ""  # Empty if it has none.
+    texts: tuple[str, ...] = ()  # What a text may be.
 
 
 _ARRAY: Final = np.ndarray

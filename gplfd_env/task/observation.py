@@ -14,9 +14,8 @@ from typing import Any, Final, NamedTuple
 import mujoco
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import GRIPPER_WIDTH, Base, Control
+from gplfd_env.conventions.constants import GRIPPER_WIDTH, Array, Base, Control
 from gplfd_env.conventions.one_and_many import (
     Flag,
     Number,
@@ -33,7 +32,6 @@ from gplfd_env.robot.model import HAND_BODIES, WRENCH_LIMITS, Hold
 from gplfd_env.robot.placement import ARM_JOINTS
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 
-Array = NDArray[np.float64]
 Observation = dict[str, Array]
 Vector = tuple[Number, Number, Number]
 Wrench = tuple[Number, Number, Number, Number, Number, Number]

@@ -8,7 +8,7 @@ in the docstring below what the number means, and calls `check_quantities` in it
 import dataclasses
 import math
 import numbers
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
@@ -86,17 +86,13 @@ def check_ranges(record: Any) -> None:
             name = f"{type(record).__name__}.{field.name}"
             value, allowed = getattr(record, field.name), field.metadata[_RANGE]
             if isinstance(value, list | tuple):
-                value = _checked_pair(name, value, allowed)
+                ends = tuple(checked_number(name, end, allowed) for end in value)
+                if len(ends) != 2 or ends[0] > ends[1]:
+                    raise ValueError(f"{name} = {value!r} must be {_RANGED}, low first")
+                value = ends
             else:
                 value = checked_number(name, value, allowed, _RANGED)
             object.__setattr__(record, field.name, value)
-
-
-def _checked_pair(name: str, pair: Sequence[Any], allowed: Range) -> tuple[float, ...]:
-    ends = tuple(checked_number(name, end, allowed) for end in pair)
-    if len(ends) != 2 or ends[0] > ends[1]:
-        raise ValueError(f"{name} = {pair!r} must be {_RANGED}, low first")
-    return ends
 
 
 def draw_ranges(record: Record, rng: np.random.Generator) -> Record:

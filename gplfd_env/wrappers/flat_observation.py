@@ -9,8 +9,9 @@ from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from gplfd_env.conventions.constants import Info
+
 Flat = NDArray[np.float32]
-Info = dict[str, Any]
 
 
 def flat_of(observation: Mapping[str, Any]) -> Flat:

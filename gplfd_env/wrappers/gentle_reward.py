@@ -15,14 +15,10 @@ from typing import Any, Final, cast
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 
+from gplfd_env.conventions.constants import Array, Info, Mask
 from gplfd_env.conventions.resets import masked
 from gplfd_env.task.opening import SUCCESS_ANGLE
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Info = dict[str, Any]
 
 FORCE_SCALE: Final = 20.0
 """Force that costs what the whole progress earns [N]: what the grasp holds."""

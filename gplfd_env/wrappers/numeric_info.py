@@ -7,10 +7,9 @@ from typing import Any, Final
 import gymnasium as gym
 import numpy as np
 
+from gplfd_env.conventions.constants import Info
 from gplfd_env.task.opening import FAILURES
 from gplfd_env.task.stages import REASONS, STAGES
-
-Info = dict[str, Any]
 
 _CODES: Final = {"failure": FAILURES, "reason": REASONS, "stage": STAGES}
 

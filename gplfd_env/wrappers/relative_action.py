@@ -7,10 +7,9 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-Info = dict[str, Any]
+from gplfd_env.conventions.constants import Array, Info
 
 LIMITS: Final = (0.03, 0.1)
 """How far from the hand the set-point may be: per axis [m], per component [rad].

@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from gplfd_env import RL_ENVIRONMENT_ID
+from gplfd_env.conventions.constants import Info
 from gplfd_env.conventions.resets import unmasked
 
 try:
@@ -24,7 +25,6 @@ except ImportError as error:
 
 __all__ = ["SB3VecEnv", "make_sb3"]
 
-Info = dict[str, Any]
 
 _OF_EACH: Final = {
     "variation": "variations",
