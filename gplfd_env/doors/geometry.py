@@ -155,14 +155,11 @@ class DoorGeometry:
         the jamb beside the lock. Everything else is held rigidly, as in `hand_poses`.
         """
         poses = self.hand_poses(angle, turn)
-        if self.pull[0] < 0.0 and self._is_round:
+        spindle = self.spindle
+        is_round = spindle is None or float(spindle @ spindle) < _ROUND**2
+        if self.pull[0] < 0.0 and is_round:
             poses[..., 3:] = self.hand_poses(_TURN * np.asarray(angle), turn)[..., 3:]
         return poses
-
-    @property
-    def _is_round(self) -> bool:
-        spindle = self.spindle
-        return spindle is None or float(spindle @ spindle) < _ROUND**2
 
     def direction(self, angle: float) -> Array:
         """Return where the hand moves at an angle [rad]: a unit vector, (3,)."""

@@ -138,8 +138,8 @@ def solve_closed_posture(
     lowest, highest = model.joint("torso_lift_joint").range
     data.joint("torso_lift_joint").qpos = min(max(lift, lowest), highest)
     data.qpos[_arm(model)] = stance.closed_posture
-    error = _bring_hand(model, data)
-    if error > 1e-9 or not _within_limits(model, data):
+    error, there = _bring_hand(model, data)
+    if not there:
         raise ValueError(
             "the arm cannot hold the closed handle from where the robot stands "
             f"(pose error {error:.2g}); move the base back towards its "
@@ -160,8 +160,8 @@ def solve_standoff_posture(
     axes = data.site_xmat[model.site("task_frame").id].reshape(3, 3)
     away = axes @ pose[:3]
     for share in np.linspace(0.0, 1.0, _STEPS_BACK + 1)[1:]:
-        error = _bring_hand(model, data, share * away)
-    if error > 1e-9 or not _within_limits(model, data):
+        _, there = _bring_hand(model, data, share * away)
+    if not there:
         raise ValueError(
             "the arm cannot draw the hand back from the handle by "
             f"{np.linalg.norm(away):.2f} m from where the robot stands; choose another "
@@ -174,16 +174,13 @@ def _arm(model: mujoco.MjModel) -> list[int]:
     return [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
 
 
-def _within_limits(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
-    arm = _arm(model)
-    low, high = model.jnt_range[arm].T
-    return bool(np.all((low <= data.qpos[arm]) & (data.qpos[arm] <= high)))
-
-
 def _bring_hand(
     model: mujoco.MjModel, data: mujoco.MjData, away: Array | None = None
-) -> float:
-    """Bring the hand to the task frame, or `away` from it [m]; return the error."""
+) -> tuple[float, bool]:
+    """Bring the hand to the task frame, or `away` from it [m].
+
+    Returns the error of its pose, and whether that and all joints are within limits.
+    """
     arm = _arm(model)
     hand, target = model.site("hand").id, model.site("task_frame").id
     jacobian, rotation = np.zeros((6, model.nv)), np.zeros(3)
@@ -201,4 +198,7 @@ def _bring_hand(
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], hand)
         step, *_ = np.linalg.lstsq(jacobian[:, arm], error, rcond=None)
         data.qpos[arm] += step
-    return float(np.abs(error).max())
+    most = float(np.abs(error).max())
+    low, high = model.jnt_range[arm].T
+    within = np.all((low <= data.qpos[arm]) & (data.qpos[arm] <= high))
+    return most, bool(most <= 1e-9 and within)

@@ -114,7 +114,8 @@ def add_closer_visuals(
     The arm is one straight tendon without force; two links would need bodies and joints
     of their own. Doors without a visible closer have the same parts, transparent.
     """
-    colour, side = (*_ALUMINIUM, _opacity(door)), door.side
+    opacity, radius = _looks_of_closer(door)
+    colour, side = (*_ALUMINIUM, opacity), door.side
     x = -door.handle_standoff + door.leaf_thickness / 2.0 + 0.022
     box = [x, top - 0.065, side * 0.20]
     _add_box(leaf, "closer_box", box, [0.022, 0.027, 0.125], colour)
@@ -123,36 +124,29 @@ def add_closer_visuals(
     shoe = [foot, top + 0.03, side * (0.42 - door.hand_radius)]
     _add_box(frame, "closer_shoe", shoe, [0.012, 0.012, 0.03], colour)
     frame.add_site(name="closer_foot", pos=shoe, **UNDRAWN)
-    width = _arm_radius(door)
     # Without it the resting length would be that of the compiled door.
     arm = spec.add_tendon(
-        name=CLOSER_ARM, width=width, rgba=colour, springlength=[0.0, 0.0]
+        name=CLOSER_ARM, width=radius, rgba=colour, springlength=[0.0, 0.0]
     )
     arm.wrap_site("closer_spindle")
     arm.wrap_site("closer_foot")
 
 
-def has_box(door: DoorConfig) -> bool:
-    """Return whether a door's closer is a hydraulic one, and not a spring or a seal."""
-    return door.closing_damping + door.backcheck_damping > 0.0
-
-
 def show_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
     """Show or hide the closer of a compiled scene."""
+    opacity, radius = _looks_of_closer(door)
     for part in CLOSER_PARTS:
-        model.geom_rgba[model.geom(part).id, 3] = _opacity(door)
+        model.geom_rgba[model.geom(part).id, 3] = opacity
     arm = model.tendon(CLOSER_ARM).id
-    model.tendon_rgba[arm, 3] = _opacity(door)
-    model.tendon_width[arm] = _arm_radius(door)
+    model.tendon_rgba[arm, 3], model.tendon_width[arm] = opacity, radius
 
 
-def _opacity(door: DoorConfig) -> float:
-    return 1.0 if has_box(door) else 0.0
-
-
-def _arm_radius(door: DoorConfig) -> float:
+def _looks_of_closer(door: DoorConfig) -> tuple[float, float]:
+    """Return its opacity and its arm's radius [m]; only a hydraulic one is seen."""
+    if door.closing_damping + door.backcheck_damping > 0.0:
+        return 1.0, _ARM_RADIUS
     # A tendon without colour would still cast a shadow, and MuJoCo refuses zero.
-    return _ARM_RADIUS if has_box(door) else 1e-5
+    return 0.0, 1e-5
 
 
 def _add_box(

@@ -33,20 +33,6 @@ def unwrap_rotvecs(rotvecs: npt.ArrayLike) -> Array:
     it. Raises a ValueError for another shape or an entry that is not finite.
     """
     rotvecs = checked_rows(rotvecs, 3, "rotvecs")
-    jump = _first_jump(rotvecs)
-    unwrapped = rotvecs.copy()
-    if jump < len(rotvecs):
-        # From here on each vector depends on the one before it, which no array
-        # operation expresses.
-        path = rotvecs[jump - 1 :].tolist()
-        for index in range(1, len(path)):
-            path[index] = _nearest_equivalent(path[index], path[index - 1])
-        unwrapped[jump:] = path[1:]
-    return unwrapped
-
-
-def _first_jump(rotvecs: Array) -> int:
-    """Return the first index whose vector unwrapping may change; N if there is none."""
     angles = np.sqrt(np.einsum("ij,ij->i", rotvecs, rotvecs))
     angle, previous = angles[1:], angles[:-1]
     overlap = np.einsum("ij,ij->i", rotvecs[1:], rotvecs[:-1])
@@ -54,7 +40,16 @@ def _first_jump(rotvecs: Array) -> int:
     # angle); at the identity, which has no axis, where the predecessor is.
     kept = np.abs(overlap - angle**2) < np.pi * angle
     kept = np.where(angle < _IDENTITY_ANGLE, previous < np.pi, kept)
-    return len(rotvecs) if kept.all() else int(np.argmin(kept)) + 1
+    unwrapped = rotvecs.copy()
+    if not kept.all():
+        # From the first jump on each vector depends on the one before it, which no
+        # array operation expresses.
+        jump = int(np.argmin(kept)) + 1
+        path = rotvecs[jump - 1 :].tolist()
+        for index in range(1, len(path)):
+            path[index] = _nearest_equivalent(path[index], path[index - 1])
+        unwrapped[jump:] = path[1:]
+    return unwrapped
 
 
 def _nearest_equivalent(rotvec: list[float], target: list[float]) -> list[float]:
