@@ -24,3 +24,9 @@ GRIPPER_WIDTH: Final = 0.09
 
 CONTROL_PERIOD: Final = 0.01
 """Time between two commands [s]."""
+
+INTANGIBLE: Final[dict[str, Any]] = {"contype": 0, "conaffinity": 0}
+"""Attributes of a geom that touches nothing."""
+
+UNDRAWN: Final[dict[str, Any]] = {"size": [0.005] * 3, "rgba": [0, 0, 0, 0]}
+"""Attributes of a site that only marks a frame."""

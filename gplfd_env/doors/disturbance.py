@@ -17,6 +17,7 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 
 from gplfd_env.validation.fields import (
+    Ranges,
     check_choice,
     check_ranges,
     draw_ranges,
@@ -108,7 +109,7 @@ class Person:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Stop:
+class Stop(Ranges):
     """The door does not open further, because somebody is behind it or it is locked."""
 
     angle: Number = quantity(0.0, unit="rad", low=0.0, high=math.radians(95.0))
@@ -116,12 +117,9 @@ class Stop:
     duration: Number = quantity(1000.0, **_DURATIONS)
     """From the door's first touch (within half a degree) until it is free."""
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Bump:
+class Bump(Ranges):
     """The robot's base is moved, and its task frame with it; the robot does not know.
 
     What it commands happens beside the door by the displacement, and what it observes
@@ -140,12 +138,9 @@ class Bump:
     duration: Number = quantity(0.3, **_DURATIONS)
     """How long the base moves (a minimum-jerk motion)."""
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Breakaway:
+class Breakaway(Ranges):
     """A hinge that sticks before it first moves, and a seal near the frame."""
 
     stiction: Number = quantity(0.0, unit="N m", low=0.0, high=50.0)
@@ -158,9 +153,6 @@ class Breakaway:
         math.radians(4.0), unit="rad", low=math.radians(0.5), high=math.radians(15.0)
     )
     """Where the leaf leaves the seal."""
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -10,11 +10,11 @@ import numpy as np
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.disturbance import Disturbance
-from gplfd_env.validation.fields import allowed_range, check_quantities, quantity
+from gplfd_env.validation.fields import Quantities, allowed_range, quantity
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Placement:
+class Placement(Quantities):
     """Placement error of the robot and of its grasp.
 
     The robot does not know this error. The task frame's origin is the pose of the hand
@@ -33,12 +33,9 @@ class Placement:
     grasp_depth: float = quantity(0.0, unit="m", low=-0.008, high=0.008)
     """The bar lies this far towards the finger tips."""
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Standoff:
+class Standoff(Quantities):
     """Initial position of the open hand in front of the handle.
 
     Its orientation is that of the grasp.
@@ -51,9 +48,6 @@ class Standoff:
     above: float = quantity(0.0, unit="rad", low=-0.25, high=0.25)
     """Direction from the grasp: angle above straight back."""
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Standoff:
         """Return one with every field drawn uniformly from its range."""
@@ -64,7 +58,7 @@ class Standoff:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class SensorNoise:
+class SensorNoise(Quantities):
     """Standard deviations of white Gaussian noise on what the robot observes."""
 
     position: float = quantity(0.0, unit="m", low=0.0, high=0.01)
@@ -76,9 +70,6 @@ class SensorNoise:
     torque: float = quantity(0.0, unit="N m", low=0.0, high=1.0)
     """On the wrist's torque."""
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
     @property
     def silent(self) -> bool:
         """Whether there is none."""
@@ -86,7 +77,7 @@ class SensorNoise:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Variation:
+class Variation(Quantities):
     """One episode's door and circumstances.
 
     Raises:
@@ -105,9 +96,6 @@ class Variation:
     """External events."""
     standoff: Standoff | None = None
     """Initial position of the hand; None if it holds the handle."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     def as_dict(self) -> dict[str, Any]:
         """Every number by name, e.g. for logs."""

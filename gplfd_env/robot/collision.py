@@ -10,8 +10,7 @@ from typing import Final
 
 import mujoco
 
-from gplfd_env.conventions.constants import Base
-from gplfd_env.conventions.geoms import INTANGIBLE
+from gplfd_env.conventions.constants import INTANGIBLE, Base
 from gplfd_env.doors.config import DoorConfig
 
 OBSTACLES: Final = ("leaf", "jamb_hinge", "jamb_lock", "lintel")

@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 
 from gplfd_env.conventions.assets import asset_path
-from gplfd_env.conventions.constants import GRIPPER_WIDTH, Base, Control
-from gplfd_env.conventions.geoms import UNDRAWN
+from gplfd_env.conventions.constants import GRIPPER_WIDTH, UNDRAWN, Base, Control
 from gplfd_env.doors.config import DoorConfig, held_radius
 from gplfd_env.robot.mobile_base import add_mobile_base
 from gplfd_env.robot.placement import (

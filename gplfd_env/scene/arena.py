@@ -6,8 +6,7 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from gplfd_env.conventions.constants import Array, Base
-from gplfd_env.conventions.geoms import INTANGIBLE
+from gplfd_env.conventions.constants import INTANGIBLE, Array, Base
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.placement import handle_position_w, task_rotation_w

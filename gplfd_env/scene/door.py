@@ -5,8 +5,7 @@ from typing import Any, Final, NamedTuple
 import mujoco
 import numpy as np
 
-from gplfd_env.conventions.constants import Array, Base
-from gplfd_env.conventions.geoms import INTANGIBLE, UNDRAWN
+from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Array, Base
 from gplfd_env.doors.config import DoorConfig, Handle
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.mobile_base import HARD_STOP, SOFT_STOP

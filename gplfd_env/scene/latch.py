@@ -12,8 +12,7 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from gplfd_env.conventions.constants import Base
-from gplfd_env.conventions.geoms import INTANGIBLE
+from gplfd_env.conventions.constants import INTANGIBLE, Base
 from gplfd_env.conventions.one_and_many import Flag, Number
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.scene.handle import STEEL

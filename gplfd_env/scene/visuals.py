@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import mujoco
 
-from gplfd_env.conventions.geoms import INTANGIBLE, UNDRAWN
+from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN
 from gplfd_env.doors.config import BAR_RADIUS, KNOB_RADIUS, DoorConfig
 from gplfd_env.scene.handle import STEEL
 

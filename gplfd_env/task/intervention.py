@@ -30,7 +30,10 @@ class Intervention:
 
     Attributes:
         push_force: Of the last period's push [N].
+        person_force: Greatest force between person and robot or door in it [N].
+        person_energy: Work done on the person since the reset [J].
         base_shift: Displacement of the base so far, task frame [m].
+        base_distance: Its magnitude [m].
         base_velocity: Its rate [m/s].
     """
 
@@ -48,24 +51,10 @@ class Intervention:
             # The world frame is the base's.
             shift = (cause.bump.forward, cause.bump.left, 0.0)
             self._whole_shift = tuple((task_rotation_w(door).T @ shift).tolist())
-        self.push_force = 0.0
+        self.push_force = self.person_force = self.person_energy = 0.0
+        self.base_distance = 0.0
         self.base_shift: Vector = _NOTHING
         self.base_velocity: Vector = _NOTHING
-
-    @property
-    def person_force(self) -> float:
-        """Greatest force between person and robot or door in the last period [N]."""
-        return self._person.peak if self._person else 0.0
-
-    @property
-    def person_energy(self) -> float:
-        """Work done on the person since the reset [J]."""
-        return self._person.energy if self._person else 0.0
-
-    @property
-    def base_distance(self) -> float:
-        """Magnitude of the base's displacement [m]."""
-        return math.hypot(*self.base_shift)
 
     def loads(self, time: float, reading: DoorReading, slip: float) -> Loads:
         """Return what acts in the control period that begins now.
@@ -88,6 +77,8 @@ class Intervention:
                 hinge += sizes[0] * door.hand_radius
         if self._person:
             resistance = self._person.resistance(time, angle, slip)
+            self.person_force = self._person.peak
+            self.person_energy = self._person.energy
             if self._person.on == "door":
                 hinge -= resistance * door.hand_radius
             else:
@@ -124,6 +115,7 @@ class Intervention:
         rate = 30.0 * s * s * (1.0 - s) ** 2 / duration
         x, y, z = self._whole_shift
         self.base_shift = share * x, share * y, share * z
+        self.base_distance = math.hypot(*self.base_shift)
         self.base_velocity = rate * x, rate * y, rate * z
 
 

@@ -75,6 +75,15 @@ def check_quantities(record: Any) -> None:
             object.__setattr__(record, field.name, value)
 
 
+class Quantities:
+    """A frozen record whose declared numbers are checked by `check_quantities`."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
 def check_ranges(record: Any) -> None:
     """Check every declared field of a frozen record: a number, or a pair of them.
 
@@ -93,6 +102,15 @@ def check_ranges(record: Any) -> None:
             else:
                 value = checked_number(name, value, allowed, _RANGED)
             object.__setattr__(record, field.name, value)
+
+
+class Ranges:
+    """A frozen record whose declared fields are checked by `check_ranges`."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 def draw_ranges(record: Record, rng: np.random.Generator) -> Record:
