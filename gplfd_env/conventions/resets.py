@@ -60,11 +60,14 @@ def unmasked(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def each(
-    name: str, given: Any, n: int, resolve: Callable[[Any], Record]
+    name: str, given: Any, n: int | None, resolve: Callable[[Any], Record]
 ) -> list[Record]:
-    """Return what holds for each of n simulations, given one for all or a sequence."""
-    if not isinstance(given, list | tuple):
-        return [resolve(given)] * n
+    """Return what holds for each of n simulations, given one for all or a sequence.
+
+    For one, n is None, and what is given may be no sequence.
+    """
+    if n is None or not isinstance(given, list | tuple):
+        return [resolve(given)] * (1 if n is None else n)
     if len(given) != n:
         raise ValueError(
             f"{name} must be one for all simulations or a sequence of {n}, got "

@@ -309,14 +309,10 @@ DoorSpec = str | float | Mapping[str, Any] | DoorConfig
 def door_config(door: DoorSpec) -> DoorConfig:
     """Resolve a door's name, radius, mapping or configuration.
 
-    Args:
-        door: A preset's name (``"medium"``), a radius [m] (``0.42``), a mapping of
-            `DoorConfig` fields with an optional ``"preset"`` to start from
-            (``{"preset": "medium", "hinge_friction": 2.0}``), or a `DoorConfig`.
-
-    Raises:
-        ValueError: An unknown preset or field, or a value outside its range.
-        TypeError: Anything else.
+    A preset's name (``"medium"``), a radius [m] (``0.42``), a mapping of `DoorConfig`
+    fields with an optional ``"preset"`` to start from (``{"preset": "medium",
+    "hinge_friction": 2.0}``), or a `DoorConfig`. Raises a ValueError for an unknown
+    preset or field, or a value outside its range, a TypeError for anything else.
     """
     if isinstance(door, numbers.Real) and not isinstance(door, bool):
         return DoorConfig(radius=float(door))

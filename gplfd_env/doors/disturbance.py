@@ -263,14 +263,10 @@ DisturbanceSpec = str | Mapping[str, Any] | Disturbance
 def disturbance_named(spec: DisturbanceSpec) -> Disturbance:
     """Resolve a disturbance's name, mapping or record.
 
-    Args:
-        spec: A preset's name (``"person"``), a mapping of `Disturbance` fields with an
-            optional ``"preset"`` to start from, also within its records
-            (``{"preset": "push", "push": {"duration": 0.5}}``), or a `Disturbance`.
-
-    Raises:
-        ValueError: An unknown preset or field, or a value not allowed.
-        TypeError: Anything else.
+    A preset's name (``"person"``), a mapping of `Disturbance` fields with an optional
+    ``"preset"`` to start from, also within its records (``{"preset": "push", "push":
+    {"duration": 0.5}}``), or a `Disturbance`. Raises a ValueError for an unknown preset
+    or field, or a value not allowed, a TypeError for anything else.
     """
     given: Any = spec
     if isinstance(spec, Mapping):

@@ -195,13 +195,10 @@ RandomizationSpec = str | Mapping[str, Any] | DoorRandomization
 def door_randomization(spec: RandomizationSpec) -> DoorRandomization:
     """Resolve a randomisation's name, mapping or record.
 
-    Args:
-        spec: A preset's name (``"mild"``), a mapping of `DoorRandomization` fields with
-            an optional ``"preset"`` to start from, or a `DoorRandomization`.
-
-    Raises:
-        ValueError: An unknown preset or field, or an impossible range.
-        TypeError: Anything else.
+    A preset's name (``"mild"``), a mapping of `DoorRandomization` fields with an
+    optional ``"preset"`` to start from, or a `DoorRandomization`. Raises a ValueError
+    for an unknown preset or field, or an impossible range, a TypeError for anything
+    else.
     """
     return preset(spec, RANDOMIZATIONS, "none", "randomization")
 

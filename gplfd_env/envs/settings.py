@@ -221,7 +221,8 @@ class Sources:
         """Return those that settings name, or raise a ValueError."""
         n = settings.num_envs if isinstance(settings, VectorSettings) else None
         values = {
-            name: _resolved(name, getattr(settings, name), n) for name in _RESOLVE
+            name: each(name, getattr(settings, name), n, resolve)
+            for name, (resolve, _) in _RESOLVE.items()
         }
         return cls(n, settings.base, settings.start, values)
 
@@ -243,11 +244,10 @@ class Sources:
             allowed = dict.fromkeys(_RESOLVE, same)
             allowed["reset_mask"] = "an array of num_envs booleans"
         given = checked_options(options, allowed)
-        n = len(self.doors)
-        rows = chosen_rows(given.get("reset_mask"), n, begun=begun)
-        values = {name: list(each) for name, each in self._values.items()}
+        rows = chosen_rows(given.get("reset_mask"), len(self.doors), begun=begun)
+        values = {name: list(own) for name, own in self._values.items()}
         for name in [name for name in _RESOLVE if name in given]:
-            new = _resolved(name, given[name], self._n)
+            new = each(name, given[name], self._n, _RESOLVE[name][0])
             for row in np.flatnonzero(rows):
                 values[name][row] = new[row]
         return Sources(self._n, self._base, self._start, values), rows
@@ -256,9 +256,3 @@ class Sources:
         """Draw an episode of a simulation."""
         door, randomization, disturbance = (one[row] for one in self._values.values())
         return draw_episode(door, randomization, disturbance, random, self._start)
-
-
-def _resolved(name: str, given: Any, n: int | None) -> list[Any]:
-    """Return the record of every simulation."""
-    resolve, _ = _RESOLVE[name]
-    return [resolve(given)] if n is None else each(name, given, n, resolve)

@@ -66,10 +66,8 @@ _WRITTEN: Final = (
 """Fields of a door that `set_door_physics` writes; all others are its geometry."""
 
 _NOMINAL: Final[dict[str, Any]] = {
-    field.name: NOMINAL_MASS if field.name == "panel_mass" else field.default
-    for field in dataclasses.fields(DoorConfig)
-    if field.name in _WRITTEN
-}
+    name: DoorConfig.__dataclass_fields__[name].default for name in _WRITTEN
+} | {"panel_mass": NOMINAL_MASS}
 """Their values in a compiled scene."""
 
 
@@ -92,7 +90,7 @@ def build_spec(
     spec = load_robot(control, door, base)
     add_arena(spec, door, base)
     add_door(spec, door, placement, structure, base)
-    add_sensors(spec, structure, control, base, gripper=grasp == "gripper")
+    add_sensors(spec, structure, control, base, grasp)
     add_walls(spec, door, base)
     if base == "mobile":
         add_collisions(spec)

@@ -12,6 +12,7 @@ from gplfd_env.robot.model import (
     ROTATION_SERVOS,
     TRANSLATION_SERVOS,
     WRENCH_LIMITS,
+    Hold,
 )
 from gplfd_env.robot.placement import ARM_JOINTS
 from gplfd_env.scene.door import Structure
@@ -37,10 +38,9 @@ _NET_FORCE: Final = 3
 def add_sensors(
     spec: mujoco.MjSpec,
     structure: Structure,
-    control: Control = "pose",
-    base: Base = "fixed",
-    *,
-    gripper: bool = False,
+    control: Control,
+    base: Base,
+    grasp: Hold,
 ) -> None:
     """Add every sensor, in the order in which `gplfd_env.task.observation` reads them.
 
@@ -84,7 +84,7 @@ def add_sensors(
     add_axes("wrist", "wrist_ft", "task_frame")
     if base == "mobile":
         add_joints(BASE_JOINTS)
-    if gripper:
+    if grasp == "gripper":
         add("finger", _SENSOR.mjSENS_JOINTPOS, _JOINT, FINGER)
     if base == "mobile":
         add("hinge_end", _SENSOR.mjSENS_TENDONLIMITFRC, _TENDON, "hinge_end")
