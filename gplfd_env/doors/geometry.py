@@ -103,13 +103,14 @@ class DoorGeometry:
             position: Where the hand takes hold, door frame, (3,) [m].
             rotation: Axes of the task frame in the door frame, (3, 3).
         """
-        to_task, side, turns = np.transpose(rotation), door.side, door.handle != "bar"
+        to_task, origin = np.asarray(rotation, float).T, np.asarray(position, float)
+        side, turns = door.side, door.handle != "bar"
         hinge = np.array([0.0, 0.0, -side * door.hand_radius])
         spindle = np.array([0.0, 0.0, side * door.grip])
         return cls(
-            hinge=to_task @ (hinge - position),
+            hinge=to_task @ (hinge - origin),
             axis=to_task @ np.array([0.0, side * door.way, 0.0]),
-            spindle=to_task @ (spindle - position) if turns else None,
+            spindle=to_task @ (spindle - origin) if turns else None,
             turn=to_task @ np.array([-side, 0.0, 0.0]) if turns else None,
             travel=door.handle_travel if turns else 0.0,
         )

@@ -62,14 +62,12 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._settings, self.render_mode = settings, settings.render_mode
         self._sources = Sources.of(settings)
         (door,) = self._sources.doors
-        robot = settings.robot(self.command)
-        self._simulation = DoorSimulation(robot, Variation(door=door))
+        self._robot = settings.robot(self.command)
+        self._simulation = DoorSimulation(self._robot, Variation(door=door))
         self._camera = settings.camera(self.model)
         self._sensed = np.empty(0)
         self._episode: Episode | None = None
-        self.observation_space = observation_space(
-            tells_base=self.command.drives, tells_gripper=self.command.grips
-        )
+        self.observation_space = observation_space(self.command)
         self.action_space: spaces.Space[Any] = self.command.space
 
     @property
@@ -127,8 +125,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._sources = sources
         drawn = sources.draw(0, self.np_random)
         self._simulation.restart(drawn.variation)
-        self._episode = episode = self._settings.begin(
-            self.command, drawn, self._sense()
+        self._episode = episode = Episode.begin(
+            drawn, self._robot, self._settings.reward, self._sense()
         )
         if self.render_mode == "human":
             self.render()
@@ -155,7 +153,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         if self._settings.base == "mobile":
             # MuJoCo clamps what the servo is told, but the base follows it, too.
             command = self.command.clamped(command)
-        demands = episode.demand(command[None], self.command)
+        demands = episode.demand(command[None])
         if self._simulation.advance(command, demands):
             episode.break_off()
         else:

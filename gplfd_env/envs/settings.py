@@ -22,8 +22,7 @@ from gplfd_env.robot.stance import check_reach
 from gplfd_env.simulation.command import Command
 from gplfd_env.simulation.single import Robot
 from gplfd_env.task.draw import Drawn, draw_episode
-from gplfd_env.task.episode import REWARDS, Episode, Reward
-from gplfd_env.task.observation import Reader
+from gplfd_env.task.episode import REWARDS, Reward
 from gplfd_env.validation.fields import Range, check_choice, checked_count
 
 Self = TypeVar("Self")
@@ -85,21 +84,6 @@ class Common:
         """Return the robot; raise a ValueError for a weld of a hand to take hold."""
         hold = hold_of(self.grasp, self.start, commanded=command.grips)
         return Robot(hold, command, self.base)
-
-    def begin(self, command: Command, drawn: Drawn, values: list[float]) -> Episode:
-        """Return an episode that begins with these values of the sensors."""
-        door = drawn.variation.door
-        reader = Reader.of(
-            self.robot(command).hold,
-            command.control,
-            self.base,
-            door.handle,
-            door.swing,
-            tells_base=command.drives,
-            tells_gripper=command.grips,
-        )
-        rest = command.resting(drawn.variation, self.base)
-        return Episode.begin(drawn, reader, self.reward, values, rest)
 
     def camera(self, model: mujoco.MjModel) -> Camera:
         """Return what draws a model; raise a ValueError if it cannot."""

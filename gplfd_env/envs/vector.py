@@ -18,6 +18,7 @@ from gplfd_env.envs.settings import Sources, VectorSettings, made_with
 from gplfd_env.robot.placement import door_geometry
 from gplfd_env.simulation.batch import Alike, DoorBatch
 from gplfd_env.simulation.command import COMMANDS, DRIVEN
+from gplfd_env.task.episode import Episode
 from gplfd_env.task.episodes import Episodes
 from gplfd_env.task.observation import Observation, observation_space
 from gplfd_env.validation.fields import check_choice
@@ -56,15 +57,14 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             "render_fps": round(1 / CONTROL_PERIOD),
             "autoreset_mode": self.autoreset_mode,
         }
-        self.single_observation_space = observation_space(
-            tells_base=self.command.drives, tells_gripper=self.command.grips
-        )
+        self.single_observation_space = observation_space(self.command)
         self.single_action_space = self.command.space
         self.observation_space = batch_space(self.single_observation_space, n)
         self.action_space = batch_space(self.single_action_space, n)
         self._sources = Sources.of(settings)
+        self._robot = settings.robot(self.command)
         self._batch = DoorBatch(
-            settings.robot(self.command),
+            self._robot,
             [Variation(door=door) for door in self._sources.doors],
             settings.num_threads,
             self.physics,
@@ -165,7 +165,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         if self._settings.base == "mobile":
             commands = self.command.clamped(commands)
         episodes, stepped = self._episodes, None if resting is None else ~resting
-        demands = episodes.demand(commands, self.command, stepped)
+        demands = episodes.demand(commands, stepped)
         rows = None if stepped is None else np.flatnonzero(stepped).tolist()
         diverged = self._batch.advance(commands, rows, demands)
         if diverged is not None:
@@ -208,8 +208,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             self._batch.load(row, drawn[row].variation)
         self._batch.restart(chosen)
         self._sensed = self._batch.read(chosen, self._sensed)
+        reward, values = self._settings.reward, self._sensed
         begun = {
-            row: self._settings.begin(self.command, each, self._sensed[row].tolist())
+            row: Episode.begin(each, self._robot, reward, values[row].tolist())
             for row, each in drawn.items()
         }
         if self._episodes is None:

@@ -79,8 +79,8 @@ def add_door(
     # Where the leaf ends towards hinge and lock: from the handle's axis, and in the
     # frame's z [m].
     edges = -door.radius - door.overhang, door.backset
-    edges_z = tuple(door.side * (edge + door.grip) for edge in edges)
-    _add_frame(frame, door, *edges_z)
+    hinge_z, lock_z = (door.side * (edge + door.grip) for edge in edges)
+    _add_frame(frame, door, hinge_z, lock_z)
 
     leaf = frame.add_body(name="door", pos=[0.0, 0.0, -door.side * door.hand_radius])
     hinge = leaf.add_joint(
@@ -113,7 +113,7 @@ def add_door(
     else:
         add_turning_handle(leaf, door, foot)
     if structure.latched:
-        add_latch(spec, frame, leaf, door, edges_z[1], base)
+        add_latch(spec, frame, leaf, door, lock_z, base)
     add_closer(spec, door, tendons=structure.closer)
 
     top = DOOR_HEIGHT - door.handle_height
@@ -122,7 +122,7 @@ def add_door(
     if structure.latched:
         add_lock_plate(leaf, door)
     if door.handle != "bar":
-        add_casing(frame, door, edges_z, top)
+        add_casing(frame, door, (hinge_z, lock_z), top)
         add_panels(leaf, door, edges[1] - edges[0])
         add_far_handle(leaf, spec.body("handle"), door)
 

@@ -36,11 +36,7 @@ _NET_FORCE: Final = 3
 
 
 def add_sensors(
-    spec: mujoco.MjSpec,
-    structure: Structure,
-    control: Control,
-    base: Base,
-    grasp: Hold,
+    spec: mujoco.MjSpec, structure: Structure, control: Control, base: Base, grasp: Hold
 ) -> None:
     """Add every sensor, in the order in which `gplfd_env.task.observation` reads them.
 

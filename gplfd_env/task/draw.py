@@ -16,7 +16,7 @@ _BLOCK: Final = 128
 
 
 class NoiseSource:
-    """White Gaussian noise on pose and wrench, drawn in blocks.
+    """White Gaussian noise on pose [m, rad] and wrench [N, N m], drawn in blocks.
 
     Its generator serves one episode alone, so that the number of steps does not change
     the next episode.
@@ -29,15 +29,15 @@ class NoiseSource:
         self._rng = np.random.default_rng(seed)
         self._next = _BLOCK
         self._rows = np.empty((0, 12))
+        self.sample = np.zeros(12)
 
-    def draw(self) -> Array:
-        """Return the next sample, (12,): pose [m, rad] and wrench [N, N m]."""
+    def draw(self) -> None:
+        """Draw the next `sample`."""
         if self._next == _BLOCK:
             self._rows = self._std * self._rng.standard_normal((_BLOCK, 12))
             self._next = 0
-        row: Array = self._rows[self._next]
+        self.sample = self._rows[self._next]
         self._next += 1
-        return row
 
 
 class DelayLine:

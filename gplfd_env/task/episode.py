@@ -30,6 +30,7 @@ from gplfd_env.scene.closer import CloserLaw
 from gplfd_env.scene.latch import latch_holds
 from gplfd_env.simulation.command import Command
 from gplfd_env.simulation.loads import NO_DEMANDS, Demands
+from gplfd_env.simulation.single import Robot
 from gplfd_env.task.draw import DelayLine, Drawn, NoiseSource
 from gplfd_env.task.intervention import Intervention
 from gplfd_env.task.observation import (
@@ -137,25 +138,28 @@ class Episode:
     def __init__(
         self,
         n: int | None,
+        command: Command,
         reader: Reader,
         reward: Reward,
         companions: Sequence[Companions],
         constants: Constants,
     ) -> None:
-        self.n, self.constants = n, constants
+        self.n, self.command, self.constants = n, command, constants
         self.reader = dataclasses.replace(reader, hand=constants.hand)
         self._reward, self._terms = reward, REWARDS[reward]
         self._companions = list(companions)
-        self._blur: dict[int, Array] = {}
         self._index()
 
     @classmethod
     def begin(
-        cls, drawn: Drawn, reader: Reader, reward: Reward, values: Values, rest: Array
+        cls, drawn: Drawn, robot: Robot, reward: Reward, values: Values
     ) -> "Episode":
-        """Return an episode of one simulation at rest, where `rest` holds the hand."""
+        """Return an episode of one simulation at rest, with values of its sensors."""
         variation, noise, delay = drawn
         door, disturbance = variation.door, variation.disturbance
+        hold, command, base = robot
+        reader = Reader.of(hold, command.control, base, door.handle, door.swing)
+        rest = command.resting(variation, base)
         holds = variation.standoff is None
         drive = gripper = None
         if reader.odometry is not None:
@@ -180,7 +184,7 @@ class Episode:
         companions = Companions(
             variation, rest, noise, delay, intervention, drive, gripper
         )
-        episode = cls(None, reader, reward, [companions], constants)
+        episode = cls(None, command, reader, reward, [companions], constants)
         readings = episode.readings = episode._read(values, 0, None)
         episode.progress = Progress(
             steps=0,
@@ -201,6 +205,7 @@ class Episode:
         first = episodes[0]
         many = cls(
             len(episodes),
+            first.command,
             first.reader,
             first._reward,
             [episode._companions[0] for episode in episodes],
@@ -208,11 +213,6 @@ class Episode:
         )
         many.readings = stacked([episode.readings for episode in episodes])
         many.progress = stacked([episode.progress for episode in episodes])
-        many._blur = {
-            row: episode._blur[0]
-            for row, episode in enumerate(episodes)
-            if episode._blur
-        }
         return many
 
     def replace(self, begun: Mapping[int, "Episode"]) -> None:
@@ -226,9 +226,6 @@ class Episode:
         self.reader = dataclasses.replace(self.reader, hand=self.constants.hand)
         for row, one in begun.items():
             self._companions[row] = one._companions[0]
-            self._blur.pop(row, None)
-            if one._blur:
-                self._blur[row] = one._blur[0]
         self._index()
 
     def _index(self) -> None:
@@ -256,9 +253,7 @@ class Episode:
         """Door and circumstances of every simulation."""
         return tuple(own.variation for own in self._companions)
 
-    def demand(
-        self, commands: Array, command: Command, stepped: Mask | None = None
-    ) -> Demands:
+    def demand(self, commands: Array, stepped: Mask | None = None) -> Demands:
         """Delay commands (n, ...), in place; return what else acts in the period."""
         if self._commands_alone:
             return NO_DEMANDS
@@ -279,7 +274,7 @@ class Episode:
             bases = by_row((*readings.base.pose, progress.stage))
         for row, drive in _chosen(self._drives, stepped):
             hand, (x, y, yaw, stage) = commands[row].tolist(), bases[row]
-            if command.drives:
+            if self.command.drives:
                 drive.obey(hand[-3:], (x, y, yaw))
             elif self._companions[row].variation.standoff is None or stage > 0:
                 drive.follow(hand[:6], (x, y, yaw))
@@ -290,7 +285,7 @@ class Episode:
         if self._grippers:
             hands = by_row((progress.opening.taken, *readings.hand))
         for row, gripper in _chosen(self._grippers, stepped):
-            if command.grips:
+            if self.command.grips:
                 gripper.obey(float(commands[row, -1]))
             else:
                 taken, *pose = hands[row]
@@ -370,7 +365,7 @@ class Episode:
         readings = self.readings
         wrench = columns(readings.wrench, self.n)
         time = columns((readings.time,), self.n)
-        observation = self.reader.observation(sensordata, wrench, time)
+        observation = self.reader.observation(sensordata, wrench, time, self.command)
         self.add_errors(observation)
         return observation
 
@@ -383,18 +378,18 @@ class Episode:
             at = place if self.n is None else row
             observation["ee_pose"][at][..., :3] -= intervention.base_shift
             observation["ee_twist"][at][..., :3] -= intervention.base_velocity
-        if self._blur:
-            at = place if self.n is None else list(self._blur)
-            blur = self._blur[0] if self.n is None else np.array([*self._blur.values()])
-            observation["ee_pose"][at] += blur[..., :6]
-            observation["wrench"][at] += blur[..., 6:]
+        if self._noises:
+            samples = [noise.sample for noise in self._noises.values()]
+            at = place if self.n is None else list(self._noises)
+            noise = samples[0] if self.n is None else np.array(samples)
+            observation["ee_pose"][at] += noise[..., :6]
+            observation["wrench"][at] += noise[..., 6:]
 
     def _read(self, values: Values, steps: Number, stepped: Mask | None) -> Readings:
         """Return what the sensors say, and draw the noise of what is observed."""
         constants, reader = self.constants, self.reader
-        if self._noises:
-            for row, noise in _chosen(self._noises, stepped):
-                self._blur[row] = noise.draw()
+        for _, noise in _chosen(self._noises, stepped):
+            noise.draw()
         door = reader.door_reading(values, constants.way, constants.side)
         return Readings(
             steps * CONTROL_PERIOD,

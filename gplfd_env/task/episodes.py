@@ -8,7 +8,6 @@ import numpy as np
 from gplfd_env.conventions.constants import Array, Mask
 from gplfd_env.conventions.resets import masked
 from gplfd_env.doors.variation import Variation
-from gplfd_env.simulation.command import Command
 from gplfd_env.simulation.loads import Demands
 from gplfd_env.task.episode import Episode
 from gplfd_env.task.info import infos_of
@@ -34,17 +33,15 @@ class Episodes:
         for row, one in begun.items():
             self._ones[row] = one
 
-    def demand(
-        self, commands: Array, command: Command, stepped: Mask | None
-    ) -> Demands:
+    def demand(self, commands: Array, stepped: Mask | None) -> Demands:
         """See `Episode.demand`."""
         if self._many is not None:
-            return self._many.demand(commands, command, stepped)
+            return self._many.demand(commands, stepped)
         total = Demands({}, {}, {})
         for row, one in enumerate(self._ones):
             if stepped is None or stepped[row]:
-                own = one.demand(commands[row : row + 1], command)
-                for every, alone in zip(total, own, strict=True):
+                own: Any = zip(total, one.demand(commands[row : row + 1]), strict=True)
+                for every, alone in own:
                     if alone:
                         every[row] = alone[0]
         return total
@@ -78,7 +75,8 @@ class Episodes:
         ones = self._ones
         wrench = np.array([one.readings.wrench for one in ones])
         time = np.array([[one.readings.time] for one in ones])
-        observation = ones[0].reader.observation(sensordata, wrench, time)
+        first = ones[0]
+        observation = first.reader.observation(sensordata, wrench, time, first.command)
         for row, one in enumerate(ones):
             one.add_errors(observation, row)
         return observation

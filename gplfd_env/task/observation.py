@@ -31,6 +31,7 @@ from gplfd_env.robot.mobile_base import BASE_JOINTS
 from gplfd_env.robot.model import HAND_BODIES, WRENCH_LIMITS, Hold
 from gplfd_env.robot.placement import ARM_JOINTS
 from gplfd_env.scene.build import GRASP_KEY, build_scene
+from gplfd_env.simulation.command import Command
 
 Observation = dict[str, Array]
 Vector = tuple[Number, Number, Number]
@@ -42,9 +43,7 @@ _TOUCHING: Final = slice(17, 19)
 """Of the readings of a door: whether right and left finger touch the handle."""
 
 
-def observation_space(
-    *, tells_base: bool = False, tells_gripper: bool = False
-) -> spaces.Space[Observation]:
+def observation_space(command: Command) -> spaces.Space[Observation]:
     """Return the observation space; units and frames in docs/environment.md."""
 
     def box(*blocks: tuple[float, int]) -> spaces.Box:
@@ -62,10 +61,10 @@ def observation_space(
         "joint_vel": box((1e4, 7)),
         "time": spaces.Box(0.0, 1e6, (1,), np.float64),
     }
-    if tells_base:
+    if command.drives:
         entries["base_pose"] = box((100.0, 2), (1e3, 1))
         entries["base_velocity"] = box((1e4, 3))
-    if tells_gripper:
+    if command.grips:
         # Fingers stop softly.
         width = spaces.Box(-0.01, GRIPPER_WIDTH + 0.01, (1,), np.float64)
         entries["gripper_width"] = width
@@ -82,8 +81,7 @@ class Reader:
     are: `wrist` is force, torque and the sensor's three axes; `door` goes from the
     hinge's angle to the torque at its stop, followed by handle and bolt where there are
     any; `odometry` is pose and rate of a base that moves, whose `hinge_end` adds to the
-    torque at the hinge's own limit; `finger` is one that opens and closes. Observations
-    tell of base and gripper where `tells_base` and `tells_gripper`.
+    torque at the hinge's own limit; `finger` is one that opens and closes.
     """
 
     hand: Hand
@@ -96,9 +94,7 @@ class Reader:
     door: slice
     odometry: slice | None
     hinge_end: int | None
-    tells_base: bool
     finger: slice | None
-    tells_gripper: bool
 
     @classmethod
     @cache
@@ -109,9 +105,6 @@ class Reader:
         base: Base = "fixed",
         handle: Handle = "bar",
         swing: Swing = "pull",
-        *,
-        tells_base: bool = False,
-        tells_gripper: bool = False,
     ) -> Reader:
         """Resolve sensor addresses and the hand's weight, once per robot and grasp.
 
@@ -146,12 +139,12 @@ class Reader:
             door=slice(int(model.sensor("hinge_angle").adr[0]), None),
             odometry=_span(model, f"{BASE_JOINTS[0]}_pos", 6) if drives else None,
             hinge_end=int(model.sensor("hinge_end").adr[0]) if drives else None,
-            tells_base=tells_base,
             finger=_span(model, "finger", 1) if grasp == "gripper" else None,
-            tells_gripper=tells_gripper,
         )
 
-    def observation(self, sensordata: Array, wrench: Array, time: Array) -> Observation:
+    def observation(
+        self, sensordata: Array, wrench: Array, time: Array, command: Command
+    ) -> Observation:
         """Return the observation of one simulation or of n, as fresh arrays."""
         observation = {
             "ee_pose": sensordata[..., self.ee_pose].copy(),
@@ -161,11 +154,11 @@ class Reader:
             "joint_vel": sensordata[..., self.joint_vel].copy(),
             "time": time,
         }
-        if self.tells_base and self.odometry is not None:
+        if command.drives and self.odometry is not None:
             base = sensordata[..., self.odometry]
             observation["base_pose"] = base[..., :3].copy()
             observation["base_velocity"] = base[..., 3:].copy()
-        if self.tells_gripper and self.finger is not None:
+        if command.grips and self.finger is not None:
             touching = sensordata[..., self.door][..., _TOUCHING] > 0.0
             observation["gripper_width"] = 2.0 * sensordata[..., self.finger]
             observation["grasped"] = touching.all(axis=-1, keepdims=True).astype(float)
