@@ -37,7 +37,6 @@ Held = Literal["hand", "door"]
 Profile = Literal["half_sine", "constant"]
 """How a push grows and fades."""
 
-
 _ANGLES: Final[Any] = {"unit": "rad", "low": 0.0, "high": math.radians(95.0)}
 _TIMES: Final[Any] = {"unit": "s", "low": 0.0, "high": 1000.0}
 _DURATIONS: Final[Any] = {"unit": "s", "above": 0.0, "high": 1000.0}
@@ -221,16 +220,9 @@ class Disturbance:
 
 
 CAUSES: Final[Mapping[str, Any]] = MappingProxyType(
-    {
-        "push": Push,
-        "person": Person,
-        "stop": Stop,
-        "bump": Bump,
-        "breakaway": Breakaway,
-    }
+    {"push": Push, "person": Person, "stop": Stop, "bump": Bump, "breakaway": Breakaway}
 )
 """Record of each field of `Disturbance`, by its name."""
-
 
 DISTURBANCES: Final[Mapping[str, Disturbance]] = MappingProxyType(
     {

@@ -136,14 +136,9 @@ def leaf(
 ) -> dict[str, float]:
     """Return the fields of an unrebated leaf of `LEAF_HEIGHT`.
 
-    Args:
-        width: Of the leaf [m].
-        construction: A key of `CONSTRUCTIONS`.
-        backset: From the lock's edge to the axis of the handle [m].
-        bearing: A key of `BEARINGS`.
-
-    Raises:
-        ValueError: An unknown construction or bearing.
+    From its width [m], a key of `CONSTRUCTIONS`, the distance from the lock's edge to
+    the axis of the handle [m], and a key of `BEARINGS`. Raises a ValueError for an
+    unknown construction or bearing.
     """
     check_choice("construction", construction, CONSTRUCTIONS)
     mass = CONSTRUCTIONS[construction] * width * LEAF_HEIGHT

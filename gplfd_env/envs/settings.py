@@ -105,11 +105,7 @@ class Settings(Common):
 
 @dataclass(frozen=True)
 class VectorSettings(Common):
-    """What an environment of n doors is made with.
-
-    Raises:
-        ValueError: A value that there is not, or a number out of range.
-    """
+    """What an environment of n doors is made with."""
 
     num_envs: int = 1
     """Number of simulations n."""
@@ -218,10 +214,7 @@ class Sources:
     def changed(
         self, options: Mapping[str, Any] | None, *, begun: bool = True
     ) -> tuple["Sources", Mask]:
-        """Return what the options of a reset make of them, and the reset's mask.
-
-        Raises a ValueError for an unknown option, or a door that is out of reach.
-        """
+        """Return what the options of a reset make of them, and the reset's mask."""
         allowed = {name: meaning for name, (_, meaning) in _RESOLVE.items()}
         if self._n is not None:
             same = "as for the single environment, or a sequence of num_envs"

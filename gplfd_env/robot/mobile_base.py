@@ -70,9 +70,7 @@ def add_mobile_base(spec: mujoco.MjSpec) -> None:
         )
         motors.add_joint(name=f"{drive}_joint", type=kind, axis=axis, armature=inertia)
         servo = spec.add_actuator(
-            name=drive,
-            target=f"{drive}_joint",
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            name=drive, target=f"{drive}_joint", trntype=mujoco.mjtTrn.mjTRN_JOINT
         )
         servo.set_to_velocity(kv=_TRACKING)
     for side in ("right", "left"):

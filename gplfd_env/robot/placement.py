@@ -20,8 +20,6 @@ from gplfd_env.robot.stance import stance_of
 
 ARM_JOINTS: Final = tuple(f"arm_{i}_joint" for i in range(1, 8))
 
-_STEPS_BACK: Final = 10
-
 
 def hand_position_w(door: DoorConfig, placement: Placement, base: Base) -> Array:
     """Return where the hand takes hold in the world frame, (3,) [m]."""
@@ -159,7 +157,7 @@ def solve_standoff_posture(
     """
     axes = data.site_xmat[model.site("task_frame").id].reshape(3, 3)
     away = axes @ pose[:3]
-    for share in np.linspace(0.0, 1.0, _STEPS_BACK + 1)[1:]:
+    for share in np.linspace(0.0, 1.0, 11)[1:]:
         _, there = _bring_hand(model, data, share * away)
     if not there:
         raise ValueError(

@@ -35,7 +35,6 @@ _JAMB: Final = 0.05
 _WOOD: Final = (0.78, 0.63, 0.46, 1.0)
 _FRAME: Final = (0.88, 0.87, 0.85, 1.0)
 
-
 _BOX: Final = mujoco.mjtGeom.mjGEOM_BOX
 _CYLINDER: Final = mujoco.mjtGeom.mjGEOM_CYLINDER
 

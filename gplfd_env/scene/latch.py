@@ -53,7 +53,6 @@ _MIRRORED: Final = {
 
 _BOLT_MASS: Final = 0.1
 
-
 _PLAY: Final = math.radians(1.0)
 """A latched door opens by less than this [rad]."""
 

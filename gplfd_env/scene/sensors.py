@@ -104,10 +104,7 @@ def add_sensors(
 
 
 def _add_contact(
-    spec: mujoco.MjSpec,
-    name: str,
-    other: tuple[mujoco.mjtObj, str] | None,
-    fields: int,
+    spec: mujoco.MjSpec, name: str, other: tuple[mujoco.mjtObj, str] | None, fields: int
 ) -> None:
     """Add a contact sensor of the handle: with a pad or finger, or with all at once."""
     sensor = spec.add_sensor(

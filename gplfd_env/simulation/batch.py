@@ -17,8 +17,7 @@ from gplfd_env.simulation.single import BAD_STATE, Robot, loaded_bodies
 
 Rows = Sequence[int]
 
-_COUNT: Final = 1
-"""Column of `Batch.warning` that counts."""
+_COUNT: Final = 1  # Column of `Batch.warning` that counts.
 
 
 class Alike:

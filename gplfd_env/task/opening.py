@@ -31,7 +31,6 @@ STALL_TIME: Final = 3.0
 STALL_TURN: Final = math.radians(5.0)
 """But not while its handle is turned on by this [rad] in the same time."""
 
-
 FAILURES: Final = (
     *("", "grasp_lost", "base_blocked", "stalled", "latched", "simulation_error"),
     "not_grasped",

@@ -44,10 +44,7 @@ def preset(
 
 
 def with_fields(
-    record: Record,
-    fields: Mapping[str, Any],
-    what: str,
-    other_keys: Sequence[str] = (),
+    record: Record, fields: Mapping[str, Any], what: str, other_keys: Sequence[str] = ()
 ) -> Record:
     """Return a frozen dataclass with some fields changed.
 
