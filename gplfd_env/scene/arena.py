@@ -20,11 +20,6 @@ CASING: Final = 0.11
 DOOR_HEIGHT: Final = 2.00
 """Height of every leaf [m]."""
 
-_TEXTURE: Final = mujoco.mjtTexture
-_PATTERN: Final = mujoco.mjtBuiltin
-_SKY: Final = ([0.92, 0.95, 0.98], [0.70, 0.78, 0.86])
-_TILES: Final = ([0.80, 0.80, 0.79], [0.74, 0.74, 0.73])
-
 _ASPECT: Final = 4.0 / 3.0
 _FIELD_OF_VIEW: Final = math.radians(40.0)
 _MARGIN: Final = 1.03
@@ -58,19 +53,24 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
     spec.visual.map.znear = 0.02
     # Surfaces near the border of the area with shadows would be speckled.
     spec.visual.map.shadowclip = 2.5
-    for name, kind, pattern, light, dark, width, height in (
-        ("sky", _TEXTURE.mjTEXTURE_SKYBOX, _PATTERN.mjBUILTIN_GRADIENT, *_SKY, 64, 384),
-        ("tiles", _TEXTURE.mjTEXTURE_2D, _PATTERN.mjBUILTIN_CHECKER, *_TILES, 128, 128),
-    ):
-        spec.add_texture(
-            name=name,
-            type=kind,
-            builtin=pattern,
-            rgb1=light,
-            rgb2=dark,
-            width=width,
-            height=height,
-        )
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.92, 0.95, 0.98],
+        rgb2=[0.70, 0.78, 0.86],
+        width=64,
+        height=384,
+    )
+    spec.add_texture(
+        name="tiles",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=[0.80, 0.80, 0.79],
+        rgb2=[0.74, 0.74, 0.73],
+        width=128,
+        height=128,
+    )
     material = spec.add_material(name="tiles", texrepeat=[8, 8], reflectance=0.0)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
     spec.worldbody.add_geom(
