@@ -175,10 +175,7 @@ def _arm(model: mujoco.MjModel) -> list[int]:
 def _bring_hand(
     model: mujoco.MjModel, data: mujoco.MjData, away: Array | None = None
 ) -> tuple[float, bool]:
-    """Bring the hand to the task frame, or `away` from it [m].
-
-    Returns the error of its pose, and whether that and all joints are within limits.
-    """
+    """Bring the hand to the task frame, or `away` from it; return error and success."""
     arm = _arm(model)
     hand, target = model.site("hand").id, model.site("task_frame").id
     jacobian, rotation = np.zeros((6, model.nv)), np.zeros(3)

@@ -63,9 +63,8 @@ class Alike:
 
     def restart(self, rows: Rows) -> None:
         """See `DoorBatch.restart`."""
-        stiffest = servo_gains(self._robot.command.rest[6:]) if self._gains else ()
         for row in rows if self._gains else ():
-            self._gains[row].set(*stiffest)
+            self._gains[row].set(*servo_gains(self._robot.command.rest[6:]))
         self._batch.set_models(self.models)
         self._batch.reset(rows, keyframe=GRASP_KEY)
         # A reset also sets its simulations' counts back to zero.

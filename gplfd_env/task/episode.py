@@ -388,8 +388,9 @@ class Episode:
     def _read(self, values: Values, steps: Number, stepped: Mask | None) -> Readings:
         """Return what the sensors say, and draw the noise of what is observed."""
         constants, reader = self.constants, self.reader
-        for _, noise in _chosen(self._noises, stepped):
-            noise.draw()
+        if self._noises:
+            for _, noise in _chosen(self._noises, stepped):
+                noise.draw()
         door = reader.door_reading(values, constants.way, constants.side)
         return Readings(
             steps * CONTROL_PERIOD,

@@ -8,7 +8,7 @@ import numpy as np
 from gplfd_env.conventions.constants import Array, Mask
 from gplfd_env.conventions.resets import masked
 from gplfd_env.doors.variation import Variation
-from gplfd_env.simulation.loads import Demands
+from gplfd_env.simulation.loads import NO_DEMANDS, Demands
 from gplfd_env.task.episode import Episode
 from gplfd_env.task.info import infos_of
 from gplfd_env.task.observation import Observation
@@ -40,10 +40,12 @@ class Episodes:
         total = Demands({}, {}, {})
         for row, one in enumerate(self._ones):
             if stepped is None or stepped[row]:
-                own: Any = zip(total, one.demand(commands[row : row + 1]), strict=True)
-                for every, alone in own:
-                    if alone:
-                        every[row] = alone[0]
+                own = one.demand(commands[row : row + 1])
+                if own is not NO_DEMANDS:
+                    pairs: Any = zip(total, own, strict=True)
+                    for every, alone in pairs:
+                        if alone:
+                            every[row] = alone[0]
         return total
 
     def advance(
